@@ -68,7 +68,7 @@ def test_forbidden_turns_have_no_connection(tmp_path, shared_data):
     checked = 0
     for name, place in {**PLACES, "munich": (48.1860, 11.5510)}.items():
         path = shared_data / "osm" / f"{name}.osm"
-        region = shapely.Point(0, 0).buffer(400)
+        region = shapely.Point(0, 0).buffer(250)
         network = build(path, SiteFrame(*place), region, tmp_path / "n.net.xml").network
         roads_of: dict[str, set[str]] = {}
         for road in network.roads:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.roads.compiled.queues import queues
 from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.capacity import FOLLOWING_M, Flows, LaneLoad, lane_loads
 from urbantwin.roads.signals.controlled_links import Link, Signalised
@@ -160,50 +161,35 @@ class QueueModel:
             offsets: (K, P) of each program, seconds.
             scale: (K,) traffic as a multiple of what comes.
         """
-        cases, lanes = len(scale), len(self.lanes)
-        cycle = max((len(shown) for shown in self._shown), default=1)
-        span_s = -(-SPAN_S // cycle) * cycle
-        whole = -(-FIRST_S // cycle) * cycle + 2 * span_s
-        opened = np.zeros((whole, cases, lanes))
-        for k, shown in enumerate(self._shown):
-            at = np.arange(whole)[:, None] - offsets[None, :, self._of[k]]
-            opened[:, :, k] = shown[at % len(shown)] * self._rate[k]
-        way_s = np.maximum(np.round(self._way_s), 1).astype(np.int64)
-        room = np.where(np.isfinite(self._room), self._room, 1e9)
-        back_s = np.where(room < 1e9, np.ceil(room * FOLLOWING_M / BACK_M_S), 0).astype(np.int64)
-        ring = int(max(way_s.max(initial=1), back_s.max(initial=1))) + 1
-        coming, freed = np.zeros((ring, cases, lanes)), np.zeros((ring, cases, lanes))
-        queue, taken = np.zeros((cases, lanes)), np.zeros((cases, lanes))
+        if not self.lanes:
+            return Queues(np.zeros(len(scale)), np.zeros((len(scale), 0)))
+        cycle = np.array([len(shown) for shown in self._shown])
+        longest = int(cycle.max())
+        span_s = -(-SPAN_S // longest) * longest
+        shown = np.zeros((len(cycle), longest))
+        for k, one in enumerate(self._shown):
+            shown[k, : len(one)] = one * self._rate[k]
+        narrow = np.isfinite(self._room)
+        room = np.where(narrow, self._room, 1e9)
+        back_s = np.where(narrow, np.ceil(room * FOLLOWING_M / BACK_M_S), 1).astype(np.int64)
         comes_from, into = np.nonzero(self._share)
-        feeding, starts = np.unique(comes_from, return_index=True)
-        # Who comes from elsewhere takes no room that those who come from other signals need.
-        fed = 1.0 - self._others / np.maximum(self._arrives, 1e-12)
-        columns = np.arange(lanes)
-        # Who goes on while others come makes room for them.
-        until = np.concatenate([np.zeros((1, cases, lanes)), np.cumsum(opened, axis=0)])
-        before, after = np.zeros((cases, lanes)), np.zeros((cases, lanes))
-        for second in range(whole):
-            now = second % ring
-            queue += coming[now] + self._others * scale[:, None]
-            taken -= freed[now]
-            coming[now] = freed[now] = 0.0
-            goes = np.minimum(queue, opened[second])
-            enters = goes @ self._share
-            if len(into):
-                leaving = until[np.minimum(second + way_s, whole), :, columns].T - until[second]
-                free = room - taken + np.minimum(leaving, taken)
-                fits = np.clip(free / np.maximum(enters, 1e-12), 0.0, 1.0)
-                # Who has no room holds up all behind.
-                goes[:, feeding] *= np.minimum.reduceat(fits[:, into], starts, axis=1)
-                enters = goes @ self._share
-            queue -= goes
-            taken += enters
-            coming[(second + way_s) % ring, :, columns] += enters.T
-            freed[(second + np.maximum(back_s, 1)) % ring, :, columns] += (goes * fed).T
-            if second >= whole - span_s:
-                after += queue
-            elif second >= whole - 2 * span_s:
-                before += queue
+        before, after = queues(
+            offsets[:, self._of],
+            scale,
+            shown,
+            cycle,
+            self._others,
+            # Who comes from elsewhere takes no room that those who come from other signals need.
+            1.0 - self._others / np.maximum(self._arrives, 1e-12),
+            room,
+            np.maximum(np.round(self._way_s), 1).astype(np.int64),
+            back_s,
+            comes_from,
+            into,
+            self._share[comes_from, into],
+            -(-FIRST_S // longest) * longest + 2 * span_s,
+            span_s,
+        )
         growth = np.maximum(after - before, 0.0) / span_s**2
         comes = (self._arrives + FEW_PER_H / 3600.0) * scale[:, None]
         return Queues(after.sum(axis=1) / span_s, growth / comes)
