@@ -44,7 +44,7 @@ def test_on_the_example_everybody_turns_gently(two_avenues_twin: Twin, tmp_path:
     assert max(found["car"]) > 1.0
 
 
-@pytest.mark.parametrize("place", ["taipei"])
+@pytest.mark.parametrize("place", ["manchester-kingsway"])
 def test_on_real_streets_everybody_turns_gently(
     real_drive: Callable[[str], tuple[Twin, Motion]], place: str
 ) -> None:

@@ -44,7 +44,7 @@ def lights_passed(twin: Twin, motion: Motion) -> list[tuple[int, float, str]]:
     return found
 
 
-@pytest.mark.parametrize("place", ["taipei", "manchester-kingsway"])
+@pytest.mark.parametrize("place", ["perth_stretched_lights", "manchester-kingsway"])
 def test_nobody_drives_over_a_red_light(
     real_drive: Callable[[str], tuple[Twin, Motion]], place: str
 ) -> None:
@@ -53,4 +53,4 @@ def test_nobody_drives_over_a_red_light(
     assert [row for row in passed if set(row[2]) <= set("ru")] == []
     # And there were red lights to drive over.
     states = real_drive(place)[1].signals["state"].to_pylist()
-    assert states.count("r") > 10
+    assert states.count("r") >= 4
