@@ -18,7 +18,7 @@ __all__ = ["SPREAD", "street_reflectivity"]
 #: Standard deviation of the logarithm of each material's factor from site to site. That of paint,
 #: between new lines (0.7) and worn ones (0.43), is an estimate.
 SPREAD = {"asphalt": 0.3, "road-paint": 0.25}
-#: Places that are told apart: hundred-thousandths of a degree, a metre.
+#: Decimals of latitude and longitude, degrees, that the seed is drawn from: 1.1 m on the ground.
 _DIGITS = 5
 
 
