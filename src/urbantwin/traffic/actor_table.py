@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,6 @@ __all__ = ["Place", "Tabled", "actor_table"]
 
 _STANDING_MS = 0.15  # who is slower than this stands, m/s
 _BESIDE_M = 2.0  # people who pass each other use the footway beside their lane
-_OF_A_ROW = ("step", "trip", "front", "angle_deg", "speed", "lane")
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
 
 
@@ -231,9 +230,7 @@ def _poses(
 
 def _of_trips(simulated: Simulated, numbers: frozenset[int]) -> Simulated:
     """Return what SUMO saw of some trips."""
-    rows = np.flatnonzero(np.isin(simulated.trip, list(numbers)))
-    columns = {name: getattr(simulated, name)[rows] for name in _OF_A_ROW}
-    return replace(simulated, **columns)
+    return simulated.only(np.isin(simulated.trip, list(numbers)))
 
 
 def _exchanged(

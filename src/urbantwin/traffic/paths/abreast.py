@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import shapely
@@ -68,11 +67,7 @@ def with_parties(
             if len(part):
                 new += _beside(simulated, part, followers, walkable, step_s)
     came = {n for leader, all_ in parties.items() if leader in simulated.departed for n in all_}
-    found: dict[str, Any] = {
-        name: np.concatenate([getattr(simulated, name), *(one[name] for one in new)])
-        for name in ("step", "trip", "front", "angle_deg", "speed", "lane")
-    }
-    return replace(simulated, **found, departed=simulated.departed | came)
+    return replace(simulated.with_rows(new), departed=simulated.departed | came)
 
 
 def _parties(demand: Demand) -> dict[int, list[int]]:

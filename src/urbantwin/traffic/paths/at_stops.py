@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import shapely
@@ -78,7 +77,7 @@ def with_passengers_at_stops(
     doors = _Doors(simulated, order, demand, step_s, asset)
     first, last = int(simulated.step.min()), int(simulated.step.max())
     lanes = list(simulated.lanes)
-    columns: dict[str, list[NDArray[np.generic]]] = {}
+    new: list[dict[str, NDArray[np.generic]]] = []
     for stay in _stays(simulated, demand.passengers.places, blocks, doors):
         rows = order[slice(*np.searchsorted(simulated.trip[order], [stay.trip, stay.trip + 1]))]
         steps = _steps_between_walks(
@@ -96,20 +95,17 @@ def with_passengers_at_stops(
             stay, footway, np.asarray(steps * step_s), walks_on=bool(len(walked))
         )
         kept = np.isfinite(speed)
-        own = {
-            "step": steps[kept].astype(simulated.step.dtype),
-            "trip": np.full(kept.sum(), stay.trip, simulated.trip.dtype),
-            "front": xy[kept],
-            "angle_deg": 90.0 - np.degrees(yaw[kept]),
-            "speed": speed[kept],
-            "lane": np.full(kept.sum(), lanes.index(stay.place.lane), simulated.lane.dtype),
-        }
-        for name, values in own.items():
-            columns.setdefault(name, []).append(values)
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(simulated, name), *parts]) for name, parts in columns.items()
-    }
-    return replace(simulated, lanes=tuple(lanes), **joined)
+        new.append(
+            {
+                "step": steps[kept].astype(simulated.step.dtype),
+                "trip": np.full(kept.sum(), stay.trip, simulated.trip.dtype),
+                "front": xy[kept],
+                "angle_deg": 90.0 - np.degrees(yaw[kept]),
+                "speed": speed[kept],
+                "lane": np.full(kept.sum(), lanes.index(stay.place.lane), simulated.lane.dtype),
+            }
+        )
+    return replace(simulated.with_rows(new), lanes=tuple(lanes))
 
 
 def _stays(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,10 +71,7 @@ def without_run_ups(simulated: Simulated, net: Path, roads: RoadNetwork) -> Simu
         ahead = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
         mine = np.flatnonzero(simulated.lane == lanes[lane.id])
         gone[mine[(simulated.front[mine] - points[0]) @ ahead < _FRONT_M]] = True
-    if not gone.any():
-        return simulated
-    rows = ("step", "trip", "front", "angle_deg", "speed", "lane")
-    return replace(simulated, **{name: getattr(simulated, name)[~gone] for name in rows})
+    return simulated.only(~gone) if gone.any() else simulated
 
 
 def _lengthened(root: etree._Element, edges: Collection[str]) -> int:

@@ -12,7 +12,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +93,10 @@ class Observed:
     queued: Mapping[str, float] = field(default_factory=dict)
 
 
+#: What `Simulated` has of each row.
+ROWS = ("step", "trip", "front", "angle_deg", "speed", "lane")
+
+
 @dataclass(frozen=True, eq=False)
 class Simulated:
     """What SUMO did, one row per actor and step, in SUMO's conventions.
@@ -131,6 +135,19 @@ class Simulated:
     observed: Observed
     staged: tuple[dict[str, Any], ...] = ()
     boarded: tuple[tuple[float, str, int, int, int, int], ...] = ()
+
+    def only(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Simulated:
+        """Return some of the rows: a mask (N,) or indices; all else stays."""
+        rows: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ROWS}
+        return replace(self, **rows)
+
+    def with_rows(self, more: Sequence[Mapping[str, NDArray[np.generic]]]) -> Simulated:
+        """Return these rows and then those of each of ``more``, by the names of `ROWS`."""
+        rows: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), *(one[name] for one in more)])
+            for name in ROWS
+        }
+        return replace(self, **rows)
 
 
 def simulate(  # noqa: PLR0913 - SUMO has as many sides
