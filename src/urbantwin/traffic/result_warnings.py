@@ -9,7 +9,8 @@ from urbantwin.result_warning import ResultWarning
 
 __all__ = ["place_of_count", "warnings_of_drive"]
 
-#: Least share of the motor traffic asked for that is carried, where nothing is said.
+#: Least share of the motor traffic asked for that is carried, or of a guess that is asked for,
+#: where nothing is said.
 ENOUGH = 0.9
 
 
@@ -26,6 +27,14 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             f"{carried:.0%} of the motor traffic asked for is carried",
             manifest["circulation"].get("held_up") or "more jams the streets",
             "lower traffic.per_hour, or give counted flows and signal programs in site.yaml",
+        )
+    guess = manifest.get("circulation", {}).get("share_of_guess", 1.0)
+    if guess < ENOUGH:
+        yield ResultWarning(
+            "traffic",
+            f"{guess:.0%} of the motor traffic that was guessed is asked for",
+            manifest["circulation"].get("guess_lowered_because") or "more jams the streets",
+            "give counted flows and signal programs in site.yaml",
         )
     for row in manifest.get("counts", []):
         asked, driven = row["asked_per_hour"], row["driven_per_hour"]

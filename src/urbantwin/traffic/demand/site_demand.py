@@ -79,6 +79,11 @@ def demand_of(
             scratch=scratch,
             progress=progress,
         )
+        held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
+        if asked.get("guessed") and found.carried < 1:
+            # No more is guessed than the streets carried in the pilots.
+            bound = Bound(bound.share * found.carried, f"in pilot simulations {held_up}")
+            found, held_up = found.as_asked(), ""
         demand = circulation.demand(
             found.populations,
             warmup_s=float(asked["warmup_s"]),
@@ -98,7 +103,6 @@ def demand_of(
                 seed=seed,
                 body=body,
             )
-        held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
         return replace(demand, carried=found.carried, held_up=held_up, bound=bound, manners=manners)
     planned = plan_demand(
         network,
