@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
 from pathlib import Path
@@ -60,6 +60,7 @@ from urbantwin.roads.signals.signs import add_signs
 from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import edges_of_pieces, read_sumo_network
+from urbantwin.site.access import is_driven, opened
 from urbantwin.site.extract import Extract, Way, WayPiece
 from urbantwin.site.signals import SignalPlan
 
@@ -317,8 +318,14 @@ def _within(
 def _network_ways(
     extract: Extract, frame: SiteFrame, region: shapely.Polygon
 ) -> tuple[list[Way], list[Way]]:
+    """Return the ways of streets in a region, and those in tunnels.
+
+    Where more of the streets are open to some alone (a port, a test track) than to everybody, it is
+    those who drive there.
+    """
     kept: list[Way] = []
     tunnels: list[Way] = []
+    closed_m = 0.0
     for way in extract.highways():
         if way.tags["highway"] not in NETWORK_CLASSES or way.tags.get("area") == "yes":
             continue
@@ -327,6 +334,11 @@ def _network_ways(
             continue
         below = way.tags.get("tunnel") not in (None, "no", "building_passage")
         (tunnels if below else kept).append(way)
+        if not below and is_driven(opened(way.tags)):
+            metres = shapely.length(shapely.intersection(region, shapely.LineString(line)))
+            closed_m += -metres if is_driven(way.tags) else metres
+    if closed_m > 0:
+        kept = [replace(way, tags=opened(way.tags)) for way in kept]
     return kept, tunnels
 
 
