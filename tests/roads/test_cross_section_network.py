@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import shapely
+import sumolib
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
@@ -23,7 +24,7 @@ MPH = 1609.344 / 3600
 
 @pytest.fixture
 def build(write_osm, tmp_path):
-    def build(tags, side="right", others=STREET, nodes=NODES):
+    def build(tags, side="right", others=STREET, nodes=NODES, *, closed_loop=False):
         ways = {10: ([1, 2], {**BASE, **tags}), 11: ([2, 3], others), 12: ([4, 2, 5], others)}
         if callable(others):
             ways = others(tags)
@@ -34,6 +35,7 @@ def build(write_osm, tmp_path):
             Elevation.flat(),
             driving_side=side,
             out=tmp_path / "n.net.xml",
+            closed_loop=closed_loop,
         ).network
 
     return build
@@ -215,6 +217,30 @@ def test_who_may_use_a_lane(build):
     assert not {"truck", "bicycle"} & set(along[3].allowed)
     assert {"car", "motorcycle", "bus"} <= set(along[3].allowed)
     assert "motorcycle" not in along[4].allowed
+
+
+@pytest.mark.parametrize(
+    ("tags", "kinds"),
+    [
+        ({"motor_vehicle": "no"}, ["bicycle", "bicycle"]),
+        ({"access": "no"}, ["driving", "driving"]),
+        ({"vehicle": "no", "bus": "yes"}, ["bus", "bus"]),
+    ],
+)
+def test_a_street_that_is_closed_stands_and_no_car_drives_there(build, tags, kinds, tmp_path):
+    """The western arm of a crossroads; sumolib reads who may use it and where the loop leads."""
+    network = build({"oneway": "yes", "lanes": "2", **tags}, closed_loop=True)
+    along, back = edges(network)
+    assert ([x.kind for x in along], back) == (kinds, [])
+    assert all(x.length > 80 for x in along)
+    net = sumolib.net.readNet(str(tmp_path / "n.net.xml"))
+    assert not any(net.getLane(x.id).allows("passenger") for x in along)
+    assert any(edge.allows("passenger") for edge in net.getEdges())
+    buses = "bus" in tags
+    assert {net.getLane(x.id).allows("bus") for x in along} == {buses}
+    # Where only the closed street begins, no outer road leads to it.
+    leads = net.getEdge(along[0].road).getIncoming()
+    assert bool(leads) == buses
 
 
 def turns(network, lanes):

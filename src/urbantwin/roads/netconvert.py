@@ -42,7 +42,7 @@ READING = {
     "osm.lane-access": "true",
     "osm.bike-access": "true",
     "default.sidewalk-width": "2.5",
-    "keep-edges.by-vclass": "passenger,bus,bicycle,pedestrian",
+    "keep-edges.by-vclass": "passenger,bus,bicycle,pedestrian,authority",  # closed: `NOBODY`
 }
 #: How the network is made of edges whose junctions are known.
 MAKING = {
