@@ -104,8 +104,8 @@ def test_reflectivity_between_and_beyond_the_wavelengths_of_the_table():
 
 
 def test_what_has_to_stand_out_does():
-    """Paint is brighter than any pavement, plants are dark at 1550 nm, water is darkest but for black
-    cars, whose clear coat mirrors as water does."""
+    """Paint is brighter than any pavement, plants are dark at 1550 nm, water is darkest (but for
+    black cars, whose clear coat mirrors as water does)."""
     table = materials()
     pavements = ("asphalt", "asphalt-dark", "asphalt-light", "concrete", "paving", "gravel")
     for wavelength in WAVELENGTHS_NM:
