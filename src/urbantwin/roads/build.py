@@ -132,7 +132,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         StageError: netconvert failed.
     """
     tell(0.0, "ways")
-    buildings = building_ground(extract.features(frame, region.buffer(BESIDE_M)))
+    features = extract.features(frame, region.buffer(BESIDE_M))
+    buildings = building_ground(features)
     ways, tunnels = _network_ways(extract, frame, region)
     if not ways:
         raise InputError(
@@ -166,6 +167,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
                 driving_side=driving_side,
                 country=country,
                 buildings=[*buildings, *found.ground_before_portals],
+                standing=building_ground(features, touching=region),
             )
         pieces = found.with_others(loop.pieces)
         prepared = prepare_ways(
