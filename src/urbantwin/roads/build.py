@@ -175,6 +175,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
             signals=_signalised(extract, pieces, signals.tags),
             driving_side=driving_side,
             country=country,
+            buildings=buildings,
         )
         pieces = prepared.pieces
         extract.write_pieces(
