@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.cross_section.beside_stops import with_footways_at_stops
 from urbantwin.roads.cross_section.between_walls import between_walls
 from urbantwin.roads.cross_section.from_tags import cross_section
 from urbantwin.roads.cross_section.layout import middles_of
@@ -81,6 +82,7 @@ def prepare_ways(
     driving_side: str,
     country: str = "",
     buildings: Sequence[shapely.Polygon] = (),
+    stops: NDArray[np.float64] | None = None,
 ) -> PreparedWays:
     """Cut and tag ways so that netconvert builds their cross sections.
 
@@ -90,6 +92,7 @@ def prepare_ways(
         driving_side: ``right`` or ``left``.
         country: ISO 3166-1 alpha-2; empty if unknown.
         buildings: where buildings stand on the ground: lanes of unmapped width yield to them.
+        stops: (N, 2) where people wait for buses: there is a footway.
     """
     one_way = ("yes", "1", "true")
     others = [
@@ -105,6 +108,8 @@ def prepare_ways(
     sections = between_walls(
         segments, [section_of[segment.origin] for segment in segments], buildings
     )
+    if stops is not None:
+        sections = with_footways_at_stops(segments, sections, stops, country)
     middles = spaced(segments, sections, middles_of(segments, sections))
     prepared: list[WayPiece] = []
     edges: list[SumoEdge] = []
