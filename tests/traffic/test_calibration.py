@@ -117,7 +117,7 @@ def test_drivers_are_found_again(
         return measured(again, passed, crossing_twin.roads, 0.0, shorter_s)
 
     found, told, untold = fitted_drivers(whole, simulated, rounds=4)
-    assert untold == []
+    assert [line.partition(":")[0] for line in untold] == ["critical_gap_s"]  # nobody gave way
     (headway,) = (one for one in told if one["field"] == "headway_s")
     assert 0 < headway["standard_error"] < 0.1 * TRUTH["headway_s"]
     assert {one["field"] for one in told} == set(TRUTH) == set(found)
