@@ -29,8 +29,16 @@ TRUTH = {
     "acceleration": 1.9,
     "acceleration_at_10": 1.1,
     "sideways_acceleration": 3.0,
+    "critical_gap_s": 3.0,
 }
-FLOWS = {("wc", "ce"): 400.0, ("wc", "cs"): 150.0, ("ec", "cw"): 350.0, ("nc", "cs"): 250.0}
+#: Who turns left from the east looks for gaps in what comes from the west.
+FLOWS = {
+    ("wc", "ce"): 400.0,
+    ("wc", "cs"): 150.0,
+    ("ec", "cw"): 350.0,
+    ("ec", "cs"): 180.0,
+    ("nc", "cs"): 250.0,
+}
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +79,13 @@ def passages(tracks: list[SeenTrack], crossing_twin: Twin, links: JunctionLinks)
 
 
 @pytest.fixture(scope="module")
-def whole(tracks: list[SeenTrack], passages: list[Passage], crossing_twin: Twin) -> Measured:
-    return measured(tracks, passages, crossing_twin.roads, 0.0, SECONDS)
+def whole(
+    tracks: list[SeenTrack],
+    passages: list[Passage],
+    crossing_twin: Twin,
+    links: JunctionLinks,
+) -> Measured:
+    return measured(tracks, passages, crossing_twin.roads, links, 0.0, SECONDS)
 
 
 def test_everybody_is_found_on_the_way_that_was_taken(whole: Measured) -> None:
@@ -114,7 +127,7 @@ def test_drivers_are_found_again(
             crossing_twin, asked, shorter_s, seen, scratch=scratch, told=lambda _: None
         )
         passed = passages_of(again, crossing_twin.roads, links)
-        return measured(again, passed, crossing_twin.roads, 0.0, shorter_s)
+        return measured(again, passed, crossing_twin.roads, links, 0.0, shorter_s)
 
     found, told, untold = fitted_drivers(whole, simulated, rounds=4)
     assert untold == []
@@ -123,6 +136,8 @@ def test_drivers_are_found_again(
     assert {one["field"] for one in told} == set(TRUTH) == set(found)
     assert found["headway_s"] == pytest.approx(TRUTH["headway_s"], rel=0.1)
     assert found["standing_gap_m"] == pytest.approx(TRUTH["standing_gap_m"], rel=0.1)
+    # Of some twenty drivers who met oncoming traffic; the search begins at 1 s.
+    assert found["critical_gap_s"] == pytest.approx(TRUTH["critical_gap_s"], abs=1.0)
     for field in ("speed_factor", "acceleration", "acceleration_at_10", "sideways_acceleration"):
         assert found[field] == pytest.approx(TRUTH[field], rel=0.12), field
 
@@ -183,14 +198,13 @@ def test_a_measurement_agrees_with_itself_and_not_with_another(
         for one in tracks
         if one.track.actor_class == "car"
     ]
-    other = measured(
-        slow, passages_of(slow, crossing_twin.roads, links), crossing_twin.roads, 0.0, SECONDS
-    )
+    again = passages_of(slow, crossing_twin.roads, links)
+    other = measured(slow, again, crossing_twin.roads, links, 0.0, SECONDS)
     assert agreement(whole, other)["speed_ks"] > 0.5
     spread = own_spread(whole)
     assert 0 < spread["speed_ks"]["median"] < spread["speed_ks"]["p95"] < 0.4
     parts = [
-        measured(tracks, passages, crossing_twin.roads, at, at + 40.0)
+        measured(tracks, passages, crossing_twin.roads, links, at, at + 40.0)
         for at in np.arange(0.0, SECONDS, 40.0)
     ]
     chance = spread_of(parts, whole)

@@ -110,7 +110,7 @@ def calibrate_traffic(
             _lit(document, middle)
             _timed(document, timing)
             twin = _built(document, scratch, between(progress, 0.25, 0.4))
-        part = measured(seen, passages, twin.roads, 0.0, fit_s)
+        part = measured(seen, passages, twin.roads, links, 0.0, fit_s)
         if not part.turns:
             raise InputError(
                 f"nobody passes the junction in its first {fit_s:.0f} s",
@@ -148,7 +148,7 @@ def calibrate_traffic(
             report |= _judged(
                 twin,
                 asked,
-                (part, passages, seen),
+                (part, passages, seen, links),
                 (fit_s + gap_s, end_s),
                 seconds,
                 scratch,
@@ -254,13 +254,13 @@ def _measured(twin: Twin, tracks: list[SeenTrack]) -> Callable[[float, float], M
     """Return what measures tracks between two moments, seconds."""
     links = JunctionLinks.of(twin.net_path, twin.roads)
     passages = passages_of(tracks, twin.roads, links)
-    return partial(measured, tracks, passages, twin.roads)
+    return partial(measured, tracks, passages, twin.roads, links)
 
 
 def _judged(
     twin: Twin,
     asked: dict[str, Any],
-    recorded: tuple[Measured, list[Passage], list[SeenTrack]],
+    recorded: tuple[Measured, list[Passage], list[SeenTrack], JunctionLinks],
     rest: tuple[float, float],
     seconds: float,
     scratch: Path,
@@ -272,7 +272,7 @@ def _judged(
     Where the signals' cycle is known, also how what passes in the same part of the cycle does: a
     short recording holds out no whole number of cycles.
     """
-    part, passages, seen = recorded
+    part, passages, seen, links = recorded
     tracks = simulated_tracks(
         twin,
         asked,
@@ -286,7 +286,7 @@ def _judged(
     found: dict[str, Any] = {"simulated": _told(simulated), "fitted": agreement(part, simulated)}
     found["recording_with_itself_fitted"] = own_spread(part)
     if rest[1] - rest[0] > 1.0:
-        other = measured(seen, passages, twin.roads, *rest)
+        other = measured(seen, passages, twin.roads, links, *rest)
         found["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
         found["held_out"] = agreement(other, simulated)
         if cycle_s:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.roads.curve_speed import SIDEWAYS_MS2
+from urbantwin.traffic.calibration.gap_acceptance import critical_gap_s
 from urbantwin.traffic.calibration.measured import Measured
 
 __all__ = ["ROUNDS", "fitted_drivers"]
@@ -52,8 +53,8 @@ class _Parameter:
     usual: float
     least: float
     most: float
-    sample: Callable[[Measured], list[float]]
-    figure: Callable[[list[float]], float]
+    sample: Callable[[Measured], list[Any]]
+    figure: Callable[[list[Any]], float]
     ratio: bool
     what: str
     fewest: int = _FEWEST
@@ -124,6 +125,11 @@ _PARAMETERS = (
         *("headway_s", 1.35, 0.5, 3.0),
         lambda part: part.all_headways[part.all_headways <= _FOLLOWS_S].tolist(),
         *(_median, False, "headways of who follows at the stop line, s"),
+    ),
+    _Parameter(
+        *("critical_gap_s", 1.0, 0.1, 8.0),
+        lambda part: part.choices,
+        *(critical_gap_s, False, "drivers who met traffic with priority, s"),
     ),
 )
 
@@ -198,7 +204,7 @@ def fitted_drivers(
 
 def _error(one: _Parameter, recorded: Measured) -> float:
     """Return the standard error of a figure: of values drawn again from those recorded."""
-    values = np.array(one.sample(recorded))
+    values = one.sample(recorded)
     random = np.random.Generator(np.random.Philox(key=[1, 2001]))
     drawn = random.integers(0, len(values), (_DRAWN_AGAIN, len(values)))
-    return float(np.std([one.figure(values[row].tolist()) for row in drawn]))
+    return float(np.std([one.figure([values[k] for k in row]) for row in drawn]))

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.calibration.passages import MOTORS, Passage, SeenTrack
+from urbantwin.traffic.calibration.gap_acceptance import GapChoice, gap_choices
+from urbantwin.traffic.calibration.passages import MOTORS, JunctionLinks, Passage, SeenTrack
 
 __all__ = ["Measured", "joined", "measured"]
 
@@ -58,6 +59,7 @@ class Measured:
         cruising: speeds as shares of the limit where vehicles keep them on a road, one a vehicle.
         tops: speeds that nine tenths of a vehicle's way stay below, as shares of the road's limit.
         bends: accelerations to the side in turns, m/s2, one a vehicle.
+        choices: gaps in traffic with priority that drivers left and took.
     """
 
     seconds: float
@@ -73,6 +75,7 @@ class Measured:
     cruising: list[float]
     tops: list[float]
     bends: list[float]
+    choices: list[GapChoice]
 
     @property
     def all_headways(self) -> NDArray[np.float64]:
@@ -102,7 +105,7 @@ def joined(parts: Sequence[Measured]) -> Measured:
         tuple(every("speeds")),
         dict(headways),
         *(every(name) for name in ("gaps", "following", "accelerations")),
-        *(every(name) for name in ("faded", "cruising", "tops", "bends")),
+        *(every(name) for name in ("faded", "cruising", "tops", "bends", "choices")),
     )
 
 
@@ -110,6 +113,7 @@ def measured(
     tracks: Sequence[SeenTrack],
     passages: Sequence[Passage],
     roads: RoadNetwork,
+    links: JunctionLinks,
     begin_s: float,
     end_s: float,
 ) -> Measured:
@@ -148,6 +152,7 @@ def measured(
         [x for one in within if (x := _cruising(one, roads)) is not None],
         [x for one in within if (x := _top(one, limits)) is not None],
         [x for one in within if (x := _in_a_turn(one)) is not None],
+        gap_choices(passages, links, begin_s, end_s),
     )
 
 
