@@ -182,4 +182,3 @@ def critical_gap_s(choices: Sequence[GapChoice]) -> float:
     best = minimize(unlikely, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-6})
     spread = max(float(np.exp(best.x[1])), _LEAST_SPREAD)
     return float(np.exp(best.x[0] + spread**2 / 2))
-

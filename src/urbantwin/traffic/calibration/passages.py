@@ -117,7 +117,9 @@ class JunctionLinks:
             green = _green(root, program)
             prior = {
                 way: frozenset(
-                    other for other in others if _together(green, found.get(way, ()), found.get(other, ()))
+                    other
+                    for other in others
+                    if _together(green, found.get(way, ()), found.get(other, ()))
                 )
                 for way, others in prior.items()
             }
