@@ -1,12 +1,13 @@
 """Gap acceptance: which gaps in the traffic that has priority drivers take, and which they leave.
 
-Of each vehicle that gives way at a junction two gaps are told: the largest that it left and the one
-that it took, both from one vehicle with priority to the next at the place where their ways meet, the
-first of them from its own arrival on. Its critical gap lies between. Who takes the first gap counts,
-too: without them the impatient are missing. Critical gaps of drivers are taken to be log-normal, and their
-mean is that of greatest likelihood (Troutbeck 1992, Estimating the critical acceptance gap from
-traffic movements, Queensland University of Technology, report 92-5; found the least biased of ten
-methods by Brilon, Koenig and Troutbeck 1999, Transportation Research Part A 33, 161-186).
+Of each vehicle that gives way at a junction two gaps are told: the largest that it left and the
+one that it took, both from one vehicle with priority to the next at the place where their ways
+meet, the first of them from its own arrival on. Its critical gap lies between. Who takes the first
+gap counts, too: without them the impatient are missing. Critical gaps of drivers are taken to be
+log-normal, and their mean is that of greatest likelihood (Troutbeck 1992, Estimating the critical
+acceptance gap from traffic movements, Queensland University of Technology, report 92-5; found the
+least biased of ten methods by Brilon, Koenig and Troutbeck 1999, Transportation Research Part A 33,
+161-186).
 """
 
 from __future__ import annotations
