@@ -21,6 +21,7 @@ from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
 from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers
+from urbantwin.traffic.calibration.gap_acceptance import conflicts_of, decisions_of
 from urbantwin.traffic.calibration.measured import Measured, joined, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import (
@@ -110,7 +111,7 @@ def calibrate_traffic(
             _lit(document, middle)
             _timed(document, timing)
             twin = _built(document, scratch, between(progress, 0.25, 0.4))
-        part = measured(seen, passages, twin.roads, links, 0.0, fit_s)
+        part = _measured(twin, seen)(0.0, fit_s)
         if not part.turns:
             raise InputError(
                 f"nobody passes the junction in its first {fit_s:.0f} s",
@@ -148,7 +149,7 @@ def calibrate_traffic(
             report |= _judged(
                 twin,
                 asked,
-                (part, passages, seen, links),
+                (part, passages, seen),
                 (fit_s + gap_s, end_s),
                 seconds,
                 scratch,
@@ -254,13 +255,14 @@ def _measured(twin: Twin, tracks: list[SeenTrack]) -> Callable[[float, float], M
     """Return what measures tracks between two moments, seconds."""
     links = JunctionLinks.of(twin.net_path, twin.roads)
     passages = passages_of(tracks, twin.roads, links)
-    return partial(measured, tracks, passages, twin.roads, links)
+    choices = decisions_of(passages, conflicts_of(links, twin.net_path, twin.roads), links)
+    return partial(measured, tracks, passages, twin.roads, decisions=choices)
 
 
 def _judged(
     twin: Twin,
     asked: dict[str, Any],
-    recorded: tuple[Measured, list[Passage], list[SeenTrack], JunctionLinks],
+    recorded: tuple[Measured, list[Passage], list[SeenTrack]],
     rest: tuple[float, float],
     seconds: float,
     scratch: Path,
@@ -272,7 +274,7 @@ def _judged(
     Where the signals' cycle is known, also how what passes in the same part of the cycle does: a
     short recording holds out no whole number of cycles.
     """
-    part, passages, seen, links = recorded
+    part, passages, seen = recorded
     tracks = simulated_tracks(
         twin,
         asked,
@@ -286,7 +288,7 @@ def _judged(
     found: dict[str, Any] = {"simulated": _told(simulated), "fitted": agreement(part, simulated)}
     found["recording_with_itself_fitted"] = own_spread(part)
     if rest[1] - rest[0] > 1.0:
-        other = measured(seen, passages, twin.roads, links, *rest)
+        other = measured(seen, passages, twin.roads, *rest)
         found["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
         found["held_out"] = agreement(other, simulated)
         if cycle_s:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.roads.curve_speed import SIDEWAYS_MS2
-from urbantwin.traffic.calibration.gap_acceptance import critical_gap_s
+from urbantwin.traffic.calibration.gap_acceptance import critical_gap
 from urbantwin.traffic.calibration.measured import Measured
 
 __all__ = ["ROUNDS", "fitted_drivers"]
@@ -46,7 +46,8 @@ class _Parameter:
         figure: a sum of them: median, ...
         ratio: whether the parameter goes as the figure (else: by as much).
         what: the values in words.
-        fewest: of fewer values it tells nothing.
+        fewest: of fewer values it tells nothing; of several parameters of one field the first that
+            tells something counts.
     """
 
     field: str
@@ -128,8 +129,8 @@ _PARAMETERS = (
     ),
     _Parameter(
         *("critical_gap_s", 1.0, 0.1, 8.0),
-        lambda part: part.choices,
-        *(critical_gap_s, False, "drivers who met traffic with priority, s"),
+        lambda part: part.gap_choices if any(gap > 0 for gap, _ in part.gap_choices) else [],
+        *(critical_gap, False, "choices of a gap by who gives way, s", _MANY),
     ),
 )
 
@@ -158,8 +159,8 @@ def fitted_drivers(
     known = list(first.values())
     untold = [
         f"{one.field}: {len(one.sample(recorded))} {one.what} are too few, the usual stays"
-        for one in _PARAMETERS
-        if one.field not in first and one.fewest == _FEWEST
+        for one in {one.field: one for one in _PARAMETERS}.values()
+        if one.field not in first
     ]
     wanted = {one.field: one.figure(one.sample(recorded)) for one in known}
     drivers = {one.field: one.usual for one in known}
@@ -204,7 +205,7 @@ def fitted_drivers(
 
 def _error(one: _Parameter, recorded: Measured) -> float:
     """Return the standard error of a figure: of values drawn again from those recorded."""
-    values = one.sample(recorded)
+    values = np.array(one.sample(recorded))
     random = np.random.Generator(np.random.Philox(key=[1, 2001]))
     drawn = random.integers(0, len(values), (_DRAWN_AGAIN, len(values)))
-    return float(np.std([one.figure([values[k] for k in row]) for row in drawn]))
+    return float(np.std([one.figure(values[row].tolist()) for row in drawn]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,15 +74,14 @@ class JunctionLinks:
         ways: lane within -> (lane before, road after).
         links: (lane before, road after) -> numbers of the signal's links.
         signals: what its signals control; ``None`` without any.
-        prior: (lane before, road after) -> the ways that it gives way to; where there are signals,
-            of those that are green while it is.
+        green: (phases, links) which links are green in the phases of its program; (0, 0) without.
     """
 
     junction: str
     ways: dict[str, tuple[str, str]]
     links: dict[tuple[str, str], tuple[int, ...]]
     signals: Signalised | None
-    prior: dict[tuple[str, str], frozenset[tuple[str, str]]]
+    green: NDArray[np.bool_]
 
     @classmethod
     def of(cls, net: Path, roads: RoadNetwork) -> JunctionLinks:
@@ -112,36 +111,15 @@ class JunctionLinks:
         there = signalised_junctions(root) if program else []
         signals = next((one for one in there if one.program == program), None)
         found = {way: tuple(numbers) for way, numbers in links.items()}
-        prior = _prior(root, junction, ways)
-        if program:
-            green = _green(root, program)
-            prior = {
-                way: frozenset(
-                    other
-                    for other in others
-                    if _together(green, found.get(way, ()), found.get(other, ()))
-                )
-                for way, others in prior.items()
-            }
-        return cls(junction, ways, found, signals, prior)
+        return cls(junction, ways, found, signals, _green(root, program))
 
-
-def _prior(
-    root: etree._Element, junction: str, ways: dict[str, tuple[str, str]]
-) -> dict[tuple[str, str], frozenset[tuple[str, str]]]:
-    """Return who has priority over whom: SUMO writes it link by link, the first link last."""
-    found: dict[tuple[str, str], set[tuple[str, str]]] = defaultdict(set)
-    for item in root.iterfind("junction"):
-        if item.get("id") != junction:
-            continue
-        inner = (item.get("intLanes") or "").split()
-        for request in item.iterfind("request"):
-            mine = ways.get(inner[int(request.get("index"))])
-            for lane, bit in zip(inner, reversed(request.get("response")), strict=False):
-                other = ways.get(lane)
-                if bit == "1" and mine and other and other != mine:
-                    found[mine].add(other)
-    return {way: frozenset(others) for way, others in found.items()}
+    def together(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
+        """Return whether two ways are ever green at the same time; without signals they are."""
+        first, second = self.links.get(one, ()), self.links.get(other, ())
+        if not first or not second:
+            return True
+        green = self.green[:, list(first)].any(axis=1) & self.green[:, list(second)].any(axis=1)
+        return bool(green.any())
 
 
 def _green(root: etree._Element, program: str) -> NDArray[np.bool_]:
@@ -152,14 +130,9 @@ def _green(root: etree._Element, program: str) -> NDArray[np.bool_]:
         if one.get("id") == program
         for phase in one.iterfind("phase")
     ]
+    if not states:
+        return np.zeros((0, 0), np.bool_)
     return np.array([[letter in "Gg" for letter in state] for state in states], np.bool_)
-
-
-def _together(green: NDArray[np.bool_], one: Sequence[int], other: Sequence[int]) -> bool:
-    """Return whether links of two ways are green at the same time; without signals they are."""
-    if not one or not other:
-        return True
-    return bool((green[:, list(one)].any(axis=1) & green[:, list(other)].any(axis=1)).any())
 
 
 def passages_of(
