@@ -339,3 +339,42 @@ def test_parallel_carriageways_do_not_lie_on_each_other(
         lanes = [lane for side in edges(network, way) for lane in side if lane.kind == "driving"]
         found.append(float(np.mean([middle(lane) for lane in lanes])) - y)
     assert found == pytest.approx([south, north], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("tags", "between", "width"),
+    [
+        # Assumed is 2.75 m a lane in Germany, on main streets 3.25 m.
+        ({"highway": "residential"}, 4.6, 2.2),
+        ({"highway": "residential"}, 3.4, 2.0),
+        ({"highway": "residential"}, 9.0, 2.75),
+        ({"highway": "secondary"}, 4.6, 2.75),
+        ({"highway": "residential", "width": "6"}, 4.6, 3.0),
+    ],
+)
+def test_lanes_of_unmapped_width_yield_to_houses(write_osm, tmp_path, tags, between, width):
+    """Rows of houses on both sides, the street nearer to the southern one than they are apart."""
+    near, far = -0.4 * between, 0.6 * between
+    nodes = dict(NODES)
+    houses = {}
+    for k, (low, high) in enumerate([(near - 8, near), (far, far + 8)]):
+        corners = [(-90, low), (-50, low), (-50, high), (-90, high)]
+        nodes |= {20 + 4 * k + j: (*xy, {}) for j, xy in enumerate(corners)}
+        ring = [20 + 4 * k + j for j in (0, 1, 2, 3, 0)]
+        houses[30 + k] = (ring, {"building": "house"})
+    ways = {10: ([1, 2], {"sidewalk": "no", **tags}), 11: ([2, 3], STREET), **houses}
+    network = build_roads(
+        read_extract(write_osm(nodes, {**ways, 12: ([4, 2, 5], STREET)})),
+        HERE,
+        shapely.Point(0, 0).buffer(110),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "n.net.xml",
+    ).network
+    lanes = [lane for side in edges(network) for lane in side if lane.kind == "driving"]
+    assert [lane.width for lane in lanes] == pytest.approx([width] * 2, abs=0.01)
+    walls = shapely.MultiPolygon([shapely.box(-90, near - 8, -50, near),
+                                  shapely.box(-90, far, -50, far + 8)])  # fmt: skip
+    taken = shapely.union_all([lane.polygon for lane in lanes]).intersection(walls).area
+    # Between walls that are too near a street lies in the middle.
+    assert taken == pytest.approx(40 * max(0.0, 2 * width - between), abs=6.0)

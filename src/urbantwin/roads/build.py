@@ -20,7 +20,7 @@ from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.assignment.movement_flows import movement_flows
 from urbantwin.roads.building_ground import building_ground
-from urbantwin.roads.bus_stops import bus_ways, with_buses
+from urbantwin.roads.bus_stops import bus_poles, bus_ways, with_buses
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
@@ -175,6 +175,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
             signals=_signalised(extract, pieces, signals.tags),
             driving_side=driving_side,
             country=country,
+            buildings=buildings,
+            stops=bus_poles(extract, frame),
         )
         pieces = prepared.pieces
         extract.write_pieces(

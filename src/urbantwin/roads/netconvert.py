@@ -54,6 +54,7 @@ MAKING = {
     "tls.left-green.time": "12",
     "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); by default none
     "walkingareas": "true",
+    "geometry.avoid-overlap": "false",  # moved apart before, links drawn from there
     "aggregate-warnings": "-1",
 }
 #: The edge that an error of netconvert's is about, and how many such edges are accepted.

@@ -197,17 +197,15 @@ def _with_widths(
     highway = tags.get("highway", "")
     single = one_way(tags) == "both" and count(tags.get("lanes")) == 1
 
-    def width(lane: CarriagewayLane) -> float:
+    def filled(lane: CarriagewayLane) -> CarriagewayLane:
+        if lane.width:
+            return lane
         if each is not None:
-            return each
-        if single:
-            return HALF_LANE_M
-        return standard.bus if lane.kind == "bus" else standard.lane(highway)
+            return replace(lane, width=each)
+        usual = standard.bus if lane.kind == "bus" else standard.lane(highway)
+        return replace(lane, width=HALF_LANE_M if single else usual, assumed=True)
 
-    return (
-        [lane if lane.width else replace(lane, width=width(lane)) for lane in forward],
-        [lane if lane.width else replace(lane, width=width(lane)) for lane in backward],
-    )
+    return [filled(lane) for lane in forward], [filled(lane) for lane in backward]
 
 
 def _share(
