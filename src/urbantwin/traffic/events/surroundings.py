@@ -83,6 +83,10 @@ class Surroundings:
         table = motion.actors
         self.motion = motion
         self.time_s = np.asarray(table["time_s"].to_numpy(), np.float64)
+        self._steps, begins = np.unique(self.time_s, return_index=True)
+        self._begins = np.append(begins, len(self.time_s))
+        if not len(self._steps):  # nobody is ever there
+            self._steps, self._begins = np.array([np.inf]), np.zeros(2, np.int64)
         self.track = np.asarray(table["track"].to_numpy(), np.int64)
         self.xy = np.column_stack([table[name].to_numpy() for name in ("x", "y")])
         self.yaw = np.asarray(table["yaw"].to_numpy(), np.float64)
@@ -120,17 +124,16 @@ class Surroundings:
         """Return who comes nearest to a passage whose moments are steps of the motion."""
         if not len(passage.time_s):
             return None
-        first, last = np.searchsorted(
-            self.time_s, [passage.time_s[0] - 1e-6, passage.time_s[-1] + 1e-6]
-        )
-        number = np.searchsorted(passage.time_s, self.time_s[first:last] - 1e-6)
-        number = number.clip(0, len(passage.time_s) - 1)
-        together = np.abs(passage.time_s[number] - self.time_s[first:last]) < 1e-6
-        near = np.hypot(*(self.xy[first:last] - passage.xy[number]).T) < _FAR_M
-        kept = together & near & ~np.isin(self.track[first:last], list(ignoring))
-        row = first + np.flatnonzero(kept)
+        step = np.searchsorted(self._steps, passage.time_s - 1e-6).clip(0, len(self._steps) - 1)
+        first, last = self._begins[step], self._begins[step + 1]
+        count = np.where(np.abs(self._steps[step] - passage.time_s) < 1e-6, last - first, 0)
+        number = np.repeat(np.arange(len(step)), count)
+        row = np.arange(len(number)) + np.repeat(first - (np.cumsum(count) - count), count)
+        kept = np.hypot(*(self.xy[row] - passage.xy[number]).T) < _FAR_M
+        kept &= ~np.isin(self.track[row], list(ignoring))
+        row, number = row[kept], number[kept]
         moving = _Others(
-            number[kept],
+            number,
             self.track[row],
             *(self.xy[row], self.yaw[row], self.length[row], self.width[row]),
         )
