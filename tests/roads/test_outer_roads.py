@@ -20,6 +20,8 @@ from urbantwin.site import read_extract
 from urbantwin.site.initial_site import init_site
 from urbantwin.site.site import load_site
 
+from .controllers import signalised_junctions
+
 HERE = SiteFrame(48.7, 9.18)
 REGION = shapely.box(-90, -90, 90, 90)
 EXTRACTS = (
@@ -65,6 +67,7 @@ def test_every_street_of_an_extract_can_be_driven_for_ever(shared_data, tmp_path
     side = driving_side(site.latitude, site.longitude)
     roads = built(site.osm.path, site.frame, site.region, net, side)
     assert roads.notes["closed_loop"]["open_ends"] == 0
+    assert signalised_junctions(net) >= 1
     edges, graph = drivable(net, "passenger")
     # Roads that lead only into tunnels stand, and nobody comes to them.
     still = np.asarray(graph.sum(axis=1)).ravel() == 0
