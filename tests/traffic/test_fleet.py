@@ -44,10 +44,10 @@ def test_the_outlines_of_cars_differ():
         fit[name] = shapely.transform(
             shape, lambda xz, at=(x0, z0), by=(x1 - x0, z1 - z0): (xz - at) / by
         )
-    apart = {
-        (a, b): 1 - (fit[a] & fit[b]).area / (fit[a] | fit[b]).area
-        for a, b in combinations(sorted(fit), 2)
-    }
+    apart = {}
+    for a, b in combinations(sorted(fit), 2):
+        shared = (fit[a] & fit[b]).area
+        apart[a, b] = 1 - shared / (fit[a].area + fit[b].area - shared)
     # A 50th of the silhouette differs, for 25 bodies at least, one from each other.
     kept = []
     for name in sorted(fit):
