@@ -385,7 +385,10 @@ def _hold(
     if free or not joined[r]:
         now[r, 0], now[r, 1] = x, y
         place[r, 0], place[r, 1] = x, y
-        if free and place[r, 2] != 0.0:
+        walks = free and joined[r]
+        if walks:
+            walks = math.hypot(x - now[r - 1, 0], y - now[r - 1, 1]) > WALKS_MS * step_s
+        if walks and place[r, 2] != 0.0:
             place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)
             if abs(place[r, 2]) < 1e-3:
                 place[r, 2] = 0.0
@@ -472,7 +475,7 @@ def _hold(
         wanted = (course + math.pi) % (2 * math.pi) - math.pi
         turn = (wanted - place[r, 2] + math.pi) % (2 * math.pi) - math.pi
         place[r, 2] += turn * min(pace, 1.0) * step_s / (TURNS_S + step_s)
-    elif come[r] < r:
+    elif come[r] < r and held[q]:
         place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)  # held up, and turns to where it goes
     _face(r, boxes, now, come, place[r, 2])
 

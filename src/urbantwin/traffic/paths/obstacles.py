@@ -60,7 +60,7 @@ class Blocks:
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the rows (P,) of boxes so high (N,) that blocks come near to, and which (P,)."""
         row, block = rows_beside(self._tree, boxes, within_m)
-        met = self.begins[block] < height[row]
+        met = np.flatnonzero(self.begins[block] < height[row])
         return row[met], block[met]
 
 
@@ -132,7 +132,7 @@ class Obstacles:
         starts = np.flatnonzero(np.diff(group[order], prepend=-1))
         parts = np.split(plan[order], starts[1:]) if len(rows) else []
         whole = _least_boxes(parts)
-        small = (whole.half < _SMALL_M / 2).all(axis=1)
+        small = np.asarray((whole.half < _SMALL_M / 2).all(axis=1), np.bool_)
         least_begins = np.full(len(parts), np.inf)
         np.minimum.at(least_begins, group, begins)
         own = plan[~small[group]]

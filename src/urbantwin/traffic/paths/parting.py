@@ -39,7 +39,7 @@ _LIGHT = 0.05**0.5
 #: Weight of the constraints against that of the paths, and rounds of both.
 _RHO, _ROUNDS = 8.0, 40
 _KEEP = 1e7  # weight of who is not to be moved
-_STIFF_S = 30.0  # how stiffly who stands keeps to its place
+_STIFF_S = 100.0  # how stiffly who stands keeps to its place
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,8 @@ def separated(
         return xy, speed
     drives = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
     changed = _around(moving, meeting & drives, step_s) & drives
+    if not changed.any():
+        return xy, speed
     # Whoever else comes near keeps its path, and so does everybody before and after.
     near = moving.pairs(2 * ASIDE_M, xy)
     there = changed | _within(changed, moving.actor, 2)

@@ -59,7 +59,7 @@ class WalkedCells:
 
     def _of(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
         cell = ((points - self.corner[:2]) / _CELL_M).astype(np.int64)[..., ::-1]
-        return np.clip(cell, 0, np.array(self.cells.shape) - 1)
+        return np.asarray(np.clip(cell, 0, np.array(self.cells.shape) - 1))
 
     def at(self, points: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Return what is at points (N, 2)."""
