@@ -16,11 +16,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import scipy.optimize
-import scipy.stats
 import shapely
 from lxml import etree
 from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import ndtr
 
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage
@@ -68,6 +68,8 @@ class Decision:
 def conflicts_of(links: JunctionLinks, net: Path, roads: RoadNetwork) -> list[Conflict]:
     """Return where ways over the main junction meet of which one gives way to the other.
 
+    At signals, of ways that are green at the same time: others wait for the signal.
+
     Args:
         links: the ways.
         net: SUMO's network, whose junction says who yields to whom (``request``).
@@ -86,6 +88,8 @@ def conflicts_of(links: JunctionLinks, net: Path, roads: RoadNetwork) -> list[Co
         for number, bit in enumerate(reversed(request.get("response", ""))):
             major = links.ways.get(inner[number])
             if bit == "0" or minor is None or major is None or minor[0] == major[0]:
+                continue
+            if not links.together(minor, major):
                 continue
             one, other = (
                 shapely.MultiLineString([part.tolist() for part in lines[way]])
@@ -145,21 +149,23 @@ def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
         decisions: (refused, taken) gaps, seconds; a refused one of 0 and a taken one that is
             infinite are none. Who refused a longer gap than the one taken tells nothing.
     """
-    pairs = np.array([pair for pair in decisions if pair[0] < pair[1]], np.float64).reshape(-1, 2)
+    telling = [one for one in decisions if one[0] < one[1] and one != (0.0, np.inf)]
+    pairs = np.array(telling, np.float64).reshape(-1, 2)
     if not len(pairs):
         return float("nan")
 
-    def unlikely(values: NDArray[np.float64]) -> float:
-        low, high = (
-            scipy.stats.norm.cdf((np.log(np.maximum(gap, 1e-9)) - values[0]) / values[1])
-            for gap in pairs.T
-        )
-        return -float(np.log(np.maximum(high - low, 1e-12)).sum())
+    low, high = np.log(np.maximum(pairs, 1e-9)).T
 
+    def unlikely(values: NDArray[np.float64]) -> float:
+        share = ndtr((high - values[0]) / values[1]) - ndtr((low - values[0]) / values[1])
+        return -float(np.log(np.maximum(share, 1e-12)).sum())
+
+    # It has one valley, but no slope far off it: the simplex goes on where a gradient is 0.
     bounds = [tuple(np.log(_MEDIAN_S)), _SPREAD]
-    starts = [(np.log(gap), 0.3) for gap in (1.5, 3.0, 6.0)]
-    fits = [scipy.optimize.minimize(unlikely, start, bounds=bounds) for start in starts]
-    middle, spread = min(fits, key=lambda fit: float(fit.fun)).x
+    told = np.concatenate([low[pairs[:, 0] > 0], high[np.isfinite(high)]])
+    start = (float(np.clip(told.mean(), *bounds[0])), 0.3)
+    fit = minimize(unlikely, start, method="Nelder-Mead", bounds=bounds)
+    middle, spread = fit.x
     return float(np.exp(middle + spread**2 / 2))
 
 
