@@ -243,6 +243,15 @@ def test_a_street_that_is_closed_stands_and_no_car_drives_there(build, tags, kin
     assert bool(leads) == buses
 
 
+def test_where_most_streets_are_private_those_drive_who_may(build):
+    """A port: all its streets are private, and one of them is closed all the same."""
+    port = {**STREET, "access": "private"}
+    along, _ = edges(build({"access": "private", "motor_vehicle": "no"}, others=port))
+    network = build({"access": "private"}, others=port)
+    assert not any("car" in lane.allowed for lane in along)
+    assert all("car" in lane.allowed for way in (10, 11) for lane in edges(network, way)[0])
+
+
 def turns(network, lanes):
     """The compass directions that each lane leads to."""
     found = []
