@@ -15,6 +15,7 @@ import numpy as np
 
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.assets.fleet import Fleet
+from urbantwin.traffic.paths.track_box import track_size
 
 FILE = Path(__file__).parents[1].parent / "shared/data/statistics/tumtraf-s110-boxes.csv"
 #: Theirs -> ours.
@@ -32,7 +33,7 @@ SIDES, DRAWN, WITHIN = ("length", "width", "height"), 2000, (0.05, 0.25)
 
 
 def drawn() -> dict[str, np.ndarray]:
-    """Return class -> the sizes (N, 3) of bodies that are stiff, drawn for Germany, metres.
+    """Return class -> sizes (N, 3) of labels of bodies that are stiff, drawn for Germany, metres.
 
     Vehicles that bend are several, as annotators draw them: a tractor is a truck.
     """
@@ -41,7 +42,7 @@ def drawn() -> dict[str, np.ndarray]:
         for number in range(DRAWN if name != "trailer" else 0):
             whole = asset(fleet.body(name, number))
             for one in [asset(body.asset) for body in whole.bodies] or [whole]:
-                found[one.actor_class].append((one.length, one.width, one.height))
+                found[one.actor_class].append(track_size(one))
     return {name: np.array(sizes) for name, sizes in found.items()}
 
 

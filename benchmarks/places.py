@@ -39,9 +39,9 @@ TARGETS = {
     "driven": 0.9, "slowing": 0.85, "stood": 0, "gone": 0,
 }  # fmt: skip
 COLUMNS = (
-    "seconds", "crossings", "unmapped", "signals", "heads", "lanes", "arrows", "carried", "moved",
-    "red", "lateral", "most", "brakes", "overlaps", "seen", "ground", "points", "near", "warnings",
-    "cycle", "driven", "slowing", "halt", "stood", "gone",
+    "seconds", "crossings", "unmapped", "signals", "heads", "lanes", "arrows", "guess", "carried",
+    "moved", "red", "lateral", "most", "brakes", "overlaps", "seen", "ground", "points", "near",
+    "warnings", "cycle", "driven", "slowing", "halt", "stood", "gone",
 )  # fmt: skip
 
 
@@ -140,6 +140,8 @@ def line_of(row: dict[str, Any]) -> dict[str, str]:
     if traffic:
         if traffic["carried"] is not None:
             put("carried", f"{traffic['carried']:.2f}", traffic["carried"])
+        if traffic["share_of_guess"] is not None:
+            line["guess"] = f"{traffic['share_of_guess']:.2f}"
         over, vehicles, most = traffic["lateral"]
         line["moved"] = "{}/{}".format(*traffic["moved"])
         line["red"] = "{}/{}".format(*traffic["stops_at_red"])

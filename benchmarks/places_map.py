@@ -273,8 +273,9 @@ def _is_crossing(tags: dict[str, str]) -> bool:
 
 def _is_driven(tags: dict[str, str]) -> bool:
     below = tags.get("tunnel", "no") not in ("no", "building_passage")
-    access = next((tags[key] for key in ("motor_vehicle", "access") if key in tags), "yes")
-    closed = access == "no" and {tags.get("bus"), tags.get("psv")}.isdisjoint(OPEN)
+    keys = ("motor_vehicle", "vehicle", "access")
+    access = next((tags[key] for key in keys if key in tags), "yes")
+    closed = access in ("no", "private") and {tags.get("bus"), tags.get("psv")}.isdisjoint(OPEN)
     return tags["highway"] in DRIVEN and not (below or closed) and tags.get("area") != "yes"
 
 

@@ -43,7 +43,8 @@ def driving(twin: Twin, motion: Motion) -> dict[str, Any]:
     """Measure a motion.
 
     Returns:
-        ``carried``: share of the motor traffic asked for, as the motion says. ``stops_at_red``:
+        ``carried``: share of the motor traffic asked for, as the motion says, and
+        ``share_of_guess``, of what was guessed that is asked for. ``stops_at_red``:
         vehicles that stood at a red stop line, and those that stood or crossed one while every
         link of their lane was red. ``lateral``: vehicles over 4 m/s2, all vehicles, and the most.
         ``braking``: the strongest, m/s2. ``overlaps``: pairs of actors whose boxes overlap at any
@@ -68,6 +69,7 @@ def driving(twin: Twin, motion: Motion) -> dict[str, Any]:
     pairs = overlaps(motion)
     return {
         "carried": circulation.get("carried_share_of_motor_traffic"),
+        "share_of_guess": circulation.get("share_of_guess"),
         "asked": {k: v["per_hour"] for k, v in told["classes"].items() if v["per_hour"]},
         "seen": {name: row["seen"] for name, row in told["classes"].items() if row["seen"]},
         "stops_at_red": stops_at_red(twin, motion),

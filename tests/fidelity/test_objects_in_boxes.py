@@ -161,7 +161,9 @@ def test_a_frame_of_ours_is_like_itself() -> None:
         assert one.chamfer_m["annotated"] < 0.1, one.class_name
     rows = {row["class"]: row for row in report.figures if row["to_m"] == 80}
     lost = rows["car"]["lost_opaque"]
-    assert abs(lost["real"] - lost["ours"]) < 1.5
+    # Other draws decide which of these rays are lost: three standard errors of a difference.
+    share = (lost["real"] + lost["ours"]) / 200
+    assert abs(lost["real"] - lost["ours"]) < 300 * (2 * share * (1 - share) / lost["rays"]) ** 0.5
     assert rows["truck"]["code_zero"]["ours"] == pytest.approx(
         rows["truck"]["code_zero"]["real"], abs=1.5
     )

@@ -77,3 +77,55 @@ def test_stops_are_kept_in_the_file(write_osm: Callable[..., Path], tmp_path: Pa
     network.save(tmp_path / "roads.json")
     again = RoadNetwork.load(tmp_path / "roads.json")
     assert (again.stops, again.bus_roads) == (network.stops, network.bus_roads)
+
+
+def test_a_stop_has_a_footway_where_the_map_gives_its_street_none(
+    write_osm: Callable[..., Path], tmp_path: Path
+) -> None:
+    """On its own side, as far as the next junctions, and nowhere else."""
+    nodes = {1: (-200, 0, {}), 2: (0, 0, {}), 3: (200, 0, {}), 4: (0, 200, {})}
+    nodes |= {5: (*SOUTH, {"highway": "bus_stop"})}
+    bare = {**STREET, "sidewalk": "no"}
+    network = build_roads(
+        read_extract(write_osm(nodes, {10: ((1, 2, 3), bare), 11: ((2, 4), bare)})),
+        FRAME,
+        shapely.box(-150, -150, 150, 150),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "town.net.xml",
+    ).network
+    walks = [lane for lane in network.lanes if lane.kind == "sidewalk"]
+    (walk,) = [lane for lane in walks if not lane.road.startswith("stand")]
+    place = shapely.Point(SOUTH)
+    assert walk.polygon.distance(place) < 1.5
+    assert walk.centre[:, 1].max() < -3.0
+    assert walk.centre[:, 0].max() < 1.0, "the junction ends it"
+
+
+def test_a_stop_is_not_beyond_another_carriageway(
+    write_osm: Callable[..., Path], tmp_path: Path
+) -> None:
+    """A slip lane runs between the street of the line and the pole, which is mapped on its edge."""
+    nodes = {1: (-200, 0, {}), 2: (0, 0, {}), 3: (200, 0, {}), 4: (200, 60, {})}
+    nodes |= {6: (-120, -12, {}), 7: (-30, -12, {}), 8: (-170, 0, {})}
+    nodes |= {5: (-70, -13, {"highway": "bus_stop"})}
+    one_way = {"highway": "primary", "lanes": "2", "oneway": "yes"}
+    slip = {"highway": "primary_link", "oneway": "yes"}
+    ways = {10: ((1, 8, 2, 3), one_way), 12: ((8, 6, 7, 2), slip), 13: ((4, 2), one_way)}
+    osm = write_osm(nodes, ways)
+    line = (
+        '<relation id="1" version="1"><member type="way" ref="10" role=""/>'
+        '<tag k="type" v="route"/><tag k="route" v="bus"/></relation></osm>'
+    )
+    osm.write_text(osm.read_text().replace("</osm>", line))
+    network = build_roads(
+        read_extract(osm),
+        FRAME,
+        shapely.box(-190, -150, 150, 150),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "town.net.xml",
+    ).network
+    (stop,) = network.stops
+    (road,) = [road for road in network.roads if stop.lane in road.lanes]
+    assert road.ways == (12,)

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import shapely
+import sumolib
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
@@ -23,7 +24,7 @@ MPH = 1609.344 / 3600
 
 @pytest.fixture
 def build(write_osm, tmp_path):
-    def build(tags, side="right", others=STREET, nodes=NODES):
+    def build(tags, side="right", others=STREET, nodes=NODES, *, closed_loop=False):
         ways = {10: ([1, 2], {**BASE, **tags}), 11: ([2, 3], others), 12: ([4, 2, 5], others)}
         if callable(others):
             ways = others(tags)
@@ -34,6 +35,7 @@ def build(write_osm, tmp_path):
             Elevation.flat(),
             driving_side=side,
             out=tmp_path / "n.net.xml",
+            closed_loop=closed_loop,
         ).network
 
     return build
@@ -217,6 +219,39 @@ def test_who_may_use_a_lane(build):
     assert "motorcycle" not in along[4].allowed
 
 
+@pytest.mark.parametrize(
+    ("tags", "kinds"),
+    [
+        ({"motor_vehicle": "no"}, ["bicycle", "bicycle"]),
+        ({"access": "no"}, ["driving", "driving"]),
+        ({"vehicle": "no", "bus": "yes"}, ["bus", "bus"]),
+    ],
+)
+def test_a_street_that_is_closed_stands_and_no_car_drives_there(build, tags, kinds, tmp_path):
+    """The western arm of a crossroads; sumolib reads who may use it and where the loop leads."""
+    network = build({"oneway": "yes", "lanes": "2", **tags}, closed_loop=True)
+    along, back = edges(network)
+    assert ([x.kind for x in along], back) == (kinds, [])
+    assert all(x.length > 80 for x in along)
+    net = sumolib.net.readNet(str(tmp_path / "n.net.xml"))
+    assert not any(net.getLane(x.id).allows("passenger") for x in along)
+    assert any(edge.allows("passenger") for edge in net.getEdges())
+    buses = "bus" in tags
+    assert {net.getLane(x.id).allows("bus") for x in along} == {buses}
+    # Where only the closed street begins, no outer road leads to it.
+    leads = net.getEdge(along[0].road).getIncoming()
+    assert bool(leads) == buses
+
+
+def test_where_most_streets_are_private_those_drive_who_may(build):
+    """A port: all its streets are private, and one of them is closed all the same."""
+    port = {**STREET, "access": "private"}
+    along, _ = edges(build({"access": "private", "motor_vehicle": "no"}, others=port))
+    network = build({"access": "private"}, others=port)
+    assert not any("car" in lane.allowed for lane in along)
+    assert all("car" in lane.allowed for way in (10, 11) for lane in edges(network, way)[0])
+
+
 def turns(network, lanes):
     """The compass directions that each lane leads to."""
     found = []
@@ -313,3 +348,42 @@ def test_parallel_carriageways_do_not_lie_on_each_other(
         lanes = [lane for side in edges(network, way) for lane in side if lane.kind == "driving"]
         found.append(float(np.mean([middle(lane) for lane in lanes])) - y)
     assert found == pytest.approx([south, north], abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("tags", "between", "width"),
+    [
+        # Assumed is 2.75 m a lane in Germany, on main streets 3.25 m.
+        ({"highway": "residential"}, 4.6, 2.2),
+        ({"highway": "residential"}, 3.4, 2.0),
+        ({"highway": "residential"}, 9.0, 2.75),
+        ({"highway": "secondary"}, 4.6, 2.75),
+        ({"highway": "residential", "width": "6"}, 4.6, 3.0),
+    ],
+)
+def test_lanes_of_unmapped_width_yield_to_houses(write_osm, tmp_path, tags, between, width):
+    """Rows of houses on both sides, the street nearer to the southern one than they are apart."""
+    near, far = -0.4 * between, 0.6 * between
+    nodes = dict(NODES)
+    houses = {}
+    for k, (low, high) in enumerate([(near - 8, near), (far, far + 8)]):
+        corners = [(-90, low), (-50, low), (-50, high), (-90, high)]
+        nodes |= {20 + 4 * k + j: (*xy, {}) for j, xy in enumerate(corners)}
+        ring = [20 + 4 * k + j for j in (0, 1, 2, 3, 0)]
+        houses[30 + k] = (ring, {"building": "house"})
+    ways = {10: ([1, 2], {"sidewalk": "no", **tags}), 11: ([2, 3], STREET), **houses}
+    network = build_roads(
+        read_extract(write_osm(nodes, {**ways, 12: ([4, 2, 5], STREET)})),
+        HERE,
+        shapely.Point(0, 0).buffer(110),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "n.net.xml",
+    ).network
+    lanes = [lane for side in edges(network) for lane in side if lane.kind == "driving"]
+    assert [lane.width for lane in lanes] == pytest.approx([width] * 2, abs=0.01)
+    walls = shapely.MultiPolygon([shapely.box(-90, near - 8, -50, near),
+                                  shapely.box(-90, far, -50, far + 8)])  # fmt: skip
+    taken = shapely.union_all([lane.polygon for lane in lanes]).intersection(walls).area
+    # Between walls that are too near a street lies in the middle.
+    assert taken == pytest.approx(40 * max(0.0, 2 * width - between), abs=6.0)

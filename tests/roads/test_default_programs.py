@@ -22,6 +22,8 @@ from urbantwin.scene.signal_pole import signal_mesh
 from urbantwin.site import load_site, read_extract
 from urbantwin.site.initial_site import init_site
 
+from .controllers import signalised_junctions
+
 HERE = SiteFrame(48.7, 9.18)
 SIGNAL = {"highway": "traffic_signals"}
 SIDE = {"highway": "secondary", "lanes": "2", "maxspeed": "50", "sidewalk": "both"}
@@ -305,6 +307,7 @@ def test_real_junctions_have_sound_programs_and_a_place_for_every_head(name, sha
         read_extract(extract), site.frame, site.region, Elevation.flat(), driving_side=side, out=out
     )
     assert check(out) > 10
+    assert signalised_junctions(out) >= 1
     heads = [head for head in heads_of(built.model) if head.signal.dynamic]
     seen = {(h.signal.program, link) for h in heads for link in h.signal.links}
     assert seen == {(s.program, link) for s in built.network.signals for link in s.links}

@@ -238,10 +238,6 @@ def test_nothing_floats_in_real_junctions(name, shared_data, tmp_path):
         ]
         for (a, to, way), (b, there, other) in combinations(ahead, 2):
             assert a is b or to is there or not way.crosses(other), (a.getID(), b.getID())
-    # One junction has one controller.
-    for node in net.getNodes():
-        items = [item for item in node.getConnections() if item.getTLSID()]
-        assert len({item.getTLSID() for item in items}) <= 1
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

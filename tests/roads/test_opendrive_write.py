@@ -10,7 +10,7 @@ import pytest
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel, Profile
-from urbantwin.roads.opendrive import write_opendrive
+from urbantwin.roads.opendrive import read_opendrive, write_opendrive
 from urbantwin.roads.opendrive.writing.left_hand_traffic import as_right_hand_traffic
 
 HERE = SiteFrame(48.7, 9.18)
@@ -207,6 +207,45 @@ def test_kinds_speeds_access_and_heights_are_written(written):
     for road in roads.values():
         for item in road.element.iterfind("type/speed"):
             assert item.get("max").isdigit()
+
+
+@pytest.mark.parametrize("version", ["1.8", "1.4"])
+def test_lanes_that_are_closed_to_everybody_are_restricted(town, tmp_path, ruler, version):
+    """ASAM OpenDRIVE 1.8, 11.7.1: "restricted", a lane on which cars should not drive."""
+    model = town("right")
+    number = next(k for k, road in enumerate(model.roads) if road.junction < 0)
+    road = model.roads[number]
+    sections = tuple(
+        dataclasses.replace(
+            section,
+            lanes=tuple(
+                dataclasses.replace(lane, allowed=()) if lane.kind == "driving" else lane
+                for lane in section.lanes
+            ),
+        )
+        for section in road.sections
+    )
+    closed = dataclasses.replace(road, sections=sections)
+    roads = (*model.roads[:number], closed, *model.roads[number + 1 :])
+    path = tmp_path / "closed.xodr"
+    write_opendrive(dataclasses.replace(model, roads=roads), HERE, path, version=version, name="x")
+    _, found = ruler(path)
+    items = [
+        lane
+        for k in range(len(found[str(road.id)].sections))
+        for lane in found[str(road.id)].lanes_of(k).values()
+    ]
+    assert "driving" not in {item.get("type") for item in items}
+    shut = [item for item in items if item.get("type") == "restricted"]
+    assert len(shut) == sum(x.kind == "driving" for part in road.sections for x in part.lanes) > 0
+    for item in shut if version == "1.8" else ():
+        assert item.find("access").get("rule") == "deny"
+        denied = {e.get("type") for e in item.iterfind("access/restriction")}
+        assert {"passengerCar", "truck", "bus", "motorcycle"} <= denied
+    if version == "1.8":
+        again = next(x for x in read_opendrive(path).model.roads if x.id == road.id)
+        users = {x.allowed for part in again.sections for x in part.lanes if x.kind == "driving"}
+        assert users == {()}
 
 
 def test_right_hand_form_leaves_right_hand_traffic_alone(town):

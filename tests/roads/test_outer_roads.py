@@ -20,6 +20,8 @@ from urbantwin.site import read_extract
 from urbantwin.site.initial_site import init_site
 from urbantwin.site.site import load_site
 
+from .controllers import signalised_junctions
+
 HERE = SiteFrame(48.7, 9.18)
 REGION = shapely.box(-90, -90, 90, 90)
 EXTRACTS = (
@@ -65,6 +67,7 @@ def test_every_street_of_an_extract_can_be_driven_for_ever(shared_data, tmp_path
     side = driving_side(site.latitude, site.longitude)
     roads = built(site.osm.path, site.frame, site.region, net, side)
     assert roads.notes["closed_loop"]["open_ends"] == 0
+    assert signalised_junctions(net) >= 1
     edges, graph = drivable(net, "passenger")
     # Roads that lead only into tunnels stand, and nobody comes to them.
     still = np.asarray(graph.sum(axis=1)).ravel() == 0
@@ -265,6 +268,46 @@ def test_a_street_turns_round_beside_the_buildings_that_stand_there(write_osm):
     roads = shapely.union_all([shapely.LineString(piece.points) for piece in loop.outer])
     assert all(roads.disjoint(house) for house in houses)
     assert loop.notes["turning_drops"] == 2
+
+
+def test_no_road_leads_through_a_building_that_stands_in_the_twin(write_osm):
+    """Where houses leave no room anywhere, those that nobody sees give way to those that stand."""
+    nodes = {1: (-200, 0, {}), 2: (0, 0, {}), 3: (200, 0, {})}
+    street = {"highway": "residential", "lanes": "2", "sidewalk": "both"}
+    extract = read_extract(write_osm(nodes, {10: ([1, 2, 3], street)}))
+    pieces = extract.clipped(HERE, REGION, list(extract.ways.values()))
+    houses = shapely.box(-400, -400, 400, 400)
+    # Some reach from the region over the straight way on from both ends of the street.
+    standing = [shapely.box(112, -60, 190, 14), shapely.box(-190, -60, -112, 14)]
+    loop = close_loop(
+        pieces, extract.nodes, driving_side="right", buildings=[houses], standing=standing
+    )
+    blind = close_loop(pieces, extract.nodes, driving_side="right", buildings=[houses])
+    through = [
+        sum(
+            shapely.LineString(piece.points).intersection(house).length
+            for piece in found.outer
+            for house in standing
+        )
+        for found in (loop, blind)
+    ]
+    assert through[0] == 0.0 < through[1]
+
+
+def test_a_road_round_the_region_leads_round_what_reaches_out_of_it(write_osm):
+    nodes = {1: (-200, 0, {}), 2: (0, 0, {}), 3: (0, 200, {})}
+    one_way = {"highway": "tertiary", "oneway": "yes"}
+    extract = read_extract(write_osm(nodes, {10: ([1, 2], one_way), 11: ([2, 3], one_way)}))
+    pieces = extract.clipped(HERE, REGION, list(extract.ways.values()))
+    hall = shapely.box(-140, 60, -60, 140)
+    through = [
+        sum(shapely.LineString(piece.points).intersection(hall).length for piece in found.outer)
+        for found in (
+            close_loop(pieces, extract.nodes, driving_side="right", standing=one)
+            for one in ([hall], [])
+        )
+    ]
+    assert through[0] == 0.0 < through[1]
 
 
 def test_pairs_never_cross_and_leave_nobody_out():

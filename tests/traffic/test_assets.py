@@ -1,5 +1,6 @@
 """The actor catalogue: sizes, closed surfaces, closed forms, and a gait that walks."""
 
+from functools import cache
 from importlib.resources import files
 
 import numpy as np
@@ -26,6 +27,7 @@ ANIMALS = asset_names("animal")
 WHEELED = [name for name in NAMES if name not in (*WALKERS, *ANIMALS)]
 
 
+@cache
 def sizes():
     folder, entries = files("urbantwin.traffic.assets"), tram_entries()
     for name in ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml"):

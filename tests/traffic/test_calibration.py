@@ -10,6 +10,7 @@ import shapely
 
 from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
 from urbantwin.traffic.calibration.drivers import fitted_drivers
+from urbantwin.traffic.calibration.gap_acceptance import Decision, conflicts_of, decisions_of
 from urbantwin.traffic.calibration.measured import Measured, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage, SeenTrack, passages_of
@@ -29,8 +30,16 @@ TRUTH = {
     "acceleration": 1.9,
     "acceleration_at_10": 1.1,
     "sideways_acceleration": 3.0,
+    "critical_gap_s": 3.0,
 }
-FLOWS = {("wc", "ce"): 400.0, ("wc", "cs"): 150.0, ("ec", "cw"): 350.0, ("nc", "cs"): 250.0}
+#: Who turns left from the east looks for gaps in what comes from the west.
+FLOWS = {
+    ("wc", "ce"): 400.0,
+    ("wc", "cs"): 150.0,
+    ("ec", "cw"): 350.0,
+    ("ec", "cs"): 180.0,
+    ("nc", "cs"): 250.0,
+}
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +80,15 @@ def passages(tracks: list[SeenTrack], crossing_twin: Twin, links: JunctionLinks)
 
 
 @pytest.fixture(scope="module")
-def whole(tracks: list[SeenTrack], passages: list[Passage], crossing_twin: Twin) -> Measured:
-    return measured(tracks, passages, crossing_twin.roads, 0.0, SECONDS)
+def whole(
+    tracks: list[SeenTrack], passages: list[Passage], crossing_twin: Twin, links: JunctionLinks
+) -> Measured:
+    decisions = decided(passages, crossing_twin, links)
+    return measured(tracks, passages, crossing_twin.roads, 0.0, SECONDS, decisions=decisions)
+
+
+def decided(passages: list[Passage], twin: Twin, links: JunctionLinks) -> list[Decision]:
+    return decisions_of(passages, conflicts_of(links, twin.net_path, twin.roads), links)
 
 
 def test_everybody_is_found_on_the_way_that_was_taken(whole: Measured) -> None:
@@ -114,7 +130,8 @@ def test_drivers_are_found_again(
             crossing_twin, asked, shorter_s, seen, scratch=scratch, told=lambda _: None
         )
         passed = passages_of(again, crossing_twin.roads, links)
-        return measured(again, passed, crossing_twin.roads, 0.0, shorter_s)
+        decisions = decided(passed, crossing_twin, links)
+        return measured(again, passed, crossing_twin.roads, 0.0, shorter_s, decisions=decisions)
 
     found, told, untold = fitted_drivers(whole, simulated, rounds=4)
     assert untold == []
@@ -123,6 +140,8 @@ def test_drivers_are_found_again(
     assert {one["field"] for one in told} == set(TRUTH) == set(found)
     assert found["headway_s"] == pytest.approx(TRUTH["headway_s"], rel=0.1)
     assert found["standing_gap_m"] == pytest.approx(TRUTH["standing_gap_m"], rel=0.1)
+    # Of some fifteen who met oncoming traffic; the search begins at 1 s.
+    assert found["critical_gap_s"] == pytest.approx(TRUTH["critical_gap_s"], abs=1.0)
     for field in ("speed_factor", "acceleration", "acceleration_at_10", "sideways_acceleration"):
         assert found[field] == pytest.approx(TRUTH[field], rel=0.12), field
 
@@ -200,3 +219,13 @@ def test_a_measurement_agrees_with_itself_and_not_with_another(
     alike = spread_of([whole] * 8, whole)
     assert alike is not None
     assert alike["speed_ks"] == {"median": 0.0, "p95": 0.0}
+
+
+def test_at_signals_gaps_count_between_ways_that_are_green_together(
+    crossing_twin: Twin, links: JunctionLinks
+) -> None:
+    """Turning left meets who comes towards it; who crosses has green at another time."""
+    conflicts = conflicts_of(links, crossing_twin.net_path, crossing_twin.roads)
+    met = {one.major[0].split("_")[0] for one in conflicts if one.minor == ("ec_2", "cs")}
+    assert met == {"wc"}
+    assert not [one for one in conflicts if one.minor[1] == "ce" and one.minor[0].startswith("wc")]

@@ -5,6 +5,7 @@ import re
 import subprocess
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,7 +18,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary
 from urbantwin.roads.assignment.circuit import Circuit
-from urbantwin.roads.assignment.movement_flows import IN_CARS
+from urbantwin.roads.assignment.movement_flows import IN_CARS, flows_of_circuits
 from urbantwin.roads.assignment.routing_graph import WayGraph, driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork, has_walkway
 from urbantwin.site import read_extract
@@ -243,6 +244,7 @@ def square_of_footways(outside: int) -> WayGraph:
         np.arange(count) >= 4,
         gate,
         np.ones(2),
+        np.zeros(count, bool),
     )
 
 
@@ -271,15 +273,34 @@ def test_no_more_walk_than_there_is_room(town: tuple[Path, frozenset[str]]) -> N
 
 
 def test_flows_are_those_of_everybody_who_comes_in(town, circulation: Circulation) -> None:
-    """In cars: trucks and buses count twice, motorcycles 0.7 (movement_flows.IN_CARS)."""
+    """In cars: trucks and buses count twice, motorcycles 0.7, bicycles among cars once."""
     flows = circulation.flows()
     entries = sum(n for (a, b, _), n in flows.items() if a in town[1] and b not in town[1])
-    assert entries == pytest.approx(500 + 2 * 40 + 2 * 30 + 0.7 * 40)
+    assert entries == pytest.approx(500 + 2 * 40 + 2 * 30 + 0.7 * 40 + 80)
     # As many come to a street as go on from it.
     for edge in {b for _, b, _ in flows}:
         comes = sum(n for (_, b, _), n in flows.items() if b == edge)
         goes = sum(n for (a, _, _), n in flows.items() if a == edge)
         assert comes == pytest.approx(goes, rel=1e-6)
+
+
+def test_cyclists_with_a_lane_of_their_own_take_no_green_of_cars(
+    make_net: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Round a triangle, one side of it with a cycle lane, and round four sides."""
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="100" y="0"/><node id="c" x="50" y="80"/>'
+    own = '<lane index="0" allow="bicycle"/><lane index="1" disallow="bicycle"/>'
+    edges = f'<edge id="ab" from="a" to="b" numLanes="2">{own}</edge>'
+    edges += '<edge id="bc" from="b" to="c"/><edge id="ca" from="c" to="a"/>'
+    network = StreetNetwork(make_net(tmp_path, nodes, edges), None)
+    for vclass, apart in (("bicycle", {"ab"}), ("passenger", set())):
+        graph = driven_graph(network, vclass, {"ca"})
+        assert graph is not None
+        assert {edge for edge, own in zip(graph.edges, graph.apart, strict=True) if own} == apart
+    ring = replace(square_of_footways(0), apart=np.array([True, False, False, False]))
+    circuit = Circuit.of(ring)
+    assert circuit is not None
+    assert {a for a, _, _ in flows_of_circuits([(circuit, 60.0)])} == {"e1", "e2", "e3"}
 
 
 def test_guesses_are_lowered_to_what_signals_can_let_through(
@@ -291,7 +312,7 @@ def test_guesses_are_lowered_to_what_signals_can_let_through(
         town[0], {way: 10 * count for way, count in circulation.flows().items()}
     )
     # Four lanes each way: no more than 1,800 cars an hour on each of eight lanes, half of the time.
-    come = 10 * (500 + 2 * 40 + 2 * 30 + 0.7 * 40) * crowd.share
+    come = 10 * (500 + 2 * 40 + 2 * 30 + 0.7 * 40 + 80) * crowd.share
     assert 1000 < come < 8 * 1800 / 2
     assert "its signal can let" in crowd.because
     lowered = crowd.of({"car": 100.0, "pedestrian": 50.0}, IN_CARS)

@@ -12,10 +12,11 @@ PAINTED = material_id("metal-painted")
 
 def test_coats_come_in_their_shares_among_few_and_many():
     for count in (19, 190, 1900):
-        names = [coated_name("car-sedan", number) for number in range(count)]
-        for coat, share in COATS.items():
-            found = sum(name.endswith(f"_{coat}") for name in names)
-            assert abs(found - share * count) <= 2
+        for kind, shares in (("car", COATS), ("van", {"white": 0.57, "grey": 0.1, "black": 0.33})):
+            names = [coated_name(f"{kind}-one", number, kind) for number in range(count)]
+            for coat, share in shares.items():
+                found = sum(name.endswith(f"_{coat}") for name in names)
+                assert abs(found - share * count) <= 2
 
 
 @pytest.mark.parametrize("name", [*asset_names("car"), *asset_names("truck"), *asset_names("bus")])

@@ -199,6 +199,26 @@ def test_people_cross_where_they_were_counted(crossing_twin: Twin) -> None:
     assert east["driven_per_hour"] == pytest.approx(200, rel=0.5)
 
 
+def test_bicycles_counted_on_a_crossing_ride_past_its_arm(crossing_twin: Twin) -> None:
+    # On the right one rides west along the north arm, east along the south arm.
+    past = {
+        "north": ("ec", "cw"),
+        "south": ("wc", "ce"),
+        "east": ("sc", "cn"),
+        "west": ("nc", "cs"),
+    }
+    rows: list[dict[str, object]] = [
+        {"crossing": arm, "actor_class": "bicycle", "per_hour": 100.0 * (k + 1)}
+        for k, arm in enumerate(past)
+    ]
+    demand = planned(crossing_twin, rows)
+    ridden = Counter(pair for trip in demand.trips for pair in pairwise(trip.edges))
+    assert {trip.actor_class for trip in demand.trips} == {"bicycle"}
+    assert [ridden[way] for way in past.values()] == [
+        pytest.approx(row["per_hour"]) for row in rows
+    ]
+
+
 def test_signals_serve_those_who_were_counted(crossing_twin: Twin, tmp_path: Path) -> None:
     def greens(*axis: str) -> float:
         rows = [{"approach": f"{one}c", "turn": "through", "per_hour": 900.0} for one in axis]
@@ -241,7 +261,7 @@ def test_a_time_of_day_picks_the_quarter_of_an_hour() -> None:
     [
         ({"road": "zz"}, r"counts\[0\]: the road 'zz' is not there.*wc"),
         ({"crossing": "up"}, r"counts\[0\]: the crossing 'up' is not there.*\(north\)"),
-        ({"crossing": "north", "actor_class": "car"}, r"counts a car.*on foot at a crossing"),
+        ({"crossing": "north", "actor_class": "car"}, r"counts a car.*bicycles at a crossing"),
         ({"road": "wc", "actor_class": "pedestrian"}, r"counts a pedestrian.*at a crossing"),
         ({"junction": "x", "approach": "wc", "turn": "left"}, r"the junction 'x' is not there"),
     ],

@@ -76,6 +76,8 @@ class Sensor:
         beam_origin_m: how far from the axis the beams leave, metres.
         measured_light: times the light that the datasheet's ranges mean, of units in the field.
         measured_sigma_m: standard deviation of strong echoes' ranges, of units in the field.
+        measured_faintest: share of white of which half is missed next to the sensor, of units in
+            the field.
         weak_sigma_m: standard deviation of ranges of the datasheet's 10 % target, at its range.
         overlap_m: distance at which half of what a near target sends back is collected.
         pattern: where the beams point by time, of a sensor whose pattern does not repeat with the
@@ -117,6 +119,7 @@ class Sensor:
     beam_origin_m: float | None = None
     measured_light: float | None = None
     measured_sigma_m: float | None = None
+    measured_faintest: float | None = None
     weak_sigma_m: float | None = None
     overlap_m: float | None = None
     pattern: ScanPattern | None = None

@@ -57,6 +57,7 @@ class _SensorFile(BaseModel):
     beam_origin_m: _NotNegative | None = None
     measured_light: _Positive | None = None
     measured_sigma_m: _NotNegative | None = None
+    measured_faintest: Annotated[float, Field(gt=0, lt=0.1)] | None = None
     weak_sigma_m: _Positive | None = None
     overlap_m: _Positive | None = None
     return_modes: tuple[str, ...] | None = None

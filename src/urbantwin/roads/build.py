@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import compress
 from pathlib import Path
@@ -20,7 +20,7 @@ from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.assignment.movement_flows import movement_flows
 from urbantwin.roads.building_ground import building_ground
-from urbantwin.roads.bus_stops import bus_ways, with_buses
+from urbantwin.roads.bus_stops import bus_poles, bus_ways, with_buses
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
@@ -60,6 +60,7 @@ from urbantwin.roads.signals.signs import add_signs
 from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import edges_of_pieces, read_sumo_network
+from urbantwin.site.access import is_driven, opened
 from urbantwin.site.extract import Extract, Way, WayPiece
 from urbantwin.site.signals import SignalPlan
 
@@ -131,7 +132,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         StageError: netconvert failed.
     """
     tell(0.0, "ways")
-    buildings = building_ground(extract.features(frame, region.buffer(BESIDE_M)))
+    features = extract.features(frame, region.buffer(BESIDE_M))
+    buildings = building_ground(features)
     ways, tunnels = _network_ways(extract, frame, region)
     if not ways:
         raise InputError(
@@ -165,6 +167,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
                 driving_side=driving_side,
                 country=country,
                 buildings=[*buildings, *found.ground_before_portals],
+                standing=building_ground(features, touching=region),
             )
         pieces = found.with_others(loop.pieces)
         prepared = prepare_ways(
@@ -172,6 +175,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
             signals=_signalised(extract, pieces, signals.tags),
             driving_side=driving_side,
             country=country,
+            buildings=buildings,
+            stops=bus_poles(extract, frame),
         )
         pieces = prepared.pieces
         extract.write_pieces(
@@ -315,8 +320,14 @@ def _within(
 def _network_ways(
     extract: Extract, frame: SiteFrame, region: shapely.Polygon
 ) -> tuple[list[Way], list[Way]]:
+    """Return the ways of streets in a region, and those in tunnels.
+
+    Where more of the streets are open to some alone (a port, a test track) than to everybody, it is
+    those who drive there.
+    """
     kept: list[Way] = []
     tunnels: list[Way] = []
+    closed_m = 0.0
     for way in extract.highways():
         if way.tags["highway"] not in NETWORK_CLASSES or way.tags.get("area") == "yes":
             continue
@@ -325,6 +336,11 @@ def _network_ways(
             continue
         below = way.tags.get("tunnel") not in (None, "no", "building_passage")
         (tunnels if below else kept).append(way)
+        if not below and is_driven(opened(way.tags)):
+            metres = shapely.length(shapely.intersection(region, shapely.LineString(line)))
+            closed_m += -metres if is_driven(way.tags) else metres
+    if closed_m > 0:
+        kept = [replace(way, tags=opened(way.tags)) for way in kept]
     return kept, tunnels
 
 

@@ -19,19 +19,24 @@ ROOFS = ("roof", "carport", "canopy")
 HEADROOM_M = 2.0
 
 
-def building_ground(features: Iterable[OsmFeature]) -> list[shapely.Polygon]:
+def building_ground(
+    features: Iterable[OsmFeature], touching: shapely.Geometry | None = None
+) -> list[shapely.Polygon]:
     """Return the ground under buildings in plan, apart from passages and arcades.
 
     Roofs on posts, what is underground and what hangs over the ground are left out.
 
     Args:
         features: the map's features, site frame.
+        touching: buildings that do not touch it are left out.
     """
     features = list(features)
     standing = [
         feature.geometry
         for feature in features
-        if feature.geometry.geom_type in ("Polygon", "MultiPolygon") and _stands(feature.tags)
+        if feature.geometry.geom_type in ("Polygon", "MultiPolygon")
+        and _stands(feature.tags)
+        and (touching is None or touching.intersects(feature.geometry))
     ]
     passages = [passage.corridor for passage in passages_of(features)]
     ground = area_difference(area_union(standing), area_union(passages))

@@ -13,10 +13,10 @@ from urbantwin.geometry import SiteFrame, stations_of_points
 from urbantwin.roads.network import BusStop, Lane, Road, RoadNetwork
 from urbantwin.site.extract import Extract
 
-__all__ = ["bus_ways", "with_buses"]
+__all__ = ["bus_poles", "bus_ways", "with_buses"]
 
 #: A stop's pole or platform is beside the kerb lane of its road: so far from the lane's middle at
-#: most, metres, and on the kerb's side of it, or hardly on the other.
+#: most, metres, and on the kerb's side of the lane or, roughly mapped, on it.
 BESIDE_M, WRONG_SIDE_M = 14.0, 0.5
 #: Length of a stop: a bus and room to pull up, metres. The front halts so far past the pole.
 STOP_M, PAST_POLE_M = 18.0, 1.0
@@ -24,6 +24,8 @@ STOP_M, PAST_POLE_M = 18.0, 1.0
 END_M = 1.0
 #: Stops on a lane that are nearer than this are one that was mapped as pole and platform, metres.
 SAME_STOP_M = 30.0
+#: Kinds of lanes that nobody gets off onto.
+DRIVEN = ("driving", "bus", "bicycle")
 BUS_ROUTES = ("bus", "trolleybus")
 
 
@@ -31,7 +33,8 @@ def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> Road
     """Return a network with the roads of mapped bus lines and with mapped bus stops.
 
     A stop is at the kerb lane of the road beside its pole, on the side that people get on at: so
-    its direction is clear. Stops beside roads that are not there are left out.
+    its direction is clear, and no other carriageway lies between. Stops beside roads that are not
+    there are left out.
 
     Args:
         network: the lanes.
@@ -44,6 +47,8 @@ def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> Road
     kerbs = list(_kerb_lanes(network))
     lines = [shapely.LineString(lane.centre[:, :2]) for _, lane in kerbs]
     tree = shapely.STRtree(lines)
+    driven = [lane for lane in network.lanes if lane.road and lane.kind in DRIVEN]
+    ground = shapely.STRtree([lane.polygon for lane in driven])
     on_line = set(roads)
     found: dict[str, list[tuple[float, str]]] = {}
     for place, name in _poles(extract, frame):
@@ -52,11 +57,15 @@ def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> Road
         for k in tree.query(point.buffer(BESIDE_M)).tolist():
             road, lane = kerbs[k]
             along, aside = _beside(lines[k], lane.centre[:, :2], place)
-            if aside * side >= -WRONG_SIDE_M and lines[k].distance(point) <= BESIDE_M:
+            wrong = lane.width / 2 + WRONG_SIDE_M
+            if aside * side >= -wrong and lines[k].distance(point) <= BESIDE_M:
                 off_line = bool(on_line) and road.id not in on_line
-                near.append((off_line, lines[k].distance(point), lane.id, along))
+                way = shapely.shortest_line(lines[k], point)
+                met = ground.query(way, predicate="intersects").tolist()
+                beyond = any(driven[j].road != road.id for j in met)
+                near.append((beyond, off_line, lines[k].distance(point), lane.id, along))
         if near:
-            _, _, lane_id, along = min(near)
+            *_, lane_id, along = min(near)
             found.setdefault(lane_id, []).append((along, name))
     stops = [
         stop
@@ -64,6 +73,11 @@ def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> Road
         for stop in _stops(network.lane_by_id[lane_id], sorted(places))
     ]
     return replace(network, bus_roads=roads, stops=tuple(stops))
+
+
+def bus_poles(extract: Extract, frame: SiteFrame) -> NDArray[np.float64]:
+    """Return where people wait for buses (N, 2), site frame."""
+    return np.array([place for place, _ in _poles(extract, frame)]).reshape(-1, 2)
 
 
 def bus_ways(extract: Extract) -> frozenset[int]:

@@ -42,7 +42,7 @@ READING = {
     "osm.lane-access": "true",
     "osm.bike-access": "true",
     "default.sidewalk-width": "2.5",
-    "keep-edges.by-vclass": "passenger,bus,bicycle,pedestrian",
+    "keep-edges.by-vclass": "passenger,bus,bicycle,pedestrian,authority",  # closed: `NOBODY`
 }
 #: How the network is made of edges whose junctions are known.
 MAKING = {
@@ -54,6 +54,7 @@ MAKING = {
     "tls.left-green.time": "12",
     "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); by default none
     "walkingareas": "true",
+    "geometry.avoid-overlap": "false",  # moved apart before, links drawn from there
     "aggregate-warnings": "-1",
 }
 #: The edge that an error of netconvert's is about, and how many such edges are accepted.

@@ -14,6 +14,7 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.main_component import LeftOut, Part, main_component
+from urbantwin.site.access import is_driven
 from urbantwin.site.extract import Extract, Way, WayPiece
 from urbantwin.site.junction_proposal import way_lanes
 
@@ -93,7 +94,7 @@ def _parts(pieces: Iterable[WayPiece]) -> dict[int, Part]:
         piece.id: Part(
             piece.tags.get("name", ""),
             shapely.LineString(piece.points),
-            way_lanes(Way(piece.id, piece.nodes, piece.tags)),
+            way_lanes(Way(piece.id, piece.nodes, piece.tags)) if is_driven(piece.tags) else 0.0,
             frozenset(piece.nodes),
         )
         for piece in pieces

@@ -75,7 +75,8 @@ class CountSpec(Strict):
             arm, or a street's name.
         road: instead of approach and turn, a cross-section: the id of a road or of one of its
             lanes, or the name of a street that has one direction; all lanes together.
-        crossing: or people who cross: a crossing's id, or the arm of the junction that it crosses.
+        crossing: or who crosses on foot, or by bicycle: a crossing's id, or the arm of the junction
+            that it crosses.
         actor_class: of which class; without it, the motor traffic, shared out as ``per_hour`` is.
         begin: when the first quarter of an hour begins, ``07:15``; with ``traffic.time_of_day`` the
             motion begins with the quarter of that time.

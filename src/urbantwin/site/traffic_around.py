@@ -8,6 +8,7 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.number_text import finite_number
+from urbantwin.site.access import is_driven
 from urbantwin.site.country import country_of
 from urbantwin.site.extract import Extract, OsmFeature
 from urbantwin.site.extract_coverage import mapped_area
@@ -62,9 +63,12 @@ def lanes_leading_in(
 ) -> dict[str, float]:
     """Return how many lanes lead into a region, by road class.
 
-    A street leads in where it crosses the border, and where the extract ends before that.
+    A street leads in where it crosses the border, and where the extract ends before that. One that
+    is closed to motor traffic does not.
     """
-    streets = [way for way in extract.highways() if way.tags["highway"] in STREETS]
+    streets = [
+        way for way in extract.highways() if way.tags["highway"] in STREETS and is_driven(way.tags)
+    ]
     uses = Counter(
         node for way in streets for node in dict.fromkeys(way.nodes) if node in extract.nodes
     )

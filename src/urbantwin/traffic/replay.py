@@ -171,7 +171,7 @@ def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[s
     size = np.where(known, track.size, sizes[chosen])
     name = names[chosen]
     if track.actor_class in COATED_CLASSES:
-        name = coated_name(name, number)
+        name = coated_name(name, number, track.actor_class)
     return sized_name(name, *size.tolist())
 
 

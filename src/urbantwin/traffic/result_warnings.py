@@ -9,7 +9,8 @@ from urbantwin.result_warning import ResultWarning
 
 __all__ = ["place_of_count", "warnings_of_drive"]
 
-#: Least share of the motor traffic asked for that is carried, where nothing is said.
+#: Least share of the motor traffic asked for that is carried, or of a guess that is asked for,
+#: where nothing is said.
 ENOUGH = 0.9
 
 
@@ -19,14 +20,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
     Args:
         manifest: ``motion.json``.
     """
-    carried = manifest.get("circulation", {}).get("carried_share_of_motor_traffic", 1.0)
-    if carried < ENOUGH:
-        yield ResultWarning(
-            "traffic",
-            f"{carried:.0%} of the motor traffic asked for is carried",
-            manifest["circulation"].get("held_up") or "more jams the streets",
-            "lower traffic.per_hour, or give counted flows and signal programs in site.yaml",
-        )
+    yield from _of_volumes(manifest.get("circulation", {}))
     for row in manifest.get("counts", []):
         asked, driven = row["asked_per_hour"], row["driven_per_hour"]
         # A count is a random number, too: by chance alone it is off by its root.
@@ -93,6 +87,26 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             f"{manifest['circulation']['halted_longer_than_s']:.0f} s",
             f"on {lanes}",
             "look there in plan.png",
+        )
+
+
+def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
+    """Yield what of the motor traffic of a closed loop does not drive."""
+    carried = circulation.get("carried_share_of_motor_traffic", 1.0)
+    if carried < ENOUGH:
+        yield ResultWarning(
+            "traffic",
+            f"{carried:.0%} of the motor traffic asked for is carried",
+            circulation.get("held_up") or "more jams the streets",
+            "lower traffic.per_hour, or give counted flows and signal programs in site.yaml",
+        )
+    guess = circulation.get("share_of_guess", 1.0)
+    if guess < ENOUGH:
+        yield ResultWarning(
+            "traffic",
+            f"{guess:.0%} of the motor traffic that was guessed is asked for",
+            circulation.get("guess_lowered_because") or "more jams the streets",
+            "give counted flows and signal programs in site.yaml",
         )
 
 

@@ -125,7 +125,7 @@ def candidates(
         x, y, z = factors
         coated = name
         if class_name in COATED_CLASSES:
-            coated = coated_name(name, number)
+            coated = coated_name(name, number, class_name)
             mesh = coated_mesh(mesh, AssetName.of(coated).coat)
         filling = scaled_mesh(mesh, (float(x), float(y), float(z)))
         found.append(PlacedBody(coated, filled, filling, off[name, phase]))

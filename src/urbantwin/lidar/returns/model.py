@@ -80,7 +80,7 @@ class ReturnModel:
             dropout=effects.dropout,
             half=HALF_STRENGTH,
             steepness=STEEPNESS,
-            faintest=FAINTEST,
+            faintest=entry.measured_faintest or FAINTEST,
             sigma_m=entry.assumed_range_sigma_m * unit.range_noise if effects.noise else 0.0,
             knee=knee_of(entry),
             white=scale.white * unit.intensity,

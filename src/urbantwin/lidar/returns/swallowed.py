@@ -12,8 +12,12 @@ rays at real roads some of a thousand are lost near the sensor, where light abou
 a hundred at 20 to 40 m, in few places: ``GLANCING / cosine of incidence``, up to `MOST_THROWN_ON`,
 in places of `PLACE_M` (fitted to KITTI, Argoverse 2 and two Ousters together, `real_lidar.md`).
 
-However near a surface is, a receiver's threshold and its optics, which see what is near out of
-focus, leave something that is too faint: half of what sends back `FAINTEST` of white is missed.
+However near a surface is, something is too faint: half of what sends back a certain share of white
+is missed. That is the receiver's, not the surface's (``measured_faintest`` of a sensor; `FAINTEST`
+where nobody measured it). An HDL-64E turns its lasers down where they meet something bright, in
+eight steps, and drops what lies below a fixed noise floor (User Manual 63-HDL64ES3, Laser Output
+Power, Noise Level Adjustment); a VLP-32C still sees black cars whose codes are all 0. With a
+threshold for each, one population of coats and panes gives what both lose of real cars.
 """
 
 from __future__ import annotations
@@ -30,10 +34,10 @@ from urbantwin.taxonomy import materials
 
 __all__ = ["DIRT", "FAINTEST", "GLANCING", "SWALLOWED", "actor_grain", "thrown_on"]
 
-#: Share of white of which half is missed next to the sensor.
+#: Share of white of which half is missed next to a sensor of which it was not measured.
 FAINTEST = 0.003
 #: Standard deviation of the logarithm of what dirt on panes scatters.
-DIRT = 0.8
+DIRT = 1.0
 #: Share of beams that a material of actors swallows; 0 for those that are not named.
 SWALLOWED = {
     **dict.fromkeys(("paint-white", "paint-grey", "paint-black", "metal-painted"), 0.045),

@@ -10,12 +10,15 @@ from urbantwin.roads.assignment.circuit import Circuit
 from urbantwin.roads.assignment.routing_graph import driven_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 
-__all__ = ["IN_CARS", "flows_of_circuits", "movement_flows"]
+__all__ = ["BICYCLE_IN_CARS", "IN_CARS", "flows_of_circuits", "movement_flows"]
 
 #: How many cars take as much of a green as one of a class (HCM 2016, 19: 2 for heavy vehicles;
 #: Indian Roads Congress 106, 1990, has 0.4 to 0.5 for motorcycles, but simulated ones queue behind
 #: each other more than those of Chennai do).
 IN_CARS = {"car": 1.0, "van": 1.0, "truck": 2.0, "bus": 2.0, "motorcycle": 0.7}
+#: The same of a bicycle among cars, where it has no lane of its own. HBS 2001 has 0.5 (table 7-2);
+#: simulated cars stay behind it, and a queue leaves a green of 10 s at its pace.
+BICYCLE_IN_CARS = 1.0
 
 
 def movement_flows(
@@ -27,7 +30,8 @@ def movement_flows(
 ) -> dict[tuple[str, str, str], float]:
     """Return (edge, next edge, the one after that) -> cars an hour.
 
-    Empty where nobody circulates by car; the third is empty where a passage ends.
+    Empty where nobody circulates by car; the third is empty where a passage ends. Cyclists count
+    where they ride among cars.
 
     Args:
         net: the SUMO network.
@@ -42,11 +46,15 @@ def movement_flows(
     for vclass, names, preferred in (
         ("passenger", IN_CARS.keys() - {"bus"}, frozenset[str]()),
         ("bus", {"bus"}, bus_roads),
+        ("bicycle", {"bicycle"}, frozenset()),
     ):
         graph = driven_graph(network, vclass, outer, preferred)
         circuit = None if graph is None else Circuit.of(graph)
         if circuit is not None:
-            cars = sum(per_hour.get(name, 0.0) * IN_CARS[name] for name in sorted(names))
+            cars = sum(
+                per_hour.get(name, 0.0) * IN_CARS.get(name, BICYCLE_IN_CARS)
+                for name in sorted(names)
+            )
             found.append((circuit, cars))
     return flows_of_circuits(found)
 
@@ -57,7 +65,8 @@ def flows_of_circuits(
     """Return what ``movement_flows`` does, of circuits and the cars that come in by each."""
     found: dict[tuple[str, str, str], float] = defaultdict(float)
     for circuit, cars in circuits:
-        edges = (*circuit.graph.edges, "")
+        edges, apart = (*circuit.graph.edges, ""), circuit.graph.apart
         for (a, b, c), share in circuit.flows(3).items():
-            found[edges[a], edges[b], edges[c]] += cars * share
+            if not apart[a]:
+                found[edges[a], edges[b], edges[c]] += cars * share
     return dict(found)

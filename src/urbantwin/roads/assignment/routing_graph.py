@@ -50,6 +50,7 @@ class WayGraph:
         outer: (S,) whether the edge is an outer road.
         gate: (S,) number of the gate that the state belongs to; -1 for none.
         weight: (G,) relative traffic of the gates.
+        apart: (S,) whether there are lanes for this class of actors that are not for cars.
     """
 
     edges: tuple[str, ...]
@@ -61,6 +62,7 @@ class WayGraph:
     outer: NDArray[np.bool_]
     gate: NDArray[np.int64]
     weight: NDArray[np.float64]
+    apart: NDArray[np.bool_]
 
     @property
     def speed(self) -> float:
@@ -122,6 +124,7 @@ def driven_graph(
         np.array([edge.getID() in outer for edge in edges]),
         gate,
         np.array(weight),
+        np.array([vclass == "bicycle" and _has_own_lane(edge) for edge in edges]),
     )
 
 
@@ -185,7 +188,13 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
         np.array([streets[k].getID() in outer for k in twice]),
         gate,
         weight,
+        np.ones(2 * count, bool),
     )
+
+
+def _has_own_lane(edge: Edge) -> bool:
+    """Return whether cyclists have a lane of their own."""
+    return any(lane.allows("bicycle") and not lane.allows("passenger") for lane in edge.getLanes())
 
 
 def _turns_across(edge: Edge, following: Edge) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from urbantwin.roads.cross_section.access import Permission, permission_of
 from urbantwin.roads.cross_section.cycleway import Cycleway, Cycleways, cycleways
 from urbantwin.roads.cross_section.defaults import Standard, standard_of
 from urbantwin.roads.cross_section.direction import (
@@ -20,6 +19,7 @@ from urbantwin.roads.cross_section.placement import middle_of_road
 from urbantwin.roads.cross_section.roadside import parking, roadside
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.speed import speed_limit, speed_of
+from urbantwin.site.access import Permission, permission_of
 
 __all__ = ["cross_section"]
 
@@ -51,15 +51,18 @@ def cross_section(
     way = one_way(tags)
     forward_tags, backward_tags, shared = direction_tags(tags, driving_side)
     cycles = cycleways(tags, way, driving_side, standard)
-    permission = permission_of(tags, walkers_on_lanes=sidewalks == "no")
+    permissions = {
+        name: permission_of(tags, walkers_on_lanes=sidewalks == "no", direction=name)
+        for name in ("forward", "backward")
+    }
     forward, backward = (
-        _lanes(tags, found, name, driving_side, permission, standard, country)
+        _lanes(tags, found, name, driving_side, permissions[name], standard, country)
         for name, found in (("forward", forward_tags), ("backward", backward_tags))
     )
     if shared and forward:
         turn = "left" if driving_side == "right" else "right"
         middle = replace(forward[0], kind="driving", turns=(turn,), both_ways=True, listed=False)
-        middle = replace(middle, allowed=permission.motor, width=0.0)
+        middle = replace(middle, allowed=permissions["forward"].motor, width=0.0)
         forward = [middle] * shared + forward
     forward, backward = _with_cycleways(tags, way, forward, backward, cycles, country)
     forward, backward = _with_widths(tags, forward, backward, standard)
@@ -121,7 +124,7 @@ def _lanes(
 def _use(found: DirectionTags, slot: int, permission: Permission) -> tuple[str, tuple[str, ...]]:
     """Return the kind of a lane and who may use it."""
     keys = ("motor_vehicle:lanes", "vehicle:lanes", "access:lanes")
-    access = next((v for key in keys if (v := found.value(key, slot)) not in ("", "yes")), "")
+    access = next((v for key in keys if (v := found.value(key, slot))), "")
     bus = {found.value("bus:lanes", slot), found.value("psv:lanes", slot)}
     bicycle = found.value("bicycle:lanes", slot)
     closed = access in CLOSED
@@ -137,9 +140,8 @@ def _use(found: DirectionTags, slot: int, permission: Permission) -> tuple[str, 
             allowed = tuple(actor for actor in allowed if actor != name)
     if bicycle == "no":
         allowed = tuple(actor for actor in allowed if actor != "bicycle")
-    if not permission.cars:
-        return ("bus", allowed) if "bus" in allowed else ("none", ())
-    return "driving", allowed
+    is_bus = "bus" in allowed and not permission.cars
+    return ("bus" if is_bus else "driving"), allowed
 
 
 def _with_cycleways(
@@ -195,17 +197,15 @@ def _with_widths(
     highway = tags.get("highway", "")
     single = one_way(tags) == "both" and count(tags.get("lanes")) == 1
 
-    def width(lane: CarriagewayLane) -> float:
+    def filled(lane: CarriagewayLane) -> CarriagewayLane:
+        if lane.width:
+            return lane
         if each is not None:
-            return each
-        if single:
-            return HALF_LANE_M
-        return standard.bus if lane.kind == "bus" else standard.lane(highway)
+            return replace(lane, width=each)
+        usual = standard.bus if lane.kind == "bus" else standard.lane(highway)
+        return replace(lane, width=HALF_LANE_M if single else usual, assumed=True)
 
-    return (
-        [lane if lane.width else replace(lane, width=width(lane)) for lane in forward],
-        [lane if lane.width else replace(lane, width=width(lane)) for lane in backward],
-    )
+    return [filled(lane) for lane in forward], [filled(lane) for lane in backward]
 
 
 def _share(

@@ -10,6 +10,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.cross_section.beside_stops import with_footways_at_stops
+from urbantwin.roads.cross_section.between_walls import between_walls
 from urbantwin.roads.cross_section.from_tags import cross_section
 from urbantwin.roads.cross_section.layout import middles_of
 from urbantwin.roads.cross_section.section import CrossSection
@@ -79,6 +81,8 @@ def prepare_ways(
     signals: Collection[int],
     driving_side: str,
     country: str = "",
+    buildings: Sequence[shapely.Polygon] = (),
+    stops: NDArray[np.float64] | None = None,
 ) -> PreparedWays:
     """Cut and tag ways so that netconvert builds their cross sections.
 
@@ -87,6 +91,8 @@ def prepare_ways(
         signals: nodes with traffic signals, where netconvert ends edges.
         driving_side: ``right`` or ``left``.
         country: ISO 3166-1 alpha-2; empty if unknown.
+        buildings: where buildings stand on the ground: lanes of unmapped width yield to them.
+        stops: (N, 2) where people wait for buses: there is a footway.
     """
     one_way = ("yes", "1", "true")
     others = [
@@ -99,7 +105,11 @@ def prepare_ways(
             piece.tags, driving_side=driving_side, sidewalks=sides, country=country
         )
     segments = segments_of(pieces, signals)
-    sections = [section_of[segment.origin] for segment in segments]
+    sections = between_walls(
+        segments, [section_of[segment.origin] for segment in segments], buildings
+    )
+    if stops is not None:
+        sections = with_footways_at_stops(segments, sections, stops, country)
     middles = spaced(segments, sections, middles_of(segments, sections))
     prepared: list[WayPiece] = []
     edges: list[SumoEdge] = []

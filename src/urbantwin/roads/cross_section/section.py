@@ -21,6 +21,7 @@ class CarriagewayLane:
         track: whether it is a cycle track, apart from the carriageway, and not a lane on it.
         both_ways: whether it is shared by both directions, as a middle lane for turning is.
         listed: whether tags with a value for each lane (``turn:lanes``) count it.
+        assumed: whether nobody mapped how wide it is.
     """
 
     kind: str
@@ -31,6 +32,7 @@ class CarriagewayLane:
     track: bool = False
     both_ways: bool = False
     listed: bool = True
+    assumed: bool = False
 
 
 @dataclass(frozen=True)

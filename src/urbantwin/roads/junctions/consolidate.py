@@ -286,7 +286,7 @@ def _edges(
         start, end = home.get(edge.start), home.get(edge.end)
         if {name, _other_way(name)} & inner and (name in inner or not edge.is_for_motors):
             continue
-        if _is_lost(name, spans):
+        if _is_lost(name, spans) or (start and start == end and not edge.is_for_motors):
             continue
         if start is None and end is None:
             found[name] = edge

@@ -19,6 +19,9 @@ STEP = math.radians(7.0)
 RING_GAP_M = 6.0
 #: Room between the straight way out of a street and the middle of any other street, metres.
 WAY_OUT_ROOM_M = 3.0
+#: Square metres of other roads, and of buildings that stand in the twin, weigh as much as so many
+#: of buildings beyond, which do not.
+ROAD_COST, STANDING_COST = 5.0, 20.0
 #: Farther than any region reaches, metres.
 FAR_M = 5000.0
 
@@ -49,6 +52,7 @@ class FreeSpace:
         roads: (N, 2) points of every street.
         half_widths: how far each reaches to its sides, metres.
         buildings: areas of buildings.
+        standing: areas of those of them that stand in the twin, because they reach into the region.
     """
 
     def __init__(
@@ -56,8 +60,10 @@ class FreeSpace:
         roads: Sequence[Points],
         half_widths: Sequence[float],
         buildings: Sequence[shapely.Geometry] = (),
+        standing: Sequence[shapely.Geometry] = (),
     ) -> None:
         self._buildings = shapely.STRtree(list(buildings))
+        self._standing = shapely.STRtree(list(standing))
         lines = [shapely.LineString(points) for points in roads]
         self._streets = shapely.buffer(lines, half_widths, quad_segs=16)
         self._tree = shapely.STRtree(self._streets)
@@ -74,30 +80,31 @@ class FreeSpace:
         """Note that an area is kept free for a road that comes later."""
         self._reserved.append(area)
 
-    def overlap(self, area: shapely.Geometry, *streets: int, enough: float = math.inf) -> float:
+    def cost(self, area: shapely.Geometry, *streets: int, enough: float = math.inf) -> float:
         """Return how much of an area is taken by others than some streets, square metres.
+
+        Roads count `ROAD_COST` times, buildings that stand in the twin `STANDING_COST` times.
 
         Args:
             area: the area.
             streets: numbers of the streets that do not count.
-            enough: once the overlap with one of the others is this large, it is returned.
+            enough: once it is known to be more than this, what is known is returned.
         """
+        cost = STANDING_COST * self.walls_on(area)
+        if cost > enough:
+            return cost
         met = sorted(set(self._tree.query(area, predicate="intersects").tolist()) - set(streets))
+        roads = [*(self._streets[k] for k in met), *self._taken, *self._reserved]
+        cost += ROAD_COST * _area_on(area, roads)
+        if cost > enough:
+            return cost
         built = sorted(self._buildings.query(area, predicate="intersects").tolist())
-        others = [
-            *(self._streets[k] for k in met),
-            *self._taken,
-            *self._reserved,
-            *(self._buildings.geometries[k] for k in built),
-        ]
-        shapely.prepare(area)
-        parts = []
-        for other in others:
-            if area.intersects(other):
-                parts.append(area.intersection(other))
-                if parts[-1].area > enough:
-                    return float(parts[-1].area)
-        return float(shapely.union_all(parts).area)
+        return cost + _area_on(area, [self._buildings.geometries[k] for k in built])
+
+    def walls_on(self, area: shapely.Geometry) -> float:
+        """Return how much of an area lies in buildings that stand in the twin, square metres."""
+        met = sorted(self._standing.query(area, predicate="intersects").tolist())
+        return _area_on(area, [self._standing.geometries[k] for k in met])
 
     def leads_out(self, street: int, point: Points, heading: float) -> bool:
         """Return whether the straight way on from a street's end leaves all streets behind."""
@@ -111,8 +118,16 @@ class FreeSpace:
 
     def ring(self, half_width: float) -> shapely.LinearRing:
         """Return a line round everything, counter-clockwise, with room for a road on it."""
-        everything = shapely.convex_hull(shapely.union_all([self.hull, *self._taken]))
+        built = self._standing.geometries
+        everything = shapely.convex_hull(shapely.union_all([self.hull, *self._taken, *built]))
         return _counter_clockwise(everything.buffer(RING_GAP_M + half_width)).exterior
+
+
+def _area_on(area: shapely.Geometry, others: Sequence[shapely.Geometry]) -> float:
+    """Return how much of an area lies in others, square metres."""
+    shapely.prepare(area)
+    met = [area.intersection(other) for other in others if area.intersects(other)]
+    return float(shapely.union_all(met).area)
 
 
 def _leaves(border: shapely.LinearRing, point: Points, heading: float) -> float:

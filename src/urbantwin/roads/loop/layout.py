@@ -12,7 +12,7 @@ import shapely
 
 from urbantwin.geometry import stations_of_points
 from urbantwin.roads.loop.dimensions import half_width
-from urbantwin.roads.loop.free_space import FreeSpace, Points, unit
+from urbantwin.roads.loop.free_space import ROAD_COST, FreeSpace, Points, unit
 from urbantwin.roads.loop.road_ends import motor_lanes
 from urbantwin.site import WayPiece
 
@@ -66,6 +66,7 @@ class Layout:
         side: ``right`` or ``left``, the side that traffic keeps to.
         country: ISO 3166-1 alpha-2; empty if unknown.
         buildings: areas of buildings.
+        standing: areas of those that stand in the twin.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class Layout:
         side: str,
         country: str,
         buildings: Sequence[shapely.Geometry] = (),
+        standing: Sequence[shapely.Geometry] = (),
     ) -> None:
         self.pieces, self.side, self.country = list(pieces), side, country
         self.outer: list[WayPiece] = []
@@ -89,7 +91,7 @@ class Layout:
             half_width(sum(map(sum, lanes)), piece.tags)
             for piece, lanes in zip(pieces, self.lanes, strict=True)
         ]
-        self.space = FreeSpace([piece.points for piece in pieces], widths, buildings)
+        self.space = FreeSpace([piece.points for piece in pieces], widths, buildings, standing)
 
     @property
     def turn(self) -> str:
@@ -102,7 +104,11 @@ class Layout:
         return self._next_node - 1
 
     def with_most_room(
-        self, choices: Iterable[Choice], area_of: Callable[[Choice], shapely.Geometry], *own: int
+        self,
+        choices: Iterable[Choice],
+        area_of: Callable[[Choice], shapely.Geometry],
+        *own: int,
+        twice: Callable[[Choice], float] = lambda choice: 0.0,
     ) -> Choice:
         """Return the first choice that has room, else the one that overlaps least for its size.
 
@@ -110,13 +116,15 @@ class Layout:
             choices: where a road could lie, the best first.
             area_of: the area that it would take.
             own: streets that it may touch.
+            twice: how much of it would lie on itself, square metres.
         """
         least = math.inf
         crowded = True
         for choice in choices:
             area = area_of(choice)
             size = SIZE_COST * area.area
-            overlap = self.space.overlap(area, *own, enough=max(ROOM_M2, least - size))
+            overlap = ROAD_COST * twice(choice)
+            overlap += self.space.cost(area, *own, enough=max(ROOM_M2, least - size) - overlap)
             crowded = overlap > ROOM_M2
             if not crowded or overlap + size < least:
                 best, least = choice, overlap + size

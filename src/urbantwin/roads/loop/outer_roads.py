@@ -8,6 +8,7 @@ that they join, so that all that holds for a street holds for them.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,6 +24,9 @@ from urbantwin.roads.sidewalk import sidewalk_sides
 from urbantwin.site import WayPiece
 
 __all__ = ["OuterRoads", "close_loop"]
+
+#: How far the way out of a one-way street may bend aside to pass between buildings, radians.
+FINER_BENDS = tuple(math.radians(a) for a in sorted(range(-75, 80, 5), key=lambda a: (abs(a), -a)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +59,7 @@ def close_loop(
     driving_side: str,
     country: str = "",
     buildings: Sequence[shapely.Geometry] = (),
+    standing: Sequence[shapely.Geometry] = (),
 ) -> OuterRoads:
     """Join every end of a street at the region's border to another, or to itself.
 
@@ -67,9 +72,10 @@ def close_loop(
         driving_side: ``right`` or ``left``.
         country: ISO 3166-1 alpha-2; empty if unknown.
         buildings: areas of buildings, site frame; streets turn round beside them where they can.
+        standing: those of them that stand in the twin: they reach into the region.
     """
     of_map = frozenset(known)
-    about = (of_map, driving_side, country, buildings)
+    about = (of_map, driving_side, country, buildings, standing)
     layout = Layout(_with_sidewalks(pieces, driving_side), *about)
     cut_back = 0
     while blind := _blind_ends(layout, of_map):
@@ -103,13 +109,10 @@ def close_loop(
             )
             (exits if end.leaves else entries).append(gate)
     near = near_pairs(exits, entries)
-    exits = [gate for gate in exits if all(gate is not a for a, _ in near)]
-    entries = [gate for gate in entries if all(gate is not b for _, b in near)]
+    exits = [_past_walls(layout, g) for g in exits if all(g is not a for a, _ in near)]
+    entries = [_past_walls(layout, g) for g in entries if all(g is not b for _, b in near)]
     for gate in (*exits, *entries):
-        way_out = shapely.LineString([gate.point + gate.ahead, gate.point + gate.ahead * WAY_OUT_M])
-        layout.space.reserve(
-            way_out.buffer(half_width(gate.lanes * gate.lane_m, gate.tags), cap_style="flat")
-        )
+        layout.space.reserve(_ahead(gate))
     for exit_, entry in near:
         join_carriageways(layout, exit_, entry)
     tips = [add_turnaround(layout, end, number[end.piece.id]) for end in turning]
@@ -165,6 +168,20 @@ def _way_out(layout: Layout, end: LooseEnd, street: int) -> float | None:
     headings = (end.heading + bend for bend in BENDS)
     free = (h for h in headings if layout.space.leads_out(street, end.point, h))
     return next(free, None)
+
+
+def _past_walls(layout: Layout, gate: Gate) -> Gate:
+    """Return a gate whose way out leads through as little as possible of standing buildings."""
+    turned = [replace(gate, heading=gate.heading + bend) for bend in FINER_BENDS]
+    free = [one for one in turned if layout.space.leads_out(one.street, one.point, one.heading)]
+    return min(free, key=lambda one: layout.space.walls_on(_ahead(one)), default=gate)
+
+
+def _ahead(gate: Gate) -> shapely.Polygon:
+    """Return the straight way out of a gate as an area."""
+    line = shapely.LineString([gate.point + gate.ahead, gate.point + gate.ahead * WAY_OUT_M])
+    half = half_width(gate.lanes * gate.lane_m, gate.tags)
+    return line.buffer(half, cap_style="flat")
 
 
 def _cut_back(pieces: Sequence[WayPiece], ends: Sequence[LooseEnd]) -> list[WayPiece]:

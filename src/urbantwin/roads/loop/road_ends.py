@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.cross_section import cross_section
 from urbantwin.site import WayPiece
+from urbantwin.site.access import is_driven
 
 __all__ = ["LooseEnd", "loose_ends", "motor_lanes"]
 
@@ -78,7 +79,7 @@ def loose_ends(
     """Return the ends at nodes that no other piece of a way has, in the order of the pieces.
 
     Of one-way streets that begin or end at one node, where no other leads on, it is the end of the
-    widest.
+    widest. Streets that are closed to motor traffic have none: nothing comes there.
 
     Args:
         pieces: the ways of the network, cut to the region.
@@ -92,6 +93,8 @@ def loose_ends(
     of_map = frozenset(known)
     ends: dict[int, list[LooseEnd]] = defaultdict(list)
     for piece, (along, against) in zip(pieces, lanes, strict=True):
+        if not is_driven(piece.tags):
+            continue
         for at_start in (True, False):
             node = piece.nodes[0 if at_start else -1]
             points = piece.points if at_start else piece.points[::-1]

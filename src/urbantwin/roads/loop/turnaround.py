@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import numpy as np
 import shapely
 
 from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags, turning_radius
+from urbantwin.roads.loop.dubins import BUS_RADIUS_M
 from urbantwin.roads.loop.free_space import Points, dubins_points, unit
 from urbantwin.roads.loop.layout import Gate, Layout
 from urbantwin.roads.loop.road_ends import LooseEnd
@@ -35,10 +37,10 @@ def add_turnaround(layout: Layout, end: LooseEnd, street: int) -> Gate:
     """Extend a two-way street to a turnaround, and return the turnaround's far point."""
     lanes, width = end.enters, end.enters * end.lane_m
     tags = _tags(layout, end.piece.tags, lanes, end.lane_m)
-    half, radius = half_width(width, tags) + CLEARANCE_M, turning_radius(width)
+    half = half_width(width, tags) + CLEARANCE_M
     stem_half = half_width((end.leaves + end.enters) * end.lane_m, end.piece.tags)
 
-    def choice(stem: float, bend: float) -> tuple[float, Points, shapely.Geometry]:
+    def choice(radius: float, stem: float, bend: float) -> tuple[float, Points, shapely.Geometry]:
         heading = end.heading + bend
         tip = end.point + unit(heading) * stem
         line = _turnaround_line(tip, heading, radius, layout.turn)
@@ -46,7 +48,8 @@ def add_turnaround(layout: Layout, end: LooseEnd, street: int) -> Gate:
         area = road.buffer(stem_half, cap_style="flat").union(shapely.Polygon(line).buffer(half))
         return heading, line, area
 
-    places = (choice(stem, bend) for stem in STEMS_M for bend in BENDS)
+    radii = (turning_radius(width), BUS_RADIUS_M)
+    places = (choice(*one) for one in product(radii, STEMS_M, BENDS))
     heading, line, area = layout.with_most_room(places, lambda place: place[2], street)
     layout.space.take(area)
     node, far, middle = layout.new_node(), layout.new_node(), len(line) // 2
@@ -106,9 +109,14 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
     def area_of(line: Points) -> shapely.Polygon:
         return shapely.LineString(line).buffer(half, cap_style="flat")
 
+    def twice(line: Points) -> float:
+        road = shapely.LineString(line)
+        band = road.buffer(width / 2, cap_style="flat")
+        return max(float(road.length) * width - float(band.area), 0.0)
+
     lines = (turnaround_line(stem, splay) for stem in STEMS_M for splay in SPLAYS)
     own = (exit_.street, entry.street, *exit_.beside, *entry.beside)
-    line = layout.with_most_room(lines, area_of, *own)
+    line = layout.with_most_room(lines, area_of, *own, twice=twice)
     layout.space.take(area_of(line))
     # They meet at the tip: one leg may be much longer than the other, and where the two ways lie
     # side by side netconvert would take the turn itself for a junction.

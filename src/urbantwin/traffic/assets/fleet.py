@@ -82,7 +82,7 @@ class Fleet:
         within = (place - float(share[which] - kind["share"])) / kind["share"]
         bodies = kind["bodies"]
         body = bodies[min(int(within * len(bodies)), len(bodies) - 1)]
-        coat = coat_at(float(at[4])) if actor_class in COATED_CLASSES else ""
+        coat = coat_at(float(at[4]), actor_class) if actor_class in COATED_CLASSES else ""
         return str(AssetName(body, coat, _size(kind, body, at)))
 
 

@@ -21,6 +21,7 @@ from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
 from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers
+from urbantwin.traffic.calibration.gap_acceptance import conflicts_of, decisions_of
 from urbantwin.traffic.calibration.measured import Measured, joined, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import (
@@ -110,7 +111,7 @@ def calibrate_traffic(
             _lit(document, middle)
             _timed(document, timing)
             twin = _built(document, scratch, between(progress, 0.25, 0.4))
-        part = measured(seen, passages, twin.roads, 0.0, fit_s)
+        part = _measured(twin, seen)(0.0, fit_s)
         if not part.turns:
             raise InputError(
                 f"nobody passes the junction in its first {fit_s:.0f} s",
@@ -254,7 +255,8 @@ def _measured(twin: Twin, tracks: list[SeenTrack]) -> Callable[[float, float], M
     """Return what measures tracks between two moments, seconds."""
     links = JunctionLinks.of(twin.net_path, twin.roads)
     passages = passages_of(tracks, twin.roads, links)
-    return partial(measured, tracks, passages, twin.roads)
+    choices = decisions_of(passages, conflicts_of(links, twin.net_path, twin.roads), links)
+    return partial(measured, tracks, passages, twin.roads, decisions=choices)
 
 
 def _judged(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.roads.curve_speed import SIDEWAYS_MS2
+from urbantwin.traffic.calibration.gap_acceptance import critical_gap
 from urbantwin.traffic.calibration.measured import Measured
 
 __all__ = ["ROUNDS", "fitted_drivers"]
@@ -45,15 +46,16 @@ class _Parameter:
         figure: a sum of them: median, ...
         ratio: whether the parameter goes as the figure (else: by as much).
         what: the values in words.
-        fewest: of fewer values it tells nothing.
+        fewest: of fewer values it tells nothing; of several parameters of one field the first that
+            tells something counts.
     """
 
     field: str
     usual: float
     least: float
     most: float
-    sample: Callable[[Measured], list[float]]
-    figure: Callable[[list[float]], float]
+    sample: Callable[[Measured], list[Any]]
+    figure: Callable[[list[Any]], float]
     ratio: bool
     what: str
     fewest: int = _FEWEST
@@ -125,6 +127,11 @@ _PARAMETERS = (
         lambda part: part.all_headways[part.all_headways <= _FOLLOWS_S].tolist(),
         *(_median, False, "headways of who follows at the stop line, s"),
     ),
+    _Parameter(
+        *("critical_gap_s", 1.0, 0.1, 8.0),
+        lambda part: part.gap_choices if any(gap > 0 for gap, _ in part.gap_choices) else [],
+        *(critical_gap, False, "choices of a gap by who gives way, s", _MANY),
+    ),
 )
 
 
@@ -152,8 +159,8 @@ def fitted_drivers(
     known = list(first.values())
     untold = [
         f"{one.field}: {len(one.sample(recorded))} {one.what} are too few, the usual stays"
-        for one in _PARAMETERS
-        if one.field not in first and one.fewest == _FEWEST
+        for one in {one.field: one for one in _PARAMETERS}.values()
+        if one.field not in first
     ]
     wanted = {one.field: one.figure(one.sample(recorded)) for one in known}
     drivers = {one.field: one.usual for one in known}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.calibration.gap_acceptance import Decision
 from urbantwin.traffic.calibration.passages import MOTORS, Passage, SeenTrack
 
 __all__ = ["Measured", "joined", "measured"]
@@ -58,6 +59,7 @@ class Measured:
         cruising: speeds as shares of the limit where vehicles keep them on a road, one a vehicle.
         tops: speeds that nine tenths of a vehicle's way stay below, as shares of the road's limit.
         bends: accelerations to the side in turns, m/s2, one a vehicle.
+        gap_choices: (longest refused, taken) gaps of those who gave way, seconds.
     """
 
     seconds: float
@@ -73,6 +75,7 @@ class Measured:
     cruising: list[float]
     tops: list[float]
     bends: list[float]
+    gap_choices: list[tuple[float, float]]
 
     @property
     def all_headways(self) -> NDArray[np.float64]:
@@ -102,7 +105,7 @@ def joined(parts: Sequence[Measured]) -> Measured:
         tuple(every("speeds")),
         dict(headways),
         *(every(name) for name in ("gaps", "following", "accelerations")),
-        *(every(name) for name in ("faded", "cruising", "tops", "bends")),
+        *(every(name) for name in ("faded", "cruising", "tops", "bends", "gap_choices")),
     )
 
 
@@ -112,8 +115,19 @@ def measured(
     roads: RoadNetwork,
     begin_s: float,
     end_s: float,
+    *,
+    decisions: Sequence[Decision] = (),
 ) -> Measured:
-    """Measure the traffic between two moments, seconds."""
+    """Measure the traffic between two moments, seconds.
+
+    Args:
+        tracks: who was there.
+        passages: of them, who passed the junction.
+        roads: the lanes.
+        begin_s: the first moment.
+        end_s: the last one.
+        decisions: of those who gave way; those whose gap says nothing are left out.
+    """
     there = [one for one in tracks if one.time_s[-1] >= begin_s and one.time_s[0] < end_s]
     new = [one for one in there if one.time_s[0] > max(begin_s, 0.5)]
     turns: Counter[tuple[str, str]] = Counter()
@@ -148,6 +162,11 @@ def measured(
         [x for one in within if (x := _cruising(one, roads)) is not None],
         [x for one in within if (x := _top(one, limits)) is not None],
         [x for one in within if (x := _in_a_turn(one)) is not None],
+        [
+            (one.refused_s, one.taken_s)
+            for one in decisions
+            if begin_s <= one.at_s < end_s and (one.refused_s > 0 or np.isfinite(one.taken_s))
+        ],
     )
 
 

@@ -74,12 +74,14 @@ class JunctionLinks:
         ways: lane within -> (lane before, road after).
         links: (lane before, road after) -> numbers of the signal's links.
         signals: what its signals control; ``None`` without any.
+        green: (phases, links) which links are green in the phases of its program; (0, 0) without.
     """
 
     junction: str
     ways: dict[str, tuple[str, str]]
     links: dict[tuple[str, str], tuple[int, ...]]
     signals: Signalised | None
+    green: NDArray[np.bool_]
 
     @classmethod
     def of(cls, net: Path, roads: RoadNetwork) -> JunctionLinks:
@@ -109,7 +111,28 @@ class JunctionLinks:
         there = signalised_junctions(root) if program else []
         signals = next((one for one in there if one.program == program), None)
         found = {way: tuple(numbers) for way, numbers in links.items()}
-        return cls(junction, ways, found, signals)
+        return cls(junction, ways, found, signals, _green(root, program))
+
+    def together(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
+        """Return whether two ways are ever green at the same time; without signals they are."""
+        first, second = self.links.get(one, ()), self.links.get(other, ())
+        if not first or not second:
+            return True
+        green = self.green[:, list(first)].any(axis=1) & self.green[:, list(second)].any(axis=1)
+        return bool(green.any())
+
+
+def _green(root: etree._Element, program: str) -> NDArray[np.bool_]:
+    """Return which links (phases, links) of a program are green."""
+    states = [
+        phase.get("state")
+        for one in root.iterfind("tlLogic")
+        if one.get("id") == program
+        for phase in one.iterfind("phase")
+    ]
+    if not states:
+        return np.zeros((0, 0), np.bool_)
+    return np.array([[letter in "Gg" for letter in state] for state in states], np.bool_)
 
 
 def passages_of(

@@ -14,7 +14,7 @@ import numpy as np
 
 from urbantwin.roads import BusStop
 from urbantwin.roads.assignment.circuit import Circuit
-from urbantwin.roads.assignment.movement_flows import IN_CARS, flows_of_circuits
+from urbantwin.roads.assignment.movement_flows import BICYCLE_IN_CARS, IN_CARS, flows_of_circuits
 from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
@@ -104,11 +104,12 @@ class Circulation:
         return any(name in self._circuits for name in driving)
 
     def flows(self) -> dict[tuple[str, str, str], float]:
-        """Return (edge, next edge, the one after that) -> cars an hour, of motor traffic."""
+        """Return (edge, next edge, the one after that) -> cars an hour, cyclists among cars too."""
+        in_cars = {**IN_CARS, "bicycle": BICYCLE_IN_CARS}
         return flows_of_circuits(
-            (circuit, self.per_hour[name] * IN_CARS[name])
+            (circuit, self.per_hour[name] * in_cars[name])
             for name, circuit in self._circuits.items()
-            if name in IN_CARS
+            if name in in_cars
         )
 
     def populations(

@@ -11,7 +11,15 @@ import numpy as np
 from urbantwin.errors import InputError
 from urbantwin.roads import Lane, Road, RoadNetwork
 
-__all__ = ["Way", "crossing_of", "main_junction", "road_of", "turn_of", "way_of"]
+__all__ = [
+    "Way",
+    "crossing_of",
+    "main_junction",
+    "ridden_along",
+    "road_of",
+    "turn_of",
+    "way_of",
+]
 
 _ARMS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
 _TURNS = ("left", "through", "right", "u-turn")
@@ -189,6 +197,52 @@ def crossing_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Lane:
         place=place,
         expected=f"one of {told}" if told else "the id of a crossing: this junction has none",
     )
+
+
+def ridden_along(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
+    """Return the way straight on that cyclists take who are counted on a crossing.
+
+    They ride beside those who walk over it: past the arm that it crosses, which lies at their
+    kerb. Of several ways it is the one that is nearest to the crossing.
+
+    Raises:
+        InputError: the crossing is not there, or nobody rides along it.
+    """
+    crossing = crossing_of(row, roads, place)
+    middle = crossing.centre[:, :2].mean(axis=0)
+    kerb = 1.0 if roads.driving_side == "left" else -1.0
+    lane_of = {
+        road.id: [roads.lane_by_id[lane] for lane in road.lanes if _is_ridden(lane, roads)]
+        for road in roads.roads
+    }
+    found: list[tuple[float, Way]] = []
+    for approach in roads.roads:
+        if approach.to_junction != crossing.junction or not lane_of[approach.id]:
+            continue
+        for leaving in roads.roads:
+            if leaving.from_junction != crossing.junction or not lane_of[leaving.id]:
+                continue
+            begin = lane_of[approach.id][0].centre[-1, :2]
+            step = lane_of[leaving.id][0].centre[0, :2] - begin
+            off = middle - begin
+            length = float(np.hypot(*step))
+            along = float(step @ off) / max(length, 1e-9)
+            aside = kerb * float(step[0] * off[1] - step[1] * off[0]) / max(length, 1e-9)
+            if not (0 < along < length and aside > 0):
+                continue
+            if turn_of(roads, approach, leaving) == "through":
+                found.append((aside, Way(approach, leaving)))
+    if not found:
+        raise InputError(
+            f"nobody rides along the crossing {str(row['crossing'])[:60]!r}",
+            place=place,
+            expected="a crossing that bicycles pass straight on, or approach and turn",
+        )
+    return min(found, key=lambda one: (one[0], one[1].approach.id, one[1].exit.id))[1]
+
+
+def _is_ridden(lane: str, roads: RoadNetwork) -> bool:
+    return "bicycle" in roads.lane_by_id[lane].allowed
 
 
 def _junction(name: str, roads: RoadNetwork, place: str) -> str:

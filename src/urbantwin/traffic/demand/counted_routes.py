@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.demand.counted_places import crossing_of, road_of, way_of
+from urbantwin.traffic.demand.counted_places import crossing_of, ridden_along, road_of, way_of
 from urbantwin.traffic.demand.counted_volumes import departures_of, rates_of, wanted_of
 from urbantwin.traffic.demand.demand import WALKING_MS, CountedRow, Demand, LeftOut, Routes, Trip
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
@@ -162,6 +162,9 @@ def fitted_volumes(
 
 
 def _place(row: Mapping[str, Any], roads: RoadNetwork, spot: str) -> _Place:
+    if row.get("crossing") and row.get("actor_class") == "bicycle":
+        way = ridden_along(row, roads, spot)
+        return _Place(way.approach.id, way.exit.id)
     if row.get("crossing"):
         edge = crossing_of(row, roads, spot).id.rpartition("_")[0]
         return _Place(edge, edge)

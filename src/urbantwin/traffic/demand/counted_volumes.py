@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["QUARTER_S", "departures_of", "is_counted", "rates_of", "wanted_of"]
 
@@ -18,7 +19,9 @@ _NOT_MOTORS = ("bicycle", "pedestrian", "tram")
 
 def is_counted(actor_class: str, counts: Sequence[Mapping[str, Any]]) -> bool:
     """Return whether counts say how many of a class come."""
-    named = {"pedestrian" if row.get("crossing") else row.get("actor_class") for row in counts}
+    named = {
+        row.get("actor_class") or ("pedestrian" if row.get("crossing") else None) for row in counts
+    }
     return actor_class in named or (None in named and actor_class not in _NOT_MOTORS)
 
 
@@ -42,12 +45,14 @@ def rates_of(
     if row.get("crossing") and not row.get("actor_class"):
         return {"pedestrian": rates}
     if row.get("actor_class"):
-        if (row["actor_class"] == "pedestrian") != bool(row.get("crossing")):
+        cross = ("pedestrian", "bicycle") if row.get("crossing") else ()
+        drive = () if row.get("crossing") else set(ACTOR_CLASSES) - {"pedestrian"}
+        if row["actor_class"] not in (*cross, *drive):
             raise InputError(
                 f"counts a {row['actor_class']}",
                 place=place,
-                expected="people on foot at a crossing, who drives by approach and turn or on a "
-                "road",
+                expected="people on foot and bicycles at a crossing, who drives by approach and "
+                "turn or on a road",
             )
         return {row["actor_class"]: rates}
     motors = {name: rate for name, rate in per_hour.items() if name not in _NOT_MOTORS and rate > 0}

@@ -19,7 +19,7 @@ from urbantwin.traffic.demand.passengers import with_passengers
 from urbantwin.traffic.demand.time_of_day import at_time_of_day
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.flow.bottleneck import bottleneck
-from urbantwin.traffic.flow.flow_calibration import calibrate
+from urbantwin.traffic.flow.flow_calibration import SURE, calibrate
 from urbantwin.twin import Twin
 
 __all__ = ["demand_of", "outer_roads"]
@@ -79,6 +79,11 @@ def demand_of(
             scratch=scratch,
             progress=progress,
         )
+        held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
+        if asked.get("guessed") and found.carried < 1:
+            # No more is guessed than the streets carried in the pilots.
+            bound = Bound(bound.share * found.carried * SURE, f"in pilot simulations {held_up}")
+            found, held_up = found.as_asked(), ""
         demand = circulation.demand(
             found.populations,
             warmup_s=float(asked["warmup_s"]),
@@ -98,7 +103,6 @@ def demand_of(
                 seed=seed,
                 body=body,
             )
-        held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
         return replace(demand, carried=found.carried, held_up=held_up, bound=bound, manners=manners)
     planned = plan_demand(
         network,

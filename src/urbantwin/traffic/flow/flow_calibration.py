@@ -22,7 +22,7 @@ from urbantwin.traffic.demand.demand import Population
 from urbantwin.traffic.sumo.simulation import Observed, observe
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
-__all__ = ["Calibrated", "calibrate"]
+__all__ = ["SURE", "Calibrated", "calibrate"]
 
 #: Length of a pilot, the start of it that does not count, and SUMO's step.
 PILOT_S, SETTLING_MIN, STEP_MS = 480, 3, 500
@@ -41,12 +41,15 @@ GROWTH = 1.6
 WORTHWHILE = 0.3
 #: A flow that falls below this share within a pilot is that of streets that lock up.
 FALLS = 0.6
-#: A longer pilot tells whether it goes on so: nobody may stand for longer than this, seconds; else
-#: there are fewer, at most so often.
-LONG_S, LONGEST_HALT_S, LESS, TIMES = 900, 200.0, 0.75, 3
-#: Where a longer pilot carries less than was asked for, and nobody stands for long, so many more
-#: are tried, so often: shorter pilots see traffic before it has spread to the signals.
-MORE, TIMES_MORE = 1.2, 3
+#: Longer pilots tell whether it goes on so: how long they are, minutes that do not count, and how
+#: many there are at most. Shorter ones see two or three cycles, before queues have grown: what they
+#: say of the flow differs from an hour's by a tenth and more.
+LONG_S, LONG_SETTLING_MIN, LONG_PILOTS = 1500, 5, 5
+#: Nobody may stand for longer than this in them, seconds, or there are so many times fewer; where
+#: they carry less than was asked for there are more, so many times at least and at most.
+LONGEST_HALT_S, LESS, MORE = 200.0, 0.75, (1.08, 1.25)
+#: What a longer pilot carries is carried to this share in an hour, surely: it sees 10 to 20 cycles.
+SURE = 0.95
 #: Of populations whose flows differ by no more than this the smallest is taken: it is farthest from
 #: locking up.
 ALIKE = 0.05
@@ -65,6 +68,16 @@ class Calibrated:
     populations: list[Population]
     carried: float
     standing: Mapping[str, float] = field(default_factory=dict)
+
+    def as_asked(self) -> Calibrated:
+        """Return the same population, with what it surely carries for what was asked for."""
+        populations = [
+            replace(group, per_hour=group.per_hour * self.carried * SURE)
+            if _kind(group.actor_class) == "motor"
+            else group
+            for group in self.populations
+        ]
+        return replace(self, populations=populations, carried=1.0)
 
 
 @dataclass(frozen=True)
@@ -127,7 +140,7 @@ def calibrate(
             trams=trams,
             scratch=scratch,
         ).observed
-        flow = _flow(populations, seen, (seconds - PILOT_S) // 60 + SETTLING_MIN)
+        flow = _flow(populations, seen, SETTLING_MIN if seconds == PILOT_S else LONG_SETTLING_MIN)
         pace, halt_s = _pace(populations, seen, others), seen.longest_halt_s
         return _Pilot(size, flow, pace, seen.queued, seconds, halt_s)
 
@@ -160,25 +173,42 @@ def calibrate(
             break
         before = now
         size = min(size * min(1.0 / max(now.flow, 0.1), GROWTH), most)
-    best = _best(found)
-    for _ in range(TIMES):
-        long = pilot(best.size, free, little.pace, LONG_S)
-        if long.flow and long.longest_halt_s < LONGEST_HALT_S:
-            best = long
-            break
-        best = replace(long, size=best.size * LESS, flow=long.flow * LESS)
-    held = [best]
-    for _ in range(TIMES_MORE):
-        if held[-1].flow >= 1.0 - TOLERANCE or held[-1].size * MORE > most:
-            break
-        further = pilot(held[-1].size * MORE, free, little.pace, LONG_S)
-        if further.longest_halt_s > LONGEST_HALT_S:
-            break
-        held.append(further)
-    best = _best(held)
+    best = _in_the_long_run(
+        _best(found).size, most, lambda size: pilot(size, free, little.pace, LONG_S)
+    )
     standing = {lane: total / best.seconds for lane, total in best.queued.items()}
     carried = 1.0 if best.flow >= 1.0 - TOLERANCE else best.flow
     return Calibrated(planned(best), carried, standing)
+
+
+def _in_the_long_run(first: float, most: float, pilot: Callable[[float], _Pilot]) -> _Pilot:
+    """Return the longer pilot of the population that is taken.
+
+    Args:
+        first: the population to begin with.
+        most: the largest.
+        pilot: runs one of a population.
+    """
+    held: list[_Pilot] = []
+    size = first
+    for _ in range(LONG_PILOTS):
+        now = pilot(size)
+        if not now.flow or now.longest_halt_s >= LONGEST_HALT_S:
+            most = size
+            size = (size * held[-1].size) ** 0.5 if held else size * LESS
+        else:
+            gain = (now.flow - held[-1].flow) / (now.size - held[-1].size) if held else np.inf
+            held.append(now)
+            if now.flow >= 1.0 - TOLERANCE or gain < WORTHWHILE * now.flow / now.size:
+                break
+            size = min(size * float(np.clip(1.0 / now.flow, *MORE)), most)
+        if held and size < held[-1].size * MORE[0]:
+            break
+    if not held:
+        return replace(now, size=size, flow=now.flow * LESS)
+    best = _best(held)
+    # More than was asked for: there are fewer.
+    return replace(best, size=best.size / max(best.flow, 1.0))
 
 
 def _best(found: list[_Pilot]) -> _Pilot:

@@ -105,7 +105,9 @@ def _is_nothing(profile: Profile) -> bool:
 
 
 def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
-    kind = LANE_TYPES[place.version][lane.kind]
+    # "A lane on which cars should not drive": those of a street that is closed to everybody.
+    is_closed = lane.kind in DRIVEN and not lane.allowed
+    kind = "restricted" if is_closed else LANE_TYPES[place.version][lane.kind]
     item = etree.SubElement(parent, "lane", id=str(lane.id), type=kind, level="false")
     along = (lane.id < 0) == (place.model.driving_side == "right")
     reversed_ = lane.kind in DRIVEN and lane.forward != along
@@ -119,9 +121,11 @@ def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
         etree.SubElement(
             item, "speed", sOffset="0", max=number(round(lane.speed_limit, 3)), unit="m/s"
         )
-    if place.version != "1.4" and lane.allowed and set(lane.allowed) != set(usual_users(lane.kind)):
-        access = etree.SubElement(item, "access", sOffset="0", rule="allow")
-        for name in lane.allowed:
+    told = tuple(ACCESS) if is_closed else lane.allowed
+    if place.version != "1.4" and told and set(lane.allowed) != set(usual_users(lane.kind)):
+        rule = "deny" if is_closed else "allow"
+        access = etree.SubElement(item, "access", sOffset="0", rule=rule)
+        for name in told:
             etree.SubElement(access, "restriction", type=ACCESS[name])
     if lane.height:
         etree.SubElement(item, "height", **numbers(sOffset=0, inner=lane.height, outer=lane.height))
