@@ -10,6 +10,7 @@ from urbantwin.traffic.assets import Fleet, asset, asset_mesh, asset_names
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.coupling import are_coupled, towed_by
+from urbantwin.traffic.paths.obstacles import Blocks
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import stand
 from urbantwin.traffic.sumo.simulation import Observed, Simulated
@@ -36,6 +37,10 @@ class Plane:
 
 def nobody() -> PlanBoxes:
     return PlanBoxes(np.zeros(0, int), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
+
+
+def standing(boxes: PlanBoxes) -> Blocks:
+    return Blocks(boxes, np.zeros(len(boxes.yaw)))
 
 
 def seen(*ways) -> Simulated:
@@ -72,7 +77,7 @@ def circle(radius_m: float, seconds: float) -> tuple[np.ndarray, np.ndarray]:
 
 def table_of(names, *ways, blocks=None):
     trips = tuple(Trip(asset(name).actor_class, name, 0.0, ("a",)) for name in names)
-    place = Place(RoadNetwork("right", (), (), (), (), ()), Plane(), blocks or nobody())
+    place = Place(RoadNetwork("right", (), (), (), (), ()), Plane(), standing(blocks or nobody()))
     steps = max(len(front) for front, _ in ways)
     made = actor_table(
         seen(*ways), Demand(trips, ()), place, steps=steps, step_s=STEP_S, asset=asset

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from urbantwin.traffic.paths.steering import faced, steered
+from urbantwin.traffic.paths.steering import steered
 
 
 @pytest.mark.parametrize(("radius", "rear_m"), [(8.0, 1.35), (12.0, 3.0), (40.0, 1.35)])
@@ -40,28 +40,3 @@ def test_who_stands_keeps_the_heading_and_who_has_no_axle_too() -> None:
     np.testing.assert_array_equal(steered(still, np.full(5, 2.0), 1.3), np.full(5, 2.0))
     moving = np.column_stack([np.arange(5.0), np.arange(5.0)])
     np.testing.assert_array_equal(steered(moving, np.full(5, 2.0), 0.0), np.full(5, 2.0))
-
-
-def test_people_turn_with_their_changed_path() -> None:
-    time_s = np.arange(0, 6, 0.1)
-    before = np.column_stack([1.3 * time_s, 0 * time_s])
-    after = np.column_stack([1.3 * time_s, 0.8 * time_s])
-    yaw = faced(after, before, np.full(60, 0.2), np.full(60, 1.3), 0.1)
-    np.testing.assert_allclose(yaw, 0.2 + np.arctan2(0.8, 1.3), atol=1e-9)
-    np.testing.assert_array_equal(
-        faced(before, before, np.full(60, 0.2), np.full(60, 1.3), 0.1), np.full(60, 0.2)
-    )
-    still = np.tile([1.0, 1.0], (60, 1))
-    np.testing.assert_allclose(
-        faced(still + 0.3, still, np.full(60, 0.2), np.full(60, 1.3), 0.1), 0.2
-    )
-
-
-def test_who_waits_does_not_turn() -> None:
-    time_s = np.arange(0, 8, 0.1)
-    speed = np.where(time_s < 4, 1.3, 0.0)
-    before = np.column_stack([np.cumsum(speed) * 0.1, 0 * time_s])
-    after = before + np.column_stack([0 * time_s, 0.6 * np.clip(time_s - 2, 0, 2)])
-    yaw = faced(after, before, np.zeros(80), speed, 0.1)
-    assert yaw[30] == pytest.approx(np.arctan2(0.6, 1.3), abs=0.01)
-    assert np.ptp(yaw[speed == 0]) == 0.0

@@ -128,12 +128,6 @@ def test_what_is_drawn_stays_behind_who_draws_it() -> None:
     assert (head[:, 0] < places[:, 0] - 0.5).any()
 
 
-def test_nobody_on_foot_is_faster_than_people_run() -> None:
-    speed = np.where((np.arange(100) > 30) & (np.arange(100) < 40), 5.0, 1.3)
-    found, _ = waited([("pedestrian", *way(np.zeros(2), speed))])
-    assert np.hypot(*np.diff(found["xy"], axis=0).T).max() / STEP_S < 2.5
-
-
 def test_who_meets_nobody_keeps_the_way_to_the_bit() -> None:
     fast = np.full(100, 6.0)
     ways = [way(np.array([0.0, 10.0 * n]), fast) for n in range(3)]

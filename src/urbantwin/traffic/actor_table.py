@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,24 +19,27 @@ from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.paths.bending import steering_part, vehicles, with_bodies
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.corner_cutting import corner_cutters, with_rigid
+from urbantwin.traffic.paths.crowd import crowd_walked
 from urbantwin.traffic.paths.detours import round_blocks
-from urbantwin.traffic.paths.footing import Footways
-from urbantwin.traffic.paths.obstacles import Obstacles
+from urbantwin.traffic.paths.obstacles import Blocks, Obstacles
 from urbantwin.traffic.paths.placement import Ground, stand
 from urbantwin.traffic.paths.separation import Moving, separated
-from urbantwin.traffic.paths.sidestepping import sidestepped
 from urbantwin.traffic.paths.solids import Solids
-from urbantwin.traffic.paths.steering import faced, steered
+from urbantwin.traffic.paths.steering import steered
 from urbantwin.traffic.paths.track_box import track_size
 from urbantwin.traffic.paths.trajectory import smoothed
+from urbantwin.traffic.paths.walked_cells import AROUND_M, WalkedCells
 from urbantwin.traffic.paths.yielding import Before, yielded
 from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["Place", "Tabled", "actor_table"]
 
 _STANDING_MS = 0.15  # who is slower than this stands, m/s
-_BESIDE_M = 2.0  # people who pass each other use the footway beside their lane
+_TURNS = 2  # vehicles go round people and wait for them, who go round who waits, so often
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
+
+
+Columns = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +54,7 @@ class Place:
 
     roads: RoadNetwork
     ground: Ground
-    blocks: PlanBoxes
+    blocks: Blocks
 
     @classmethod
     def of(cls, roads: RoadNetwork, ground: Ground, scene: LabelledMesh, parked: pa.Table) -> Place:
@@ -61,7 +64,7 @@ class Place:
         )
         half = np.column_stack([length, width]) / 2
         cars = PlanBoxes(np.zeros(len(x), np.int64), np.column_stack([x, y]), yaw, half)
-        return cls(roads, ground, PlanBoxes.joined([Obstacles(scene).blocks(ground.top), cars]))
+        return cls(roads, ground, Obstacles(scene).blocks(ground.top).with_cars(cars))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,15 +114,15 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
     solids = _solids(simulated, demand, place)
-    simulated = round_blocks(simulated, demand, place.roads, solids, step_s)
     columns = _poses(simulated, demand, step_s=step_s, asset=asset, tell=smoothing)
     ground, tracks = place.ground, place.roads.tracks
+    columns = _round_blocks(columns, simulated, demand, place, solids, step_s)
     bent, trips, who = with_bodies(columns, demand, simulated, tracks, asset=asset)
     if before is not None:
         rigid = before.rigid
     else:
         level = ground.levels(simulated.lanes)[bent["lane"]]
-        rigid = corner_cutters(bent, trips, who, place.blocks, level, asset)
+        rigid = corner_cutters(bent, trips, who, place.blocks.low, level, asset)
     if rigid:
         demand = with_rigid(demand, rigid, asset)
         again = _poses(_of_trips(simulated, rigid), demand, step_s=step_s, asset=asset, tell=untold)
@@ -186,7 +189,24 @@ def _solids(simulated: Simulated, demand: Demand, place: Place) -> Solids:
     """Return what stands near people's ways."""
     walks = np.array([trip.actor_class == "pedestrian" for trip in demand.trips], np.bool_)
     walked = simulated.front[walks[simulated.trip]] if len(walks) else np.zeros((0, 2))
-    return Solids(place.blocks, walked, place.roads.footway(0))
+    return Solids(place.blocks.low, walked, place.roads.footway(0))
+
+
+def _round_blocks(
+    columns: Columns,
+    simulated: Simulated,
+    demand: Demand,
+    place: Place,
+    solids: Solids,
+    step_s: float,
+) -> Columns:
+    """Return poses in which people on the ground walk round what stands there."""
+    afoot = np.array([trip.actor_class == "pedestrian" for trip in demand.trips], np.bool_)
+    level = place.ground.levels(simulated.lanes)[columns["lane"]]
+    walks = afoot[columns["trip"]] & (level == 0)
+    footway = place.roads.footway(0)
+    cells = WalkedCells(columns["xy"][walks], solids.shapes, footway, AROUND_M)
+    return round_blocks(columns, walks, cells, step_s)
 
 
 def _poses(
@@ -271,35 +291,54 @@ def _apart(  # noqa: PLR0913 - all that they go between
     )
     whose = np.where(led, who, vehicles(who))
     moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, whose)
-    footways = Footways(place.roads, lanes, beyond_m=_BESIDE_M)
-    xy, speed = separated(moving, place.blocks, footways, step_s, solids)
-    parted = _headed({**columns, "xy": xy, "speed": speed}, columns, classes, meshes, step_s)
-    waited = yielded(parted, moving, still[trip] / 2, step_s, before, between(tell, 0.5, 1.0))
-    footway = place.roads.footway(0)
-    aside = sidestepped(
-        waited, moving, still[trip] / 2, step_s, place.blocks, solids.shapes, footway
-    )
-    return _headed(aside, waited, classes, meshes, step_s)
+    footway, half = place.roads.footway(0), still[trip] / 2
+
+    def among_people(now: Columns) -> Columns:
+        return crowd_walked(now, moving, half, step_s, place.blocks.low, solids.shapes, footway)
+
+    height = np.array([mesh.height for mesh in meshes])[trip]
+    behind = []
+    for turn in range(_TURNS):
+        columns = among_people(columns)
+        columns = _round_others(columns, moving, size / 2, height, place.blocks, meshes, step_s)
+        was = before.turn(turn) if before else None
+        waiting = between(tell, turn / _TURNS, (turn + 1) / _TURNS)
+        columns = yielded(columns, moving, half, step_s, was, waiting)
+        behind.append(columns.pop("behind"))
+    # Who waits is in people's way for longer.
+    return {**among_people(columns), "behind": np.column_stack(behind)}
 
 
-def _headed(
+def _round_others(
+    columns: Columns,
+    moving: Moving,
+    half: NDArray[np.float64],
+    height: NDArray[np.float64],
+    blocks: Blocks,
+    meshes: Sequence[Asset],
+    step_s: float,
+) -> Columns:
+    """Return poses in which vehicles go round what is beside them a little."""
+    boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], half)
+    now = replace(moving, boxes=boxes, speed=columns["speed"])
+    xy, speed = separated(now, blocks, height, step_s)
+    return _steered({**columns, "xy": xy, "speed": speed}, columns, moving.classes, meshes)
+
+
+def _steered(
     columns: dict[str, NDArray[Any]],
     was: dict[str, NDArray[Any]],
     classes: Sequence[str],
     meshes: Sequence[Asset],
-    step_s: float,
 ) -> dict[str, NDArray[Any]]:
-    """Return poses in which everybody whose path is another than it was faces along it."""
-    trip, xy, speed = columns["trip"], columns["xy"], columns["speed"]
+    """Return poses in which every vehicle whose path is another than it was drives along it."""
+    trip, xy = columns["trip"], columns["xy"]
     yaw = columns["yaw"].copy()
     breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(columns["step"]) != 1)) + 1
     for rows in np.split(np.arange(len(trip)), breaks):
-        if not (xy[rows] != was["xy"][rows]).any():
-            continue
-        if classes[trip[rows[0]]] == "pedestrian":
-            yaw[rows] = faced(xy[rows], was["xy"][rows], yaw[rows], speed[rows], step_s)
-        else:
-            yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
+        number = trip[rows[0]] if len(rows) else 0
+        if (xy[rows] != was["xy"][rows]).any() and classes[number] != "pedestrian":
+            yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[number]))
     return {**columns, "yaw": yaw}
 
 

@@ -258,7 +258,7 @@ class _Streets:
         walked = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
         made = actor_table(
             with_passengers_at_stops(
-                walked, demand, place.blocks, step_s=self.step_s, asset=self.own.asset
+                walked, demand, place.blocks.low, step_s=self.step_s, asset=self.own.asset
             ),
             demand,
             place,

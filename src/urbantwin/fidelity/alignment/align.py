@@ -209,7 +209,7 @@ def align(
     raised = found.explained * features.thinned(_THINNED_M).raised.sum()
     _held(found.curbs_explained * len(features.curbs), raised, file)
     _certain(found, likely, file)
-    share = _told_apart(found.pose, told, sensor, file)
+    share = _told_apart(found.pose, told, sensor, guess, file)
     pose = _of_frame(found.pose, sensor)
     _bounded(pose, guess, file)
     start = None if guess is None else _of_frame(search.standing(span.middle, span.yaw), sensor)
@@ -249,10 +249,19 @@ def _told_apart(
     pose: Pose,
     told: list[tuple[Belief, Pose]],
     sensor: NDArray[np.float64],
+    guess: Guess | None,
     file: str | None,
 ) -> float:
-    """Return how likely the next place is, as a share of the first; refuse two alike."""
-    others = [(belief, other) for belief, other in told[1:] if not _same(pose, other)]
+    """Return how likely the next place is, as a share of the first; refuse two alike.
+
+    Where the guess cannot be is no place, although the search looks there: sensors stand beside
+    the middle of the frame that a guess is of.
+    """
+    others = [
+        (belief, other)
+        for belief, other in told[1:]
+        if not _same(pose, other) and _off(_of_frame(other, sensor), guess) <= 0
+    ]
     if not others:
         return 0.0
     share = others[0][0].share / max(told[0][0].share, 1e-9)
@@ -271,15 +280,20 @@ def _told_apart(
 
 def _bounded(pose: Pose, guess: Guess | None, file: str | None) -> None:
     """Refuse a pose of the points' frame that lies farther off than a guess may be."""
-    if guess is None:
-        return
-    away = np.abs(pose.translation[:2] - [guess.east_m, guess.north_m]).max()
-    if away > guess.within_m:
+    if guess is not None and (beyond := _off(pose, guess)) > 0:
         raise InputError(
-            f"fits best {away:.2f} m from the guess",
+            f"fits best {guess.within_m + beyond:.2f} m from the guess",
             file=file,
             expected=f"up to {guess.within_m:g} m, or a wider span",
         )
+
+
+def _off(pose: Pose, guess: Guess | None) -> float:
+    """Return how far beyond what a guess allows the pose of the points' frame is, metres."""
+    if guess is None:
+        return -np.inf
+    away = np.abs(pose.translation[:2] - [guess.east_m, guess.north_m]).max()
+    return float(away - guess.within_m)
 
 
 def _of_frame(pose: Pose, sensor: NDArray[np.float64]) -> Pose:

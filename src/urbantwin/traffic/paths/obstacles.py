@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -10,18 +12,56 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import semantic_classes
-from urbantwin.traffic.paths.box_plan import PlanBoxes, rows_near
+from urbantwin.traffic.paths.box_plan import PlanBoxes, rows_beside, rows_near
 
-__all__ = ["Obstacles"]
+__all__ = ["Blocks", "Obstacles"]
 
 #: Classes that nobody passes through; leaves give way.
 _SOLID = ("building", "fence", "other-structure", "trunk", "pole", "traffic-sign", "other-object")
 #: Curbs, steps and plinths up to the knee are stepped over or driven on, metres above the ground.
 _KNEE_M = 0.45
-#: What begins above this is over everybody's head, metres.
-_HEAD_M = 2.0
+#: What begins above this is over the heads of people, and what above the second over all that
+#: drives (4 m: Council Directive 96/53/EC), metres.
+HEAD_M, TALL_M = 2.0, 4.0
 #: Objects that are smaller than this in plan are passed as one, metres.
-_SMALL_M = 3.0
+_SMALL_M = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """What stands in the way at every step.
+
+    Attributes:
+        boxes: B of them in plan.
+        begins: (B,) how high above the ground, metres.
+    """
+
+    boxes: PlanBoxes
+    begins: NDArray[np.float64]
+
+    def with_cars(self, cars: PlanBoxes) -> Blocks:
+        """Return these and what stands on the ground, whole."""
+        return Blocks(
+            PlanBoxes.joined([self.boxes, cars]),
+            np.concatenate([self.begins, np.zeros(len(cars.yaw))]),
+        )
+
+    @cached_property
+    def low(self) -> PlanBoxes:
+        """What people do not walk under."""
+        return self.boxes.take(np.flatnonzero(self.begins < HEAD_M))
+
+    @cached_property
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree(self.boxes.polygons)
+
+    def beside(
+        self, boxes: PlanBoxes, height: NDArray[np.float64], within_m: float
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the rows (P,) of boxes so high (N,) that blocks come near to, and which (P,)."""
+        row, block = rows_beside(self._tree, boxes, within_m)
+        met = np.flatnonzero(self.begins[block] < height[row])
+        return row[met], block[met]
 
 
 class Obstacles:
@@ -72,8 +112,8 @@ class Obstacles:
             found[row] = self._name[int(self._semantic[shape])]
         return found
 
-    def blocks(self, height: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PlanBoxes:
-        """Return what stands between knee and head of whoever is on the ground, as boxes in plan.
+    def blocks(self, height: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Blocks:
+        """Return what stands above the knee of whoever is on the ground, as boxes in plan.
 
         What is small (a post, a bench) is one box; of a wall each triangle is one.
 
@@ -82,15 +122,19 @@ class Obstacles:
         """
         middle = self._corners.mean(axis=1)
         ground = height(middle[:, :2])
-        rows = np.flatnonzero((self._high > ground + _KNEE_M) & (self._low < ground + _HEAD_M))
-        key = np.column_stack([self._semantic[rows], self._part[rows]])
+        rows = np.flatnonzero((self._high > ground + _KNEE_M) & (self._low < ground + TALL_M))
+        begins = self._low[rows] - ground[rows]
+        # What hangs above heads is another thing than what it hangs from.
+        key = np.column_stack([self._semantic[rows], self._part[rows], begins >= HEAD_M])
         _, group = np.unique(key, axis=0, return_inverse=True)
         plan = self._corners[rows, :, :2]
-        count = int(group.max(initial=-1)) + 1
-        low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
-        np.minimum.at(low, group, plan.min(axis=1))
-        np.maximum.at(high, group, plan.max(axis=1))
-        small = ((high - low) < _SMALL_M).all(axis=1)
+        order = np.argsort(group, kind="stable")
+        starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+        parts = np.split(plan[order], starts[1:]) if len(rows) else []
+        whole = _least_boxes(parts)
+        small = np.asarray((whole.half < _SMALL_M / 2).all(axis=1), np.bool_)
+        least_begins = np.full(len(parts), np.inf)
+        np.minimum.at(least_begins, group, begins)
         own = plan[~small[group]]
         side = np.roll(own, -1, axis=1) - own
         longest = np.linalg.norm(side, axis=2).argmax(axis=1)
@@ -106,14 +150,29 @@ class Obstacles:
         )
         least, most = turned.min(axis=1), turned.max(axis=1)
         u, v = ((least + most) / 2).T
-        xy = np.concatenate(
-            [(low + high)[small] / 2, np.column_stack([c * u - s * v, s * u + c * v])]
-        )
-        half = np.concatenate([(high - low)[small] / 2, (most - least) / 2])
-        yaw = np.concatenate([np.zeros(small.sum()), yaw])
-        found = np.round(np.column_stack([xy, half, yaw % np.pi]), 2)
+        xy = np.concatenate([whole.xy[small], np.column_stack([c * u - s * v, s * u + c * v])])
+        half = np.concatenate([whole.half[small], (most - least) / 2])
+        yaw = np.concatenate([whole.yaw[small], yaw])
+        begins = np.concatenate([least_begins[small], begins[~small[group]]])
+        found = np.round(np.column_stack([xy, half, yaw % np.pi, begins >= HEAD_M]), 2)
         _, rows = np.unique(found, axis=0, return_index=True)
-        return PlanBoxes(np.zeros(len(rows), np.int64), xy[rows], yaw[rows], half[rows])
+        none = np.zeros(len(rows), np.int64)
+        return Blocks(PlanBoxes(none, xy[rows], yaw[rows], half[rows]), begins[rows])
+
+
+def _least_boxes(parts: Sequence[NDArray[np.float64]]) -> PlanBoxes:
+    """Return the least box in plan about each part (F, 3, 2)."""
+    found = np.zeros((len(parts), 5))
+    for number, part in enumerate(parts):
+        around = shapely.oriented_envelope(shapely.MultiPoint(part.reshape(-1, 2)))
+        corners = shapely.get_coordinates(around)
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        side, across = np.diff(np.resize(corners, (3, 2)), axis=0)  # of a line, there and back
+        across = across if len(corners) > 2 else np.zeros(2)
+        yaw = np.arctan2(side[1], side[0])
+        found[number] = *middle, yaw, np.hypot(*side) / 2, np.hypot(*across) / 2
+    none = np.zeros(len(parts), np.int64)
+    return PlanBoxes(none, found[:, :2], found[:, 2], found[:, 3:])
 
 
 def _doubled_area(corners: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,13 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs, rows_beside
-from urbantwin.traffic.paths.footing import Footways
-from urbantwin.traffic.paths.solids import Solids
+from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs
+from urbantwin.traffic.paths.obstacles import Blocks
 
 __all__ = ["ASIDE_M", "GAP_M", "MOVED_M", "NEAR_M", "STANDING_MS", "Moving", "PartingPaths"]
 
@@ -36,10 +34,12 @@ _CREEP_M = 0.3
 #: Two who drive part aside if they lie less than this in each other, metres, along a way that leads
 #: either of them ahead by less than this share.
 _BESIDE_M, _ALONG = 0.6, 0.5
+#: Who gives aside by this share goes round people who have no room.
+_LIGHT = 0.05**0.5
 #: Weight of the constraints against that of the paths, and rounds of both.
 _RHO, _ROUNDS = 8.0, 40
 _KEEP = 1e7  # weight of who is not to be moved
-_STIFF_S = 30.0  # how stiffly who stands keeps to its place
+_STIFF_S = 100.0  # how stiffly who stands keeps to its place
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,8 @@ class _Give:
 
 
 _GIVES = {
-    "pedestrian": _Give(1.0, 1.0, 0.8, (2.0, 2.0)),
+    # People go aside themselves (`crowd`).
+    "pedestrian": _Give(1e-6, 1e-6, 1.0, (0.0, 0.0)),
     # Who drives goes a little aside; going later is another step (`yielding`).
     "bicycle": _Give(1e-6, 0.5, 1.0, (0.0, 1.0)),
     "motorcycle": _Give(1e-6, 0.3, 1.2, (0.0, 1.0)),
@@ -135,24 +136,19 @@ class PartingPaths:
         moving: their rows.
         changed: (N,) which of them may be moved.
         blocks: what stands in the way.
-        tree: of the outlines of the blocks.
-        footways: where people are to stay.
+        height: (N,) of whom they are, metres.
         step_s: time between steps.
-        solids: the same as people see it.
     """
 
     def __init__(
         self,
         moving: Moving,
         changed: NDArray[np.bool_],
-        blocks: PlanBoxes,
-        tree: shapely.STRtree,
-        footways: Footways,
+        blocks: Blocks,
+        height: NDArray[np.float64],
         step_s: float,
-        solids: Solids | None = None,
     ) -> None:
-        self.moving, self.blocks, self.tree, self.solids = moving, blocks, tree, solids
-        self.footways, self.step_s = footways, step_s
+        self.moving, self.blocks, self.height, self.step_s = moving, blocks, height, step_s
         self.joined, self.kept, actor = moving.joined, ~changed, moving.actor
         _, vehicle, bodies = np.unique(moving.vehicles, return_inverse=True, return_counts=True)
         joined = bodies[vehicle] > 1
@@ -162,13 +158,10 @@ class PartingPaths:
         ]
         kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
-        #: Who may be moved on the ground, where the solids stand.
-        self.walks = self.on_foot & (moving.level == 0) & changed
         self.scale = np.sqrt(kind[:, :2])
         self.most = kind[:, 3:]
         self.change = kind[:, 2] / step_s
-        heading = np.where(self.on_foot, 0.0, moving.boxes.yaw)
-        c, s = np.cos(heading), np.sin(heading)
+        c, s = np.cos(moving.boxes.yaw), np.sin(moving.boxes.yaw)
         #: Where displacements along and aside lead, (N, 2, 2).
         self.axes = np.stack([np.column_stack([c, s]), np.column_stack([-s, c])], axis=1)
         self.axes *= self.scale[..., None] * changed[:, None, None]
@@ -210,77 +203,51 @@ class PartingPaths:
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
         """Return pairs (P, 2), the way along which they are to part, and how far yet (P,).
 
-        The second of a pair that is no row is a block, or the border of the footway.
+        The second of a pair that is no row is a block, or the place where one stopped.
         """
         count = len(place)
-        boxes, blocks = replace(self.moving.boxes, xy=place), self.blocks
+        boxes, blocks = replace(self.moving.boxes, xy=place), self.blocks.boxes
         pairs = self.moving.pairs(NEAR_M, place, ~self.kept)
         pairs = pairs[self._aside(boxes, pairs)]
         free = np.flatnonzero(~self.kept)
-        row, block = rows_beside(self.tree, boxes.take(free), NEAR_M)
+        row, block = self.blocks.beside(boxes.take(free), self.height[free], NEAR_M)
         row = free[row]
         both = PlanBoxes.joined([boxes, blocks])
         pairs = np.concatenate([pairs, np.column_stack([row, block + count])])
         speed = np.concatenate([self.moving.speed, np.zeros(len(blocks.yaw))])
         number = np.arange(len(blocks.yaw)) + len(self.moving.classes)
         way, least = _ways(both, speed, np.concatenate([self.moving.actor, number]), pairs)
-        # Whom others push off the footway comes back.
-        off, inward, far = self._off(place)
         over, back, beyond = self._over(place)
-        inside, out, deep = self._inside(place)
-        bound = np.concatenate([off, over, inside])
-        border = np.column_stack([bound, np.full(len(bound), len(both.yaw))])
+        border = np.column_stack([over, np.full(len(over), len(both.yaw))])
         return (
             np.concatenate([pairs, border]),
-            np.concatenate([way, inward, back, out]),
-            np.concatenate([least, far, beyond, deep]),
+            np.concatenate([way, back]),
+            np.concatenate([least, beyond]),
         )
 
     def _aside(self, boxes: PlanBoxes, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which pairs (P,) can part by going aside: all but of two who drive.
+        """Return which pairs (P,) can part by going aside.
 
-        These do where they go beside each other and lie little in each other.
+        Two who drive do where they go beside each other and lie little in each other; beside
+        people who is light enough.
         """
         deep, way = meetings(boxes, pairs)
         ahead = boxes.axes[pairs, 0]
         along = np.abs((ahead * way[:, None]).sum(axis=2)).max(axis=1)
         beside = (deep < _BESIDE_M) & (along < _ALONG)
-        return np.asarray(self.on_foot[pairs].any(axis=1) | beside)
-
-    def _inside(
-        self, place: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return which people are too near to a solid (R,), the way out (R, 2), how far (R,)."""
-        rows = np.flatnonzero(self.walks)
-        if self.solids is None or not len(rows):
-            return np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0)
-        inside, out, deep = self.solids.way_out(place[rows])
-        return rows[inside], out, deep
+        afoot = self.on_foot[pairs].any(axis=1)
+        light = (self.scale[pairs, 1] >= _LIGHT).any(axis=1)
+        return np.asarray(np.where(afoot, light, beside))
 
     def _over(
         self, place: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return which vehicles stand too far ahead of where they stopped, as `_off` does."""
+        """Return who stands too far ahead (R,), the way back (R, 2), and how far (R,)."""
         ahead = self.moving.boxes.axes[:, 0]
         by = ((place - self.moving.boxes.xy) * ahead).sum(axis=1)
         stands = ~self.on_foot & (self.moving.speed < STANDING_MS)
         rows = np.flatnonzero(stands & (by > _CREEP_M))
         return rows, -ahead[rows], by[rows] - _CREEP_M
-
-    def _off(
-        self, place: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return who was pushed off the footway (R,), the way back (R, 2), and how far (R,)."""
-        start = self.moving.boxes.xy
-        rows = np.flatnonzero(self.on_foot & (np.abs(place - start).max(axis=1) > MOVED_M))
-        inward = self.footways.way_in(self.moving.lane[rows], place[rows])
-        outside = np.isfinite(inward[:, 0])
-        rows, inward = rows[outside], inward[outside]
-        before = self.footways.way_in(self.moving.lane[rows], start[rows])
-        length = np.linalg.norm(inward, axis=1)
-        far = length - np.nan_to_num(np.linalg.norm(before, axis=1))
-        pushed = far > MOVED_M
-        return rows[pushed], inward[pushed] / length[pushed, None], far[pushed]
 
     def _system(self) -> NDArray[np.float64]:
         """Return the paths' matrix (3, N) in upper banded form: place, change, bend."""

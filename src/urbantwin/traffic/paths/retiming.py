@@ -60,7 +60,6 @@ LIMITS = {
     "bus": _HEAVY,
     "motorcycle": Limits(4.0, (2.0, 3.0, 4.5, 6.0, 7.5)),
     "bicycle": Limits(1.5, (1.5, 2.5, 3.5, 4.5)),
-    "pedestrian": Limits(1.2, (1.2, 2.0, 3.0)),
 }
 
 

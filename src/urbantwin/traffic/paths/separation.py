@@ -1,9 +1,8 @@
-"""Separation: paths bent a little, so that nobody passes through anybody.
+"""Separation: ways of vehicles bent a little, where somebody or something is beside them.
 
-SUMO's walkers meet on walking areas without seeing each other, stand closer than they are wide
-and squeeze past; its vehicles know of lanes, not of the shapes that lanes take where they meet.
-So paths are changed after the simulation, as little and as smoothly as it takes. Each actor's
-displacement minimises
+SUMO's vehicles know of lanes, not of the shapes that lanes take where they meet, nor of who stands
+at the kerb. So their ways are changed after the simulation, as little and as smoothly as it takes.
+Each one's displacement minimises
 
     sum over time of  |d|^2 + s^4 |d''|^2  (+ very stiff d' while it stands),
 
@@ -13,18 +12,17 @@ method of multipliers (Boyd et al., Foundations and Trends in Machine Learning 3
 of moving bodies Overby et al., IEEE TVCG 23, 2017): the paths are banded systems, the pairs are
 projections, one formula each.
 
-People step aside in any direction. Vehicles and two-wheelers beside each other go aside as far as
-their lane allows; the heavier, the less. Where one of them has to wait, `yielding` finds which.
+Who drives goes aside as far as its lane allows; the heavier, the less. People see to themselves
+(`crowd`). Where somebody has to wait, `yielding` finds who.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, rows_beside
-from urbantwin.traffic.paths.footing import Footways
+from urbantwin.traffic.paths.box_plan import meetings
+from urbantwin.traffic.paths.obstacles import Blocks
 from urbantwin.traffic.paths.parting import (
     ASIDE_M,
     GAP_M,
@@ -34,7 +32,6 @@ from urbantwin.traffic.paths.parting import (
     Moving,
     PartingPaths,
 )
-from urbantwin.traffic.paths.solids import Solids
 
 __all__ = ["Moving", "separated"]
 
@@ -46,37 +43,37 @@ _OUTER = 6
 
 def separated(
     moving: Moving,
-    blocks: PlanBoxes,
-    footways: Footways,
+    blocks: Blocks,
+    height: NDArray[np.float64],
     step_s: float,
-    solids: Solids | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where actors are so that their boxes do not overlap (N, 2), and their speeds (N,).
+    """Return where actors are of whom fewer overlap (N, 2), and their speeds (N,).
 
-    Who meets nobody keeps its path to the bit.
+    Who meets nobody, and who is on foot, keeps its path to the bit.
 
     Args:
         moving: everybody.
         blocks: what stands in the way, at whatever step.
-        footways: where people are to stay.
+        height: (N,) of each, metres.
         step_s: time between steps.
-        solids: what stands in people's way; the blocks, where there are none.
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
-    tree = shapely.STRtree(blocks.polygons)
     meeting = np.zeros(len(xy), np.bool_)
     meeting[_meeting(moving, xy)] = True
-    meeting[rows_beside(tree, moving.boxes, 0.0)[0]] = True
+    meeting[blocks.beside(moving.boxes, height, 0.0)[0]] = True
     if not meeting.any():
         return xy, speed
-    changed = _around(moving, meeting, step_s)
+    drives = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
+    changed = _around(moving, meeting & drives, step_s) & drives
+    if not changed.any():
+        return xy, speed
     # Whoever else comes near keeps its path, and so does everybody before and after.
     near = moving.pairs(2 * ASIDE_M, xy)
     there = changed | _within(changed, moving.actor, 2)
     there |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
     there[near[changed[near].any(axis=1)]] = True
     rows = np.flatnonzero(there)
-    paths = PartingPaths(moving.take(rows), changed[rows], blocks, tree, footways, step_s, solids)
+    paths = PartingPaths(moving.take(rows), changed[rows], blocks, height[rows], step_s)
     moved = np.zeros((len(rows), 2))
     for _ in range(_OUTER):
         before, moved = moved, paths.apart(moved)

@@ -39,6 +39,8 @@ _USUAL_AHEAD_M = 0.7
 #: What lying in somebody costs, by depth and time, against falling behind by the same.
 _THROUGH = 1e3
 _ROUNDS = 12
+#: Waiting helps that leaves less than this share of what two lie in each other.
+_HELPS = 0.8
 #: Steps that are looked at together: an hour's pairs would take gigabytes.
 _STEPS = 2000
 #: Two who meet have to do with each other so long before and after at the most, seconds, and until
@@ -62,7 +64,8 @@ class Before:
     """How the same traffic went until something changed.
 
     Attributes:
-        columns: by trip and step: ``trip``, ``step`` and how far it was ``behind``, metres.
+        columns: by trip and step: ``trip``, ``step`` and how far it was ``behind``, metres: after
+            each turn of waiting (N, T).
         until: the first step that may differ.
         own: actors that do what they were told to, whatever comes of it.
         rigid: vehicles that do not bend though their trips say so.
@@ -72,6 +75,11 @@ class Before:
     until: int
     own: frozenset[int] = frozenset()
     rigid: frozenset[int] = frozenset()
+
+    def turn(self, number: int) -> Before:
+        """Return how it went in one turn of waiting, ``behind`` being (N,)."""
+        columns = {**self.columns, "behind": self.columns["behind"][:, number]}
+        return replace(self, columns=columns)
 
 
 def yielded(
@@ -263,7 +271,7 @@ class _Yielding:
         if best is None:
             return False
         _, left, way, at, lets = best
-        if left > before / 2:
+        if left > before * _HELPS:
             return False
         way.lets = lets
         self.followers.setdefault(lets[-1].first, set()).add(way.number)

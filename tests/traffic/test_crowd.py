@@ -1,4 +1,4 @@
-"""People in a crowd step aside step by step: boxes by shapely, speeds by differences of places."""
+"""People step aside and wait, step by step: boxes by shapely, speeds by differences of places."""
 
 from collections.abc import Sequence
 
@@ -6,8 +6,9 @@ import numpy as np
 import shapely
 
 from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, rows_near
+from urbantwin.traffic.paths.crowd import crowd_walked
 from urbantwin.traffic.paths.parting import Moving
-from urbantwin.traffic.paths.sidestepping import sidestepped
+from urbantwin.traffic.paths.walked_cells import WalkedCells
 
 STEP_S = 0.1
 HALF = {"pedestrian": (0.3, 0.25), "car": (2.2, 0.9)}
@@ -35,6 +36,8 @@ def walked(
         "xy": np.concatenate(ways),
         "yaw": yaw,
         "speed": np.hypot(*velocity.T),
+        "distance": np.zeros(len(actor)),
+        "lane": np.zeros(len(actor), int),
     }
     level = np.zeros(len(actor), int)
     boxes = PlanBoxes(step, columns["xy"], yaw, half)
@@ -42,9 +45,9 @@ def walked(
         actor, boxes, columns["speed"], level, level, tuple(kinds), np.arange(len(ways))
     )
     footway = footway or shapely.box(-50, -50, 50, 50)
-    solids = np.array([], object)
-    found = sidestepped(columns, moving, half, STEP_S, blocks, solids, footway)
-    shapes = PlanBoxes(step, found["xy"], yaw, half).polygons.reshape(len(ways), count)
+    solids: np.ndarray = np.array([], object)
+    found = crowd_walked(columns, moving, half, STEP_S, blocks, solids, footway)
+    shapes = PlanBoxes(step, found["xy"], found["yaw"], half).polygons.reshape(len(ways), count)
     return found["xy"].reshape(len(ways), count, 2), shapes
 
 
@@ -90,9 +93,42 @@ def test_a_crowd_that_stops_at_one_place_stands_side_by_side() -> None:
         arrives = straight(start, np.zeros(2), stops)
         ways.append(np.concatenate([arrives, np.zeros((160 - stops, 2))]))
     places, shapes = walked(ways)
-    assert most_shared(shapes) < 0.1
-    assert most_shared(shapes[:, 110:]) < 0.01
-    assert np.abs(np.diff(places[:, 130:], axis=1)).max() < 0.01  # who stands does not slide
+    assert most_shared(shapes) < 0.005
+    assert np.abs(np.diff(places[:, 140:], axis=1)).max() < 0.02  # who stands does not slide
+
+
+def test_two_crowds_on_a_narrow_way_pass_through_each_other_one_by_one() -> None:
+    rng = np.random.default_rng(5)
+    ways = []
+    for k in range(16):
+        y, side = rng.uniform(-1.0, 1.0), 1 if k % 2 else -1
+        start = side * (6.0 + 1.1 * (k // 2))
+        walks = straight([start, y], [-start, y], 240)
+        ways.append(np.concatenate([walks, np.tile(walks[-1:], (160, 1))]))
+    places, shapes = walked(ways, footway=shapely.box(-50, -1.5, 50, 1.5))
+    assert most_shared(shapes) < 0.005
+    assert fastest(places) < 2.4
+    # Who walks on waits: in the end all are where they would be.
+    assert np.abs(places[:, -1] - np.array(ways)[:, -1]).max() < 2.0
+
+
+def test_who_is_held_up_walks_on_later_and_makes_up_for_it() -> None:
+    way = straight([-8, 0], [8, 0], 200)
+    car = np.concatenate([np.zeros((120, 2)), straight([0.0, 0.0], [0.0, 40.0], 80)])
+    places, shapes = walked([way, car + [0.0, 0.05]], ["pedestrian", "car"])
+    assert most_shared(shapes) < 0.005
+    assert fastest(places[:1]) < 2.4
+    late = way[:, 0] - places[0, :, 0]
+    assert late.max() > 1.0
+    assert late.min() > -0.6
+    assert late[-1] < late.max() - 0.5
+
+
+def test_nobody_on_foot_is_faster_than_people_run() -> None:
+    speed = np.where((np.arange(100) > 30) & (np.arange(100) < 40), 5.0, 1.3)
+    at = np.cumsum(speed) * STEP_S
+    places, _ = walked([np.column_stack([at, np.zeros(100)])])
+    assert fastest(places) < 2.4
 
 
 def test_people_walk_past_a_post_and_cars_do_not_give_way() -> None:
@@ -148,3 +184,19 @@ def test_no_row_near_a_shape_is_passed_over() -> None:
     away = shapely.distance(shapely.points(points)[:, None], shapes).min(axis=1)
     assert set(np.flatnonzero(away <= reach)) <= set(found)
     assert (away[found] <= reach[found] + 2.0).all()
+
+
+def test_the_way_round_a_wall_is_the_shortest_and_none_leads_out_of_a_court() -> None:
+    wall = shapely.box(-0.2, -3.0, 0.2, 30.0)
+    court = shapely.box(-6, -6, 6, 6).difference(shapely.box(-5, -5, 5, 5))
+    points, everywhere = np.array([[-12.0, -12.0], [12.0, 12.0]]), shapely.box(-50, -50, 50, 50)
+    start, end = np.array([-2.0, 0.0]), np.array([2.0, 0.0])
+    found = WalkedCells(points, np.array([wall], object), everywhere, 10.0).way(start, end)
+    assert found is not None
+    length = np.hypot(*np.diff(found, axis=0).T).sum()
+    shortest = 2 * np.hypot(1.8, 3.0) + 0.4  # round both corners
+    assert shortest - 0.8 < length < 1.09 * shortest  # ways lead to eight neighbours
+    assert not shapely.intersects_xy(wall.buffer(-0.15), *found.T).any()  # a corner is levelled
+    outside = np.array([9.0, 0.0])
+    closed = WalkedCells(points, np.array([court], object), everywhere, 10.0)
+    assert closed.way(start, outside) is None

@@ -1,0 +1,573 @@
+"""People on their ways, step by step in time: who waits, and who steps aside."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from urbantwin.traffic.compiled.waiting import depth
+
+__all__ = ["walked"]
+
+#: Who walks on comes back to its way within so far, metres; nobody is farther from it, metres.
+BACK_M, MOST_M = 2.5, 1.6
+#: How fast one steps aside, m/s, and how much faster one becomes from step to step, m/s2.
+ASIDE_MS, STARTS_MS2 = 1.2, 8.0
+#: Nobody is faster for stepping aside or for being late than this, m/s, nor walks for being late
+#: so much faster than it did near there, and need not be slower than the second, m/s.
+FASTEST_MS, HURRIES, BRISK_MS = 2.2, 1.3, 1.6
+#: How far one looks ahead, in so many looks, seconds; and how far one goes aside for that, metres.
+LOOKS, AHEAD_S, ROOM_M = 8, 2.0, 1.0
+#: Who is so near in plan is looked at, metres; the same of what stands.
+NEAR_M, BESIDE_M = 4.0, 1.5
+#: Room that is left, metres; who stands gives way by so much of what one does who walks.
+GAP_M, STANDING = 0.03, 0.15
+#: Who is held up for so long by somebody nearer than this slips by so fast: s, m, m/s.
+HELD_S, SLIPS_M, SLIPS_MS = 0.3, 0.25, 0.8
+#: Who is late and gets on no faster is held up, m/s.
+SLOW_MS = 0.1
+#: Who lies in somebody by less has touched it, metres.
+TOUCH_M = 0.004
+ROUNDS = 12
+#: Who was held up for so long leaves the footway to get on, and steps back so fast: s, m/s.
+PATIENCE_S, BACK_MS = 2.0, 0.5
+#: So far beside its way one is on the edge of the footway, metres.
+EDGE_M = 0.25
+#: One of so many does for so long, in turn, seconds.
+TURNS, BACK_S = 3, 1.5
+#: Who comes in where somebody is begins beside it: within so many rings of so many metres.
+RINGS, RING_M, PLACES = 8, 0.2, 12
+#: Who turns faces where it goes within so long, seconds; slower than this nobody turns, m/s.
+TURNS_S, WALKS_MS = 0.3, 0.3
+
+
+@njit(cache=True, nogil=True)
+def walked(
+    begins, rows, other_begins, others, boxes, whose, level, far, pace, joined, last, still, cells,
+    within, blocked, corner, step_s,
+):  # fmt: skip
+    """Return where people are (N, 3), and which of their rows they have come to (N,).
+
+    A person has a way, the places of its rows. It is as far on it as its row, or later, and beside
+    it by as much as others make it. In each step everybody goes on; looks two seconds ahead and
+    goes a little to the side of whom it would come into; is pushed apart from whom it touches; and
+    stays where it was, if it would lie in somebody, in a vehicle that stands or in a wall even so.
+    As nobody lay in anybody a step earlier, nobody does then.
+
+    Args:
+        begins: (S + 1,) int64, where the rows of people of each step begin.
+        rows: (R,) int64, the rows of people, by step.
+        other_begins: (S + 1,) int64, where the rows of others of each step begin.
+        others: (Q,) int64, the rows of all others, by step.
+        boxes: (N + B, 6) of actors, by actor and step, then of what stands at every step: x, y,
+            cosine and sine of the heading, half the length, half the width.
+        whose: (N,) int64, the number of the actor.
+        level: (N,) int64, of their roads; what stands is on level 0.
+        far: (N,) how far each went on its own way by each row.
+        pace: (N,) how fast people walk near there.
+        joined: (N,) bool, whether the row before is the same actor's, a step earlier.
+        last: (N,) int64, the last row of the same actor that follows without a gap.
+        still: (C + 1,) int64, where the numbers of what stands begin of each cell, by row.
+        cells: (K,) int64, those numbers.
+        within: (5,) west and south of those cells, their size, columns and rows.
+        blocked: (Y, X) uint8, cells: 1 where something stands, 2 where nobody walks, else 0.
+        corner: (3,) west and south of these cells, and their size.
+        step_s: time between steps.
+
+    Returns:
+        ``place``: x, y and by how much the heading differs from that of the row that one has come
+        to. ``come``: that row, not whole.
+    """
+    count = len(far)
+    place, come = np.zeros((count, 3)), np.zeros(count)
+    at, held, now = far.copy(), np.zeros(count, np.int64), boxes.copy()
+    for s in range(len(begins) - 1):
+        mine, cars = rows[begins[s] : begins[s + 1]], others[other_begins[s] : other_begins[s + 1]]
+        if len(mine) == 0:
+            continue
+        off = np.zeros((len(mine), 2))
+        for a in range(len(mine)):
+            _go_on(mine[a], off[a], boxes, now, far, pace, joined, place, come, at, step_s)
+            if joined[mine[a]]:
+                _step_back(mine[a], off[a], now, whose, place, come, at, held, step_s)
+        pairs = _near(
+            mine, cars, now, off, level, still, cells, within, blocked, corner, count
+        )  # fmt: skip
+        for a, j, b in pairs:
+            _foresee(
+                mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, boxes, now, come,
+                joined, last, step_s,
+            )  # fmt: skip
+            _slip_by(
+                mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, now, joined, held, step_s
+            )
+        for _ in range(ROUNDS):
+            parted = True
+            for a, j, b in pairs:
+                if _part(
+                    mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, now, joined, step_s
+                ):
+                    parted = False
+            if parted:
+                break
+        for a in range(len(mine)):
+            _hold(
+                mine[a], off[a], boxes, now, far, joined, place, come, at, held, blocked, corner,
+                step_s,
+            )  # fmt: skip
+        _stay(mine, pairs, boxes, now, joined, place, come, at, held, step_s)
+        for a in range(len(mine)):
+            if not joined[mine[a]]:
+                _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner)
+    return place, come
+
+
+@njit(cache=True, nogil=True)
+def _point(r, at, begin, far, boxes):
+    """Return from which row on, and by what share of the way to the next, one is ``at`` so far."""
+    u = begin
+    while u < r and far[u + 1] <= at:
+        u += 1
+    share = 0.0
+    if u < r and far[u + 1] > far[u]:
+        share = min(max((at - far[u]) / (far[u + 1] - far[u]), 0.0), 1.0)
+    return u, share
+
+
+@njit(cache=True, nogil=True)
+def _go_on(r, off, boxes, now, far, pace, joined, place, come, at, step_s):
+    """Go on along the way, and back to it; ``now`` is then where one would be."""
+    turn = 0.0
+    come[r], at[r] = r, far[r]
+    if joined[r]:
+        q = r - 1
+        gap, own = far[r] - at[q], far[r] - far[q]
+        goes = gap
+        if gap > own + 1e-9:
+            # Who is late hurries a little.
+            did = own
+            if joined[q]:
+                did = at[q] - at[q - 1]
+            most = min(max(pace[r] * HURRIES, BRISK_MS), FASTEST_MS) * step_s
+            goes = min(gap, most, did + STARTS_MS2 / 2 * step_s * step_s)
+        elif own > FASTEST_MS * step_s:
+            goes = FASTEST_MS * step_s  # SUMO lets people leap
+        if goes < gap:
+            at[r] = at[q] + goes
+            u, share = _point(r, at[r], int(come[q]), far, boxes)
+            come[r] = u + share
+        beside_x, beside_y = _beside(q, boxes, now, come)
+        back = max(1.0 - goes / BACK_M, 0.0)
+        off[0], off[1] = beside_x * back, beside_y * back
+        if off[0] * off[0] + off[1] * off[1] < 1e-8:
+            off[0] = off[1] = 0.0
+        turn = place[q, 2]
+    u = int(come[r])
+    share = come[r] - u
+    now[r, 0], now[r, 1] = boxes[u, 0], boxes[u, 1]
+    if share > 0:
+        now[r, 0] += share * (boxes[u + 1, 0] - boxes[u, 0])
+        now[r, 1] += share * (boxes[u + 1, 1] - boxes[u, 1])
+    place[r, 2] = turn
+    _face(r, boxes, now, come, turn)
+
+
+@njit(cache=True, nogil=True)
+def _step_back(r, off, now, whose, place, come, at, held, step_s):
+    """Step back for a while in turn, where all are stuck, to begin anew."""
+    q = r - 1
+    stuck_s = held[q] * step_s - PATIENCE_S
+    if stuck_s <= 0 or (int(stuck_s / BACK_S) + whose[r]) % TURNS:
+        return
+    come[r], at[r] = come[q], at[q]
+    now[r, 0], now[r, 1], now[r, 2], now[r, 3] = now[q, 0], now[q, 1], now[q, 2], now[q, 3]
+    place[r, 2] = place[q, 2]
+    off[0], off[1] = -BACK_MS * step_s * now[q, 2], -BACK_MS * step_s * now[q, 3]
+
+
+@njit(cache=True, nogil=True)
+def _beside(q, boxes, now, come):
+    """Return how far one is beside its way in a row that is done."""
+    u = int(come[q])
+    share = come[q] - u
+    x, y = boxes[u, 0], boxes[u, 1]
+    if share > 0:
+        x += share * (boxes[u + 1, 0] - boxes[u, 0])
+        y += share * (boxes[u + 1, 1] - boxes[u, 1])
+    return now[q, 0] - x, now[q, 1] - y
+
+
+@njit(cache=True, nogil=True)
+def _face(r, boxes, now, come, turn):
+    """Turn the box of a row by an angle from where its way leads."""
+    u = int(come[r])
+    c, s = math.cos(turn), math.sin(turn)
+    now[r, 2] = boxes[u, 2] * c - boxes[u, 3] * s
+    now[r, 3] = boxes[u, 3] * c + boxes[u, 2] * s
+
+
+@njit(cache=True, nogil=True)
+def _near(mine, cars, now, off, level, still, cells, within, blocked, corner, count):
+    """Return who is near whom: a person's number, a row, and whose number it is, -1 for others."""
+    pairs = np.empty((64, 3), np.int64)
+    found = 0
+    for a in range(len(mine)):
+        i = mine[a]
+        x, y = now[i, 0] + off[a, 0], now[i, 1] + off[a, 1]
+        for n in range(len(mine) + len(cars)):
+            if n <= a:
+                continue
+            b = n if n < len(mine) else -1
+            j = mine[n] if b >= 0 else cars[n - len(mine)]
+            reach = NEAR_M + now[j, 4] + now[i, 4]
+            far_x = now[j, 0] - x
+            if abs(far_x) > reach or level[i] != level[j]:
+                continue
+            far_y = now[j, 1] - y
+            if far_x * far_x + far_y * far_y > reach * reach:
+                continue
+            if found == len(pairs):
+                more = np.empty((2 * found, 3), np.int64)
+                more[:found] = pairs
+                pairs = more
+            pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, b
+            found += 1
+        column, row = int((x - within[0]) / within[2]), int((y - within[1]) / within[2])
+        if level[i] != 0 or not (0 <= column < within[3] and 0 <= row < within[4]):
+            continue
+        if _cell(now[i, 0], now[i, 1], blocked, corner) == 1:
+            continue  # its way leads through: there is none round
+        cell = row * int(within[3]) + column
+        for k in range(still[cell], still[cell + 1]):
+            j = count + cells[k]
+            if found == len(pairs):
+                more = np.empty((2 * found, 3), np.int64)
+                more[:found] = pairs
+                pairs = more
+            pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, -1
+            found += 1
+    return pairs[:found]
+
+
+@njit(cache=True, nogil=True)
+def _gives(r, now, joined, step_s):
+    """Return how much somebody on foot gives way: who stands hardly."""
+    if not joined[r]:
+        return STANDING
+    went = math.hypot(now[r, 0] - now[r - 1, 0], now[r, 1] - now[r - 1, 1])
+    return STANDING + (1 - STANDING) * min(went / step_s, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _moved(box, off):
+    """Return a box a little aside."""
+    there = box.copy()
+    there[0] += off[0]
+    there[1] += off[1]
+    return there
+
+
+@njit(cache=True, nogil=True)
+def _foresee(i, j, mine, theirs, walks, boxes, now, come, joined, last, step_s):
+    """Go a little to the side of somebody whom one would come into soon."""
+    one, other = _moved(now[i], mine), now[j].copy()
+    if walks:
+        other = _moved(other, theirs)
+    for look in range(1, LOOKS + 1):
+        ahead = round(look * AHEAD_S / LOOKS / step_s)
+        a, b = int(come[i]) + ahead, j
+        if j < len(last):
+            b = (int(come[j]) if walks else j) + ahead
+            if b > last[j]:
+                return
+        if ahead == 0 or a > last[i]:
+            return
+        there, beyond = _moved(boxes[a], mine), boxes[b].copy()
+        if walks:
+            beyond = _moved(beyond, theirs)
+        if depth(there, beyond) + GAP_M <= 1e-6:
+            continue
+        # Past each other on the side on which they come by.
+        x = (there[0] - one[0]) - (beyond[0] - other[0])
+        y = (there[1] - one[1]) - (beyond[1] - other[1])
+        far = math.hypot(x, y)
+        if far < 0.3 * ahead * step_s:
+            return
+        left_x, left_y = -y / far, x / far
+        beside = (there[0] - beyond[0]) * left_x + (there[1] - beyond[1]) * left_y
+        side = -1.0 if beside < 0.02 else 1.0
+        reach = GAP_M - side * beside
+        for box in (there, beyond):
+            reach += abs(box[2] * left_x + box[3] * left_y) * box[4]
+            reach += abs(box[2] * left_y - box[3] * left_x) * box[5]
+        if reach > ROOM_M or reach <= 0:
+            return
+        own = _gives(i, now, joined, step_s)
+        share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
+        push = side * reach * 1.5 / (ahead + 1)
+        mine[0] += push * left_x * share
+        mine[1] += push * left_y * share
+        if walks:
+            theirs[0] -= push * left_x * (1 - share)
+            theirs[1] -= push * left_y * (1 - share)
+        return
+
+
+@njit(cache=True, nogil=True)
+def _slip_by(i, j, mine, theirs, walks, now, joined, held, step_s):
+    """Go to the side of somebody right before whom one is held up."""
+    slips = joined[i] and held[i - 1] * step_s > HELD_S
+    slip = walks and joined[j] and held[j - 1] * step_s > HELD_S
+    if not slips and not slip:
+        return
+    one, other = _moved(now[i], mine), now[j].copy()
+    if walks:
+        other = _moved(other, theirs)
+    if depth(one, other) < -SLIPS_M:
+        return
+    x, y = other[0] - one[0], other[1] - one[1]
+    push = SLIPS_MS * step_s
+    if slips and x * one[2] + y * one[3] > 0:
+        side = -1.0 if y * one[2] - x * one[3] > -0.05 else 1.0
+        mine[0] -= side * push * one[3]
+        mine[1] += side * push * one[2]
+    if slip and x * other[2] + y * other[3] < 0:
+        side = -1.0 if x * other[3] - y * other[2] > -0.05 else 1.0
+        theirs[0] -= side * push * other[3]
+        theirs[1] += side * push * other[2]
+
+
+@njit(cache=True, nogil=True)
+def _part(i, j, mine, theirs, walks, now, joined, step_s):
+    """Part two who are in each other, by the shortest way; return whether they were."""
+    one, other = _moved(now[i], mine), now[j].copy()
+    if walks:
+        other = _moved(other, theirs)
+    if depth(one, other) + GAP_M <= 1e-6:
+        return False
+    best, way_x, way_y = np.inf, 0.0, 0.0
+    x, y = one[0] - other[0], one[1] - other[1]
+    for box in (one, other):
+        for ax, ay in ((box[2], box[3]), (-box[3], box[2])):
+            reach = GAP_M - abs(x * ax + y * ay)
+            for each in (one, other):
+                reach += abs(each[2] * ax + each[3] * ay) * each[4]
+                reach += abs(each[2] * ay - each[3] * ax) * each[5]
+            if reach < best:
+                side = -1.0 if x * ax + y * ay < 0 else 1.0
+                best, way_x, way_y = reach, side * ax, side * ay
+    own = _gives(i, now, joined, step_s)
+    share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
+    mine[0] += best * way_x * share
+    mine[1] += best * way_y * share
+    if walks:
+        theirs[0] -= best * way_x * (1 - share)
+        theirs[1] -= best * way_y * (1 - share)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _cell(x, y, blocked, corner):
+    """Return what is at a place."""
+    row, column = int((y - corner[1]) / corner[2]), int((x - corner[0]) / corner[2])
+    if 0 <= row < blocked.shape[0] and 0 <= column < blocked.shape[1]:
+        return blocked[row, column]
+    return 0
+
+
+@njit(cache=True, nogil=True)
+def _hold(
+    r, off, boxes, now, far, joined, place, come, at, held, blocked, corner, step_s
+):  # fmt: skip
+    """Keep what somebody does to what people can, off walls and on the footway; turn it there."""
+    x, y = now[r, 0] + off[0], now[r, 1] + off[1]
+    free = off[0] == 0.0 and off[1] == 0.0 and at[r] == far[r]
+    if free or not joined[r]:
+        now[r, 0], now[r, 1] = x, y
+        place[r, 0], place[r, 1] = x, y
+        walks = free and joined[r]
+        if walks:
+            walks = math.hypot(x - now[r - 1, 0], y - now[r - 1, 1]) > WALKS_MS * step_s
+        if walks and place[r, 2] != 0.0:
+            place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)
+            if abs(place[r, 2]) < 1e-3:
+                place[r, 2] = 0.0
+            _face(r, boxes, now, come, place[r, 2])
+        return
+    q, u = r - 1, int(come[r])
+    base_x, base_y = boxes[u, 0], boxes[u, 1]
+    if come[r] > u:
+        base_x += (come[r] - u) * (boxes[u + 1, 0] - boxes[u, 0])
+        base_y += (come[r] - u) * (boxes[u + 1, 1] - boxes[u, 1])
+    was_x, was_y = now[q, 0], now[q, 1]
+    ahead_x, ahead_y = boxes[u, 2], boxes[u, 3]
+    goes_x, goes_y = x - was_x, y - was_y
+    # Nobody walks backwards, but a step for others when all are stuck, and aside goes slowly.
+    on, aside = goes_x * ahead_x + goes_y * ahead_y, goes_y * ahead_x - goes_x * ahead_y
+    on = max(on, -BACK_MS * step_s if held[q] * step_s > PATIENCE_S else 0.0)
+    went = math.hypot(base_x - boxes[max(u - 1, 0), 0], base_y - boxes[max(u - 1, 0), 1])
+    if not joined[u]:
+        went = 0.0
+    most = max(ASIDE_MS * step_s, min(went, FASTEST_MS * step_s))
+    aside = min(max(aside, -most), most)
+    did_x, did_y = 0.0, 0.0
+    if joined[q]:
+        did_x, did_y = was_x - now[q - 1, 0], was_y - now[q - 1, 1]
+    goes_x, goes_y = on * ahead_x - aside * ahead_y, on * ahead_y + aside * ahead_x
+    more = math.hypot(goes_x - did_x, goes_y - did_y)
+    least = STARTS_MS2 * step_s * step_s
+    if more > least:
+        goes_x = did_x + (goes_x - did_x) * least / more
+        goes_y = did_y + (goes_y - did_y) * least / more
+    long, most = math.hypot(goes_x, goes_y), FASTEST_MS * step_s
+    if long > most:
+        goes_x, goes_y = goes_x * most / long, goes_y * most / long
+    x, y = was_x + goes_x, was_y + goes_y
+    # Where its way leads it may be, where it is, and nowhere worse.
+    own = _cell(base_x, base_y, blocked, corner)
+    was = _cell(was_x, was_y, blocked, corner)
+    there = _cell(x, y, blocked, corner)
+    if there == 2 and own != 2 and was != 2 and held[q] * step_s <= PATIENCE_S:
+        # A way may lead along the edge of the footway.
+        long = math.hypot(x - base_x, y - base_y)
+        if long > EDGE_M:
+            edge_x = base_x + (x - base_x) * EDGE_M / long
+            edge_y = base_y + (y - base_y) * EDGE_M / long
+            if math.hypot(edge_x - was_x, edge_y - was_y) <= FASTEST_MS * step_s:
+                x, y = edge_x, edge_y
+                there = 0
+        else:
+            there = 0
+    elif there == 2:
+        there = 0
+    if there and there != own:
+        on = max(goes_x * ahead_x + goes_y * ahead_y, 0.0)
+        x, y = was_x + on * ahead_x, was_y + on * ahead_y
+        there = _cell(x, y, blocked, corner)
+        if there and there != own:
+            x, y = was_x, was_y
+    # Who is behind where its way has it by now is late.
+    beside_x, beside_y = x - base_x, y - base_y
+    lags = -(beside_x * ahead_x + beside_y * ahead_y)
+    if lags > 0 and at[r] > at[q]:
+        at[r] = max(at[r] - lags, at[q])
+        begin = int(come[q])
+        u, share = _point(r, at[r], begin, far, boxes)
+        come[r] = u + share
+        base_x, base_y = boxes[u, 0], boxes[u, 1]
+        if share > 0:
+            base_x += share * (boxes[u + 1, 0] - boxes[u, 0])
+            base_y += share * (boxes[u + 1, 1] - boxes[u, 1])
+        beside_x, beside_y = x - base_x, y - base_y
+    long = math.hypot(beside_x, beside_y)
+    if long > MOST_M:
+        x, y = base_x + beside_x * MOST_M / long, base_y + beside_y * MOST_M / long
+        goes_x, goes_y = x - was_x, y - was_y
+        far_now = math.hypot(goes_x, goes_y)
+        if far_now > FASTEST_MS * step_s:
+            x = was_x + goes_x * FASTEST_MS * step_s / far_now
+            y = was_y + goes_y * FASTEST_MS * step_s / far_now
+    now[r, 0], now[r, 1], place[r, 0], place[r, 1] = x, y, x, y
+    pace = math.hypot(x - was_x, y - was_y) / step_s
+    u = int(come[r])
+    if pace > WALKS_MS:
+        course = math.atan2(y - was_y, x - was_x) - math.atan2(boxes[u, 3], boxes[u, 2])
+        wanted = (course + math.pi) % (2 * math.pi) - math.pi
+        turn = (wanted - place[r, 2] + math.pi) % (2 * math.pi) - math.pi
+        place[r, 2] += turn * min(pace, 1.0) * step_s / (TURNS_S + step_s)
+    elif come[r] < r and held[q]:
+        place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)  # held up, and turns to where it goes
+    _face(r, boxes, now, come, place[r, 2])
+
+
+@njit(cache=True, nogil=True)
+def _stay(mine, pairs, boxes, now, joined, place, come, at, held, step_s):
+    """Leave who would lie in somebody how it faced, else where it was, until nobody does."""
+    back = np.zeros(len(mine), np.int64)
+    for a in range(len(mine)):
+        if not joined[mine[a]]:
+            back[a] = 2
+    again = True
+    while again:
+        again = False
+        for a, j, b in pairs:
+            i = mine[a]
+            can, could = back[a] < 2, b >= 0 and back[b] < 2
+            if not can and not could:
+                continue
+            deep = depth(now[i], now[j])
+            if deep <= TOUCH_M:
+                continue
+            if b < 0:
+                if depth(now[i - 1], now[j]) < deep - 1e-9:
+                    _back(i, boxes, now, place, come, at, back[a])
+                    back[a] += 1
+                    again = True
+                continue
+            if not joined[j] or not joined[i]:
+                continue  # who comes in finds a place among the others
+            if depth(now[i - 1], now[j - 1]) >= deep - 1e-9:
+                continue  # they come out of each other
+            # Of two who can, the one that is behind.
+            x, y = now[j, 0] - now[i, 0], now[j, 1] - now[i, 1]
+            first = x * now[i, 2] + y * now[i, 3] + x * now[j, 2] + y * now[j, 3] > 0
+            if back[a] != back[b] and can and could:
+                first = back[a] < back[b]
+            if can and (first or not could):
+                _back(i, boxes, now, place, come, at, back[a])
+                back[a] += 1
+            else:
+                _back(j, boxes, now, place, come, at, back[b])
+                back[b] += 1
+            again = True
+    for a in range(len(mine)):
+        r = mine[a]
+        if joined[r]:
+            # Who slips by is held up until it gets on.
+            on = at[r] - at[r - 1] > SLOW_MS * step_s
+            held[r] = held[r - 1] + 1 if int(come[r]) < r and not on else 0
+
+
+@njit(cache=True, nogil=True)
+def _back(r, boxes, now, place, come, at, place_too):
+    """Let somebody face as it did a step earlier, then be where it was, too."""
+    q = r - 1
+    now[r, 2], now[r, 3] = now[q, 2], now[q, 3]
+    if place_too:
+        now[r, 0], now[r, 1] = now[q, 0], now[q, 1]
+        place[r, 0], place[r, 1], place[r, 2] = now[q, 0], now[q, 1], place[q, 2]
+        come[r], at[r] = come[q], at[q]
+    else:
+        u = int(come[r])
+        along = now[q, 2] * boxes[u, 2] + now[q, 3] * boxes[u, 3]
+        place[r, 2] = math.atan2(now[q, 3] * boxes[u, 2] - now[q, 2] * boxes[u, 3], along)
+
+
+@njit(cache=True, nogil=True)
+def _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner):
+    """Put who was not there a step earlier to where nobody is."""
+    r = mine[a]
+    own = _cell(boxes[r, 0], boxes[r, 1], blocked, corner)
+    for ring in range(RINGS + 1):
+        for k in range(PLACES if ring else 1):
+            angle = 2 * math.pi * k / PLACES
+            x = now[r, 0] + (ring * RING_M * math.cos(angle) if ring else 0.0)
+            y = now[r, 1] + (ring * RING_M * math.sin(angle) if ring else 0.0)
+            there = _cell(x, y, blocked, corner)
+            if ring and there and there != own:
+                continue
+            box = now[r].copy()
+            box[0], box[1] = x, y
+            free = True
+            for c, j, b in pairs:
+                if b == a:
+                    j = mine[c]  # noqa: PLW2901 - the other of the pair
+                    c, b = b, c  # noqa: PLW2901 - and the pair turned
+                if c != a or (b > a and not joined[j]):
+                    continue
+                if depth(box, now[j]) > TOUCH_M:
+                    free = False
+                    break
+            if free:
+                now[r, 0], now[r, 1], place[r, 0], place[r, 1] = x, y, x, y
+                return

@@ -1,0 +1,58 @@
+"""The shortest way over cells."""
+
+import heapq
+import math
+
+import numpy as np
+from numba import njit
+
+__all__ = ["shortest_way"]
+
+
+@njit(cache=True, nogil=True)
+def shortest_way(cost, start, goal):
+    """Return the cells (K, 2) of the cheapest way from one to another; none where there is no way.
+
+    By A* (Hart, Nilsson and Raphael, IEEE Transactions on Systems Science and Cybernetics 4, 1968)
+    to the eight neighbours, not past corners.
+
+    Args:
+        cost: (Y, X) of a cell's length of way, 1 or more; infinite where nobody goes.
+        start: row and column.
+        goal: the same.
+    """
+    high, wide = cost.shape
+    spent = np.full((high, wide), np.inf)
+    came = np.full((high, wide), -1, np.int64)
+    done = np.zeros((high, wide), np.bool_)
+    spent[start[0], start[1]] = 0.0
+    queue = [(0.0, start[0] * wide + start[1])]
+    while queue:
+        _, cell = heapq.heappop(queue)
+        y, x = cell // wide, cell % wide
+        if done[y, x]:
+            continue
+        done[y, x] = True
+        if y == goal[0] and x == goal[1]:
+            break
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                v, u = y + dy, x + dx
+                if not (0 <= v < high and 0 <= u < wide) or done[v, u]:
+                    continue
+                if cost[v, u] == np.inf or cost[y, u] == np.inf or cost[v, x] == np.inf:
+                    continue
+                now = spent[y, x] + math.hypot(dx, dy) * (cost[y, x] + cost[v, u]) / 2
+                if now < spent[v, u]:
+                    spent[v, u], came[v, u] = now, cell
+                    rest = math.hypot(v - goal[0], u - goal[1])
+                    heapq.heappush(queue, (now + rest, v * wide + u))
+    if not done[goal[0], goal[1]]:
+        return np.zeros((0, 2), np.int64)
+    way = [goal[0] * wide + goal[1]]
+    while way[-1] != start[0] * wide + start[1]:
+        way.append(came[way[-1] // wide, way[-1] % wide])
+    found = np.empty((len(way), 2), np.int64)
+    for k in range(len(way)):
+        found[k, 0], found[k, 1] = way[len(way) - 1 - k] // wide, way[len(way) - 1 - k] % wide
+    return found
