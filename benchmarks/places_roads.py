@@ -53,7 +53,8 @@ def measure(twin: Twin, streets: MappedStreets) -> dict[str, Any]:
     Returns:
         ``crossings``, ``signals``, ``lanes``, ``arrows``: found and mapped.
         ``missing_crossings``, ``missing_signals``: where those stand that were not found, site
-        frame. ``unmapped_zebras`` of ``zebras``: painted with no mapped crossing near. ``heads``:
+        frame. ``missing_lanes``: where there are fewer than mapped, how many, of how many.
+        ``unmapped_zebras`` of ``zebras``: painted with no mapped crossing near. ``heads``:
         lanes that signals stop and whose signal stands, of all that signals stop.
         ``longest_cycle_s``: of all programs.
         ``wrong_arrows``: what is painted beside what is tagged. ``arrows_without_a_lane``: tagged
@@ -76,14 +77,15 @@ def measure(twin: Twin, streets: MappedStreets) -> dict[str, Any]:
     stopped = {head.lane for head in twin.roads.signals}
     stopped = {name for name in stopped if twin.roads.lane_by_id[name].kind != "crossing"}
     shown = {strip for one in twin.lane_model.signals if one.dynamic for strip in one.strip.split()}
-    found, mapped = 0, 0
+    found, mapped, lacking = 0, 0, []
     driven, through = _DrivenLanes(twin), _DrivenLanes(twin, within_junctions=True)
     for section in streets.sections():
         if inside.contains(shapely.Point(section.x, section.y)):
+            there = _side_by_side([*driven.across(section), *through.across(section)])
             mapped += section.lanes
-            found += min(
-                section.lanes, _side_by_side([*driven.across(section), *through.across(section)])
-            )
+            found += min(section.lanes, there)
+            if there < section.lanes:
+                lacking.append([round(section.x, 1), round(section.y, 1), there, section.lanes])
     return {
         "crossings": [len(here) - len(missing), len(here)],
         "missing_crossings": [[round(one.x, 1), round(one.y, 1)] for one in missing],
@@ -94,6 +96,7 @@ def measure(twin: Twin, streets: MappedStreets) -> dict[str, Any]:
         "missing_signals": [[round(one.x, 1), round(one.y, 1)] for one in unsignalled],
         "heads": [len(stopped & shown), len(stopped)],
         "lanes": [found, mapped],
+        "missing_lanes": lacking,
         "longest_cycle_s": max(
             (sum(seconds for seconds, _ in one.phases) for one in twin.roads.programs), default=0.0
         ),

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
+    from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
     from urbantwin.interface.inspection import inspect
@@ -62,6 +63,7 @@ __all__ = [
     "Curriculum",
     "Dataset",
     "Datasheet",
+    "DiscoveredRig",
     "Exported",
     "Film",
     "Frame",
@@ -96,6 +98,7 @@ __all__ = [
     "coverage",
     "curriculum",
     "demo",
+    "discover",
     "drive",
     "export",
     "film",

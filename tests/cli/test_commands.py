@@ -18,8 +18,9 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "actors align background build calibrate carla compare coverage curriculum demo export film "
-    "init inspect record replay reproduce run sensors suite traffic tune vary verify".split()
+    "actors align background build calibrate carla compare coverage curriculum demo discover "
+    "export film init inspect record replay reproduce run sensors suite traffic tune vary "
+    "verify".split()
 )
 
 

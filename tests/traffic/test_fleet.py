@@ -30,8 +30,10 @@ def tables():
 def outline(name):
     """Return what an asset covers of the plane y = 0, seen from the side."""
     mesh = asset_mesh(name)
-    triangles = shapely.polygons(mesh.triangles()[:, :, [0, 2]])
-    triangles = triangles[shapely.area(triangles) > 1e-5]
+    corners = mesh.triangles()
+    # Its surfaces are closed: what faces one side covers as much as all of it.
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 1] > 2e-5
+    triangles = shapely.polygons(corners[facing][:, :, [0, 2]])
     return shapely.union_all(triangles, grid_size=1e-3)
 
 

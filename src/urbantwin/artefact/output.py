@@ -35,6 +35,7 @@ KINDS = (
         "carla_frames",
         "plan",
         "calibration",
+        "discovery",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

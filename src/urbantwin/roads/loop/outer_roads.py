@@ -8,6 +8,7 @@ that they join, so that all that holds for a street holds for them.
 
 from __future__ import annotations
 
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,6 +24,9 @@ from urbantwin.roads.sidewalk import sidewalk_sides
 from urbantwin.site import WayPiece
 
 __all__ = ["OuterRoads", "close_loop"]
+
+#: How far the way out of a one-way street may bend aside to pass between buildings, radians.
+FINER_BENDS = tuple(math.radians(a) for a in sorted(range(-75, 80, 5), key=lambda a: (abs(a), -a)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +172,7 @@ def _way_out(layout: Layout, end: LooseEnd, street: int) -> float | None:
 
 def _past_walls(layout: Layout, gate: Gate) -> Gate:
     """Return a gate whose way out leads through as little as possible of standing buildings."""
-    turned = [replace(gate, heading=gate.heading + bend) for bend in BENDS]
+    turned = [replace(gate, heading=gate.heading + bend) for bend in FINER_BENDS]
     free = [one for one in turned if layout.space.leads_out(one.street, one.point, one.heading)]
     return min(free, key=lambda one: layout.space.walls_on(_ahead(one)), default=gate)
 

@@ -96,7 +96,9 @@ def _road(
             line.append(point)
     if more_arrive:
         last, end = layout.new_node(), _pose(ring, b, _course(ring, b, sense))
-    line += list(_between(ring, start, end, a, b, sense))
+    ways = _between(ring, start, end, a, b, sense)
+    walls = [layout.space.walls_on(_band(way, half)) for way in ways]
+    line += list(ways[walls.index(min(walls))])
     if more_arrive:
         entry.joints.append((last, np.array(end[:2])))
     else:
@@ -111,22 +113,33 @@ def _road(
 
 def _between(
     ring: shapely.LinearRing, start: Pose2, end: Pose2, a: float, b: float, sense: float
-) -> Points:
-    """Return points (N, 2) from pose to pose, along the ring where they lie far apart on it."""
+) -> list[Points]:
+    """Return points (N, 2) from pose to pose: along the ring where they lie far apart on it.
+
+    Where they do not, straight across, and over a place of the ring between, for what stands there.
+    """
     length = float(ring.length)
     way = (sense * (b - a)) % length
     bend = 2.5 * RADIUS_M
     if way < 3 * bend:
-        return dubins_points(start, end, RADIUS_M)
+        middle = _pose(ring, a + sense * way / 2, _course(ring, a + sense * way / 2, sense))
+        halves = (dubins_points(start, middle, RADIUS_M), dubins_points(middle, end, RADIUS_M))
+        return [dubins_points(start, end, RADIUS_M), np.vstack([halves[0], halves[1][1:]])]
     stations = a + sense * np.linspace(bend, way - bend, max(2, int((way - 2 * bend) / STEP_M) + 1))
     points = shapely.get_coordinates(ring.interpolate(stations % length))
     on, off = (
         (float(x), float(y), _course(ring, float(s), sense))
         for (x, y), s in ((points[0], stations[0]), (points[-1], stations[-1]))
     )
-    return np.vstack(
-        [dubins_points(start, on, RADIUS_M), points[1:-1], dubins_points(off, end, RADIUS_M)]
-    )
+    return [
+        np.vstack(
+            [dubins_points(start, on, RADIUS_M), points[1:-1], dubins_points(off, end, RADIUS_M)]
+        )
+    ]
+
+
+def _band(line: Points, half: float) -> shapely.Geometry:
+    return shapely.LineString(line).buffer(half, cap_style="flat")
 
 
 def _station(ring: shapely.LinearRing, gate: Gate) -> float:

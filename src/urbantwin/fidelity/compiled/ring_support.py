@@ -1,0 +1,38 @@
+"""How many points lie beside each on its ring, as one sensor sees them."""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["ring_support"]
+
+
+@njit(cache=True, nogil=True)
+def ring_support(channel, azimuth, range_m, off, weight, wide, range_share, off_most):
+    """Return for each point the weight of its neighbours on the ring.
+
+    Args:
+        channel: (N,) sorted.
+        azimuth: (N,) radians, sorted within a channel.
+        range_m: (N,) from the sensor.
+        off: (N,) of the channel's elevation, degrees.
+        weight: (N,) how likely each is the sensor's.
+        wide: azimuth to each side within which neighbours count, radians.
+        range_share: neighbours are as far to this share of the range, and 0.1 m.
+        off_most: and as far off the elevation, to this, degrees.
+
+    Returns:
+        (N,) sums of weights, the point itself left out.
+    """
+    count = len(channel)
+    total = np.zeros(count)
+    first = 0
+    for i in range(count):
+        while channel[first] != channel[i] or azimuth[first] < azimuth[i] - wide:
+            first += 1
+        j = first
+        reach = 0.1 + range_share * range_m[i]
+        while j < count and channel[j] == channel[i] and azimuth[j] <= azimuth[i] + wide:
+            if j != i and abs(range_m[j] - range_m[i]) < reach and abs(off[j] - off[i]) < off_most:
+                total[i] += weight[j]
+            j += 1
+    return total

@@ -1,0 +1,184 @@
+"""The sensors that recorded frames, found in their points alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.discovery.close_fit import closely_fitted
+from urbantwin.fidelity.discovery.elevation_match import TableFit
+from urbantwin.fidelity.discovery.point_rays import (
+    PointRays,
+    column_step_deg,
+    columns_of,
+    point_rays,
+)
+from urbantwin.fidelity.discovery.result import Discovery, FoundSensor
+from urbantwin.fidelity.discovery.ring_pieces import ring_pieces
+from urbantwin.fidelity.discovery.search import FEWEST_PIECES, search_standpoints
+from urbantwin.fidelity.discovery.together import draws_rings, fitted_together
+from urbantwin.fidelity.discovery.usable_frames import (
+    check_frames,
+    check_ranges,
+    check_standing,
+)
+from urbantwin.fidelity.sampling import evenly
+from urbantwin.lidar import Sensor, sensor, sensor_names
+from urbantwin.progress import Progress, between, untold
+
+__all__ = ["discover"]
+
+#: Points around which pieces of rings are looked for, of all frames; and frames in which every
+#: point is given to a sensor to fit closely.
+_SEEDS, _CLOSE_FRAMES = 60_000, 4
+#: How often points are given out and sensors fitted to them, and how rings spread at first.
+_ROUNDS, _FIRST_SPREAD_DEG = 4, 0.03
+#: Models are told from each other by this much evidence (logarithm of odds), or not at all.
+_DECIDED = 3.0
+#: Pieces of rings of which a sensor is found as a rule.
+_ENOUGH_PIECES = 400
+_WITHIN_DEG = 0.05
+#: Of all points, a sensor has more than this share: less is left over by another.
+_LEAST_SHARE = 0.005
+
+
+def discover(
+    frames: Sequence[NDArray[np.float64]],
+    names: Sequence[str],
+    *,
+    models: Sequence[Sensor] | None = None,
+    seed: int = 0,
+    tell: Progress = untold,
+) -> Discovery:
+    """Return where the sensors of unlabelled frames stand, how they tilt and what they are.
+
+    Args:
+        frames: (N, 3) points of each, metres, all in one frame of reference that stands still
+            with the sensors, z up. One is enough where rings are many.
+        names: of the frames.
+        models: that they may be; the catalogue's when not given.
+        seed: what is drawn from the frames follows from it.
+        tell: called with the share done and what is being done.
+
+    Raises:
+        InputError: no sensor is found, with the reason: points in another unit, frames of sensors
+            that moved or of several places, too few of them, or no ring is left.
+    """
+    check_frames(frames, names)
+    if models is None:
+        models = [one for one in map(sensor, sensor_names()) if one.pattern is None]
+    tell(0.02, "pieces of rings")
+    pieces = ring_pieces(frames, _SEEDS, seed)
+    if len(pieces) < FEWEST_PIECES:
+        raise InputError(
+            f"no ring is left in {_counted(frames)}: {len(pieces)} pieces of lines in all",
+            expected="rings as sensors draw them, on more than a few metres of ground or walls",
+        )
+    found = search_standpoints(
+        pieces,
+        lambda some, place: draws_rings(some, place, models),
+        between(tell, 0.1, 0.45),
+        seed,
+    )
+    fits = fitted_together(pieces, found, models, between(tell, 0.45, 0.75))
+    if not fits:
+        raise _nothing_found(frames, len(pieces))
+    chosen = evenly(len(frames), _CLOSE_FRAMES)
+    close = [frames[number] for number in chosen]
+    rays, sensors = _closely(close, fits, between(tell, 0.75, 1.0))
+    if not sensors:
+        raise _nothing_found(frames, len(pieces))
+    check_ranges(close, rays, sensors)
+    check_standing(close, [names[number] for number in chosen], rays, sensors)
+    off = np.concatenate([one.off_deg for one in rays])
+    return Discovery(
+        tuple(sensors),
+        tuple(names),
+        len(off),
+        float((np.abs(np.nan_to_num(off, nan=np.inf)) < _WITHIN_DEG).mean()),
+    )
+
+
+def _closely(
+    frames: Sequence[NDArray[np.float64]], fits: Sequence[Sequence[TableFit]], tell: Progress
+) -> tuple[list[PointRays], list[FoundSensor]]:
+    """Return whose points are, and the sensors fitted to them, that with most points first."""
+    best = [one[0] for one in fits]
+    spreads = [_FIRST_SPREAD_DEG] * len(best)
+    steps = [0.2 if one.unit.model is None else 360 / one.unit.model.columns for one in best]
+    measured: list[float | None] = [None] * len(best)
+    for turn in range(_ROUNDS):
+        tell(turn / _ROUNDS, "points on rings")
+        rays = [point_rays(points, best, steps, spreads) for points in frames]
+        for number in range(len(best)):
+            measured[number] = column_step_deg(rays, number)
+            steps[number] = measured[number] or steps[number]
+        if turn < _ROUNDS - 1:
+            closer = [closely_fitted(one, n, frames, rays) for n, one in enumerate(best)]
+            best = [fit for fit, _ in closer]
+            spreads = [spread for _, spread in closer]
+    count = [sum(int((one.sensor == number).sum()) for one in rays) for number in range(len(best))]
+    least = _LEAST_SHARE * sum(len(one.sensor) for one in rays)
+    order = sorted(range(len(best)), key=lambda number: (-count[number], number))
+    order = [number for number in order if count[number] > least]
+    sensors = []
+    for rank, number in enumerate(order):
+        models, confidence = _models(fits[number], measured[number])
+        model = next((one.unit.model for one in fits[number] if one.unit.model in models), None)
+        columns = columns_of(model, measured[number])
+        if columns is None and model is not None and measured[number] is None:
+            columns = model.columns
+        sensors.append(
+            FoundSensor(
+                f"sensor-{rank + 1}",
+                tuple(one.name for one in models),
+                confidence,
+                best[number],
+                spreads[number],
+                measured[number],
+                columns or round(360 / steps[number]),
+                count[number],
+            )
+        )
+    place = np.full(len(best) + 1, -1)
+    place[order] = np.arange(len(order))
+    renamed = [
+        PointRays(place[one.sensor], one.ring, one.off_deg, one.azimuth, one.sure) for one in rays
+    ]
+    return renamed, sensors
+
+
+def _models(fits: Sequence[TableFit], step_deg: float | None) -> tuple[list[Sensor], float]:
+    """Return the models that a sensor may be, the likeliest first, and how sure that is.
+
+    Tables that fit alike are told apart by the steps of azimuth, if one of them has such columns.
+    """
+    if fits[0].unit.model is None:
+        return [], 0.0
+    known = [(one.unit.model, one.evidence) for one in fits if one.unit.model is not None]
+    alike = [model for model, evidence in known if evidence > known[0][1] - _DECIDED]
+    stepped = [one for one in alike if columns_of(one, step_deg) is not None]
+    share = np.exp([evidence - known[0][1] for _, evidence in known])
+    sure = sum(float(part) for (model, _), part in zip(known, share, strict=True) if model in alike)
+    return stepped or alike, sure / float(share.sum())
+
+
+def _counted(frames: Sequence[NDArray[np.float64]]) -> str:
+    points = sum(map(len, frames))
+    return f"{len(frames)} {'frame' if len(frames) == 1 else 'frames'} of {points} points"
+
+
+def _nothing_found(frames: Sequence[NDArray[np.float64]], pieces: int) -> InputError:
+    if pieces < _ENOUGH_PIECES:
+        needed = -(-_ENOUGH_PIECES * len(frames) // pieces)
+        return InputError(
+            f"the rings of no sensor are found in {_counted(frames)}",
+            expected=f"about {needed} frames like these",
+        )
+    return InputError(
+        f"the rings of no sensor are found in {_counted(frames)}",
+        expected="frames of turning sensors that stand still, as they measured them",
+    )

@@ -1,0 +1,196 @@
+"""Which model's elevations the rings of a sensor have, and its pose by them.
+
+Pieces of rings are seen at the elevations of a sensor's channels. A table of elevations tells what
+rings on level ground alone do not: the height. It is fitted together with place and axis, and
+with how far this very unit is off its model's table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+from scipy.special import gammaln
+
+from urbantwin.fidelity.discovery.ring_pieces import RingPieces
+from urbantwin.fidelity.discovery.standpoint import Standpoint, aslant
+from urbantwin.fidelity.discovery.unit import OnChannel, Unit
+from urbantwin.fidelity.discovery.unit_fit import Belief, Freedom, fit_unit
+from urbantwin.lidar import Sensor
+
+__all__ = ["TableFit", "fit_free_table", "fit_tables", "ring_odds"]
+
+#: Pieces overlap: so many of them are one look at a ring.
+_PIECES_PER_LOOK = 8.0
+#: Units are off their model's table, degrees: Ouster and HDL-64E units by 0.1, others by less.
+_OF_MODEL, _OF_NOBODY = Freedom(0.12), Freedom(2.0)
+#: Tolerances from rough to fine, and how a ring spreads in the end, degrees.
+_FINER_DEG, _RING_DEG = (0.15, 0.08, 0.05, 0.03), 0.04
+#: Share of the pieces that are on rings, and over how many degrees the others spread.
+_ON, _OTHERS_DEG = 0.9, 100.0
+#: Heights that are tried, metres each way; elevations in so small steps, degrees.
+_HEIGHT_M, _HEIGHT_STEP_M, _BIN_DEG = 0.5, 0.01, 0.01
+#: Tables that fit best as they are, which are fitted closely; and pieces that are enough for it.
+_CLOSELY, _ENOUGH = 6, 6000
+#: Peaks of elevations that are rings of a table that nobody knows: their width and how they stand
+#: out of the high ones.
+_PEAK_DEG, _PEAK_SHARE = 0.05, 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class TableFit:
+    """A sensor's pose by a table of elevations.
+
+    Attributes:
+        seen_from: where the sensor stands.
+        unit: its channels.
+        covariance: (5, 5) of x, y, z (metres) and two angles `across` (radians).
+        looks: (C,) at each channel.
+        evidence: logarithm of how likely the looks are by this table, whatever the unit is off it.
+        gain: logarithm of how much likelier all looks are by rings than without, less what the
+            freedom of the table is worth: above 0 there are rings.
+        within: share of the pieces within 0.05 degrees of a channel.
+    """
+
+    seen_from: Standpoint
+    unit: Unit
+    covariance: NDArray[np.float64]
+    looks: NDArray[np.float64]
+    evidence: float
+    gain: float
+    within: float
+
+    def sees(self, points: NDArray[np.float64]) -> OnChannel:
+        """Return which channels see (N, 3) points."""
+        return self.unit.sees(points, self.seen_from)
+
+
+def fit_tables(
+    pieces: RingPieces, weight: NDArray[np.float64], start: Standpoint, models: Sequence[Sensor]
+) -> list[TableFit]:
+    """Return the fits of the models that fit best, the best first.
+
+    Args:
+        pieces: of one sensor.
+        weight: (P,) how likely each is its, 0..1.
+        start: where it stands, by the directions of its pieces.
+        models: with channels.
+    """
+    few, share = _enough(pieces, weight)
+    ranked = []
+    for model in models:
+        score, height = _best_height(few, share, start, model.elevation_deg)
+        ranked.append((score, height, model))
+    ranked.sort(key=lambda one: -one[0])
+    fits = []
+    for _, height, model in ranked[:_CLOSELY]:
+        at = Standpoint(start.place + [0, 0, height], start.axis)
+        unit = Unit.of_table(model.elevation_deg, model)
+        fits.append(_fit(few, share, (at, unit), start, _OF_MODEL))
+    fits.sort(key=lambda one: -one.evidence)
+    return fits
+
+
+def fit_free_table(
+    pieces: RingPieces, weight: NDArray[np.float64], start: Standpoint
+) -> TableFit | None:
+    """Return the pose by rings of no known table, which is found with it; None without rings.
+
+    Only the directions of the pieces and walls then tell the height.
+    """
+    few, share = _enough(pieces, weight)
+    seen = start.elevation_deg(few.middle)
+    count, edges = np.histogram(seen, np.arange(-90, 90 + _BIN_DEG, _BIN_DEG), weights=share)
+    spread = _PEAK_DEG / _BIN_DEG
+    bell = np.exp(-0.5 * (np.arange(-4 * spread, 4 * spread + 1) / spread) ** 2)
+    smooth = np.convolve(count, bell, mode="same")
+    some = smooth[smooth > 0.5]
+    if not len(some):
+        return None
+    least = _PEAK_SHARE * float(np.percentile(some, 90))
+    peaks, _ = find_peaks(smooth, height=least, prominence=least)
+    if not len(peaks):
+        return None
+    unit = Unit.of_table(edges[peaks] + _BIN_DEG / 2, None)
+    return _fit(few, share, (start, unit), start, _OF_NOBODY)
+
+
+def _enough(
+    pieces: RingPieces, weight: NDArray[np.float64]
+) -> tuple[RingPieces, NDArray[np.float64]]:
+    """Return as many pieces as are enough: evidence is compared of the same ones."""
+    rows = np.arange(len(pieces))[:: max(1, len(pieces) // _ENOUGH)]
+    return pieces.of(rows), weight[rows]
+
+
+def ring_odds(fit: TableFit, pieces: RingPieces) -> NDArray[np.float64]:
+    """Return how much likelier (P,) pieces are at a fit's rings than anywhere between them."""
+    on = fit.sees(pieces.middle)
+    return np.asarray((1 - _ON) + _ON * _bell(on.off_deg) * on.room_deg)
+
+
+def _bell(off_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    bell = np.exp(-0.5 * (off_deg / _RING_DEG) ** 2) / (_RING_DEG * np.sqrt(2 * np.pi))
+    return np.asarray(bell)
+
+
+def _best_height(
+    pieces: RingPieces, weight: NDArray[np.float64], at: Standpoint, table: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return how well a table fits at the height where it does best, and that height, metres."""
+    count, _ = np.histogram(table, np.arange(-90, 90 + _BIN_DEG, _BIN_DEG))
+    spread = 2 * _RING_DEG / _BIN_DEG
+    bell = np.exp(-0.5 * (np.arange(-5 * spread, 5 * spread + 1) / spread) ** 2)
+    bell /= bell.sum() * _BIN_DEG
+    density = np.convolve(count, bell, mode="same") / len(table)
+    score = np.log(_ON * density + (1 - _ON) / _OTHERS_DEG)
+    best = (-np.inf, 0.0)
+    for height in np.arange(-_HEIGHT_M, _HEIGHT_M + _HEIGHT_STEP_M / 2, _HEIGHT_STEP_M):
+        seen = Standpoint(at.place + [0, 0, height], at.axis).elevation_deg(pieces.middle)
+        bins = np.clip(((seen + 90) / _BIN_DEG).astype(np.int64), 0, len(score) - 1)
+        best = max(best, (float((weight * score[bins]).sum() / weight.sum()), float(height)))
+    return best
+
+
+def _fit(
+    pieces: RingPieces,
+    weight: NDArray[np.float64],
+    start: tuple[Standpoint, Unit],
+    believed: Standpoint,
+    freedom: Freedom,
+) -> TableFit:
+    """Return the fit of a table, and what speaks for it, counted in looks.
+
+    What the directions of the pieces say of the pose is the belief. The evidence is that of
+    Laplace: how likely the elevations are with the best offsets of the channels, less what it
+    costs to have chosen those (MacKay 2003, chapter 28), for any shares of the channels.
+    """
+    each = weight / _PIECES_PER_LOOK
+    held = aslant(pieces, believed).jacobian
+    belief = Belief(believed, held.T @ (held * (each / pieces.sigma**2)[:, None]))
+    seen_from, unit, covariance = fit_unit(pieces.middle, each, start, belief, freedom, _FINER_DEG)
+    on = unit.sees(pieces.middle, seen_from)
+    count = len(unit.table_deg)
+    bell = _bell(on.off_deg)
+    near = np.abs(on.off_deg) < 3 * _RING_DEG
+    looks = np.bincount(on.channel, each * near, minlength=count).astype(np.float64)
+    told = each * np.log(np.where(near, _ON * bell, (1 - _ON) / _OTHERS_DEG))
+    # Which channels have how many looks: all shares are as likely beforehand, so a table pays for
+    # channels that nothing is seen of.
+    spread = gammaln(count) - gammaln(looks.sum() + count) + gammaln(looks + 1).sum()
+    chosen = np.log1p(looks * (freedom.offset_deg / _RING_DEG) ** 2)
+    chosen += (unit.offset_deg / freedom.offset_deg) ** 2
+    comb = float((each * np.log((1 - _ON) + _ON * bell * on.room_deg)).sum())
+    free = int((looks > 0.5).sum()) + 5
+    return TableFit(
+        seen_from,
+        unit,
+        covariance,
+        looks,
+        float(told.sum() + spread - 0.5 * chosen.sum()),
+        comb - 0.5 * free * float(np.log(max(float(each.sum()), 2.0))),
+        float(weight[np.abs(on.off_deg) < 0.05].sum() / weight.sum()),
+    )

@@ -1,0 +1,178 @@
+"""Every point's sensor, ring and column."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.fidelity.compiled.ring_support import ring_support
+from urbantwin.fidelity.discovery.elevation_match import TableFit
+from urbantwin.lidar import Sensor
+from urbantwin.lidar.pattern import beam_azimuths
+
+__all__ = ["PointRays", "azimuth_of", "column_step_deg", "columns_in", "columns_of", "point_rays"]
+
+#: A point farther from a channel than so many times what its rings spread, and than so much, is not
+#: the sensor's. Some spread more: of moving sensors, of sweeps that were straightened.
+_REACH, _REACH_DEG = 4.0, 0.05
+_WIDE_SHARE, _WIDE_DEG = 0.15, 0.025
+#: Neighbours on a ring that speak for a point: columns to each side, how alike their ranges
+#: and elevations are.
+_COLUMNS_BESIDE, _RANGE_SHARE, _ALIKE_DEG = 8, 0.02, 0.012
+#: How often points are given out, each time by the neighbours as given out before.
+_ROUNDS = 4
+#: What a point without neighbours, and one that is nobody's, count as; and how sure its sensor is.
+_ALONE, _NOBODY, _SURE = 0.02, 0.01, 0.5
+#: Steps of azimuth between columns, degrees.
+_LEAST_STEP_DEG, _MOST_STEP_DEG, _BIN_DEG = 0.03, 1.2, 0.005
+#: A model's columns fit a measured step to this share.
+_STEP_SHARE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class PointRays:
+    """Whose each point of a frame is.
+
+    Attributes:
+        sensor: (N,) int64, -1 where no sensor's ring passes.
+        ring: (N,) int64, the channel in the maker's order, -1.
+        off_deg: (N,) what the point is seen above its channel, degrees, NaN.
+        azimuth: (N,) in the sensor's frame with a yaw of 0, radians, NaN.
+        sure: (N,) how likely it is this sensor's, among all, 0..1.
+    """
+
+    sensor: NDArray[np.int64]
+    ring: NDArray[np.int64]
+    off_deg: NDArray[np.float64]
+    azimuth: NDArray[np.float64]
+    sure: NDArray[np.float64]
+
+
+def point_rays(
+    points: NDArray[np.float64],
+    fits: Sequence[TableFit],
+    steps_deg: Sequence[float],
+    spreads_deg: Sequence[float],
+) -> PointRays:
+    """Return the sensor and ring of every point of a frame.
+
+    Many rings of other sensors pass near a point by chance: its own has its neighbours on it, a
+    column away to each side, as far and as high.
+
+    Args:
+        points: (N, 3), metres.
+        fits: of each sensor.
+        steps_deg: between the columns of each.
+        spreads_deg: standard deviation of elevations on its rings.
+    """
+    count = len(points)
+    share = np.zeros((len(fits), count))
+    ring = np.full((len(fits), count), -1, np.int64)
+    off = np.full((len(fits), count), np.nan)
+    azimuth = np.full((len(fits), count), np.nan)
+    room = np.ones((len(fits), count))
+    sorted_rows = []
+    for number, fit in enumerate(fits):
+        on = fit.sees(points)
+        ring[number], off[number], room[number] = on.channel, on.off_deg, on.room_deg
+        azimuth[number] = azimuth_of(points, fit)
+        rows = np.flatnonzero(np.abs(off[number]) < max(_REACH * spreads_deg[number], _REACH_DEG))
+        rows = rows[np.lexsort((azimuth[number, rows], ring[number, rows]))]
+        sorted_rows.append(rows)
+        share[number, rows] = 1.0
+    share /= np.maximum(share.sum(axis=0), 1.0)
+    for _ in range(_ROUNDS):
+        odds = np.zeros_like(share)
+        for number, (fit, rows) in enumerate(zip(fits, sorted_rows, strict=True)):
+            spread = spreads_deg[number]
+            wide = np.radians(_COLUMNS_BESIDE * steps_deg[number])
+            beside = ring_support(
+                ring[number, rows],
+                azimuth[number, rows],
+                np.sqrt(((points[rows] - fit.seen_from.place) ** 2).sum(axis=1)),
+                off[number, rows],
+                share[number, rows],
+                wide,
+                _RANGE_SHARE,
+                max(2 * spread, _ALIKE_DEG),
+            )
+            held = np.minimum(beside / _COLUMNS_BESIDE, 1.0) ** 2 + _ALONE
+            bell = (1 - _WIDE_SHARE) * _bell(off[number, rows], spread)
+            bell += _WIDE_SHARE * _bell(off[number, rows], max(spread, _WIDE_DEG))
+            odds[number, rows] = held * bell * room[number, rows]
+        share = odds / (odds.sum(axis=0) + _NOBODY)
+    best = share.argmax(axis=0)
+    every = np.arange(count)
+    mine = share[best, every] > _SURE
+    return PointRays(
+        np.where(mine, best, -1),
+        np.where(mine, ring[best, every], -1),
+        np.where(mine, off[best, every], np.nan),
+        np.where(mine, azimuth[best, every], np.nan),
+        share[best, every],
+    )
+
+
+def _bell(off_deg: NDArray[np.float64], spread_deg: float) -> NDArray[np.float64]:
+    bell = np.exp(-0.5 * (off_deg / spread_deg) ** 2) / (spread_deg * np.sqrt(2 * np.pi))
+    return np.asarray(bell)
+
+
+def azimuth_of(points: NDArray[np.float64], fit: TableFit) -> NDArray[np.float64]:
+    """Return the azimuth (N,) of points in a sensor's frame whose yaw is 0, radians."""
+    axis = fit.seen_from.axis
+    forward = np.array([axis[2], 0.0, -axis[0]]) / np.hypot(axis[0], axis[2])
+    left = np.cross(axis, forward)
+    away = points - fit.seen_from.place
+    return np.asarray(np.arctan2(away @ left, away @ forward))
+
+
+def column_step_deg(rays: Sequence[PointRays], sensor: int) -> float | None:
+    """Return the step of azimuth between a sensor's columns, degrees; None with too few points.
+
+    The commonest gap between neighbours on a ring, frame by frame.
+    """
+    gaps = []
+    for one in rays:
+        mine = np.flatnonzero(one.sensor == sensor)
+        mine = mine[np.lexsort((one.azimuth[mine], one.ring[mine]))]
+        gap = np.degrees(np.diff(one.azimuth[mine]))
+        gaps.append(gap[np.diff(one.ring[mine]) == 0])
+    gap = np.concatenate(gaps) if gaps else np.zeros(0)
+    gap = gap[(gap > _LEAST_STEP_DEG) & (gap < _MOST_STEP_DEG)]
+    if len(gap) < 100:
+        return None
+    count, edges = np.histogram(gap, np.arange(_LEAST_STEP_DEG, _MOST_STEP_DEG, _BIN_DEG))
+    smooth = np.convolve(count, np.ones(5), mode="same")
+    middle = edges[int(smooth.argmax())] + _BIN_DEG / 2
+    near = gap[np.abs(gap - middle) < 0.15 * middle]
+    return float(near.mean())
+
+
+def columns_of(model: Sensor | None, step_deg: float | None) -> int | None:
+    """Return how many columns per turn a model has with such a step; None if it offers none."""
+    if step_deg is None:
+        return None
+    measured = 360 / step_deg
+    if model is None:
+        return round(measured)
+    best = min(model.columns_options, key=lambda one: abs(one / measured - 1))
+    return best if abs(best / measured - 1) < _STEP_SHARE else None
+
+
+def columns_in(
+    rays: PointRays, sensor: int, model: Sensor | None, columns: int
+) -> NDArray[np.int64]:
+    """Return the columns (M,) of a sensor's points: whole numbers from 0 at a yaw of 0."""
+    mine = rays.sensor == sensor
+    turned = rays.azimuth[mine]
+    clockwise = True
+    if model is not None:
+        first = beam_azimuths(model, columns, turns_per_second=model.rate_hz)[:, 0]
+        turned = turned - first[rays.ring[mine]]
+        clockwise = model.spin == "cw"
+    turned = -turned if clockwise else turned
+    return np.asarray(np.rint(turned * columns / (2 * np.pi)).astype(np.int64) % columns)

@@ -1,0 +1,69 @@
+"""Discovery in a recording on disk: its frames read, the results written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.errors import InputError
+from urbantwin.fidelity.discovery.discover import discover
+from urbantwin.fidelity.discovery.picture import draw_discovery
+from urbantwin.fidelity.discovery.result import Discovery
+from urbantwin.fidelity.discovery.written import write_frames, write_rig
+from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.sampling import evenly
+from urbantwin.progress import Progress, between, each
+
+__all__ = ["discover_recording"]
+
+#: Frames that are looked at; of longer recordings, so many that are spread evenly.
+_MOST_FRAMES = 12
+
+
+def discover_recording(
+    real: Path,
+    rig: Path,
+    picture: Path,
+    frames_out: Path | None,
+    tell: Progress,
+) -> tuple[Discovery, dict[str, Any]]:
+    """Find the sensors of a recording, and write rig, picture and, if asked for, frames.
+
+    Args:
+        real: any recording that `readers.open_recording` takes; only its points are looked at.
+        rig: the ``rig.yaml`` to write.
+        picture: the PNG to write.
+        frames_out: a folder for all frames with sensor, ring and column of each point.
+        tell: called with the share done and what is being done.
+
+    Returns:
+        The sensors, and what was written.
+
+    Raises:
+        InputError: the recording cannot be read, or its sensors cannot be found.
+    """
+    recording = open_recording(real)
+    used = evenly(len(recording), _MOST_FRAMES)
+    if not used:
+        raise InputError("holds no frames", file=real, expected="at least one")
+    told = between(tell, 0.0, 0.05)
+    frames = [recording.read(number).points for number in each(used, told, "reading")]
+    names = [recording.names[number] for number in used]
+    most = 0.9 if frames_out is None else 0.6
+    try:
+        found = discover(frames, names, tell=between(tell, 0.05, most))
+    except InputError as error:
+        raise InputError(
+            error.problem, file=real, place=error.place, expected=error.expected
+        ) from None
+    written: dict[str, Any] = {}
+    if frames_out is not None:
+        told = between(tell, most, 0.95)
+        every = (recording.read(n) for n in each(range(len(recording)), told, "rings"))
+        with replaced_folder(frames_out, kind="discovery", inputs=[real]) as folder:
+            written["rays"] = write_frames(found, every, folder)
+            write_json(folder / "discovery.json", {"kind": "discovery", **found.told()})
+    draw_discovery(found, frames[0], picture)
+    written["units"] = [str(one) for one in write_rig(found, rig)]
+    return found, written

@@ -1,0 +1,143 @@
+"""What was found of the sensors that recorded: their poses, models, and how wrong that may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.fidelity.discovery.elevation_match import TableFit
+from urbantwin.fidelity.discovery.point_rays import PointRays, point_rays
+
+__all__ = ["Discovery", "FoundSensor"]
+
+#: Nothing is stated to be known better than this, metres and degrees: the trail of a metre of
+#: range error in one beam, or of a pole that swayed, is not in the formal errors.
+_LEAST_M, _LEAST_DEG = 0.005, 0.01
+#: A channel of which fewer points were seen than this is as its model says.
+_FEW_LOOKS = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class FoundSensor:
+    """One sensor.
+
+    Attributes:
+        name: ``sensor-1`` and so on, the one with most points first.
+        models: of the catalogue, any of which it may be; none: its table is nobody's.
+        confidence: that it is one of them, 0..1, if it is in the catalogue at all.
+        fit: pose, channels, and what speaks for them.
+        spread_deg: standard deviation of elevations on its rings.
+        step_deg: between its columns; None: too few points tell.
+        columns: per turn, as its model offers them, or as measured.
+        points: in the frames that were fitted to.
+    """
+
+    name: str
+    models: tuple[str, ...]
+    confidence: float
+    fit: TableFit
+    spread_deg: float
+    step_deg: float | None
+    columns: int
+    points: int
+
+    @property
+    def place(self) -> NDArray[np.float64]:
+        """Where it stands (3,), metres, in the frame of the points."""
+        return self.fit.seen_from.place
+
+    @property
+    def pitch_roll(self) -> tuple[float, float]:
+        """Its attitude at a yaw of 0, radians: nothing in the points tells the yaw."""
+        axis = self.fit.seen_from.axis
+        return float(np.arctan2(axis[0], axis[2])), float(-np.arcsin(axis[1]))
+
+    @property
+    def sigma_m(self) -> NDArray[np.float64]:
+        """Standard deviations (3,) of its place, metres."""
+        formal = np.sqrt(np.diag(self.fit.covariance)[:3])
+        return np.asarray(np.hypot(formal, _LEAST_M))
+
+    @property
+    def sigma_tilt_deg(self) -> float:
+        """Standard deviation of the direction of its axis, degrees."""
+        formal = np.degrees(np.sqrt(np.diag(self.fit.covariance)[3:].max()))
+        return float(np.hypot(formal, _LEAST_DEG))
+
+    @property
+    def rings(self) -> int:
+        """How many of its channels were seen."""
+        return int((self.fit.looks >= 1).sum())
+
+    @property
+    def off_model_deg(self) -> float:
+        """Root mean square of what its seen channels are off its model's table, degrees."""
+        seen = self.fit.looks >= _FEW_LOOKS
+        offset = self.fit.unit.offset_deg[seen]
+        return float(np.sqrt((offset**2).mean())) if len(offset) else 0.0
+
+    def told(self) -> dict[str, Any]:
+        """Return it in numbers for people and programs."""
+        x, y, z = (round(float(one), 3) for one in self.place)
+        pitch, roll = (round(float(np.degrees(one)), 3) + 0.0 for one in self.pitch_roll)
+        sigma = self.sigma_m
+        return {
+            "name": self.name,
+            "models": list(self.models) or "unknown",
+            "confidence": round(self.confidence, 3),
+            "east_m": x,
+            "north_m": y,
+            "up_m": z,
+            "pitch_deg": pitch,
+            "roll_deg": roll,
+            "sigma_plan_m": round(float(sigma[:2].max()), 3),
+            "sigma_up_m": round(float(sigma[2]), 3),
+            "sigma_tilt_deg": round(self.sigma_tilt_deg, 3),
+            "rings": self.rings,
+            "channels": len(self.fit.unit.table_deg),
+            "off_model_deg": round(self.off_model_deg, 3),
+            "ring_spread_deg": round(self.spread_deg, 4),
+            "columns": self.columns,
+            "azimuth_step_deg": None if self.step_deg is None else round(self.step_deg, 4),
+            "points": self.points,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery:
+    """The sensors that recorded.
+
+    Attributes:
+        sensors: that with most points first.
+        frames: names of those that were fitted to.
+        points: of the frames in which points were given to sensors.
+        on_rings: share of those points that lie within 0.05 degrees of a channel of the sensor
+            that they were given to, with neighbours on its ring.
+    """
+
+    sensors: tuple[FoundSensor, ...]
+    frames: tuple[str, ...]
+    points: int
+    on_rings: float
+
+    def rays(self, points: NDArray[np.float64]) -> PointRays:
+        """Return sensor and ring of (N, 3) points of a frame, in its frame of reference."""
+        return point_rays(
+            points,
+            [one.fit for one in self.sensors],
+            [one.step_deg or 360 / one.columns for one in self.sensors],
+            [one.spread_deg for one in self.sensors],
+        )
+
+    def told(self) -> dict[str, Any]:
+        """Return it in numbers for people and programs."""
+        return {
+            "sensors": [one.told() for one in self.sensors],
+            "yaw": "unknown: nothing in points tells where a sensor's azimuth is zero",
+            "frames": len(self.frames),
+            "points": self.points,
+            "on_rings": round(self.on_rings, 4),
+        }

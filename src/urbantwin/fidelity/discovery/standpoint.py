@@ -1,0 +1,110 @@
+"""Where a sensor stands and what it turns about, and what pieces of rings say of that.
+
+A beam that turns about an axis ``a`` sweeps a cone: all that it meets is seen at one elevation,
+``a.u = sin e`` with ``u`` the line of sight from the sensor's place. Along a piece of a ring with
+direction ``t``, at a distance ``r``, the elevation does not change:
+
+    d(a.u)/dt = (a.t - (t.u)(a.u)) / r = 0
+
+That is one equation for the place and the axis from every piece, whatever surface it lies on.
+Errors of the ranges move points along ``u``, which stays on the cone: they do not enter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.fidelity.discovery.ring_pieces import RingPieces
+
+__all__ = ["LEAST_RISE", "Standpoint", "across", "aslant", "odds_of"]
+
+#: Sines of elevation below this count as this: nearly level lines are level for whoever looks.
+LEAST_RISE = 0.05
+_ROOT = float(np.sqrt(np.pi / 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Standpoint:
+    """Where a sensor stands and what it turns about.
+
+    Attributes:
+        place: (3,) float64, metres, in the frame of the points.
+        axis: (3,) unit vector, up.
+    """
+
+    place: NDArray[np.float64]
+    axis: NDArray[np.float64]
+
+    @property
+    def tilt(self) -> float:
+        """Angle between the axis and z, radians."""
+        return float(np.arctan2(np.hypot(self.axis[0], self.axis[1]), self.axis[2]))
+
+    def elevation_deg(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the elevation (N,) at which (N, 3) points are seen, degrees."""
+        away = points - self.place
+        far = np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-9)
+        return np.asarray(np.degrees(np.arcsin(np.clip(away @ self.axis / far, -1, 1))))
+
+    def moved(self, step: NDArray[np.float64]) -> Standpoint:
+        """Return it moved by x, y, z (metres) and turned by two angles `across` (radians)."""
+        first, second = across(self.axis)
+        axis = self.axis + step[3] * first + step[4] * second
+        return Standpoint(self.place + step[:3], axis / np.sqrt((axis**2).sum()))
+
+
+def across(axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return two unit vectors (3,) square to an axis that is not along x, and to each other."""
+    first = np.cross(axis, [1.0, 0.0, 0.0])
+    first /= np.sqrt((first**2).sum())
+    return first, np.cross(axis, first)
+
+
+@dataclass(frozen=True, eq=False)
+class Aslant:
+    """What pieces of rings are off the cone of the beam through them.
+
+    Attributes:
+        off: (P,) sine of the angle off the cone, 0 for a ring of this sensor.
+        jacobian: (P, 5) its derivative by the steps of `Standpoint.moved`.
+        rise: (P,) absolute sine of the angle between line of sight and the horizontal, at least
+            `LEAST_RISE`: by so much a level line drawn by anybody else is off.
+    """
+
+    off: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
+    rise: NDArray[np.float64]
+
+
+def aslant(pieces: RingPieces, seen_from: Standpoint) -> Aslant:
+    """Return how far pieces are off being rings of a sensor."""
+    away = pieces.middle - seen_from.place
+    far = np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-6)
+    sight = away / far[:, None]
+    axis, along = seen_from.axis, pieces.along
+    toward = (along * sight).sum(axis=1)
+    sine = sight @ axis
+    sideways = along - toward[:, None] * sight
+    upward = axis - sine[:, None] * sight
+    by_place = (sine[:, None] * sideways + toward[:, None] * upward) / far[:, None]
+    first, second = across(axis)
+    return Aslant(
+        along @ axis - toward * sine,
+        np.column_stack([by_place, sideways @ first, sideways @ second]),
+        np.maximum(np.abs(sight[:, 2]), LEAST_RISE),
+    )
+
+
+def odds_of(found: Aslant, spread: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how much likelier (P,) pieces are as rings of a sensor than as lines of anybody.
+
+    A level line in any direction is off by the sine of that direction times the rise.
+
+    Args:
+        found: what they are off.
+        spread: (P,) standard deviation of that.
+    """
+    return np.asarray(_ROOT * found.rise / spread * np.exp(-0.5 * (found.off / spread) ** 2))

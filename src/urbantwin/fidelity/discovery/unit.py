@@ -1,0 +1,88 @@
+"""The channels of one unit: what it is off its model, and which of them sees a point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.fidelity.discovery.standpoint import Standpoint
+from urbantwin.lidar import Sensor
+
+__all__ = ["OnChannel", "Unit"]
+
+#: Room of a channel at the edge of a table, or far from others, degrees.
+_MOST_ROOM_DEG = 1.0
+#: Channels to each side of the nearest that may be nearer still, by where their beams leave.
+_BESIDE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class OnChannel:
+    """What a unit sees of points.
+
+    Attributes:
+        channel: (N,) the nearest one, in the maker's order.
+        off_deg: (N,) elevation of the point above that channel's beam.
+        room_deg: (N,) of elevations that are nearest to that channel.
+        far: (N,) distance, metres.
+    """
+
+    channel: NDArray[np.int64]
+    off_deg: NDArray[np.float64]
+    room_deg: NDArray[np.float64]
+    far: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """The channels of one sensor as built.
+
+    Attributes:
+        model: of the catalogue; None: the table was found in points.
+        table_deg: (C,) elevations of the model, or as found.
+        offset_deg: (C,) what this unit's are beyond that.
+        aside_m: (C,) how far above a line through the sensor's place each beam runs: those of an
+            HDL-64E leave through two lenses, one 0.1 m above the other.
+    """
+
+    model: Sensor | None
+    table_deg: NDArray[np.float64]
+    offset_deg: NDArray[np.float64]
+    aside_m: NDArray[np.float64]
+
+    @classmethod
+    def of_table(cls, table_deg: NDArray[np.float64], model: Sensor | None) -> Unit:
+        """Return a unit that is exactly like its table."""
+        return cls(model, table_deg, np.zeros(len(table_deg)), np.zeros(len(table_deg)))
+
+    @property
+    def elevation_deg(self) -> NDArray[np.float64]:
+        """Elevations (C,) of its channels."""
+        return self.table_deg + self.offset_deg
+
+    def sees(self, points: NDArray[np.float64], seen_from: Standpoint) -> OnChannel:
+        """Return which channels see (N, 3) points, from where it stands."""
+        far = np.sqrt(((points - seen_from.place) ** 2).sum(axis=1))
+        seen = seen_from.elevation_deg(points)
+        rising = np.argsort(self.elevation_deg, kind="stable")
+        table = self.elevation_deg[rising]
+        row = np.searchsorted((table[1:] + table[:-1]) / 2, seen)
+        gaps = np.diff(table)
+        sides = np.stack([np.append(gaps[:1], gaps), np.append(gaps, gaps[-1:])])
+        room = np.full(len(table), _MOST_ROOM_DEG)
+        if len(gaps):
+            room = np.minimum(sides, _MOST_ROOM_DEG).mean(axis=0)
+        off = seen - table[row]
+        if self.aside_m.any():
+            above = np.degrees(self.aside_m[rising])
+            least = np.full(len(points), np.inf)
+            best = row
+            for step in range(-_BESIDE, _BESIDE + 1):
+                other = np.clip(row + step, 0, len(table) - 1)
+                here = seen - table[other] - above[other] / np.maximum(far, 0.1)
+                nearer = np.abs(here) < np.abs(least)
+                least, best = np.where(nearer, here, least), np.where(nearer, other, best)
+            row, off = best, least
+        return OnChannel(rising[row], off, room[row], far)

@@ -1,0 +1,132 @@
+"""A sensor's pose and its unit's channels, fitted to the elevations of what it sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.fidelity.discovery.standpoint import Standpoint, across
+from urbantwin.fidelity.discovery.unit import Unit
+
+__all__ = ["Belief", "Freedom", "fit_unit"]
+
+#: Gauss-Newton steps with each tolerance.
+_TIMES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is known of a pose beforehand.
+
+    Attributes:
+        seen_from: the likeliest.
+        information: (5, 5) inverse covariance of the steps of `Standpoint.moved` from there.
+    """
+
+    seen_from: Standpoint
+    information: NDArray[np.float64]
+
+    def slope(self, at: Standpoint) -> NDArray[np.float64]:
+        """Return the derivative (5,) of half the squared distance from the belief."""
+        first, second = across(self.seen_from.axis)
+        turned = at.axis - self.seen_from.axis
+        moved = [*(at.place - self.seen_from.place), turned @ first, turned @ second]
+        return np.asarray(self.information @ np.array(moved))
+
+
+@dataclass(frozen=True)
+class Freedom:
+    """How far units are off their table: standard deviations.
+
+    Attributes:
+        offset_deg: of a channel's elevation.
+        aside_m: of where its beam leaves; 0: from the sensor's place.
+    """
+
+    offset_deg: float
+    aside_m: float = 0.0
+
+
+def fit_unit(
+    points: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    start: tuple[Standpoint, Unit],
+    belief: Belief,
+    freedom: Freedom,
+    finer_deg: Sequence[float],
+) -> tuple[Standpoint, Unit, NDArray[np.float64]]:
+    """Return the pose and the unit by which points lie nearest to channels.
+
+    Least squares with a tolerance that becomes finer: what is off a channel by more counts for
+    nothing.
+
+    Args:
+        points: (N, 3) metres.
+        weight: (N,) looks that each is worth.
+        start: where the search begins.
+        belief: of the pose.
+        freedom: of the unit.
+        finer_deg: tolerances, from rough to fine.
+
+    Returns:
+        Pose, unit, and the covariance (5, 5) of the steps of `Standpoint.moved`.
+    """
+    seen_from, unit = start
+    for spread in finer_deg:
+        for _ in range(_TIMES):
+            step, normal = _step(points, weight, seen_from, unit, belief, freedom, spread)
+            count = len(unit.table_deg)
+            seen_from = seen_from.moved(step[:5])
+            aside = unit.aside_m + step[5 + count :] if freedom.aside_m else unit.aside_m
+            unit = replace(unit, offset_deg=unit.offset_deg + step[5 : 5 + count], aside_m=aside)
+    covariance = np.linalg.inv(normal)[:5, :5].astype(np.float64)
+    return seen_from, unit, covariance
+
+
+def _step(
+    points: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    seen_from: Standpoint,
+    unit: Unit,
+    belief: Belief,
+    freedom: Freedom,
+    spread: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a Gauss-Newton step of pose, offsets and asides (5 + C + C,), and the normal."""
+    on = unit.sees(points, seen_from)
+    far = np.maximum(on.far, 0.1)
+    sight = (points - seen_from.place) / far[:, None]
+    sine = np.clip(sight @ seen_from.axis, -0.9999, 0.9999)
+    first, second = across(seen_from.axis)
+    by_place = -(seen_from.axis - sine[:, None] * sight) / far[:, None]
+    jacobian = np.column_stack([by_place, sight @ first, sight @ second])
+    jacobian = np.degrees(jacobian / np.sqrt(1 - sine**2)[:, None])
+    each = weight * np.exp(-0.5 * (on.off_deg / spread) ** 2) / spread**2
+    count = len(unit.table_deg)
+    size = 5 + count * (2 if freedom.aside_m else 1)
+    normal, slope = np.zeros((size, size)), np.zeros(size)
+    normal[:5, :5] = jacobian.T @ (jacobian * each[:, None]) + belief.information
+    slope[:5] = jacobian.T @ (each * on.off_deg) + belief.slope(seen_from)
+    # By the channel's elevation, and by where its beam leaves.
+    by_channel = [np.ones(len(points)), np.degrees(1 / far)]
+    beliefs = [(unit.offset_deg, freedom.offset_deg), (unit.aside_m, freedom.aside_m)]
+    parts = range(2 if freedom.aside_m else 1)
+    for one in parts:
+        rows = np.arange(5 + one * count, 5 + (one + 1) * count)
+        value, known = beliefs[one]
+        for column in range(5):
+            mixed = each * jacobian[:, column] * by_channel[one]
+            normal[rows, column] = -np.bincount(on.channel, mixed, minlength=count)
+            normal[column, rows] = normal[rows, column]
+        for other in parts:
+            both = each * by_channel[one] * by_channel[other]
+            columns = np.arange(5 + other * count, 5 + (other + 1) * count)
+            normal[rows, columns] = np.bincount(on.channel, both, minlength=count)
+        normal[rows, rows] += known**-2
+        pulled = each * on.off_deg * by_channel[one]
+        slope[rows] = -np.bincount(on.channel, pulled, minlength=count) + value / known**2
+    step = -np.linalg.solve(normal, slope)
+    return step.astype(np.float64), normal

@@ -1,0 +1,138 @@
+"""Frames that sensors cannot be found in: another unit, other places, sensors that moved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.discovery.close_fit import closely_fitted
+from urbantwin.fidelity.discovery.point_rays import PointRays
+from urbantwin.fidelity.discovery.result import FoundSensor
+
+__all__ = ["check_frames", "check_ranges", "check_standing"]
+
+#: Points of LiDARs are within this of the middle of their frame, all but a few, metres.
+_FARTHEST_M = 1000.0
+#: What rises from the ground: cells so wide whose points span so much, metres.
+_CELL_M, _TALL_M = 0.5, 0.8
+#: Of what rises in one frame, this share rises in another of the same place, within a cell.
+_SAME_PLACE = 0.5
+#: Fewer cells than this tell nothing.
+_FEWEST_CELLS = 30
+#: A sensor has in every frame this share of the points that it has in another.
+_STAYS = 0.2
+#: A sensor moved if first and last frame see it so far apart, metres, and so many deviations.
+_MOVED_M, _DEVIATIONS = 0.1, 5.0
+#: A model reaches so many times its longest range at most, with so many of its points: a foot is
+#: 0.3 m.
+_BEYOND, _SHARE_BEYOND = 1.15, 0.01
+
+
+def check_frames(frames: Sequence[NDArray[np.float64]], names: Sequence[str]) -> None:
+    """Refuse frames whose unit is far from metres, or that are not of one place.
+
+    Raises:
+        InputError: says which frame.
+    """
+    for points, name in zip(frames, names, strict=True):
+        far = np.percentile(np.abs(points - np.median(points, axis=0)).max(axis=1), 90)
+        if far > _FARTHEST_M:
+            raise InputError(
+                f"points of {name} are {far:.0f} m apart",
+                expected="metres (are these millimetres or centimetres?)",
+            )
+    tall = [_tall_cells(points) for points in frames]
+    first = next((n for n, cells in enumerate(tall) if len(cells) >= _FEWEST_CELLS), None)
+    if first is None:
+        return
+    tree = cKDTree(tall[first])
+    for number in range(first + 1, len(frames)):
+        if len(tall[number]) < _FEWEST_CELLS:
+            continue
+        there = tree.query(tall[number], distance_upper_bound=1.5)[0] < 1.5
+        here = cKDTree(tall[number]).query(tall[first], distance_upper_bound=1.5)[0] < 1.5
+        same = max(float(there.mean()), float(here.mean()))
+        if same < _SAME_PLACE:
+            raise InputError(
+                f"{names[first]} and {names[number]} do not show the same place: "
+                f"{same:.0%} of what rises from the ground is in both",
+                expected="frames of sensors that stand still, or one frame alone",
+            )
+
+
+def _tall_cells(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the cells (T, 2) in which something stands."""
+    cell = np.floor(points[:, :2] / _CELL_M).astype(np.int64)
+    cells, row = np.unique(cell, axis=0, return_inverse=True)
+    low, high = np.full(len(cells), np.inf), np.full(len(cells), -np.inf)
+    np.minimum.at(low, row.ravel(), points[:, 2])
+    np.maximum.at(high, row.ravel(), points[:, 2])
+    return np.asarray(cells[high - low > _TALL_M])
+
+
+def check_standing(
+    frames: Sequence[NDArray[np.float64]],
+    names: Sequence[str],
+    rays: Sequence[PointRays],
+    sensors: Sequence[FoundSensor],
+) -> None:
+    """Refuse frames whose sensors are not where they were.
+
+    A sensor that moves by more than its rings are apart is found once for every place.
+
+    Raises:
+        InputError: says which frames.
+    """
+    for number, one in enumerate(sensors):
+        count = np.array([int((ray.sensor == number).sum()) for ray in rays])
+        if count.min() < _STAYS * count.max():
+            low, high = names[int(count.argmin())], names[int(count.argmax())]
+            raise InputError(
+                f"{one.name} has {count.max()} points in {high} and {count.min()} in {low}: the "
+                "sensors moved",
+                expected="frames of sensors that stand still, or one frame alone",
+            )
+    if len(frames) < 2:
+        return
+    ends = [closely_fitted(sensors[0].fit, 0, [frames[n]], [rays[n]])[0] for n in (0, -1)]
+    moved = ends[1].seen_from.place - ends[0].seen_from.place
+    known = np.sqrt(sum(np.diag(one.covariance)[:3] for one in ends))
+    far = np.hypot(*moved[:2])
+    if far > _MOVED_M and far > _DEVIATIONS * np.hypot(*known[:2]):
+        raise InputError(
+            f"{sensors[0].name} moved by {far:.2f} m from {names[0]} to {names[-1]}",
+            expected="frames of sensors that stand still, or one frame alone",
+        )
+
+
+def check_ranges(
+    frames: Sequence[NDArray[np.float64]],
+    rays: Sequence[PointRays],
+    sensors: Sequence[FoundSensor],
+) -> None:
+    """Refuse ranges that no sensor of the model found has: they are of another unit.
+
+    Angles are the same in every unit: rings alone do not tell metres from feet.
+
+    Raises:
+        InputError: says what is wrong with the ranges.
+    """
+    for number, one in enumerate(sensors):
+        model = one.fit.unit.model
+        if model is None or model.range_max_m is None:
+            continue
+        ranges = [
+            np.sqrt(((points[ray.sensor == number] - one.place) ** 2).sum(axis=1))
+            for points, ray in zip(frames, rays, strict=True)
+        ]
+        every = np.concatenate(ranges)
+        if (every > _BEYOND * model.range_max_m).mean() > _SHARE_BEYOND:
+            raise InputError(
+                f"{one.name}, a {model.name}, has points at {np.percentile(every, 99.9):.0f} m, "
+                f"and reaches {model.range_max_m:g} m",
+                expected="metres (are these feet?)",
+            )

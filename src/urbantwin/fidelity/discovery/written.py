@@ -1,0 +1,141 @@
+"""What was found, written: a rig, a sensor's file for every unit, frames with rings and columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from urbantwin.artefact import replaced_file
+from urbantwin.fidelity.discovery.point_rays import columns_in
+from urbantwin.fidelity.discovery.result import Discovery, FoundSensor
+from urbantwin.fidelity.frame import Frame
+from urbantwin.lidar import Sensor
+
+__all__ = ["RAYS", "write_frames", "write_rig"]
+
+#: A unit whose channels are off its model by more, degrees, gets a sensor's file of its own.
+_AS_MODEL_DEG = 0.02
+#: What is written of each point: -1 for a point that is on no sensor's ring.
+RAYS = np.dtype([("sensor", "<i2"), ("ring", "<i2"), ("column", "<i4")])
+_OF_MODEL = (
+    *("maker", "spin", "columns", "rate_hz", "range_min_m", "range_max_m"),
+    *("reference_reflectivity", "reference_range_m", "range_sigma_m", "range_resolution_m"),
+    *("wavelength_nm", "firing_sequence_us", "azimuth_step_deg", "beam_origin_m"),
+    *("detection_range_10_m", "detection_range_80_m", "intensity_scale", "intensity_of_white"),
+    *("intensity_max", "measured_light", "measured_sigma_m", "weak_sigma_m", "overlap_m"),
+)
+_MAY_BE_NULL = frozenset(
+    "range_min_m range_max_m reference_reflectivity reference_range_m range_sigma_m "
+    "range_resolution_m wavelength_nm".split()
+)
+_HEAD = """\
+# Found by `urbantwin discover` in the points of frames: x, y, z of their frame as east, north, up.
+# Nothing in points tells yaw: it is 0 here, and columns count from there. The rate is assumed.
+"""
+
+
+def write_rig(found: Discovery, path: Path, rate_hz: float = 10.0) -> list[Path]:
+    """Write the sensors as a rig, and a sensor's file beside it for each unit off its model.
+
+    Args:
+        found: the sensors.
+        path: the ``rig.yaml`` to write; others are named after it.
+        rate_hz: frames per second, which points do not tell.
+
+    Returns:
+        The sensors' files.
+    """
+    rows, units, notes = [], {}, []
+    for one in found.sensors:
+        model = one.fit.unit.model
+        name = one.models[0] if one.models else ""
+        if model is None or one.off_model_deg > _AS_MODEL_DEG:
+            name = f"{path.stem}-{one.name}.yaml"
+            units[name] = _yaml(_unit(one, model))
+        told = one.told()
+        pose = {key: told[key] for key in ("east_m", "north_m", "up_m", "pitch_deg", "roll_deg")}
+        rows.append({"name": one.name, "model": name, **pose, "yaw_deg": 0.0})
+        which = " or ".join(one.models) or "no model of the catalogue"
+        notes.append(
+            f"# {one.name}: {which}; place +-{told['sigma_plan_m']} m in plan and "
+            f"+-{told['sigma_up_m']} m up, tilt +-{told['sigma_tilt_deg']} degrees\n"
+        )
+    document = {"rate_hz": rate_hz, "frame": "site", "sensors": rows}
+    with replaced_file(path) as scratch:
+        for name, text in units.items():
+            scratch.with_name(name).write_text(text, encoding="utf-8")
+        scratch.write_text(_HEAD + "".join(notes) + _yaml(document), encoding="utf-8")
+    return [path.with_name(name) for name in units]
+
+
+def _yaml(document: dict[str, Any]) -> str:
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+
+
+def _unit(one: FoundSensor, model: Sensor | None) -> dict[str, Any]:
+    """Return the sensor's file of one unit: its own elevations, and all else of its model."""
+    elevation = one.fit.unit.elevation_deg
+    aside = np.zeros(len(elevation)) if model is None else model.azimuth_offset_deg
+    document: dict[str, Any] = {"name": f"{one.models[0] if model else 'unknown'} as {one.name}"}
+    if model is None:
+        document |= {"maker": "unknown", "columns": one.columns, "rate_hz": 10.0}
+        document |= dict.fromkeys(sorted(_MAY_BE_NULL))
+        document |= {"columns_options": [one.columns], "rate_options": [10.0]}
+    else:
+        values = {key: getattr(model, key) for key in _OF_MODEL}
+        document |= {
+            key: value for key, value in values.items() if value is not None or key in _MAY_BE_NULL
+        }
+        document |= {
+            "columns_options": list(model.columns_options),
+            "rate_options": list(model.rate_options),
+        }
+        if model.modes is not None:
+            document["modes"] = [list(mode) for mode in model.modes]
+        if model.firing_time_us is not None:
+            document["firing_time_us"] = [float(time) for time in model.firing_time_us]
+    document["sources"] = {"channels": "elevations by urbantwin discover, from rings in points"}
+    document["channels"] = [
+        [round(float(up), 4), round(float(around), 4)]
+        for up, around in zip(elevation, aside, strict=True)
+    ]
+    return document
+
+
+def write_frames(found: Discovery, frames: Iterable[Frame], folder: Path) -> dict[str, Any]:
+    """Write frames as points and rays, as our datasets have them.
+
+    ``points/NAME.npy`` (N, 3 or 4) float32, ``rays/NAME.npy`` (N,) of `RAYS`. Every reader of
+    this project takes the folder, with rings and columns.
+
+    Args:
+        found: the sensors.
+        frames: of the recording they were found in.
+        folder: that is there, and gets ``points`` and ``rays``.
+
+    Returns:
+        How many frames and points were written, and which share of them lies on rings.
+    """
+    (folder / "points").mkdir()
+    (folder / "rays").mkdir()
+    frames_done, points, on = 0, 0, 0
+    for frame in frames:
+        rays = found.rays(frame.points)
+        table = np.full(len(frame.points), -1, [(name, "<i8") for name in RAYS.names or ()])
+        table["sensor"], table["ring"] = rays.sensor, rays.ring
+        for number, one in enumerate(found.sensors):
+            mine = rays.sensor == number
+            table["column"][mine] = columns_in(rays, number, one.fit.unit.model, one.columns)
+        columns = [frame.points]
+        if frame.intensity is not None:
+            columns.append(frame.intensity[:, None])
+        name = f"{Path(frame.name).stem}.npy"
+        np.save(folder / "points" / name, np.hstack(columns).astype("<f4"))
+        np.save(folder / "rays" / name, table.astype(RAYS))
+        frames_done, points = frames_done + 1, points + len(rays.sensor)
+        on += int((rays.sensor >= 0).sum())
+    return {"frames": frames_done, "points": points, "on_rings": round(on / max(points, 1), 4)}

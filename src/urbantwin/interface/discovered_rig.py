@@ -1,0 +1,91 @@
+"""Which sensors recorded frames, and where they stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import check_file, check_folder
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from urbantwin.fidelity.discovery import Discovery
+
+__all__ = ["DiscoveredRig", "discover"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DiscoveredRig:
+    """The rig that recorded frames, as their points show it; it stands for its file.
+
+    Attributes:
+        path: the ``rig.yaml`` that was written.
+        picture: of points by sensor, and of elevations against channels.
+        found: the sensors, and how far they can be trusted.
+        written: the sensors' files beside the rig; of frames with rings how many.
+    """
+
+    path: Path
+    picture: Path
+    found: Discovery
+    written: dict[str, Any]
+
+    def __fspath__(self) -> str:
+        """Return the rig's file."""
+        return str(self.path)
+
+    def __repr__(self) -> str:
+        """Return the sensors and the file."""
+        each = ", ".join(" or ".join(one.models) or "unknown" for one in self.found.sensors)
+        return f"Rig of {len(self.found.sensors)} sensors discovered: {each} ({self.path})"
+
+    def summary(self) -> Summary:
+        """Return the sensors in a few values."""
+        return Summary(
+            path=str(self.path), picture=str(self.picture), **self.found.told(), **self.written
+        )
+
+    def plot(self) -> Figure:
+        """Show points by sensor, and elevations against channels."""
+        from urbantwin.view.style import figure_of_picture
+
+        return figure_of_picture(self.picture)
+
+
+def discover(
+    real: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    frames: AnyPath | None = None,
+    picture: AnyPath | None = None,
+    progress: ShowProgress = True,
+) -> DiscoveredRig:
+    """Find the sensors of unlabelled frames: where they stand, how they tilt, what they are.
+
+    Args:
+        real: frames of sensors that stand still, fused or of one sensor; or one frame.
+        out: the rig to write; ``discovered_rig.yaml`` here when not given.
+        frames: a folder for all frames with sensor, ring and column of every point.
+        picture: the PNG to write; beside the rig if not given.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: no sensor is found, with the reason, or what is given cannot be used.
+    """
+    from urbantwin.fidelity.discovery import discover_recording
+
+    target = Path(out or "discovered_rig.yaml")
+    drawn = target.with_suffix(".png") if picture is None else Path(picture)
+    folder = None if frames is None else Path(frames)
+    for file in (target, drawn):
+        check_file(file, inputs=[Path(real)])
+    if folder is not None:
+        check_folder(folder, kind="discovery", inputs=[Path(real)])
+    with shown_stage("discover", progress) as tell:
+        found, written = discover_recording(Path(real), target, drawn, folder, tell)
+    return DiscoveredRig(target, drawn, found, written)
