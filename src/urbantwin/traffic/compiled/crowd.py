@@ -40,8 +40,9 @@ EDGE_M = 0.25
 TURNS, BACK_S = 3, 1.5
 #: Who comes in where somebody is begins beside it: within so many rings of so many metres.
 RINGS, RING_M, PLACES = 8, 0.2, 12
-#: Who turns faces where it goes within so long, seconds; slower than this nobody turns, m/s.
-TURNS_S, WALKS_MS = 0.3, 0.3
+#: Who turns faces where it goes within so long, seconds; slower than this nobody does but who is
+#: held up and shifts, m/s.
+TURNS_S, WALKS_MS, SHIFTS_MS = 0.3, 0.3, 0.02
 
 
 @njit(cache=True, nogil=True)
@@ -519,7 +520,7 @@ def _hold(
         wanted = (course + math.pi) % (2 * math.pi) - math.pi
         turn = (wanted - place[r, 2] + math.pi) % (2 * math.pi) - math.pi
         place[r, 2] += turn * min(pace, 1.0) * step_s / (TURNS_S + step_s)
-    elif come[r] < r and held[q]:
+    elif come[r] < r and held[q] and pace > SHIFTS_MS:
         place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)  # held up, and turns to where it goes
     _face(r, boxes, now, come, place[r, 2])
 
