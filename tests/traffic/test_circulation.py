@@ -226,6 +226,21 @@ def test_a_network_without_a_way_round_has_no_circuit(
     assert circulation.populations() == []
 
 
+def test_who_walks_to_and_fro_walks_as_far_as_was_planned(
+    make_net: Callable[..., Path], tmp_path: Path
+) -> None:
+    """On a street of its own one turns back at its ends: 15 minutes are 1.2 km and more."""
+    nodes = '<node id="a" x="-140" y="0"/><node id="b" x="140" y="0"/>'
+    net = make_net(tmp_path, nodes, '<edge id="ab" from="a" to="b" sidewalkWidth="2"/>')
+    made = Circulation(StreetNetwork(net, None), frozenset(), {"pedestrian": 60.0}, 1)
+    demand = made.demand(made.populations(), warmup_s=0.0, duration_s=900.0, body=Fleet().body)
+    assert demand.trips
+    for trip in demand.trips:
+        assert {trip.edges, *(edges for edges, _ in trip.then)} == {("ab",)}
+        places = np.array([trip.depart_m, trip.arrive_m, *(place for _, place in trip.then)])
+        assert np.abs(np.diff(places)).sum() > 900.0 * 1.34
+
+
 def square_of_footways(outside: int) -> WayGraph:
     """Four footways of 50 m in a ring, two of them gates, and outer roads that nothing leads to."""
     count = 4 + outside

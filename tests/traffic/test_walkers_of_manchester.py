@@ -30,7 +30,12 @@ def test_walkers_come_inside_and_are_as_many_as_have_room(
     assert inside == 50
 
     walkers = motion.manifest["classes"]["pedestrian"]
-    # Little's law: a way round over its signals takes two minutes to ten.
+    assert walkers["asked"] == walkers["driven"]
+    # Little's law: a way round over its signals takes two minutes to a quarter of an hour.
     hour = walkers["per_hour"]
-    assert hour / 30 <= walkers["asked"] == walkers["driven"] <= hour / 6
+    population = motion.manifest["circulation"]["population"]["pedestrian"]
+    assert hour / 30 <= population["planned"] <= hour / 4
+    # Beyond those there are passengers: the map has no sidewalk at either of its stops.
+    assert motion.manifest["passengers"]
+    assert walkers["asked"] > population["planned"]
     assert motion.manifest["left_out"] == []

@@ -191,3 +191,25 @@ def test_what_cannot_be_staged_is_told(
     with pytest.raises(StageError, match=said):
         driven(quiet_twin, tmp_path / "m", {"at_s": 1.0, **event})
     assert not (tmp_path / "m").exists()
+
+
+def test_the_nearest_is_the_nearest_of_all_boxes(put_in: Motion) -> None:
+    """Against every pair of boxes at every step, one actor after the other."""
+    around = Surroundings(put_in)
+    everybody = [around.passage(track) for track in np.unique(around.track).tolist()]
+    for track in np.unique(around.track).tolist()[::4]:
+        mine = around.passage(track)
+        least = np.inf
+        for other in everybody:
+            if other.length == mine.length and np.array_equal(other.xy, mine.xy):
+                continue
+            _, a, b = np.intersect1d(
+                np.round(mine.time_s, 6), np.round(other.time_s, 6), return_indices=True
+            )
+            if len(a):
+                least = min(least, float(gaps(mine.of_rows(a), other.of_rows(b)).min()))
+        found = around.nearest(mine, frozenset({track}))
+        # Who is farther away than 25 m is not looked for.
+        if least < 15.0:
+            assert found is not None
+            assert found.gap_m == pytest.approx(least, abs=1e-9)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from urbantwin.traffic.compiled.waiting import depth
+from urbantwin.traffic.compiled.waiting import depth, depth_of
 
 __all__ = ["walked"]
 
@@ -14,12 +14,15 @@ BACK_M, MOST_M = 2.5, 1.6
 #: How fast one steps aside, m/s, and how much faster one becomes from step to step, m/s2.
 ASIDE_MS, STARTS_MS2 = 1.2, 8.0
 #: Nobody is faster for stepping aside or for being late than this, m/s, nor walks for being late
-#: so much faster than it did near there, and need not be slower than the second, m/s.
-FASTEST_MS, HURRIES, BRISK_MS = 2.2, 1.3, 1.6
+#: so much faster than it did near there, and need not be slower than the second, m/s; who is
+#: farther behind than this, metres, runs.
+FASTEST_MS, HURRIES, BRISK_MS, RUNS_M = 2.2, 1.3, 1.6, 4.0
 #: How far one looks ahead, in so many looks, seconds; and how far one goes aside for that, metres.
 LOOKS, AHEAD_S, ROOM_M = 8, 2.0, 1.0
-#: Who is so near in plan is looked at, metres; the same of what stands.
-NEAR_M, BESIDE_M = 4.0, 1.5
+#: What moves farther than this meanwhile drives, metres.
+DRIVES_M = 0.5
+#: Who is so near in plan is looked at, metres; the same of who drives, and of what stands.
+NEAR_M, DRIVEN_M, BESIDE_M = 4.0, 25.0, 1.5
 #: Room that is left, metres; who stands gives way by so much of what one does who walks.
 GAP_M, STANDING = 0.03, 0.15
 #: Who is held up for so long by somebody nearer than this slips by so fast: s, m, m/s.
@@ -37,8 +40,9 @@ EDGE_M = 0.25
 TURNS, BACK_S = 3, 1.5
 #: Who comes in where somebody is begins beside it: within so many rings of so many metres.
 RINGS, RING_M, PLACES = 8, 0.2, 12
-#: Who turns faces where it goes within so long, seconds; slower than this nobody turns, m/s.
-TURNS_S, WALKS_MS = 0.3, 0.3
+#: Who turns faces where it goes within so long, seconds; slower than this nobody does but who is
+#: held up and shifts, m/s.
+TURNS_S, WALKS_MS, SHIFTS_MS = 0.3, 0.3, 0.02
 
 
 @njit(cache=True, nogil=True)
@@ -85,7 +89,7 @@ def walked(
         mine, cars = rows[begins[s] : begins[s + 1]], others[other_begins[s] : other_begins[s + 1]]
         if len(mine) == 0:
             continue
-        off = np.zeros((len(mine), 2))
+        off, waits = np.zeros((len(mine), 2)), np.zeros(len(mine), np.bool_)
         for a in range(len(mine)):
             _go_on(mine[a], off[a], boxes, now, far, pace, joined, place, come, at, step_s)
             if joined[mine[a]]:
@@ -93,6 +97,11 @@ def walked(
         pairs = _near(
             mine, cars, now, off, level, still, cells, within, blocked, corner, count
         )  # fmt: skip
+        for a, j, b in pairs:
+            if b < 0 and j < count and not waits[a]:
+                waits[a] = _lets_by(mine[a], j, off[a], boxes, now, come, joined, last, step_s)
+                if waits[a]:
+                    _keep(mine[a], off[a], now, place, come, at)
         for a, j, b in pairs:
             _foresee(
                 mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, boxes, now, come,
@@ -149,6 +158,8 @@ def _go_on(r, off, boxes, now, far, pace, joined, place, come, at, step_s):
             if joined[q]:
                 did = at[q] - at[q - 1]
             most = min(max(pace[r] * HURRIES, BRISK_MS), FASTEST_MS) * step_s
+            if gap > RUNS_M:
+                most = FASTEST_MS * step_s
             goes = min(gap, most, did + STARTS_MS2 / 2 * step_s * step_s)
         elif own > FASTEST_MS * step_s:
             goes = FASTEST_MS * step_s  # SUMO lets people leap
@@ -179,10 +190,41 @@ def _step_back(r, off, now, whose, place, come, at, held, step_s):
     stuck_s = held[q] * step_s - PATIENCE_S
     if stuck_s <= 0 or (int(stuck_s / BACK_S) + whose[r]) % TURNS:
         return
+    _keep(r, off, now, place, come, at)
+    off[0], off[1] = -BACK_MS * step_s * now[q, 2], -BACK_MS * step_s * now[q, 3]
+
+
+@njit(cache=True, nogil=True)
+def _keep(r, off, now, place, come, at):
+    """Stay where one was a step earlier."""
+    q = r - 1
     come[r], at[r] = come[q], at[q]
     now[r, 0], now[r, 1], now[r, 2], now[r, 3] = now[q, 0], now[q, 1], now[q, 2], now[q, 3]
     place[r, 2] = place[q, 2]
-    off[0], off[1] = -BACK_MS * step_s * now[q, 2], -BACK_MS * step_s * now[q, 3]
+    off[0] = off[1] = 0.0
+
+
+@njit(cache=True, nogil=True)
+def _lets_by(i, j, mine, boxes, now, come, joined, last, step_s):
+    """Return whether somebody would walk into a vehicle that drives, and would not if it waited."""
+    if not joined[i]:
+        return False
+    into, drives = False, False
+    for look in range(1, LOOKS + 1):
+        ahead = round(look * AHEAD_S / LOOKS / step_s)
+        a, b = int(come[i]) + ahead, j + ahead
+        if b > last[j]:
+            break
+        x, y = now[i - 1, 0] - boxes[b, 0], now[i - 1, 1] - boxes[b, 1]
+        if depth_of(x, y, now[i - 1], boxes[b]) + GAP_M > 0:
+            return False
+        if math.hypot(boxes[b, 0] - boxes[j, 0], boxes[b, 1] - boxes[j, 1]) > DRIVES_M:
+            drives = True
+        if a <= last[i]:
+            x, y = boxes[a, 0] + mine[0] - boxes[b, 0], boxes[a, 1] + mine[1] - boxes[b, 1]
+            if depth_of(x, y, boxes[a], boxes[b]) + GAP_M > 0:
+                into = True
+    return into and drives
 
 
 @njit(cache=True, nogil=True)
@@ -219,7 +261,7 @@ def _near(mine, cars, now, off, level, still, cells, within, blocked, corner, co
                 continue
             b = n if n < len(mine) else -1
             j = mine[n] if b >= 0 else cars[n - len(mine)]
-            reach = NEAR_M + now[j, 4] + now[i, 4]
+            reach = (NEAR_M if b >= 0 else DRIVEN_M) + now[j, 4] + now[i, 4]
             far_x = now[j, 0] - x
             if abs(far_x) > reach or level[i] != level[j]:
                 continue
@@ -259,20 +301,16 @@ def _gives(r, now, joined, step_s):
 
 
 @njit(cache=True, nogil=True)
-def _moved(box, off):
-    """Return a box a little aside."""
-    there = box.copy()
-    there[0] += off[0]
-    there[1] += off[1]
-    return there
+def _near_to(x, y, a, b, gap):
+    """Return whether two boxes may be nearer than a gap, their middles being so far apart."""
+    reach = math.hypot(a[4], a[5]) + math.hypot(b[4], b[5]) + gap
+    return x * x + y * y < reach * reach
 
 
 @njit(cache=True, nogil=True)
 def _foresee(i, j, mine, theirs, walks, boxes, now, come, joined, last, step_s):
     """Go a little to the side of somebody whom one would come into soon."""
-    one, other = _moved(now[i], mine), now[j].copy()
-    if walks:
-        other = _moved(other, theirs)
+    theirs_x, theirs_y = (theirs[0], theirs[1]) if walks else (0.0, 0.0)
     for look in range(1, LOOKS + 1):
         ahead = round(look * AHEAD_S / LOOKS / step_s)
         a, b = int(come[i]) + ahead, j
@@ -282,24 +320,23 @@ def _foresee(i, j, mine, theirs, walks, boxes, now, come, joined, last, step_s):
                 return
         if ahead == 0 or a > last[i]:
             return
-        there, beyond = _moved(boxes[a], mine), boxes[b].copy()
-        if walks:
-            beyond = _moved(beyond, theirs)
-        if depth(there, beyond) + GAP_M <= 1e-6:
+        between_x = boxes[a, 0] + mine[0] - boxes[b, 0] - theirs_x
+        between_y = boxes[a, 1] + mine[1] - boxes[b, 1] - theirs_y
+        if not _near_to(between_x, between_y, boxes[a], boxes[b], GAP_M):
+            continue
+        if depth_of(between_x, between_y, boxes[a], boxes[b]) + GAP_M <= 1e-6:
             continue
         # Past each other on the side on which they come by.
-        x = (there[0] - one[0]) - (beyond[0] - other[0])
-        y = (there[1] - one[1]) - (beyond[1] - other[1])
+        x = between_x - (now[i, 0] + mine[0] - now[j, 0] - theirs_x)
+        y = between_y - (now[i, 1] + mine[1] - now[j, 1] - theirs_y)
         far = math.hypot(x, y)
         if far < 0.3 * ahead * step_s:
             return
         left_x, left_y = -y / far, x / far
-        beside = (there[0] - beyond[0]) * left_x + (there[1] - beyond[1]) * left_y
+        beside = between_x * left_x + between_y * left_y
         side = -1.0 if beside < 0.02 else 1.0
         reach = GAP_M - side * beside
-        for box in (there, beyond):
-            reach += abs(box[2] * left_x + box[3] * left_y) * box[4]
-            reach += abs(box[2] * left_y - box[3] * left_x) * box[5]
+        reach += _reach(boxes[a], left_x, left_y) + _reach(boxes[b], left_x, left_y)
         if reach > ROOM_M or reach <= 0:
             return
         own = _gives(i, now, joined, step_s)
@@ -314,48 +351,56 @@ def _foresee(i, j, mine, theirs, walks, boxes, now, come, joined, last, step_s):
 
 
 @njit(cache=True, nogil=True)
+def _reach(box, x, y):
+    """Return how far a box reaches from its middle along a way."""
+    along, across = abs(box[2] * x + box[3] * y), abs(box[2] * y - box[3] * x)
+    return along * box[4] + across * box[5]
+
+
+@njit(cache=True, nogil=True)
 def _slip_by(i, j, mine, theirs, walks, now, joined, held, step_s):
     """Go to the side of somebody right before whom one is held up."""
     slips = joined[i] and held[i - 1] * step_s > HELD_S
     slip = walks and joined[j] and held[j - 1] * step_s > HELD_S
     if not slips and not slip:
         return
-    one, other = _moved(now[i], mine), now[j].copy()
+    x, y = now[j, 0] - now[i, 0] - mine[0], now[j, 1] - now[i, 1] - mine[1]
     if walks:
-        other = _moved(other, theirs)
-    if depth(one, other) < -SLIPS_M:
+        x, y = x + theirs[0], y + theirs[1]
+    if depth_of(-x, -y, now[i], now[j]) < -SLIPS_M:
         return
-    x, y = other[0] - one[0], other[1] - one[1]
     push = SLIPS_MS * step_s
-    if slips and x * one[2] + y * one[3] > 0:
-        side = -1.0 if y * one[2] - x * one[3] > -0.05 else 1.0
-        mine[0] -= side * push * one[3]
-        mine[1] += side * push * one[2]
-    if slip and x * other[2] + y * other[3] < 0:
-        side = -1.0 if x * other[3] - y * other[2] > -0.05 else 1.0
-        theirs[0] -= side * push * other[3]
-        theirs[1] += side * push * other[2]
+    if slips and x * now[i, 2] + y * now[i, 3] > 0:
+        side = -1.0 if y * now[i, 2] - x * now[i, 3] > -0.05 else 1.0
+        mine[0] -= side * push * now[i, 3]
+        mine[1] += side * push * now[i, 2]
+    if slip and x * now[j, 2] + y * now[j, 3] < 0:
+        side = -1.0 if x * now[j, 3] - y * now[j, 2] > -0.05 else 1.0
+        theirs[0] -= side * push * now[j, 3]
+        theirs[1] += side * push * now[j, 2]
 
 
 @njit(cache=True, nogil=True)
 def _part(i, j, mine, theirs, walks, now, joined, step_s):
     """Part two who are in each other, by the shortest way; return whether they were."""
-    one, other = _moved(now[i], mine), now[j].copy()
+    x, y = now[i, 0] + mine[0] - now[j, 0], now[i, 1] + mine[1] - now[j, 1]
     if walks:
-        other = _moved(other, theirs)
-    if depth(one, other) + GAP_M <= 1e-6:
+        x, y = x - theirs[0], y - theirs[1]
+    if not _near_to(x, y, now[i], now[j], GAP_M):
+        return False
+    if depth_of(x, y, now[i], now[j]) + GAP_M <= 1e-6:
         return False
     best, way_x, way_y = np.inf, 0.0, 0.0
-    x, y = one[0] - other[0], one[1] - other[1]
-    for box in (one, other):
-        for ax, ay in ((box[2], box[3]), (-box[3], box[2])):
-            reach = GAP_M - abs(x * ax + y * ay)
-            for each in (one, other):
-                reach += abs(each[2] * ax + each[3] * ay) * each[4]
-                reach += abs(each[2] * ay - each[3] * ax) * each[5]
-            if reach < best:
-                side = -1.0 if x * ax + y * ay < 0 else 1.0
-                best, way_x, way_y = reach, side * ax, side * ay
+    for k in range(4):
+        box = now[i] if k < 2 else now[j]
+        ax, ay = box[2], box[3]
+        if k % 2:
+            ax, ay = -box[3], box[2]
+        reach = GAP_M - abs(x * ax + y * ay)
+        reach += _reach(now[i], ax, ay) + _reach(now[j], ax, ay)
+        if reach < best:
+            side = -1.0 if x * ax + y * ay < 0 else 1.0
+            best, way_x, way_y = reach, side * ax, side * ay
     own = _gives(i, now, joined, step_s)
     share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
     mine[0] += best * way_x * share
@@ -475,7 +520,7 @@ def _hold(
         wanted = (course + math.pi) % (2 * math.pi) - math.pi
         turn = (wanted - place[r, 2] + math.pi) % (2 * math.pi) - math.pi
         place[r, 2] += turn * min(pace, 1.0) * step_s / (TURNS_S + step_s)
-    elif come[r] < r and held[q]:
+    elif come[r] < r and held[q] and pace > SHIFTS_MS:
         place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)  # held up, and turns to where it goes
     _face(r, boxes, now, come, place[r, 2])
 

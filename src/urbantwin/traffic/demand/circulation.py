@@ -229,28 +229,32 @@ class Circulation:
                 # Who sets out may do so behind a stop on the first street.
                 halts = tuple(k for edge in edges[1:] for k in self._stops_of.get(edge, ()))
             return Trip(actor_class, asset, depart_s, edges, anywhere=True, halts=halts)
-        # Walks end in the middle of a gate's sidewalk, where the next begins.
-        length = dict(zip(graph.edges, graph.length_m.tolist(), strict=True))
-        walks = [
-            (part, _place(length[part[-1]] / 2))
-            for passage in passages
-            for part in _unfolded(passage, graph.edges)
-        ]
+        # Walks end in the middle of a gate's sidewalk, where the next begins. Who turns back on a
+        # sidewalk goes to its end first: else the way that was planned would take no time.
+        walks = []
+        for passage in passages:
+            parts = _unfolded(passage, graph.edges)
+            for number, (part, state) in enumerate(parts):
+                along = 0.5 if number == len(parts) - 1 else float(state % 2 == 0)
+                walks.append((part, _place(graph.length_m[state] * along)))
         begin_m = _place(graph.length_m[passages[0][0]] * share)
         return Trip(
             actor_class, asset, depart_s, walks[0][0], begin_m, walks[0][1], then=tuple(walks[1:])
         )
 
 
-def _unfolded(states: list[int], edges: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Return the edges of a walk, in parts where it turns back on an edge."""
-    parts: list[list[str]] = [[edges[states[0]]]]
+def _unfolded(states: list[int], edges: tuple[str, ...]) -> list[tuple[tuple[str, ...], int]]:
+    """Return the edges of a walk and its last state, in parts where it turns back on an edge.
+
+    Even states are edges in their own direction, odd ones the other way (``walked_graph``).
+    """
+    parts: list[list[int]] = [[states[0]]]
     for a, b in itertools.pairwise(states):
         if edges[a] == edges[b]:
-            parts.append([edges[b]])
+            parts.append([b])
         else:
-            parts[-1].append(edges[b])
-    return [tuple(part) for part in parts]
+            parts[-1].append(b)
+    return [(tuple(edges[state] for state in part), part[-1]) for part in parts]
 
 
 def _place(metres: float) -> float:

@@ -18,7 +18,15 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["Conflict", "Passage", "conflict", "gaps", "post_encroachment", "times_to_collision"]
+__all__ = [
+    "Conflict",
+    "Passage",
+    "conflict",
+    "corners_of",
+    "gaps",
+    "post_encroachment",
+    "times_to_collision",
+]
 
 #: Passages are looked at this finely, seconds: what a box covers changes between two steps.
 _FINE_S = 0.01
@@ -77,14 +85,32 @@ class Passage:
 
     def corners(self) -> NDArray[np.float64]:
         """Return the corners (N, 4, 2) of the boxes."""
-        ahead = np.column_stack([np.cos(self.yaw), np.sin(self.yaw)]) * self.length / 2
-        left = np.column_stack([-np.sin(self.yaw), np.cos(self.yaw)]) * self.width / 2
-        ways = [ahead + left, ahead - left, -ahead - left, -ahead + left]
-        return np.stack([self.xy + one for one in ways], axis=1)
+        return corners_of(self.xy, self.yaw, self.length, self.width)
 
     def boxes(self) -> NDArray[np.object_]:
         """Return the boxes (N,) as polygons."""
         return np.asarray(shapely.polygons(self.corners()), object).reshape(-1)
+
+
+def corners_of(
+    xy: NDArray[np.float64],
+    yaw: NDArray[np.float64],
+    length: NDArray[np.float64] | float,
+    width: NDArray[np.float64] | float,
+) -> NDArray[np.float64]:
+    """Return the corners (N, 4, 2) of boxes in plan.
+
+    Args:
+        xy: (N, 2) middles, metres.
+        yaw: (N,) headings, rad.
+        length: (N,) or of all, metres.
+        width: (N,) or of all, metres.
+    """
+    half, aside = (np.reshape(side, (-1, 1)) / 2 for side in (length, width))
+    ahead = np.column_stack([np.cos(yaw), np.sin(yaw)]) * half
+    left = np.column_stack([-np.sin(yaw), np.cos(yaw)]) * aside
+    ways = [ahead + left, ahead - left, -ahead - left, -ahead + left]
+    return np.stack([xy + one for one in ways], axis=1)
 
 
 @dataclass(frozen=True)

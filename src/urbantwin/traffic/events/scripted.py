@@ -44,6 +44,8 @@ USUAL_SPEED_MS = {
 CLEAR_M = 0.25
 #: Times that are tried lie so far apart, seconds.
 _TRIED_EVERY_S = 0.5
+#: Every so many steps are looked at before all of them.
+_SOME_STEPS = 8
 #: Moments of a path lie so far apart, seconds.
 MOMENT_S = 0.1
 #: Paths begin and end so far from the place, metres; nearer where others are in the way.
@@ -120,7 +122,13 @@ def first_free(
             passage = passage_of_path(path, setting.others.motion)
             if not len(passage.time_s):
                 continue
-            found = setting.others.nearest(passage)
+            found = None
+            if in_the_way:
+                # Most times are refused, and by somebody who is in the way for a second or more.
+                some = np.arange(0, len(passage.time_s), _SOME_STEPS)
+                found = setting.others.nearest(passage.of_rows(some))
+            if found is None or found.gap_m >= CLEAR_M:
+                found = setting.others.nearest(passage)
             if found is not None and found.gap_m < CLEAR_M:
                 blocked = True
                 in_the_way = in_the_way or (

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.traffic.assets import asset
-from urbantwin.traffic.events.measures import Passage, gaps
+from urbantwin.traffic.events.measures import Passage, corners_of
 from urbantwin.traffic.motion import Motion
 from urbantwin.traffic.prescribed import PrescribedPath
 
@@ -27,6 +29,49 @@ class Nearest:
     at_s: float
 
 
+class _Others(NamedTuple):
+    """Boxes (N,) beside moments of a passage.
+
+    Attributes:
+        number: (N,) of the moment.
+        track: (N,) whose box.
+        xy: (N, 2) its middle, metres.
+        yaw: (N,) rad.
+        length: (N,) metres.
+        width: (N,) metres.
+    """
+
+    number: NDArray[np.int64]
+    track: NDArray[np.int64]
+    xy: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+    length: NDArray[np.float64]
+    width: NDArray[np.float64]
+
+    def and_others(self, more: _Others) -> _Others:
+        return _Others._make(np.concatenate(both) for both in zip(self, more, strict=True))
+
+    def at(self, rows: NDArray[np.bool_]) -> _Others:
+        return _Others._make(one[rows] for one in self)
+
+
+def _nearest(passage: Passage, others: _Others) -> Nearest | None:
+    """Return whose box comes nearest to a passage; of several the first in time."""
+    if not len(others.number):
+        return None
+    # Between middles less both outer circles a gap is no smaller, less both inner ones no larger:
+    # few boxes need to be looked at closely.
+    apart = np.linalg.norm(others.xy - passage.xy[others.number], axis=1)
+    outer = (np.hypot(others.length, others.width) + np.hypot(passage.length, passage.width)) / 2
+    inner = (np.minimum(others.length, others.width) + min(passage.length, passage.width)) / 2
+    near = others.at(apart - outer <= max(float((apart - inner).min()), 0.0) + 1e-6)
+    boxes = shapely.polygons(corners_of(near.xy, near.yaw, near.length, near.width))
+    gap = shapely.distance(passage.of_rows(near.number).boxes(), boxes)
+    best = int(np.lexsort([near.track, near.number, gap])[0])
+    at_s = float(passage.time_s[near.number[best]])
+    return Nearest(int(near.track[best]), float(gap[best]), at_s)
+
+
 class Surroundings:
     """The actors of a motion.
 
@@ -38,6 +83,10 @@ class Surroundings:
         table = motion.actors
         self.motion = motion
         self.time_s = np.asarray(table["time_s"].to_numpy(), np.float64)
+        self._steps, begins = np.unique(self.time_s, return_index=True)
+        self._begins = np.append(begins, len(self.time_s))
+        if not len(self._steps):  # nobody is ever there
+            self._steps, self._begins = np.array([np.inf]), np.zeros(2, np.int64)
         self.track = np.asarray(table["track"].to_numpy(), np.int64)
         self.xy = np.column_stack([table[name].to_numpy() for name in ("x", "y")])
         self.yaw = np.asarray(table["yaw"].to_numpy(), np.float64)
@@ -75,57 +124,29 @@ class Surroundings:
         """Return who comes nearest to a passage whose moments are steps of the motion."""
         if not len(passage.time_s):
             return None
-        first, last = np.searchsorted(
-            self.time_s, [passage.time_s[0] - 1e-6, passage.time_s[-1] + 1e-6]
+        step = np.searchsorted(self._steps, passage.time_s - 1e-6).clip(0, len(self._steps) - 1)
+        first, last = self._begins[step], self._begins[step + 1]
+        count = np.where(np.abs(self._steps[step] - passage.time_s) < 1e-6, last - first, 0)
+        number = np.repeat(np.arange(len(step)), count)
+        row = np.arange(len(number)) + np.repeat(first - (np.cumsum(count) - count), count)
+        kept = np.hypot(*(self.xy[row] - passage.xy[number]).T) < _FAR_M
+        kept &= ~np.isin(self.track[row], list(ignoring))
+        row, number = row[kept], number[kept]
+        moving = _Others(
+            number,
+            self.track[row],
+            *(self.xy[row], self.yaw[row], self.length[row], self.width[row]),
         )
-        number = np.searchsorted(passage.time_s, self.time_s[first:last] - 1e-6)
-        number = number.clip(0, len(passage.time_s) - 1)
-        together = np.abs(passage.time_s[number] - self.time_s[first:last]) < 1e-6
-        near = np.hypot(*(self.xy[first:last] - passage.xy[number]).T) < _FAR_M
-        kept = together & near & ~np.isin(self.track[first:last], list(ignoring))
-        row, number_of = first + np.flatnonzero(kept), number[kept]
-        best = self._nearest_parked(passage)
-        own = passage.of_rows(number_of)
-        for length, width in {
-            (float(a), float(b)) for a, b in zip(self.length[row], self.width[row], strict=True)
-        }:
-            same = np.flatnonzero((self.length[row] == length) & (self.width[row] == width))
-            who = row[same]
-            still = np.zeros((len(who), 2))
-            other = Passage(self.time_s[who], self.xy[who], self.yaw[who], still, length, width)
-            apart = gaps(own.of_rows(same), other)
-            least = int(np.argmin(apart))
-            found = Nearest(
-                int(self.track[who[least]]), float(apart[least]), float(self.time_s[who[least]])
-            )
-            if best is None or (found.gap_m, found.track) < (best.gap_m, best.track):
-                best = found
-        return best
+        return _nearest(passage, moving.and_others(self._parked_near(passage)))
 
-    def _nearest_parked(self, passage: Passage) -> Nearest | None:
-        """Return which parked vehicle comes nearest to a passage."""
-        best: Nearest | None = None
+    def _parked_near(self, passage: Passage) -> _Others:
+        """Return the parked vehicles at the moments at which a passage is near them."""
         parked = self._parked
-        for number, track in enumerate(parked["track"].astype(int).tolist()):
-            at = np.array([parked["x"][number], parked["y"][number]])
-            near = np.flatnonzero(np.hypot(*(passage.xy - at).T) < _FAR_M)
-            if not len(near):
-                continue
-            count = len(near)
-            other = Passage(
-                passage.time_s[near],
-                np.tile(at, (count, 1)),
-                np.full(count, parked["yaw"][number]),
-                np.zeros((count, 2)),
-                float(parked["length"][number]),
-                float(parked["width"][number]),
-            )
-            apart = gaps(passage.of_rows(near), other)
-            least = int(np.argmin(apart))
-            found = Nearest(track, float(apart[least]), float(passage.time_s[near[least]]))
-            if best is None or found.gap_m < best.gap_m:
-                best = found
-        return best
+        xy = np.column_stack([parked["x"], parked["y"]])
+        away = np.linalg.norm(xy[:, None] - passage.xy, axis=2)
+        which, number = np.nonzero(away < _FAR_M)
+        sides = (parked[name][which] for name in ("yaw", "length", "width"))
+        return _Others(number, parked["track"][which].astype(np.int64), xy[which], *sides)
 
     def passing(
         self,
