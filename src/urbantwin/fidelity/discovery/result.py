@@ -13,7 +13,7 @@ from urbantwin.fidelity.discovery.point_rays import PointRays, point_rays
 
 __all__ = ["Discovery", "FoundSensor"]
 
-#: Nothing is stated to be known better than this in plan and in height, metres, and in tilt, degrees:
+#: Nothing is stated to be known better than this in plan and height, metres, and in tilt, degrees:
 #: poles that sway are not in the formal errors. Beams that all leave above the place look like a
 #: sensor that is higher: four frames of one HDL-64E lie 2 cm about their mean.
 _LEAST_M, _LEAST_DEG = (0.005, 0.005, 0.02), 0.01
