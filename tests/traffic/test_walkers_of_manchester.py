@@ -31,8 +31,11 @@ def test_walkers_come_inside_and_are_as_many_as_have_room(
 
     walkers = motion.manifest["classes"]["pedestrian"]
     assert walkers["asked"] == walkers["driven"]
-    # Little's law: a way round over its signals, 900 m, takes two minutes to fifteen. Who waits at
-    # stops comes on top.
-    hour, count = walkers["per_hour"], motion.manifest["circulation"]["population"]["pedestrian"]
-    assert hour / 30 <= count["planned"] <= hour / 4
+    # Little's law: a way round over its signals takes two minutes to a quarter of an hour.
+    hour = walkers["per_hour"]
+    population = motion.manifest["circulation"]["population"]["pedestrian"]
+    assert hour / 30 <= population["planned"] <= hour / 4
+    # Beyond those there are passengers: the map has no sidewalk at either of its stops.
+    assert motion.manifest["passengers"]
+    assert walkers["asked"] > population["planned"]
     assert motion.manifest["left_out"] == []

@@ -36,11 +36,14 @@ __all__ = ["discover"]
 _SEEDS, _CLOSE_FRAMES = 60_000, 4
 #: How often points are given out and sensors fitted to them, and how rings spread at first.
 _ROUNDS, _FIRST_SPREAD_DEG = 4, 0.03
-#: Models are told from each other by this much evidence (logarithm of odds), or not at all.
-_DECIDED = 3.0
+#: Models are told from each other by this much evidence (logarithm of odds), or not at all; and the
+#: odds are believed to this root: rings of a unit are off its model together.
+_DECIDED, _BELIEVED = 15.0, 5.0
 #: Pieces of rings of which a sensor is found as a rule.
 _ENOUGH_PIECES = 400
 _WITHIN_DEG = 0.05
+#: A model turns with as many columns as it offers if they are measured to this share.
+_LOCKED = 0.015
 #: Of all points, a sensor has more than this share: less is left over by another.
 _LEAST_SHARE = 0.005
 
@@ -128,9 +131,10 @@ def _closely(
     for rank, number in enumerate(order):
         models, confidence = _models(fits[number], measured[number])
         model = next((one.unit.model for one in fits[number] if one.unit.model in models), None)
-        columns = columns_of(model, measured[number])
-        if columns is None and model is not None and measured[number] is None:
-            columns = model.columns
+        columns = round(360 / steps[number])
+        offered = columns_of(model, measured[number])
+        if offered is not None and abs(offered / columns - 1) < _LOCKED:
+            columns = offered
         sensors.append(
             FoundSensor(
                 f"sensor-{rank + 1}",
@@ -139,7 +143,7 @@ def _closely(
                 best[number],
                 spreads[number],
                 measured[number],
-                columns or round(360 / steps[number]),
+                columns,
                 count[number],
             )
         )
@@ -158,10 +162,12 @@ def _models(fits: Sequence[TableFit], step_deg: float | None) -> tuple[list[Sens
     """
     if fits[0].unit.model is None:
         return [], 0.0
-    known = [(one.unit.model, one.evidence) for one in fits if one.unit.model is not None]
+    every = [(one.unit.model, one.evidence) for one in fits if one.unit.model is not None]
+    names = [model.name for model, _ in every]
+    known = [one for n, one in enumerate(every) if one[0].name not in names[:n]]
     alike = [model for model, evidence in known if evidence > known[0][1] - _DECIDED]
     stepped = [one for one in alike if columns_of(one, step_deg) is not None]
-    share = np.exp([evidence - known[0][1] for _, evidence in known])
+    share = np.exp([(evidence - known[0][1]) / _BELIEVED for _, evidence in known])
     sure = sum(float(part) for (model, _), part in zip(known, share, strict=True) if model in alike)
     return stepped or alike, sure / float(share.sum())
 

@@ -21,12 +21,14 @@ from urbantwin.fidelity.discovery.unit import OnChannel, Unit
 from urbantwin.fidelity.discovery.unit_fit import Belief, Freedom, fit_unit
 from urbantwin.lidar import Sensor
 
-__all__ = ["TableFit", "fit_free_table", "fit_tables", "ring_odds"]
+__all__ = ["TableFit", "fit_alike", "fit_free_table", "fit_tables", "ring_odds"]
 
 #: Pieces overlap: so many of them are one look at a ring.
 _PIECES_PER_LOOK = 8.0
 #: Units are off their model's table, degrees: Ouster and HDL-64E units by 0.1, others by less.
-_OF_MODEL, _OF_NOBODY = Freedom(0.12), Freedom(2.0)
+_OF_MODEL, _OF_ODD_UNIT, _OF_NOBODY = Freedom(0.12), Freedom(0.3), Freedom(2.0)
+#: A found table is like a model's if it is off by this share of the rings' distance, and so long.
+_ALIKE, _FEWEST_ALIKE = 0.8, 12
 #: Tolerances from rough to fine, and how a ring spreads in the end, degrees.
 _FINER_DEG, _RING_DEG = (0.15, 0.08, 0.05, 0.03), 0.04
 #: Share of the pieces that are on rings, and over how many degrees the others spread.
@@ -116,6 +118,41 @@ def fit_free_table(
         return None
     unit = Unit.of_table(edges[peaks] + _BIN_DEG / 2, None)
     return _fit(few, share, (start, unit), start, _OF_NOBODY)
+
+
+def fit_alike(
+    free: TableFit,
+    pieces: RingPieces,
+    weight: NDArray[np.float64],
+    start: Standpoint,
+    models: Sequence[Sensor],
+) -> list[TableFit]:
+    """Return fits of models that a table found in points is like, ring by ring, the best first.
+
+    Units may be farther off their model than others of it are: an HDL-64E's by 0.3 degrees. Then
+    its rings are the model's one after the other, each a little off.
+    """
+    few, share = _enough(pieces, weight)
+    seen = np.sort(free.unit.elevation_deg[free.looks >= 1])
+    fits = []
+    for model in models:
+        rising = np.argsort(model.elevation_deg, kind="stable")
+        table = model.elevation_deg[rising]
+        if not _FEWEST_ALIKE <= len(seen) <= len(table):
+            continue
+        firsts = range(len(table) - len(seen) + 1)
+        offs = [seen - table[first : first + len(seen)] for first in firsts]
+        best = int(np.argmin([float((off**2).mean()) for off in offs]))
+        spacing = float(np.ptp(table)) / (len(table) - 1)
+        if np.sqrt((offs[best] ** 2).mean()) > _ALIKE * spacing:
+            continue
+        offset = np.empty(len(table))
+        offset[rising] = np.interp(
+            np.arange(len(table)), np.arange(best, best + len(seen)), offs[best]
+        )
+        unit = Unit(model, model.elevation_deg, offset, np.zeros(len(table)))
+        fits.append(_fit(few, share, (free.seen_from, unit), start, _OF_ODD_UNIT))
+    return sorted(fits, key=lambda one: -one.evidence)
 
 
 def _enough(

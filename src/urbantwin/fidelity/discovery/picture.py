@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.ticker import NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 from urbantwin.artefact import replaced_file
@@ -14,7 +15,7 @@ from urbantwin.fidelity.report_style import FAINT, INK, blank, from_above, save
 
 __all__ = ["draw_discovery"]
 
-_BIN_DEG, _MARGIN_DEG = 0.02, 1.0
+_BINS, _MARGIN_DEG = 640, 1.0
 
 
 def draw_discovery(found: Discovery, points: NDArray[np.float64], path: Path) -> None:
@@ -60,7 +61,7 @@ def draw_discovery(found: Discovery, points: NDArray[np.float64], path: Path) ->
         seen = one.fit.seen_from.elevation_deg(points[mine])
         table = one.fit.unit.elevation_deg
         low, high = table.min() - _MARGIN_DEG, table.max() + _MARGIN_DEG
-        axes.hist(seen, np.arange(low, high, _BIN_DEG).tolist(), color=shades[number], log=True)
+        axes.hist(seen, _BINS, range=(low, high), color=shades[number], log=True)
         for up in table:
             axes.axvline(up, color=INK, linewidth=0.4, alpha=0.35)
         which = " or ".join(one.models) or "a table of its own"
@@ -71,6 +72,8 @@ def draw_discovery(found: Discovery, points: NDArray[np.float64], path: Path) ->
             fontsize=9,
             color=INK,
         )
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_xlim(low, high)
         axes.tick_params(labelsize=7)
         for spine in axes.spines.values():

@@ -28,8 +28,8 @@ _ROUNDS = 4
 _ALONE, _NOBODY, _SURE = 0.02, 0.01, 0.5
 #: Steps of azimuth between columns, degrees.
 _LEAST_STEP_DEG, _MOST_STEP_DEG, _BIN_DEG = 0.03, 1.2, 0.005
-#: A model's columns fit a measured step to this share.
-_STEP_SHARE = 0.02
+#: A model's columns fit a measured step to this share: motors of old ones turn as they like.
+_STEP_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity.discovery.elevation_match import (
     TableFit,
+    fit_alike,
     fit_free_table,
     fit_tables,
     ring_odds,
@@ -41,7 +42,9 @@ def fits_of(
     free = fit_free_table(pieces, weight, start)
     if free is None or not _is_rings(free):
         return known
-    if known and known[0].evidence > free.evidence - _STRANGE:
+    alike = [one for one in fit_alike(free, pieces, weight, start, models) if _is_rings(one)]
+    known = sorted([*alike, *known], key=lambda one: -one.evidence)
+    if alike or (known and known[0].evidence > free.evidence - _STRANGE):
         return known
     return [free, *known]
 

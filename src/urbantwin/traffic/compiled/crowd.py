@@ -5,6 +5,14 @@ import math
 import numpy as np
 from numba import njit
 
+from urbantwin.traffic.compiled.asides import (
+    foresee,
+    lets_by,
+    near_whom,
+    part,
+    slip_by,
+    what_is_at,
+)
 from urbantwin.traffic.compiled.waiting import depth
 
 __all__ = ["walked"]
@@ -14,16 +22,9 @@ BACK_M, MOST_M = 2.5, 1.6
 #: How fast one steps aside, m/s, and how much faster one becomes from step to step, m/s2.
 ASIDE_MS, STARTS_MS2 = 1.2, 8.0
 #: Nobody is faster for stepping aside or for being late than this, m/s, nor walks for being late
-#: so much faster than it did near there, and need not be slower than the second, m/s.
-FASTEST_MS, HURRIES, BRISK_MS = 2.2, 1.3, 1.6
-#: How far one looks ahead, in so many looks, seconds; and how far one goes aside for that, metres.
-LOOKS, AHEAD_S, ROOM_M = 8, 2.0, 1.0
-#: Who is so near in plan is looked at, metres; the same of what stands.
-NEAR_M, BESIDE_M = 4.0, 1.5
-#: Room that is left, metres; who stands gives way by so much of what one does who walks.
-GAP_M, STANDING = 0.03, 0.15
-#: Who is held up for so long by somebody nearer than this slips by so fast: s, m, m/s.
-HELD_S, SLIPS_M, SLIPS_MS = 0.3, 0.25, 0.8
+#: so much faster than it did near there, and need not be slower than the second, m/s; who is
+#: farther behind than this, metres, runs.
+FASTEST_MS, HURRIES, BRISK_MS, RUNS_M = 2.2, 1.3, 1.6, 4.0
 #: Who is late and gets on no faster is held up, m/s.
 SLOW_MS = 0.1
 #: Who lies in somebody by less has touched it, metres.
@@ -37,8 +38,9 @@ EDGE_M = 0.25
 TURNS, BACK_S = 3, 1.5
 #: Who comes in where somebody is begins beside it: within so many rings of so many metres.
 RINGS, RING_M, PLACES = 8, 0.2, 12
-#: Who turns faces where it goes within so long, seconds; slower than this nobody turns, m/s.
-TURNS_S, WALKS_MS = 0.3, 0.3
+#: Who turns faces where it goes within so long, seconds; slower than this nobody does but who is
+#: held up and shifts, m/s.
+TURNS_S, WALKS_MS, SHIFTS_MS = 0.3, 0.3, 0.02
 
 
 @njit(cache=True, nogil=True)
@@ -85,26 +87,31 @@ def walked(
         mine, cars = rows[begins[s] : begins[s + 1]], others[other_begins[s] : other_begins[s + 1]]
         if len(mine) == 0:
             continue
-        off = np.zeros((len(mine), 2))
+        off, waits = np.zeros((len(mine), 2)), np.zeros(len(mine), np.bool_)
         for a in range(len(mine)):
             _go_on(mine[a], off[a], boxes, now, far, pace, joined, place, come, at, step_s)
             if joined[mine[a]]:
                 _step_back(mine[a], off[a], now, whose, place, come, at, held, step_s)
-        pairs = _near(
+        pairs = near_whom(
             mine, cars, now, off, level, still, cells, within, blocked, corner, count
         )  # fmt: skip
         for a, j, b in pairs:
-            _foresee(
+            if b < 0 and j < count and not waits[a]:
+                waits[a] = lets_by(mine[a], j, off[a], boxes, now, come, joined, last, step_s)
+                if waits[a]:
+                    _keep(mine[a], off[a], now, place, come, at)
+        for a, j, b in pairs:
+            foresee(
                 mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, boxes, now, come,
                 joined, last, step_s,
             )  # fmt: skip
-            _slip_by(
+            slip_by(
                 mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, now, joined, held, step_s
             )
         for _ in range(ROUNDS):
             parted = True
             for a, j, b in pairs:
-                if _part(
+                if part(
                     mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, now, joined, step_s
                 ):
                     parted = False
@@ -149,6 +156,8 @@ def _go_on(r, off, boxes, now, far, pace, joined, place, come, at, step_s):
             if joined[q]:
                 did = at[q] - at[q - 1]
             most = min(max(pace[r] * HURRIES, BRISK_MS), FASTEST_MS) * step_s
+            if gap > RUNS_M:
+                most = FASTEST_MS * step_s
             goes = min(gap, most, did + STARTS_MS2 / 2 * step_s * step_s)
         elif own > FASTEST_MS * step_s:
             goes = FASTEST_MS * step_s  # SUMO lets people leap
@@ -179,10 +188,18 @@ def _step_back(r, off, now, whose, place, come, at, held, step_s):
     stuck_s = held[q] * step_s - PATIENCE_S
     if stuck_s <= 0 or (int(stuck_s / BACK_S) + whose[r]) % TURNS:
         return
+    _keep(r, off, now, place, come, at)
+    off[0], off[1] = -BACK_MS * step_s * now[q, 2], -BACK_MS * step_s * now[q, 3]
+
+
+@njit(cache=True, nogil=True)
+def _keep(r, off, now, place, come, at):
+    """Stay where one was a step earlier."""
+    q = r - 1
     come[r], at[r] = come[q], at[q]
     now[r, 0], now[r, 1], now[r, 2], now[r, 3] = now[q, 0], now[q, 1], now[q, 2], now[q, 3]
     place[r, 2] = place[q, 2]
-    off[0], off[1] = -BACK_MS * step_s * now[q, 2], -BACK_MS * step_s * now[q, 3]
+    off[0] = off[1] = 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -204,175 +221,6 @@ def _face(r, boxes, now, come, turn):
     c, s = math.cos(turn), math.sin(turn)
     now[r, 2] = boxes[u, 2] * c - boxes[u, 3] * s
     now[r, 3] = boxes[u, 3] * c + boxes[u, 2] * s
-
-
-@njit(cache=True, nogil=True)
-def _near(mine, cars, now, off, level, still, cells, within, blocked, corner, count):
-    """Return who is near whom: a person's number, a row, and whose number it is, -1 for others."""
-    pairs = np.empty((64, 3), np.int64)
-    found = 0
-    for a in range(len(mine)):
-        i = mine[a]
-        x, y = now[i, 0] + off[a, 0], now[i, 1] + off[a, 1]
-        for n in range(len(mine) + len(cars)):
-            if n <= a:
-                continue
-            b = n if n < len(mine) else -1
-            j = mine[n] if b >= 0 else cars[n - len(mine)]
-            reach = NEAR_M + now[j, 4] + now[i, 4]
-            far_x = now[j, 0] - x
-            if abs(far_x) > reach or level[i] != level[j]:
-                continue
-            far_y = now[j, 1] - y
-            if far_x * far_x + far_y * far_y > reach * reach:
-                continue
-            if found == len(pairs):
-                more = np.empty((2 * found, 3), np.int64)
-                more[:found] = pairs
-                pairs = more
-            pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, b
-            found += 1
-        column, row = int((x - within[0]) / within[2]), int((y - within[1]) / within[2])
-        if level[i] != 0 or not (0 <= column < within[3] and 0 <= row < within[4]):
-            continue
-        if _cell(now[i, 0], now[i, 1], blocked, corner) == 1:
-            continue  # its way leads through: there is none round
-        cell = row * int(within[3]) + column
-        for k in range(still[cell], still[cell + 1]):
-            j = count + cells[k]
-            if found == len(pairs):
-                more = np.empty((2 * found, 3), np.int64)
-                more[:found] = pairs
-                pairs = more
-            pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, -1
-            found += 1
-    return pairs[:found]
-
-
-@njit(cache=True, nogil=True)
-def _gives(r, now, joined, step_s):
-    """Return how much somebody on foot gives way: who stands hardly."""
-    if not joined[r]:
-        return STANDING
-    went = math.hypot(now[r, 0] - now[r - 1, 0], now[r, 1] - now[r - 1, 1])
-    return STANDING + (1 - STANDING) * min(went / step_s, 1.0)
-
-
-@njit(cache=True, nogil=True)
-def _moved(box, off):
-    """Return a box a little aside."""
-    there = box.copy()
-    there[0] += off[0]
-    there[1] += off[1]
-    return there
-
-
-@njit(cache=True, nogil=True)
-def _foresee(i, j, mine, theirs, walks, boxes, now, come, joined, last, step_s):
-    """Go a little to the side of somebody whom one would come into soon."""
-    one, other = _moved(now[i], mine), now[j].copy()
-    if walks:
-        other = _moved(other, theirs)
-    for look in range(1, LOOKS + 1):
-        ahead = round(look * AHEAD_S / LOOKS / step_s)
-        a, b = int(come[i]) + ahead, j
-        if j < len(last):
-            b = (int(come[j]) if walks else j) + ahead
-            if b > last[j]:
-                return
-        if ahead == 0 or a > last[i]:
-            return
-        there, beyond = _moved(boxes[a], mine), boxes[b].copy()
-        if walks:
-            beyond = _moved(beyond, theirs)
-        if depth(there, beyond) + GAP_M <= 1e-6:
-            continue
-        # Past each other on the side on which they come by.
-        x = (there[0] - one[0]) - (beyond[0] - other[0])
-        y = (there[1] - one[1]) - (beyond[1] - other[1])
-        far = math.hypot(x, y)
-        if far < 0.3 * ahead * step_s:
-            return
-        left_x, left_y = -y / far, x / far
-        beside = (there[0] - beyond[0]) * left_x + (there[1] - beyond[1]) * left_y
-        side = -1.0 if beside < 0.02 else 1.0
-        reach = GAP_M - side * beside
-        for box in (there, beyond):
-            reach += abs(box[2] * left_x + box[3] * left_y) * box[4]
-            reach += abs(box[2] * left_y - box[3] * left_x) * box[5]
-        if reach > ROOM_M or reach <= 0:
-            return
-        own = _gives(i, now, joined, step_s)
-        share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
-        push = side * reach * 1.5 / (ahead + 1)
-        mine[0] += push * left_x * share
-        mine[1] += push * left_y * share
-        if walks:
-            theirs[0] -= push * left_x * (1 - share)
-            theirs[1] -= push * left_y * (1 - share)
-        return
-
-
-@njit(cache=True, nogil=True)
-def _slip_by(i, j, mine, theirs, walks, now, joined, held, step_s):
-    """Go to the side of somebody right before whom one is held up."""
-    slips = joined[i] and held[i - 1] * step_s > HELD_S
-    slip = walks and joined[j] and held[j - 1] * step_s > HELD_S
-    if not slips and not slip:
-        return
-    one, other = _moved(now[i], mine), now[j].copy()
-    if walks:
-        other = _moved(other, theirs)
-    if depth(one, other) < -SLIPS_M:
-        return
-    x, y = other[0] - one[0], other[1] - one[1]
-    push = SLIPS_MS * step_s
-    if slips and x * one[2] + y * one[3] > 0:
-        side = -1.0 if y * one[2] - x * one[3] > -0.05 else 1.0
-        mine[0] -= side * push * one[3]
-        mine[1] += side * push * one[2]
-    if slip and x * other[2] + y * other[3] < 0:
-        side = -1.0 if x * other[3] - y * other[2] > -0.05 else 1.0
-        theirs[0] -= side * push * other[3]
-        theirs[1] += side * push * other[2]
-
-
-@njit(cache=True, nogil=True)
-def _part(i, j, mine, theirs, walks, now, joined, step_s):
-    """Part two who are in each other, by the shortest way; return whether they were."""
-    one, other = _moved(now[i], mine), now[j].copy()
-    if walks:
-        other = _moved(other, theirs)
-    if depth(one, other) + GAP_M <= 1e-6:
-        return False
-    best, way_x, way_y = np.inf, 0.0, 0.0
-    x, y = one[0] - other[0], one[1] - other[1]
-    for box in (one, other):
-        for ax, ay in ((box[2], box[3]), (-box[3], box[2])):
-            reach = GAP_M - abs(x * ax + y * ay)
-            for each in (one, other):
-                reach += abs(each[2] * ax + each[3] * ay) * each[4]
-                reach += abs(each[2] * ay - each[3] * ax) * each[5]
-            if reach < best:
-                side = -1.0 if x * ax + y * ay < 0 else 1.0
-                best, way_x, way_y = reach, side * ax, side * ay
-    own = _gives(i, now, joined, step_s)
-    share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
-    mine[0] += best * way_x * share
-    mine[1] += best * way_y * share
-    if walks:
-        theirs[0] -= best * way_x * (1 - share)
-        theirs[1] -= best * way_y * (1 - share)
-    return True
-
-
-@njit(cache=True, nogil=True)
-def _cell(x, y, blocked, corner):
-    """Return what is at a place."""
-    row, column = int((y - corner[1]) / corner[2]), int((x - corner[0]) / corner[2])
-    if 0 <= row < blocked.shape[0] and 0 <= column < blocked.shape[1]:
-        return blocked[row, column]
-    return 0
 
 
 @njit(cache=True, nogil=True)
@@ -424,9 +272,9 @@ def _hold(
         goes_x, goes_y = goes_x * most / long, goes_y * most / long
     x, y = was_x + goes_x, was_y + goes_y
     # Where its way leads it may be, where it is, and nowhere worse.
-    own = _cell(base_x, base_y, blocked, corner)
-    was = _cell(was_x, was_y, blocked, corner)
-    there = _cell(x, y, blocked, corner)
+    own = what_is_at(base_x, base_y, blocked, corner)
+    was = what_is_at(was_x, was_y, blocked, corner)
+    there = what_is_at(x, y, blocked, corner)
     if there == 2 and own != 2 and was != 2 and held[q] * step_s <= PATIENCE_S:
         # A way may lead along the edge of the footway.
         long = math.hypot(x - base_x, y - base_y)
@@ -443,7 +291,7 @@ def _hold(
     if there and there != own:
         on = max(goes_x * ahead_x + goes_y * ahead_y, 0.0)
         x, y = was_x + on * ahead_x, was_y + on * ahead_y
-        there = _cell(x, y, blocked, corner)
+        there = what_is_at(x, y, blocked, corner)
         if there and there != own:
             x, y = was_x, was_y
     # Who is behind where its way has it by now is late.
@@ -475,7 +323,7 @@ def _hold(
         wanted = (course + math.pi) % (2 * math.pi) - math.pi
         turn = (wanted - place[r, 2] + math.pi) % (2 * math.pi) - math.pi
         place[r, 2] += turn * min(pace, 1.0) * step_s / (TURNS_S + step_s)
-    elif come[r] < r and held[q]:
+    elif come[r] < r and held[q] and pace > SHIFTS_MS:
         place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)  # held up, and turns to where it goes
     _face(r, boxes, now, come, place[r, 2])
 
@@ -547,13 +395,13 @@ def _back(r, boxes, now, place, come, at, place_too):
 def _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner):
     """Put who was not there a step earlier to where nobody is."""
     r = mine[a]
-    own = _cell(boxes[r, 0], boxes[r, 1], blocked, corner)
+    own = what_is_at(boxes[r, 0], boxes[r, 1], blocked, corner)
     for ring in range(RINGS + 1):
         for k in range(PLACES if ring else 1):
             angle = 2 * math.pi * k / PLACES
             x = now[r, 0] + (ring * RING_M * math.cos(angle) if ring else 0.0)
             y = now[r, 1] + (ring * RING_M * math.sin(angle) if ring else 0.0)
-            there = _cell(x, y, blocked, corner)
+            there = what_is_at(x, y, blocked, corner)
             if ring and there and there != own:
                 continue
             box = now[r].copy()

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-__all__ = ["depth", "driven", "first_contacts"]
+__all__ = ["depth", "depth_of", "driven", "first_contacts"]
 
 
 @njit(cache=True, nogil=True)
@@ -110,7 +110,12 @@ def first_contacts(top, width, mine, theirs, beside):
 @njit(cache=True, nogil=True)
 def depth(a, b):
     """Return how deep two boxes lie in each other, by the theorem of separating axes."""
-    x, y = a[0] - b[0], a[1] - b[1]
+    return depth_of(a[0] - b[0], a[1] - b[1], a, b)
+
+
+@njit(cache=True, nogil=True)
+def depth_of(x, y, a, b):
+    """Return the same of boxes where the first's middle is so far from the other's."""
     cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
     return min(
         a[4] + cos * b[4] + sin * b[5] - abs(x * a[2] + y * a[3]),

@@ -19,7 +19,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter1d
 
-from urbantwin.traffic.compiled.crowd import BESIDE_M, FASTEST_MS, MOST_M, walked
+from urbantwin.traffic.compiled.asides import BESIDE_M
+from urbantwin.traffic.compiled.crowd import FASTEST_MS, MOST_M, walked
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.solids import ROOM_M

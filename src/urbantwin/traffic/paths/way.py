@@ -15,7 +15,7 @@ __all__ = ["Let", "Way"]
 
 #: How far one falls behind at the most, metres.
 _BEHIND_M = {"pedestrian": 4.0}
-_USUAL_BEHIND_M = 90.0
+_USUAL_BEHIND_M = 30.0
 
 
 @dataclass(frozen=True, eq=False)

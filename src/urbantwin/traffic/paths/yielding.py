@@ -40,7 +40,7 @@ _USUAL_AHEAD_M = 0.7
 _THROUGH = 1e3
 _ROUNDS = 12
 #: Waiting helps that leaves less than this share of what two lie in each other.
-_HELPS = 0.8
+_HELPS = 0.5
 #: Steps that are looked at together: an hour's pairs would take gigabytes.
 _STEPS = 2000
 #: Two who meet have to do with each other so long before and after at the most, seconds, and until

@@ -1,0 +1,216 @@
+"""Whom people see coming, and how they go aside for each other in a step."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from urbantwin.traffic.compiled.waiting import depth_of
+
+__all__ = ["foresee", "lets_by", "near_whom", "part", "slip_by", "what_is_at"]
+
+#: How far one looks ahead, in so many looks, seconds; and how far one goes aside for that, metres.
+LOOKS, AHEAD_S, ROOM_M = 8, 2.0, 1.0
+#: What moves farther than this meanwhile drives, metres.
+DRIVES_M = 0.5
+#: Who is so near in plan is looked at, metres; the same of who drives, and of what stands.
+NEAR_M, DRIVEN_M, BESIDE_M = 4.0, 25.0, 1.5
+#: Room that is left, metres; who stands gives way by so much of what one does who walks.
+GAP_M, STANDING = 0.03, 0.15
+#: Who is held up for so long by somebody nearer than this slips by so fast: s, m, m/s.
+HELD_S, SLIPS_M, SLIPS_MS = 0.3, 0.25, 0.8
+
+
+@njit(cache=True, nogil=True)
+def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner, count):
+    """Return who is near whom: a person's number, a row, and whose number it is, -1 for others."""
+    pairs = np.empty((64, 3), np.int64)
+    found = 0
+    for a in range(len(mine)):
+        i = mine[a]
+        x, y = now[i, 0] + off[a, 0], now[i, 1] + off[a, 1]
+        for n in range(len(mine) + len(cars)):
+            if n <= a:
+                continue
+            b = n if n < len(mine) else -1
+            j = mine[n] if b >= 0 else cars[n - len(mine)]
+            reach = (NEAR_M if b >= 0 else DRIVEN_M) + now[j, 4] + now[i, 4]
+            far_x = now[j, 0] - x
+            if abs(far_x) > reach or level[i] != level[j]:
+                continue
+            far_y = now[j, 1] - y
+            if far_x * far_x + far_y * far_y > reach * reach:
+                continue
+            if found == len(pairs):
+                more = np.empty((2 * found, 3), np.int64)
+                more[:found] = pairs
+                pairs = more
+            pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, b
+            found += 1
+        column, row = int((x - within[0]) / within[2]), int((y - within[1]) / within[2])
+        if level[i] != 0 or not (0 <= column < within[3] and 0 <= row < within[4]):
+            continue
+        if what_is_at(now[i, 0], now[i, 1], blocked, corner) == 1:
+            continue  # its way leads through: there is none round
+        cell = row * int(within[3]) + column
+        for k in range(still[cell], still[cell + 1]):
+            j = count + cells[k]
+            if found == len(pairs):
+                more = np.empty((2 * found, 3), np.int64)
+                more[:found] = pairs
+                pairs = more
+            pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, -1
+            found += 1
+    return pairs[:found]
+
+
+@njit(cache=True, nogil=True)
+def lets_by(i, j, mine, boxes, now, come, joined, last, step_s):
+    """Return whether somebody would walk into a vehicle that drives, and would not if it waited."""
+    if not joined[i]:
+        return False
+    into, drives = False, False
+    for look in range(1, LOOKS + 1):
+        ahead = round(look * AHEAD_S / LOOKS / step_s)
+        a, b = int(come[i]) + ahead, j + ahead
+        if b > last[j]:
+            break
+        x, y = now[i - 1, 0] - boxes[b, 0], now[i - 1, 1] - boxes[b, 1]
+        if depth_of(x, y, now[i - 1], boxes[b]) + GAP_M > 0:
+            return False
+        if math.hypot(boxes[b, 0] - boxes[j, 0], boxes[b, 1] - boxes[j, 1]) > DRIVES_M:
+            drives = True
+        if a <= last[i]:
+            x, y = boxes[a, 0] + mine[0] - boxes[b, 0], boxes[a, 1] + mine[1] - boxes[b, 1]
+            if depth_of(x, y, boxes[a], boxes[b]) + GAP_M > 0:
+                into = True
+    return into and drives
+
+
+@njit(cache=True, nogil=True)
+def foresee(i, j, mine, theirs, walks, boxes, now, come, joined, last, step_s):
+    """Go a little to the side of somebody whom one would come into soon."""
+    theirs_x, theirs_y = (theirs[0], theirs[1]) if walks else (0.0, 0.0)
+    for look in range(1, LOOKS + 1):
+        ahead = round(look * AHEAD_S / LOOKS / step_s)
+        a, b = int(come[i]) + ahead, j
+        if j < len(last):
+            b = (int(come[j]) if walks else j) + ahead
+            if b > last[j]:
+                return
+        if ahead == 0 or a > last[i]:
+            return
+        between_x = boxes[a, 0] + mine[0] - boxes[b, 0] - theirs_x
+        between_y = boxes[a, 1] + mine[1] - boxes[b, 1] - theirs_y
+        if not close_to(between_x, between_y, boxes[a], boxes[b], GAP_M):
+            continue
+        if depth_of(between_x, between_y, boxes[a], boxes[b]) + GAP_M <= 1e-6:
+            continue
+        # Past each other on the side on which they come by.
+        x = between_x - (now[i, 0] + mine[0] - now[j, 0] - theirs_x)
+        y = between_y - (now[i, 1] + mine[1] - now[j, 1] - theirs_y)
+        far = math.hypot(x, y)
+        if far < 0.3 * ahead * step_s:
+            return
+        left_x, left_y = -y / far, x / far
+        beside = between_x * left_x + between_y * left_y
+        side = -1.0 if beside < 0.02 else 1.0
+        reach = GAP_M - side * beside
+        reach += _reach(boxes[a], left_x, left_y) + _reach(boxes[b], left_x, left_y)
+        if reach > ROOM_M or reach <= 0:
+            return
+        own = _gives(i, now, joined, step_s)
+        share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
+        push = side * reach * 1.5 / (ahead + 1)
+        mine[0] += push * left_x * share
+        mine[1] += push * left_y * share
+        if walks:
+            theirs[0] -= push * left_x * (1 - share)
+            theirs[1] -= push * left_y * (1 - share)
+        return
+
+
+@njit(cache=True, nogil=True)
+def slip_by(i, j, mine, theirs, walks, now, joined, held, step_s):
+    """Go to the side of somebody right before whom one is held up."""
+    slips = joined[i] and held[i - 1] * step_s > HELD_S
+    slip = walks and joined[j] and held[j - 1] * step_s > HELD_S
+    if not slips and not slip:
+        return
+    x, y = now[j, 0] - now[i, 0] - mine[0], now[j, 1] - now[i, 1] - mine[1]
+    if walks:
+        x, y = x + theirs[0], y + theirs[1]
+    if depth_of(-x, -y, now[i], now[j]) < -SLIPS_M:
+        return
+    push = SLIPS_MS * step_s
+    if slips and x * now[i, 2] + y * now[i, 3] > 0:
+        side = -1.0 if y * now[i, 2] - x * now[i, 3] > -0.05 else 1.0
+        mine[0] -= side * push * now[i, 3]
+        mine[1] += side * push * now[i, 2]
+    if slip and x * now[j, 2] + y * now[j, 3] < 0:
+        side = -1.0 if x * now[j, 3] - y * now[j, 2] > -0.05 else 1.0
+        theirs[0] -= side * push * now[j, 3]
+        theirs[1] += side * push * now[j, 2]
+
+
+@njit(cache=True, nogil=True)
+def part(i, j, mine, theirs, walks, now, joined, step_s):
+    """Part two who are in each other, by the shortest way; return whether they were."""
+    x, y = now[i, 0] + mine[0] - now[j, 0], now[i, 1] + mine[1] - now[j, 1]
+    if walks:
+        x, y = x - theirs[0], y - theirs[1]
+    if not close_to(x, y, now[i], now[j], GAP_M):
+        return False
+    if depth_of(x, y, now[i], now[j]) + GAP_M <= 1e-6:
+        return False
+    best, way_x, way_y = np.inf, 0.0, 0.0
+    for k in range(4):
+        box = now[i] if k < 2 else now[j]
+        ax, ay = box[2], box[3]
+        if k % 2:
+            ax, ay = -box[3], box[2]
+        reach = GAP_M - abs(x * ax + y * ay)
+        reach += _reach(now[i], ax, ay) + _reach(now[j], ax, ay)
+        if reach < best:
+            side = -1.0 if x * ax + y * ay < 0 else 1.0
+            best, way_x, way_y = reach, side * ax, side * ay
+    own = _gives(i, now, joined, step_s)
+    share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
+    mine[0] += best * way_x * share
+    mine[1] += best * way_y * share
+    if walks:
+        theirs[0] -= best * way_x * (1 - share)
+        theirs[1] -= best * way_y * (1 - share)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _gives(r, now, joined, step_s):
+    """Return how much somebody on foot gives way: who stands hardly."""
+    if not joined[r]:
+        return STANDING
+    went = math.hypot(now[r, 0] - now[r - 1, 0], now[r, 1] - now[r - 1, 1])
+    return STANDING + (1 - STANDING) * min(went / step_s, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def close_to(x, y, a, b, gap):
+    """Return whether two boxes may be nearer than a gap, their middles being so far apart."""
+    reach = math.hypot(a[4], a[5]) + math.hypot(b[4], b[5]) + gap
+    return x * x + y * y < reach * reach
+
+
+@njit(cache=True, nogil=True)
+def _reach(box, x, y):
+    """Return how far a box reaches from its middle along a way."""
+    along, across = abs(box[2] * x + box[3] * y), abs(box[2] * y - box[3] * x)
+    return along * box[4] + across * box[5]
+
+
+@njit(cache=True, nogil=True)
+def what_is_at(x, y, blocked, corner):
+    """Return what is at a place."""
+    row, column = int((y - corner[1]) / corner[2]), int((x - corner[0]) / corner[2])
+    if 0 <= row < blocked.shape[0] and 0 <= column < blocked.shape[1]:
+        return blocked[row, column]
+    return 0
