@@ -13,6 +13,7 @@ from urbantwin.traffic.compiled.asides import (
     slip_by,
     what_is_at,
 )
+from urbantwin.traffic.compiled.kerbs import to_kerb
 from urbantwin.traffic.compiled.waiting import depth
 
 __all__ = ["walked"]
@@ -45,8 +46,8 @@ TURNS_S, WALKS_MS, SHIFTS_MS = 0.3, 0.3, 0.02
 
 @njit(cache=True, nogil=True)
 def walked(
-    begins, rows, other_begins, others, boxes, whose, level, far, pace, joined, last, still, cells,
-    within, blocked, corner, step_s,
+    begins, rows, other_begins, others, boxes, whose, level, far, pace, joined, last, kerbs, green,
+    patience, still, cells, within, blocked, corner, step_s,
 ):  # fmt: skip
     """Return where people are (N, 3), and which of their rows they have come to (N,).
 
@@ -69,6 +70,11 @@ def walked(
         pace: (N,) how fast people walk near there.
         joined: (N,) bool, whether the row before is the same actor's, a step earlier.
         last: (N,) int64, the last row of the same actor that follows without a gap.
+        kerbs: (N, 3) int64, the row with which the next crossing on one's way begins, this one or
+            later, -1 for none; of such a row the last one on it, and its signal, -1 without.
+        green: (K, S) uint8, whether a signal lets people begin to cross, by step.
+        patience: (2,) for how many steps one lets vehicles by that come over a crossing without a
+            signal, and at green.
         still: (C + 1,) int64, where the numbers of what stands begin of each cell, by row.
         cells: (K,) int64, those numbers.
         within: (5,) west and south of those cells, their size, columns and rows.
@@ -83,14 +89,23 @@ def walked(
     count = len(far)
     place, come = np.zeros((count, 3)), np.zeros(count)
     at, held, now = far.copy(), np.zeros(count, np.int64), boxes.copy()
+    let = np.zeros(count, np.int64)
     for s in range(len(begins) - 1):
         mine, cars = rows[begins[s] : begins[s + 1]], others[other_begins[s] : other_begins[s + 1]]
         if len(mine) == 0:
             continue
         off, waits = np.zeros((len(mine), 2)), np.zeros(len(mine), np.bool_)
+        queues = np.zeros(len(mine), np.bool_)
         for a in range(len(mine)):
-            _go_on(mine[a], off[a], boxes, now, far, pace, joined, place, come, at, step_s)
-            if joined[mine[a]]:
+            r = mine[a]
+            most = np.inf
+            if joined[r] and at[r - 1] < far[r - 1]:
+                most, queues[a] = to_kerb(
+                    r, s, cars, boxes, level, far, last, kerbs, green, patience, come, at, let,
+                    FASTEST_MS * step_s, step_s,
+                )  # fmt: skip
+            _go_on(r, off[a], most, boxes, now, far, pace, joined, place, come, at, step_s)
+            if joined[r] and not queues[a]:
                 _step_back(mine[a], off[a], now, whose, place, come, at, held, step_s)
         pairs = near_whom(
             mine, cars, now, off, level, still, cells, within, blocked, corner, count
@@ -122,7 +137,7 @@ def walked(
                 mine[a], off[a], boxes, now, far, joined, place, come, at, held, blocked, corner,
                 step_s,
             )  # fmt: skip
-        _stay(mine, pairs, boxes, now, joined, place, come, at, held, step_s)
+        _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s)
         for a in range(len(mine)):
             if not joined[mine[a]]:
                 _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner)
@@ -142,8 +157,8 @@ def _point(r, at, begin, far, boxes):
 
 
 @njit(cache=True, nogil=True)
-def _go_on(r, off, boxes, now, far, pace, joined, place, come, at, step_s):
-    """Go on along the way, and back to it; ``now`` is then where one would be."""
+def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, step_s):
+    """Go on along the way, so far at most, and back to it; ``now`` is then where one would be."""
     turn = 0.0
     come[r], at[r] = r, far[r]
     if joined[r]:
@@ -161,6 +176,7 @@ def _go_on(r, off, boxes, now, far, pace, joined, place, come, at, step_s):
             goes = min(gap, most, did + STARTS_MS2 / 2 * step_s * step_s)
         elif own > FASTEST_MS * step_s:
             goes = FASTEST_MS * step_s  # SUMO lets people leap
+        goes = min(goes, max(most_far - at[q], 0.0))
         if goes < gap:
             at[r] = at[q] + goes
             u, share = _point(r, at[r], int(come[q]), far, boxes)
@@ -329,7 +345,7 @@ def _hold(
 
 
 @njit(cache=True, nogil=True)
-def _stay(mine, pairs, boxes, now, joined, place, come, at, held, step_s):
+def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s):
     """Leave who would lie in somebody how it faced, else where it was, until nobody does."""
     back = np.zeros(len(mine), np.int64)
     for a in range(len(mine)):
@@ -373,7 +389,8 @@ def _stay(mine, pairs, boxes, now, joined, place, come, at, held, step_s):
         if joined[r]:
             # Who slips by is held up until it gets on.
             on = at[r] - at[r - 1] > SLOW_MS * step_s
-            held[r] = held[r - 1] + 1 if int(come[r]) < r and not on else 0
+            late = int(come[r]) < r and not on and not queues[a]
+            held[r] = held[r - 1] + 1 if late else 0
 
 
 @njit(cache=True, nogil=True)

@@ -22,6 +22,7 @@ from scipy.ndimage import binary_dilation, maximum_filter1d
 from urbantwin.traffic.compiled.asides import BESIDE_M
 from urbantwin.traffic.compiled.crowd import FASTEST_MS, MOST_M, walked
 from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.kerbs import NO_CROSSINGS, Crossings
 from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.solids import ROOM_M
 from urbantwin.traffic.paths.walked_cells import WalkedCells
@@ -36,7 +37,7 @@ _PACE_S = 5.0
 _TIGHT_M = 0.1
 
 
-def crowd_walked(
+def crowd_walked(  # noqa: PLR0913 - all that they go between
     columns: dict[str, NDArray[Any]],
     moving: Moving,
     half: NDArray[np.float64],
@@ -44,6 +45,9 @@ def crowd_walked(
     blocks: PlanBoxes,
     solids: NDArray[np.object_],
     footway: shapely.Geometry,
+    *,
+    crossings: Crossings = NO_CROSSINGS,
+    patience_s: tuple[float, float] = (15.0, 4.0),
 ) -> dict[str, NDArray[Any]]:
     """Return poses in which people step aside and wait for whomever they would come into.
 
@@ -58,6 +62,8 @@ def crowd_walked(
         blocks: what stands on the ground.
         solids: outlines of what stands in people's way.
         footway: who is on it stays there.
+        crossings: at which who is late waits.
+        patience_s: how long for vehicles that come, without a signal, and at green.
     """
     step, xy = columns["step"].astype(np.int64), columns["xy"]
     people = np.array([name == "pedestrian" for name in moving.classes], np.bool_)[moving.actor]
@@ -80,6 +86,8 @@ def crowd_walked(
         np.concatenate([boxes, standing]), moving.actor.astype(np.int64),
         moving.level.astype(np.int64), far,
         _pace(went / step_s, first, round(_PACE_S / step_s)), joined, last,
+        crossings.kerbs(columns["lane"], joined, last), crossings.green,
+        np.round(np.array(patience_s) / step_s).astype(np.int64),
         *_still_cells(xy[people], blocks), cells.cells, cells.corner, step_s,
     )  # fmt: skip
     yaw = columns["yaw"]
