@@ -313,18 +313,17 @@ def _apart(  # noqa: PLR0913 - all that they go between
     afoot = {name: values[on_foot] for name, values in columns.items()}
 
     def among_people(now: Columns, patience_s: tuple[float, float]) -> Columns:
-        # Everybody on foot goes its own way anew: what held it up in one turn may not in the next.
-        anew = {name: values.copy() for name, values in now.items()}
-        for name, values in afoot.items():
-            anew[name][on_foot] = values
         return crowd_walked(
-            anew, moving, half, step_s, place.blocks.low, solids.shapes, footway,
+            now, moving, half, step_s, place.blocks.low, solids.shapes, footway,
             crossings=crossings, patience_s=patience_s,
         )  # fmt: skip
 
     height = np.array([mesh.height for mesh in meshes])[trip]
     behind = []
     for turn in range(_TURNS):
+        # Everybody on foot goes its own way anew: what held it up in one turn may not in the next.
+        for name, values in afoot.items():
+            columns[name][on_foot] = values
         columns = among_people(columns, _PATIENCE_S)
         columns = _round_others(columns, moving, size / 2, height, place.blocks, meshes, step_s)
         was = before.turn(turn) if before else None

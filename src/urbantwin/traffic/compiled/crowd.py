@@ -13,13 +13,15 @@ from urbantwin.traffic.compiled.asides import (
     slip_by,
     what_is_at,
 )
-from urbantwin.traffic.compiled.kerbs import to_kerb
+from urbantwin.traffic.compiled.kerbs import drives_by, to_kerb
 from urbantwin.traffic.compiled.waiting import depth
 
 __all__ = ["walked"]
 
 #: Who walks on comes back to its way within so far, metres; nobody is farther from it, metres.
 BACK_M, MOST_M = 2.5, 1.6
+#: Who stands and was pushed farther than this from where it would stand comes back so far, metres.
+STRAYS_M = 1.0
 #: How fast one steps aside, m/s, and how much faster one becomes from step to step, m/s2.
 ASIDE_MS, STARTS_MS2 = 1.2, 8.0
 #: Nobody is faster for stepping aside or for being late than this, m/s, nor walks for being late
@@ -70,8 +72,9 @@ def walked(
         pace: (N,) how fast people walk near there.
         joined: (N,) bool, whether the row before is the same actor's, a step earlier.
         last: (N,) int64, the last row of the same actor that follows without a gap.
-        kerbs: (N, 3) int64, the row with which the next crossing on one's way begins, this one or
-            later, -1 for none; of such a row the last one on it, and its signal, -1 without.
+        kerbs: (N, 4) int64, the row with which the next crossing on one's way begins, this one or
+            later, -1 for none; of such a row the last one on it, its signal, -1 without, and the
+            row at which one waits before it.
         green: (K, S) uint8, whether a signal lets people begin to cross, by step.
         patience: (2,) for how many steps one lets vehicles by that come over a crossing without a
             signal, and at green.
@@ -134,8 +137,8 @@ def walked(
                 break
         for a in range(len(mine)):
             _hold(
-                mine[a], off[a], boxes, now, far, joined, place, come, at, held, blocked, corner,
-                step_s,
+                mine[a], off[a], cars, level, last, boxes, now, far, joined, place, come, at, held,
+                blocked, corner, step_s,
             )  # fmt: skip
         _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s)
         for a in range(len(mine)):
@@ -183,6 +186,9 @@ def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, ste
             come[r] = u + share
         beside_x, beside_y = _beside(q, boxes, now, come)
         back = max(1.0 - goes / BACK_M, 0.0)
+        strays = math.hypot(beside_x, beside_y)
+        if goes == 0.0 and strays > STRAYS_M:
+            back = max(strays - BACK_MS * step_s, STRAYS_M) / strays
         off[0], off[1] = beside_x * back, beside_y * back
         if off[0] * off[0] + off[1] * off[1] < 1e-8:
             off[0] = off[1] = 0.0
@@ -241,7 +247,8 @@ def _face(r, boxes, now, come, turn):
 
 @njit(cache=True, nogil=True)
 def _hold(
-    r, off, boxes, now, far, joined, place, come, at, held, blocked, corner, step_s
+    r, off, cars, level, last, boxes, now, far, joined, place, come, at, held, blocked, corner,
+    step_s,
 ):  # fmt: skip
     """Keep what somebody does to what people can, off walls and on the footway; turn it there."""
     x, y = now[r, 0] + off[0], now[r, 1] + off[1]
@@ -302,6 +309,8 @@ def _hold(
                 there = 0
         else:
             there = 0
+    elif there == 2 and was == 0 and drives_by(r, x, y, cars, level, last, boxes, now, step_s):
+        there = 1  # it does not leave the footway now
     elif there == 2:
         there = 0
     if there and there != own:

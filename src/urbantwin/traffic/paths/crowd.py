@@ -22,6 +22,7 @@ from scipy.ndimage import binary_dilation, maximum_filter1d
 from urbantwin.traffic.compiled.asides import BESIDE_M
 from urbantwin.traffic.compiled.crowd import FASTEST_MS, MOST_M, walked
 from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.footing import BODY_M
 from urbantwin.traffic.paths.kerbs import NO_CROSSINGS, Crossings
 from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.solids import ROOM_M
@@ -78,6 +79,8 @@ def crowd_walked(  # noqa: PLR0913 - all that they go between
     boxes = np.column_stack([xy, np.cos(columns["yaw"]), np.sin(columns["yaw"]), half])
     standing = np.column_stack([blocks.xy, np.cos(blocks.yaw), np.sin(blocks.yaw), blocks.half])
     inner = shapely.buffer(solids, _TIGHT_M - ROOM_M)
+    beside_road = shapely.buffer(footway, -BODY_M)
+    shapely.prepare(beside_road)
     cells = WalkedCells(xy[people], inner, footway, MOST_M + 1.0)
     steps = np.arange(step.min(), step.max() + 2)
     rows, others = (_by_step(step, who) for who in (people, ~people))
@@ -86,7 +89,10 @@ def crowd_walked(  # noqa: PLR0913 - all that they go between
         np.concatenate([boxes, standing]), moving.actor.astype(np.int64),
         moving.level.astype(np.int64), far,
         _pace(went / step_s, first, round(_PACE_S / step_s)), joined, last,
-        crossings.kerbs(columns["lane"], joined, last), crossings.green,
+        crossings.kerbs(
+            columns["lane"], joined, last,
+            lambda some: shapely.contains_xy(beside_road, *xy[some].T),
+        ), crossings.green,
         np.round(np.array(patience_s) / step_s).astype(np.int64),
         *_still_cells(xy[people], blocks), cells.cells, cells.corner, step_s,
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,8 @@ __all__ = ["NO_CROSSINGS", "Crossings"]
 
 #: At these letters of a link people begin to cross.
 _BEGIN = frozenset("Ggo")
+#: Where one waits is looked for so many rows before.
+_BACK = 80
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,20 +69,26 @@ class Crossings:
         return cls(light, np.array(rows, np.uint8).reshape(len(rows), count))
 
     def kerbs(
-        self, lane: NDArray[np.integer], joined: NDArray[np.bool_], last: NDArray[np.int64]
+        self,
+        lane: NDArray[np.integer],
+        joined: NDArray[np.bool_],
+        last: NDArray[np.int64],
+        on_footway: Callable[[NDArray[np.int64]], NDArray[np.bool_]],
     ) -> NDArray[np.int64]:
-        """Return of every row where the next crossing begins (N, 3).
+        """Return of every row where the next crossing begins (N, 4).
 
         That is the first row on it from this one on, -1 for none; with such a row the last one on
-        the same crossing, and its signal.
+        the same crossing, its signal, and the row at which one waits: the last one before it that
+        is on the footway, as the areas of corners reach far into the roads.
 
         Args:
             lane: (N,) number of the lane.
             joined: (N,) whether the row before is the same actor's, a step earlier.
             last: (N,) the last row of the same actor that follows without a gap.
+            on_footway: returns which rows (K,) of some are on the footway.
         """
         count = len(lane)
-        found = np.full((count, 3), -1, np.int64)
+        found = np.full((count, 4), -1, np.int64)
         if not (self.light > -2).any():
             return found
         light = self.light[lane]
@@ -90,6 +98,14 @@ class Crossings:
         ends = np.append(runs[1:], count) - 1
         found[begins, 1] = ends[np.searchsorted(runs, begins)]
         found[begins, 2] = light[begins]
+        first = np.maximum.accumulate(np.where(joined, 0, np.arange(count)))[begins]
+        found[begins, 3] = begins - 1
+        waits = np.zeros(len(begins), np.bool_)
+        for back in range(1, _BACK + 1):
+            looks = np.flatnonzero(~waits & (begins - back >= first))
+            looks = looks[on_footway(begins[looks] - back)]
+            found[begins[looks], 3] = begins[looks] - back
+            waits[looks] = True
         following = np.searchsorted(begins, np.arange(count))
         at = np.append(begins, count)[following]
         found[:, 0] = np.where(at <= last, at, -1)
