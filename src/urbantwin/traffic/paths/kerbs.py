@@ -53,7 +53,7 @@ class Crossings:
             links[head.lane] += [(head.program, link) for link in head.links]
         light = np.full(len(lanes), -2, np.int64)
         first, count = (int(steps.min()), int(np.ptp(steps)) + 1) if len(steps) else (0, 1)
-        rows = []
+        rows: list[NDArray[np.uint8]] = []
         states: dict[str, list[tuple[int, str]]] = defaultdict(list)
         for step, program, state in sorted(shown, key=lambda one: one[0]):
             states[program].append((step, state))
