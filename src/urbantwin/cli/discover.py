@@ -39,6 +39,6 @@ def discover(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find the sensors of unlabelled frames: where they stand, how they tilt, which model."""
+    """Find the sensors of unlabelled frames: their places, tilts and models."""
     made = ut.discover(real, out, frames=frames, picture=picture, progress=not quiet)
     Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -1,4 +1,4 @@
-"""What was found, written: a rig, a sensor's file for every unit, frames with rings and columns."""
+"""The files of a discovery: a rig, sensors' files of units, frames with rings and columns."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from urbantwin.lidar.sensor_file import sensor_document
 
 __all__ = ["RAYS", "write_frames", "write_rig"]
 
-#: A unit whose channels are off its model by more, degrees, gets a sensor's file of its own.
+#: A unit whose channels differ from its model's by more, degrees, gets a sensor's file of its own.
 _AS_MODEL_DEG = 0.02
 #: What is written of each point: -1 for a point that is on no sensor's ring.
 RAYS = np.dtype([("sensor", "<i2"), ("ring", "<i2"), ("column", "<i4")])
 _HEAD = """\
 # Found by `urbantwin discover` in the points of frames: x, y, z of their frame as east, north, up.
-# Nothing in points tells yaw: it is 0 here, and columns count from there. The rate is assumed.
+# Points do not show the yaw: it is 0 here, and columns count from there. The rate is assumed.
 """
 
 
 def write_rig(found: Discovery, path: Path, rate_hz: float = 10.0) -> list[Path]:
-    """Write the sensors as a rig, and a sensor's file beside it for each unit off its model.
+    """Write the sensors as a rig, and a sensor's file beside it for each unit unlike its model.
 
     Args:
         found: the sensors.
         path: the ``rig.yaml`` to write; others are named after it.
-        rate_hz: frames per second, which points do not tell.
+        rate_hz: frames per second, which points do not show.
 
     Returns:
         The sensors' files.
@@ -47,7 +47,7 @@ def write_rig(found: Discovery, path: Path, rate_hz: float = 10.0) -> list[Path]
         if model is None or one.off_model_deg > _AS_MODEL_DEG:
             name = f"{path.stem}-{one.name}.yaml"
             units[name] = _yaml(_unit(one, model))
-        told = one.told()
+        told = one.report()
         pose = {key: told[key] for key in ("east_m", "north_m", "up_m", "pitch_deg", "roll_deg")}
         rows.append({"name": one.name, "model": name, **pose, "yaw_deg": 0.0})
         which = " or ".join(one.models) or "no model of the catalogue"
