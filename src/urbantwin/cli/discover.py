@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.cli.options import AsJson, Quiet, RigPicture
 
 __all__ = ["EXAMPLES", "discover"]
 
@@ -32,10 +32,7 @@ def discover(
             metavar="FOLDER", help="Write all frames with sensor, ring and column of every point."
         ),
     ] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option(metavar="PNG", help="The picture to write; beside the rig if not given."),
-    ] = None,
+    picture: RigPicture = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
