@@ -13,12 +13,12 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.beam_assignment import BeamsOf
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
-from urbantwin.fidelity.range_modes import RangeModes, range_modes
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.sampling import evenly
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import save_backgrounds
 from urbantwin.progress import Progress, untold
+from urbantwin.reconstruct.recording.range_modes import RangeModes, range_modes
 
 __all__ = ["LEAST_FRAMES", "measure_recording", "measured_backgrounds"]
 

@@ -6,25 +6,17 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from urbantwin.fidelity.compiled.static_points import stand_still
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.range_modes import range_modes
+from urbantwin.reconstruct.recording import LEAST_FRAMES
+from urbantwin.reconstruct.recording.still_ranges import COLUMNS, StillRanges
 
 __all__ = ["LEAST_FRAMES", "Background"]
 
-#: Fewer frames than this tell nothing apart.
-LEAST_FRAMES = 5
 #: Edge of the cells of directions, degrees.
 _CELL_DEG = 0.4
 #: Rings whose points lie within this in a cell are rings of a turning sensor, degrees.
 _LEVEL_DEG = 0.4
-#: A point is of a static range within this, three standard deviations and a share of the range.
-_NEAR_M, _NEAR_SHARE = 0.2, 0.003
-#: A point that moves has another within this and a share of its range: else it is noise.
-_ALONE_M, _ALONE_SHARE = 0.5, 0.01
-_SIDE = 1 << 16
 
 
 class Background:
@@ -54,18 +46,14 @@ class Background:
         placed = [self._placed(one) for one in known]
         cell, range_m = (np.concatenate(parts) for parts in zip(*placed, strict=True))
         number = np.repeat(np.arange(len(known)), [len(one.points) for one in known])
-        self._names, cell = np.unique(cell, return_inverse=True)
-        found = range_modes(
+        self._still = StillRanges(
             cell,
             number,
-            range_m.astype(np.float32),
-            np.full(len(cell), np.nan, np.float32),
-            cells=len(self._names),
+            range_m,
             frames=len(known),
+            turns=self._columns or round(360 / _CELL_DEG),
+            rows_beside=0 if self._rings else 1,  # noise carries points across the edges of cells
         )
-        self._stands = found.share > 0
-        self._range_m = found.range_m
-        self._reach_m = np.maximum(_NEAR_M, 3 * found.sigma_m) + _NEAR_SHARE * found.range_m
 
     def foreground(self, frame: Frame) -> NDArray[np.bool_]:
         """Return which points (N,) of a frame stand where nothing always does.
@@ -73,23 +61,7 @@ class Background:
         What lies beyond everything static in its direction is background: it was hidden.
         """
         name, range_m = self._placed(frame)
-        still = stand_still(
-            name,
-            range_m,
-            self._names,
-            self._stands,
-            self._range_m,
-            self._reach_m,
-            _SIDE,
-            self._columns or round(360 / _CELL_DEG),
-            0 if self._rings else 1,  # noise carries points across the edges of cells
-        )
-        moves = np.flatnonzero(~still)
-        if len(moves):
-            points = frame.points[moves]
-            away = cKDTree(points).query(points, k=2)[0][:, 1]
-            still[moves[away > _ALONE_M + _ALONE_SHARE * range_m[moves]]] = True
-        return np.asarray(~still)
+        return self._still.moving(name, range_m, frame.points)
 
     def _placed(self, frame: Frame) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return cell and range (N,) of each point."""
@@ -100,7 +72,7 @@ class Background:
         row = np.floor((elevation + 90) / _CELL_DEG).astype(np.int64) + 1
         if self._rings and frame.ring is not None:
             row = frame.ring + 1
-        return (sensor * _SIDE + row) * _SIDE + column, range_m
+        return (sensor * COLUMNS + row) * COLUMNS + column, range_m
 
 
 def _seen(
@@ -123,7 +95,7 @@ def _turns(frames: list[Frame]) -> bool:
     for frame in frames:
         sensor, _, up, around = _seen(frame)
         column = np.floor(around / _CELL_DEG).astype(np.int64)
-        names.append((sensor * _SIDE + np.asarray(frame.ring)) * _SIDE + column)
+        names.append((sensor * COLUMNS + np.asarray(frame.ring)) * COLUMNS + column)
         elevations.append(up)
     name, up = np.concatenate(names), np.concatenate(elevations)
     order = np.lexsort((up, name))

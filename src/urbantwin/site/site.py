@@ -161,7 +161,8 @@ class Site:
         longitude: of the anchor, degrees, WGS84.
         region: region of interest, site frame, metres.
         radius_m: the region's radius where it is a circle.
-        osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads.
+        osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads, or a
+            recording of the place and no map at all: then there are no roads.
         dem: the elevation model, if there is one.
         driving_side: ``left`` or ``right``, or ``auto``: that of the map of the roads, else of the
             country.
@@ -339,7 +340,8 @@ def load_site(path: Path) -> Site:
     raw = document.validated(_SiteFile)
     frame = SiteFrame(raw.anchor.latitude, raw.anchor.longitude)
     region, outline = _region(document, raw.region, frame)
-    if raw.osm is None and raw.roads.file is None:
+    recorded = any(one.kind == "recording" for one in raw.geometry)
+    if raw.osm is None and raw.roads.file is None and not recorded:
         expected = "an OpenStreetMap extract, or else a map of the roads (roads.file)"
         raise document.error("is missing", ("osm",), expected)
     osm = _input_file(document, "osm", raw.osm, "an OpenStreetMap extract") if raw.osm else None

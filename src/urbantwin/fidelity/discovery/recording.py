@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.errors import InputError
 from urbantwin.fidelity.discovery.discover import discover
@@ -14,10 +16,11 @@ from urbantwin.fidelity.discovery.written import write_frames, write_rig
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.sampling import evenly
 from urbantwin.progress import Progress, between, each
+from urbantwin.reconstruct.recording import LEAST_FRAMES, RecordedFrames, moving_points
 
 __all__ = ["discover_recording"]
 
-#: Frames that are looked at; of longer recordings, so many that are spread evenly.
+#: Most frames that are used; of longer recordings, so many that are spread evenly.
 _MOST_FRAMES = 12
 
 
@@ -63,7 +66,19 @@ def discover_recording(
         every = (recording.read(n) for n in each(range(len(recording)), told, "rings"))
         with replaced_folder(frames_out, kind="discovery", inputs=[real]) as folder:
             written["rays"] = write_frames(found, every, folder)
-            write_json(folder / "discovery.json", {"kind": "discovery", **found.told()})
+            write_json(folder / "discovery.json", {"kind": "discovery", **found.report()})
+            if len(recording) >= LEAST_FRAMES:
+                written["moving"] = _write_moving(folder)
     draw_discovery(found, frames[0], picture)
     written["units"] = [str(one) for one in write_rig(found, rig)]
     return found, written
+
+
+def _write_moving(folder: Path) -> float:
+    """Write which points of the folder's frames move, ``moving/NAME.npy``; return their share."""
+    (folder / "moving").mkdir()
+    frames, points, moving = RecordedFrames(folder), 0, 0
+    for name, moves in zip(frames.names, moving_points(frames), strict=True):
+        np.save(folder / "moving" / f"{name}.npy", moves)
+        points, moving = points + len(moves), moving + int(moves.sum())
+    return round(moving / max(points, 1), 4)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from urbantwin.fidelity.range_modes import range_modes
+from urbantwin.reconstruct.recording.range_modes import range_modes
 
 FRAMES = 60
 

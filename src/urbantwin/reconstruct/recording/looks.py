@@ -1,0 +1,123 @@
+"""What each beam of fixed sensors saw in every frame, and which points move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.errors import InputError
+from urbantwin.progress import Progress, each, untold
+from urbantwin.reconstruct.recording.recorded_frames import (
+    RecordedFrame,
+    RecordedFrames,
+    RecordingSensor,
+)
+from urbantwin.reconstruct.recording.still_ranges import COLUMNS, StillRanges
+
+__all__ = ["LEAST_FRAMES", "Looks", "moving_points"]
+
+#: Fewer frames tell nothing apart: of what moves, some see what is behind it, and of what stands,
+#: two agree.
+LEAST_FRAMES = 5
+#: A point on no ring moves or stands as the nearest of the others within this, metres.
+_BESIDE_M = 1.0
+
+
+class Looks:
+    """What stands still before each sensor of a recording.
+
+    Beams are cells of ring and column; what always stands in one is found by `StillRanges`. What
+    moves slowly is only told from what stands by frames over a longer time: a person who walks
+    1 m in all frames, or a vehicle that waits in all of them, stands still.
+
+    Attributes:
+        frames: the recording.
+        still: of each sensor.
+
+    Args:
+        frames: `LEAST_FRAMES` or more.
+        tell: called with the share done and what is being done.
+
+    Raises:
+        InputError: fewer frames, or a file cannot be read.
+    """
+
+    def __init__(self, frames: RecordedFrames, tell: Progress = untold) -> None:
+        if len(frames) < LEAST_FRAMES:
+            count = len(frames)
+            raise InputError(
+                f"{count} {'frame does' if count == 1 else 'frames do'} not tell what stands still",
+                file=frames.folder,
+                expected=f"{LEAST_FRAMES} frames or more, better 50 over half a minute",
+            )
+        self.frames = frames
+        seen: list[list[tuple[NDArray[np.int64], NDArray[np.float64]]]]
+        seen = [[] for _ in frames.sensors]
+        for number in each(range(len(frames)), tell, "frames"):
+            frame = frames.read(number)
+            for kept, (_, cell, range_m) in zip(seen, self._of(frame), strict=True):
+                kept.append((cell, range_m))
+        self._count = sum(len(range_m) for kept in seen for _, range_m in kept)
+        self.still: list[StillRanges] = [
+            _still(sensor, kept) for sensor, kept in zip(frames.sensors, seen, strict=True)
+        ]
+
+    @property
+    def still_share(self) -> float:
+        """Of all points on rings, the share that is of what stands still."""
+        still = sum(
+            float((m.share.sum(axis=1) * m.looks).sum()) for m in (one.modes for one in self.still)
+        )
+        return still / max(self._count, 1)
+
+    def moving(self, frame: RecordedFrame) -> NDArray[np.bool_]:
+        """Return which points (N,) of a frame move.
+
+        A point that is on no ring does as the nearest of the others.
+        """
+        found = np.zeros(len(frame.points), bool)
+        for still, (rows, cell, range_m) in zip(self.still, self._of(frame), strict=True):
+            found[rows] = still.moving(cell, range_m, frame.points[rows])
+        lost, known = np.flatnonzero(frame.sensor < 0), np.flatnonzero(frame.sensor >= 0)
+        if len(lost) and len(known):
+            away, nearest = cKDTree(frame.points[known]).query(
+                frame.points[lost], distance_upper_bound=_BESIDE_M
+            )
+            near = np.isfinite(away)
+            found[lost[near]] = found[known[nearest[near]]]
+        return found
+
+    def _of(
+        self, frame: RecordedFrame
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]]:
+        """Give, sensor by sensor, the rows (M,) of its points, their cells and their ranges."""
+        for number, sensor in enumerate(self.frames.sensors):
+            rows = np.flatnonzero(frame.sensor == number)
+            range_m = np.linalg.norm(frame.points[rows] - sensor.place, axis=1)
+            yield rows, frame.ring[rows] * COLUMNS + frame.column[rows], range_m
+
+
+def moving_points(frames: RecordedFrames, tell: Progress = untold) -> Iterator[NDArray[np.bool_]]:
+    """Give for every frame of a recording which of its points (N,) move.
+
+    Args:
+        frames: of sensors that stand still.
+        tell: called with the share done and what is being done.
+
+    Raises:
+        InputError: there are too few frames, or a file cannot be read.
+    """
+    looks = Looks(frames, tell)
+    for number in range(len(frames)):
+        yield looks.moving(frames.read(number))
+
+
+def _still(
+    sensor: RecordingSensor, seen: list[tuple[NDArray[np.int64], NDArray[np.float64]]]
+) -> StillRanges:
+    cell, range_m = (np.concatenate(part) for part in zip(*seen, strict=True))
+    number = np.repeat(np.arange(len(seen)), [len(one) for one, _ in seen])
+    return StillRanges(cell, number, range_m, frames=len(seen), turns=sensor.columns)

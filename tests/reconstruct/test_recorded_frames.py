@@ -1,0 +1,126 @@
+"""What moves in frames with rings: of sensors that look at a made world of closed form."""
+
+import json
+
+import numpy as np
+import pytest
+
+from urbantwin.errors import InputError
+from urbantwin.reconstruct.recording import RecordedFrames, moving_points
+from urbantwin.reconstruct.recording.recorded_world import read_recording
+
+COLUMNS, RINGS = 360, 12
+PLACES = np.array([[0.0, 0.0, 3.0], [12.0, 5.0, 4.0]])
+
+
+def write_recording(folder, frames=8):
+    """Two sensors over level ground within a round wall of 30 m; a column of 1 m drives through.
+
+    Returns which points are of the column, frame by frame.
+    """
+    for part in ("points", "rays"):
+        (folder / part).mkdir(parents=True)
+    sensors = [
+        {"name": f"sensor-{n}", "east_m": x, "north_m": y, "up_m": z, "pitch_deg": 0.0}
+        | {"roll_deg": 0.0, "columns": COLUMNS, "channels": RINGS}
+        for n, (x, y, z) in enumerate(PLACES.tolist())
+    ]
+    (folder / "discovery.json").write_text(json.dumps({"kind": "discovery", "sensors": sensors}))
+    rng = np.random.default_rng(0)
+    ring, column = (grid.ravel() for grid in np.mgrid[:RINGS, :COLUMNS])
+    up, around = np.radians(-20 + 2.0 * ring), -np.radians(column)
+    ways = np.column_stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
+    truth = []
+    for frame in range(frames):
+        points, moves, rays = [], [], []
+        for number, place in enumerate(PLACES):
+            down = np.where(ways[:, 2] < 0, -place[2] / np.minimum(ways[:, 2], -1e-9), np.inf)
+            wall = round_wall(place[:2], ways, np.zeros(2), 30.0, far=True)
+            driven = round_wall(place[:2], ways, np.array([-9.0 + 3.0 * frame, 9.0]), 1.0)
+            meets = np.isfinite(driven)
+            over = place[2] + driven[meets] * ways[meets, 2] > 2.5
+            driven[np.flatnonzero(meets)[over]] = np.inf
+            range_m = np.minimum(np.minimum(down, wall), driven)
+            moves.append(driven <= np.minimum(down, wall))
+            noisy = range_m + rng.normal(0, 0.01, len(range_m))
+            points.append(place + ways * noisy[:, None])
+            table = np.zeros(len(ways), [("sensor", "<i2"), ("ring", "<i2"), ("column", "<i4")])
+            table["sensor"], table["ring"], table["column"] = number, ring, column
+            rays.append(table)
+        np.save(folder / "points" / f"{frame:04d}.npy", np.concatenate(points).astype("<f4"))
+        np.save(folder / "rays" / f"{frame:04d}.npy", np.concatenate(rays))
+        truth.append(np.concatenate(moves))
+    return truth
+
+
+def round_wall(place, ways, middle, radius, *, far=False):
+    """Range along (N, 3) ways from (2,) to an upright cylinder, inf where none."""
+    to = place - middle
+    a, b = (ways[:, :2] ** 2).sum(axis=1), ways[:, :2] @ to
+    inside = b**2 - a * (to @ to - radius**2)
+    root = np.sqrt(np.maximum(inside, 0))
+    range_m = (-b + (root if far else -root)) / a
+    return np.where((inside > 0) & (range_m > 0), range_m, np.inf)
+
+
+def test_what_drives_through_moves_and_nothing_else_does(tmp_path):
+    truth = write_recording(tmp_path)
+    frames = RecordedFrames(tmp_path)
+    assert len(frames) == 8
+    assert [one.name for one in frames.sensors] == ["sensor-0", "sensor-1"]
+    found = list(moving_points(frames))
+    moved, seen = np.concatenate(truth), np.concatenate(found)
+    height = np.concatenate([frames.read(number).points[:, 2] for number in range(8)])
+    assert moved.sum() > 200
+    assert seen[moved & (height > 0.4)].mean() > 0.99  # feet lie within reach of the ground
+    assert seen[~moved].mean() < 0.001
+
+
+@pytest.mark.parametrize(
+    ("break_it", "said"),
+    [
+        (lambda folder: (folder / "discovery.json").unlink(), "holds no discovery.json"),
+        (lambda folder: (folder / "rays" / "0001.npy").unlink(), "not found"),
+        (lambda folder: np.save(folder / "rays" / "0001.npy", np.zeros(3)), "is an array of"),
+        (lambda folder: [f.unlink() for f in (folder / "points").glob("000[4-9].npy")], "tell"),
+    ],
+)
+def test_a_recording_that_cannot_be_used_is_one_line(tmp_path, break_it, said):
+    write_recording(tmp_path)
+    break_it(tmp_path)
+    with pytest.raises(InputError, match=said) as error:
+        list(moving_points(RecordedFrames(tmp_path)))
+    assert "\n" not in str(error.value)
+
+
+def test_the_world_is_the_ground_and_the_wall_and_nothing_that_drove(tmp_path):
+    write_recording(tmp_path)
+    world = read_recording(tmp_path)
+    ground = world.cloud.points
+    inner = np.hypot(*ground[:, :2].T) < 28
+    assert np.abs(ground[inner, 2]).max() < 0.05
+    assert (world.cloud.classification[inner] == 2).mean() > 0.6
+    corners = world.mesh.vertices[world.mesh.faces]
+    solid = world.mesh.object == 0
+    off = np.abs(np.hypot(corners[..., 0], corners[..., 1]) - 30.0)
+    assert np.median(off[solid]) < 0.02
+    assert np.percentile(off[solid], 99) < 0.06
+    assert off.max() < 1.0  # no triangle where the column drove
+    wall = corners[solid]
+    area = np.linalg.norm(np.cross(wall[:, 1] - wall[:, 0], wall[:, 2] - wall[:, 0]), axis=1) / 2
+    assert area.sum() > 100
+    # Any number of times the same.
+    again = read_recording(tmp_path)
+    assert (again.mesh.vertices == world.mesh.vertices).all()
+    assert (again.mesh.faces == world.mesh.faces).all()
+
+
+def test_frames_of_two_places_are_refused(tmp_path):
+    write_recording(tmp_path)
+    for number in range(1, 8, 2):
+        file = tmp_path / "points" / f"{number:04d}.npy"
+        points = np.load(file)
+        points[:, :2] += 4.0 * number
+        np.save(file, points)
+    with pytest.raises(InputError, match="stands still"):
+        read_recording(tmp_path)
