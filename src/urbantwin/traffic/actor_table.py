@@ -312,10 +312,12 @@ def _apart(  # noqa: PLR0913 - all that they go between
     on_foot = np.array([name == "pedestrian" for name in classes], np.bool_)[trip]
     afoot = {name: values[on_foot] for name, values in columns.items()}
 
-    def among_people(now: Columns, patience_s: tuple[float, float]) -> Columns:
+    def among_people(
+        now: Columns, patience_s: tuple[float, float], *, settled: bool = False
+    ) -> Columns:
         return crowd_walked(
             now, moving, half, step_s, place.blocks.low, solids.shapes, footway,
-            crossings=crossings, patience_s=patience_s,
+            crossings=crossings, patience_s=patience_s, settled=settled,
         )  # fmt: skip
 
     height = np.array([mesh.height for mesh in meshes])[trip]
@@ -331,7 +333,8 @@ def _apart(  # noqa: PLR0913 - all that they go between
         columns = yielded(columns, moving, half, step_s, was, waiting)
         behind.append(columns.pop("behind"))
     # Who waits is in people's way for longer, and waits for nobody any more.
-    return {**among_people(columns, _LAST_PATIENCE_S), "behind": np.column_stack(behind)}
+    columns = among_people(columns, _LAST_PATIENCE_S, settled=True)
+    return {**columns, "behind": np.column_stack(behind)}
 
 
 def _round_others(
