@@ -198,7 +198,7 @@ class _Yielding:
         over = max(round(_OVER_S / self.step_s), 1)
         if not self.able[number] or len(rows) <= 2 * over:
             return False
-        limits, ahead = LIMITS[kind], self.moving.boxes.axes[rows, 0]
+        limits, ahead = LIMITS[kind], self.moving.boxes.take(rows).axes[:, 0]
         went = (np.gradient(self.columns["xy"][rows], self.step_s, axis=0) * ahead).sum(axis=1)
         turn = np.gradient(np.unwrap(self.columns["yaw"][rows]), self.step_s)
         for speed in (self.columns["speed"][rows], went):
