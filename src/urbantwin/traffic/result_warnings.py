@@ -92,7 +92,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
 
 
 def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
-    """Yield which events are not where they were asked for."""
+    """Yield which events are not where they were asked for, or touch somebody."""
     for row in rows:
         if "moved_m" in row:
             yield ResultWarning(
@@ -100,6 +100,14 @@ def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
                 f"is {row['moved_m']:.0f} m from the place that was asked for",
                 row["moved_because"],
                 "within_m: 0 in the scenario keeps it there",
+            )
+        nearest = row.get("nearest", {})
+        if row["event"] not in ("collision", "trajectory") and nearest.get("gap_m", 1.0) <= 0.0:
+            yield ResultWarning(
+                f"event {row['event']}",
+                f"its actor touches track {nearest['track']} at {nearest['gap_at_s']:g} s",
+                "",
+                "another at_s or place",
             )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
@@ -25,6 +26,7 @@ from urbantwin.traffic.events.scenario import (
     PlacedEvent,
     RedLightRunning,
     StalledVehicle,
+    UTurn,
     WorkZone,
 )
 from urbantwin.twin import Twin
@@ -35,6 +37,8 @@ __all__ = ["Passing", "moved", "places_that_serve", "staged_near"]
 _APART_M, _FROM_ENDS_M = 15.0, 10.0
 #: So many are tried, besides the asked one: of who is put in, and of what SUMO drives again.
 _TRIED, _DRIVEN_AGAIN = 10, 2
+#: No more than so many on one lane.
+_ON_ONE_LANE = 2
 #: Who is slower stands, who is faster drives, m/s.
 _STANDS_MS, _DRIVES_MS = 1.0, 4.0
 #: Who is nearer is at the place, metres; who stands so near is in the way.
@@ -137,14 +141,22 @@ def staged_near(
     asked = find_spot(event.place, twin, event.users)
     away = np.array([float(np.hypot(*(one.xy - asked.xy))) for one in spots])
     share = passing.share_standing(np.array([one.xy for one in spots]).reshape(-1, 2))
-    for k in np.lexsort([away, share])[:_TRIED].tolist():
+    on_lane: Counter[str] = Counter()
+    most = 1 if isinstance(event, UTurn) else _ON_ONE_LANE  # a U-turn looks along its lane itself
+    for k in np.lexsort([away, share]).tolist():
+        if on_lane.total() == _TRIED:
+            break
+        lane = spots[k].lane.id
+        if on_lane[lane] == most:
+            continue
+        on_lane[lane] += 1
         try:
             staged = stage(moved(event, spots[k]))
         except StageError:
             continue
         return staged, _told(away[k], refused)
-    tried = min(len(spots), _TRIED)
-    raise StageError(f"{refused}; nor at {tried} other places within {event.within_m:g} m")
+    places = f"{on_lane.total()} other places within {event.within_m:g} m"
+    raise StageError(f"{refused}; nor at {places}")
 
 
 def places_that_serve(
@@ -173,10 +185,12 @@ def places_that_serve(
         first = {one.lane.road: one for one in reversed(others)}
         others = [one for one in others if first[one.lane.road] is one and one.lane != asked.lane]
     serving = [one for one in others if _serves(event, one, passing, signalled)]
+    if not serving and isinstance(event, RedLightRunning):
+        serving = [one for one in others if _somebody_waits(one, passing, signalled)]
     reason = "the place has not the traffic, or the room, that it needs"
     told = [
         (one, _told(float(np.hypot(*(one.xy - asked.xy))), reason))
-        for one in serving[:_DRIVEN_AGAIN]
+        for one in _of_different_lanes(serving, event)[:_DRIVEN_AGAIN]
     ]
     if not serving or _serves(event, asked, passing, signalled):
         return [(asked, {}), *told]
@@ -246,6 +260,21 @@ def _serves(event: PlacedEvent, spot: Spot, passing: Passing, signalled: set[str
             fits = spot.along_m + long_m < spot.lane.length - 1.0
             serves = fits and len(busy) < len(np.unique(passing.time_s))
     return serves
+
+
+def _of_different_lanes(spots: list[Spot], event: PlacedEvent) -> list[Spot]:
+    """Return spots, where an event takes all of a lane only the first on each."""
+    if not isinstance(event, RedLightRunning):
+        return spots
+    first = {one.lane.id: one for one in reversed(spots)}
+    return [one for one in spots if first[one.lane.id] is one]
+
+
+def _somebody_waits(spot: Spot, passing: Passing, signalled: set[str]) -> bool:
+    """Return whether somebody waits at a signal at the end of a lane: the first drives off."""
+    rows, along = passing.on(spot)
+    waits = (spot.lane.length - along < _WAITS_M) & (passing.speed[rows] < _STANDS_MS)
+    return spot.lane.id in signalled and bool(waits.any())
 
 
 def _one_behind_another(
