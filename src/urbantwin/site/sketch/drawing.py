@@ -138,7 +138,8 @@ def _features(path: Path, number: int, value: Any, to_site: _ToSite) -> Iterator
     }
     model = KINDS[kind]
     if model is None:
-        drawn, types = None, POINTS_LINES_AREAS
+        drawn: Drawn | None = None
+        types: tuple[str, ...] = POINTS_LINES_AREAS
         further |= {key: str(one) for key, one in given.items() if key != "kind"}
     else:
         own = {key: one for key, one in given.items() if not key.startswith(AS_TAG)}
