@@ -9,6 +9,7 @@ from urbantwin.geometry import Pose
 from urbantwin.lidar import PosedActor
 from urbantwin.lidar.scanner import Scanner
 from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.assets.annotators import drawn_size
 from urbantwin.traffic.paths.track_box import track_size
 
 WALKER = asset_names("pedestrian")[0]
@@ -22,7 +23,7 @@ def walked(rig_of, ground_mesh):
     size = track_size(asset(WALKER))
     pose = Pose.from_ypr((8.0, 9.0, 0.0), 0.7, 0.0, 0.0)
     found = {}
-    for kind in ("track", "tight"):
+    for kind in ("track", "tight", "tumtraf"):
         scanner = Scanner(world, replace(rig, boxes=kind), 3)
         found[kind] = [
             scanner.scan(0, [PosedActor(1, "pedestrian", WALKER, k, pose, np.zeros(3), size=size)])
@@ -47,10 +48,26 @@ def test_a_track_s_box_does_not_breathe_and_a_tight_one_does(walked):
 
 def test_points_are_the_same_whatever_the_boxes(walked):
     found, _ = walked
-    for one, other in zip(found["track"], found["tight"], strict=True):
+    pairs = zip(found["track"] * 2, found["tight"] + found["tumtraf"], strict=True)
+    for one, other in pairs:
         np.testing.assert_array_equal(one.points, other.points)
         np.testing.assert_array_equal(one.instance, other.instance)
         assert one.boxes[0].num_points == other.boxes[0].num_points > 20
+
+
+def test_annotators_draw_one_box_for_a_track_and_stand_it_on_the_ground(walked):
+    """TUMTraf's draw people a fifth wider than they are, each in a width of its own."""
+    found, rig = walked
+    boxes = np.array([one.boxes[0].box for one in found["tumtraf"]])
+    np.testing.assert_allclose(np.ptp(boxes, axis=0), 0, atol=1e-12)
+    true = track_size(asset(WALKER))
+    drawn = np.array([drawn_size("tumtraf", "pedestrian", true, k, 3) for k in range(1, 400)])
+    np.testing.assert_allclose(boxes[0, 3:6], drawn[0])
+    assert np.median(drawn[:, 1]) == pytest.approx(true[1] + 0.185, abs=0.02)
+    assert drawn[:, 1].std() == pytest.approx(0.118, rel=0.15)
+    at = rig.dataset_SE3_site.apply(np.array([[8.0, 9.0, 0.0]]))[0]
+    np.testing.assert_allclose(boxes[0, :3], at + [0, 0, boxes[0, 5] / 2], atol=1e-9)
+    assert drawn_size("kitti", "pedestrian", true, 1, 3) == true  # nothing was measured
 
 
 def test_most_of_a_walker_is_in_its_box(walked):

@@ -14,6 +14,7 @@ from urbantwin.dataset.manifest_schema import pose_of_matrix
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.lidar.rig import ReturnMode
 from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, RideSpec, SwaySpec
+from urbantwin.taxonomy import BoxKind
 
 __all__ = ["rig_of_manifest"]
 
@@ -81,7 +82,7 @@ class _Told(Part):
     frame: Literal["sensor", "level", "site"]
     carrier: int | None
     fused: bool
-    boxes: Literal["track", "tight"] = "tight"
+    boxes: BoxKind = "tight"
     sensors: Annotated[list[_ToldSensor], Field(min_length=1, max_length=64)]
 
 

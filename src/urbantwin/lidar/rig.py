@@ -15,6 +15,7 @@ from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_path import FixedPath, RidingPath, SensorPath
 from urbantwin.lidar.sway import SwayingPath
 from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, RideSpec, SwaySpec
+from urbantwin.taxonomy import BoxKind
 
 __all__ = ["MountedSensor", "ReturnMode", "Rig", "dataset_frame"]
 
@@ -131,7 +132,8 @@ class Rig:
         carrier: the track of the actor that carries it, once that is known.
         fused: whether a frame holds the points of all sensors; else each has a dataset.
         boxes: ``track``: a label has the size of its actor's track, where it is known; ``tight``:
-            the bounds of the mesh at its moment.
+            the bounds of the mesh at its moment; else whose annotators draw it, see
+            `traffic.assets.annotators`.
         label_range_m: who is farther from every sensor in plan does not count; ``None``: whoever is
             in reach does.
     """
@@ -144,7 +146,7 @@ class Rig:
     ride: RideSpec | None = None
     carrier: int | None = None
     fused: bool = True
-    boxes: Literal["track", "tight"] = "track"
+    boxes: BoxKind = "track"
     label_range_m: float | None = None
 
     def dataset_pose(self, carrier: ActorPath | None = None) -> Pose:

@@ -148,9 +148,17 @@ class Scanner:
         poses = [_pose_of(path) for path in paths]
         bordering = self._borders.of(time_s, poses, StandingActors.at(when_s, present))
         boxes = standing.boxes
-        if rig.boxes == "track":
-            boxes = track_boxes(standing, [one.size for one in others])
+        if rig.boxes != "tight":
+            boxes = track_boxes(standing, [self._box_size(one) for one in others])
         return labelled(seen, others, boxes, when_s, bordering, dataset_SE3_site)
+
+    def _box_size(self, actor: PosedActor) -> tuple[float, float, float] | None:
+        """Return the size of an actor's label; ``None``: that of its mesh."""
+        if self._rig.boxes == "track" or actor.size is None:
+            return actor.size
+        from urbantwin.traffic.assets.annotators import drawn_size
+
+        return drawn_size(self._rig.boxes, actor.actor_class, actor.size, actor.track, self._seed)
 
     def _carrier(self, actors: Sequence[PosedActor]) -> ActorPath | None:
         """Return the path of the actor that carries the rig."""

@@ -15,7 +15,7 @@ from urbantwin.site.conditions import Conditions, Effects, Strict
 from urbantwin.site.outage import OutageSpec
 from urbantwin.site.sensor_pose import FARTHEST_M, SensorPlace
 from urbantwin.site.yaml_document import Document, read_document, wrong
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.taxonomy import ACTOR_CLASSES, BoxKind
 
 __all__ = [
     "FARTHEST_M",
@@ -152,8 +152,9 @@ class RigSpec(Strict):
         fused: the sensors' points in one frame; ``False``: a dataset for each sensor.
         label_range_m: who is farther from every sensor in plan does not count; ``None``: whoever is
             in reach does.
-        boxes: ``track``: labels have one size for a whole track, as annotators draw them;
-            ``tight``: each is the bounds of the mesh at its moment.
+        boxes: ``track``: labels have one size for a whole track; ``tight``: each is the bounds of
+            the mesh at its moment; ``kitti``, ``tumtraf``: one size for a whole track, as
+            that data set's annotators draw it.
         conditions: the weather and the sun.
         reflectivity: times the table of materials, by name.
         sway: how the sensors' poles sway in the wind.
@@ -167,7 +168,7 @@ class RigSpec(Strict):
     window_s: Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)] | None = None
     frame: Literal["sensor", "level", "site"] = "level"
     fused: bool = True
-    boxes: Literal["track", "tight"] = "track"
+    boxes: BoxKind = "track"
     label_range_m: Annotated[float, Field(ge=1.0, le=1000.0, allow_inf_nan=False)] | None = None
     conditions: Conditions = Conditions()
     reflectivity: Reflectivities = Field(default_factory=dict)

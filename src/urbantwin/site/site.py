@@ -160,7 +160,8 @@ class Site:
         longitude: of the anchor, degrees, WGS84.
         region: region of interest, site frame, metres.
         radius_m: the region's radius where it is a circle.
-        osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads or a sketch.
+        osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads, a sketch,
+            or a recording of the place and no map at all: then there are no roads.
         dem: the elevation model, if there is one.
         driving_side: ``left`` or ``right``, or ``auto``: that of the map of the roads, else of the
             country.
@@ -345,7 +346,9 @@ def load_site(path: Path) -> Site:
     raw = document.validated(_SiteFile)
     frame = SiteFrame(raw.anchor.latitude, raw.anchor.longitude)
     region, outline = _region(document, raw.region, frame)
-    if raw.osm is None and raw.sketch is None and raw.roads.file is None:
+    recorded = any(one.kind == "recording" for one in raw.geometry)
+    mapped = raw.osm or raw.sketch or raw.roads.file
+    if mapped is None and not recorded:
         expected = "an OpenStreetMap extract, or else a map of the roads (roads.file) or a sketch"
         raise document.error("is missing", ("osm",), expected)
     if raw.sketch is not None and raw.osm is not None:

@@ -7,6 +7,7 @@ from urbantwin.taxonomy.actor import (
     COMPANIONS,
     OBSTACLE,
     ROAD_USERS,
+    BoxKind,
 )
 from urbantwin.taxonomy.material import WAVELENGTHS_NM, Material, material_id, materials
 from urbantwin.taxonomy.semantic import (
@@ -25,6 +26,7 @@ __all__ = [
     "OBSTACLE",
     "ROAD_USERS",
     "WAVELENGTHS_NM",
+    "BoxKind",
     "Material",
     "SemanticClass",
     "material_id",

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 __all__ = ["ACTOR_CLASSES", "ACTOR_SEMANTICS", "BOX_SEMANTICS", "COMPANIONS", "OBSTACLE"]
-__all__ += ["ROAD_USERS"]
+__all__ += ["ROAD_USERS", "BoxKind"]
+
+#: How large the boxes of labels are: one true size for a whole track, the bounds of the mesh at its
+#: moment, or one size for a whole track as the annotators of a data set draw it.
+BoxKind = Literal["track", "tight", "kitti", "tumtraf"]
 
 #: Class of a box -> semantic class of its points. A two-wheeler includes its rider, as in
 #: SemanticKITTI, where the vehicle counts as part of the bicyclist or motorcyclist, and where

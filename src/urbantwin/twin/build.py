@@ -22,6 +22,7 @@ from urbantwin.result_warning import rows_of
 from urbantwin.roads import BuiltRoads, build_roads, driving_side
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
+from urbantwin.roads.no_roads import no_roads
 from urbantwin.roads.signals import heads_of
 from urbantwin.scene import build_scene
 from urbantwin.scene.ground_material import ground_materials
@@ -119,8 +120,10 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             tell = between(tell, surveying, 1.0)
             tell(0.0, "roads")
             roads = build_imported_roads(prepared, site.frame, out=net, plans=site.signals)
+        elif extract is None:
+            tell = between(tell, surveying, 1.0)
+            roads = no_roads(elevation, side, net)
         else:
-            assert extract is not None
             tell = between(tell, surveying, 1.0)
             roads = build_roads(
                 extract,
