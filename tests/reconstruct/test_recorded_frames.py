@@ -7,6 +7,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.reconstruct.recording import RecordedFrames, moving_points
+from urbantwin.reconstruct.recording.recorded_world import read_recording
 
 COLUMNS, RINGS = 360, 12
 PLACES = np.array([[0.0, 0.0, 3.0], [12.0, 5.0, 4.0]])
@@ -90,3 +91,36 @@ def test_a_recording_that_cannot_be_used_is_one_line(tmp_path, break_it, said):
     with pytest.raises(InputError, match=said) as error:
         list(moving_points(RecordedFrames(tmp_path)))
     assert "\n" not in str(error.value)
+
+
+def test_the_world_is_the_ground_and_the_wall_and_nothing_that_drove(tmp_path):
+    write_recording(tmp_path)
+    world = read_recording(tmp_path)
+    ground = world.cloud.points
+    inner = np.hypot(*ground[:, :2].T) < 28
+    assert np.abs(ground[inner, 2]).max() < 0.05
+    assert (world.cloud.classification[inner] == 2).mean() > 0.6
+    corners = world.mesh.vertices[world.mesh.faces]
+    solid = world.mesh.object == 0
+    off = np.abs(np.hypot(corners[..., 0], corners[..., 1]) - 30.0)
+    assert np.median(off[solid]) < 0.02
+    assert np.percentile(off[solid], 99) < 0.06
+    assert off.max() < 1.0  # no triangle where the column drove
+    wall = corners[solid]
+    area = np.linalg.norm(np.cross(wall[:, 1] - wall[:, 0], wall[:, 2] - wall[:, 0]), axis=1) / 2
+    assert area.sum() > 100
+    # Any number of times the same.
+    again = read_recording(tmp_path)
+    assert (again.mesh.vertices == world.mesh.vertices).all()
+    assert (again.mesh.faces == world.mesh.faces).all()
+
+
+def test_frames_of_two_places_are_refused(tmp_path):
+    write_recording(tmp_path)
+    for number in range(1, 8, 2):
+        file = tmp_path / "points" / f"{number:04d}.npy"
+        points = np.load(file)
+        points[:, :2] += 4.0 * number
+        np.save(file, points)
+    with pytest.raises(InputError, match="stands still"):
+        read_recording(tmp_path)

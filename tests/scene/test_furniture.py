@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from shapely import LineString, Point, box
+import shapely
+from shapely import LineString, Point, Polygon, box
 
 from urbantwin.scene.furniture import furniture_mesh
 from urbantwin.scene.furniture.street import STREET
@@ -123,6 +124,25 @@ def test_cycle_stands_fill_their_area():
     top = mesh.vertices[mesh.vertices[:, 2] > 0.78]
     assert np.ptp(top[:, 0]) == pytest.approx(12 * (1 - 1 / 13), abs=0.1)
     assert len(mesh.faces) / 3 / (2 * 6 + 2 * 4) == 13  # 12 m at 0.9 m: 13 hoops of three bars
+
+
+def test_cycle_stands_of_an_area_stay_within_it_off_the_road_and_out_of_houses():
+    """An area over a road and a house, larger than the stands that it is given."""
+    area = Polygon([(-30, -12), (30, -12), (30, 40), (0, 40)])
+    house = box(12, 8, 40, 30)
+    mesh, notes = build(
+        feature(area, 1, amenity="bicycle_parking"), feature(house, 2, building="yes"),
+        ground=lambda xy: np.zeros(len(xy)),
+    )  # fmt: skip
+    assert notes == {"cycle parking": 1}
+    bars = np.unique(mesh.vertices[:, :2], axis=0)
+    assert len(bars) > 100
+    distance = shapely.distance(shapely.points(bars), area.buffer(0.03))
+    assert distance.max() == 0
+    for taken in (ROAD, house):
+        assert shapely.distance(shapely.points(bars), taken).min() > 0.2
+    boxed, _ = build(feature(area, 1, amenity="bicycle_parking", covered="yes"))
+    assert semantic_id("other-structure") not in boxed.semantic
 
 
 def test_nothing_stands_on_the_carriageway():

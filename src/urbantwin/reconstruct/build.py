@@ -21,6 +21,7 @@ from urbantwin.reconstruct.georeference import SiteHeights, placed
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 from urbantwin.reconstruct.plausibility import implausible_size, refuse_upside_down
 from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
+from urbantwin.reconstruct.recording.recorded_world import labelled_world, placed_ground
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site import GeometrySource
 
@@ -39,6 +40,7 @@ class _Gathered:
     parts: int = 0
     trees: list[SurveyedTree] = field(default_factory=list)
     covers: dict[str, list[shapely.Geometry]] = field(default_factory=dict)
+    measured: list[shapely.Geometry] = field(default_factory=list)
 
     def add(self, mesh: LabelledMesh, covers: dict[str, shapely.Geometry]) -> None:
         """Add what stands, its objects numbered on from those before."""
@@ -99,6 +101,10 @@ def reconstruct(
         reports.append(report)
         told(0.5, "cleaning")
         picture = None
+        if source.spec.kind == "recording":
+            _take_recording(source, placement.model, surroundings.region, gathered, report)
+            figures.append(SourceFigures(source.name, placement.registration))
+            continue
         if placement.model.mesh is not None and len(placement.model.mesh.faces):
             picture = _take_mesh(
                 source, placement.model, frame, surroundings, elevation, gathered, report
@@ -120,6 +126,7 @@ def reconstruct(
         {"sources": reports},
         tuple(figures),
         surroundings,
+        area_union(gathered.measured),
     )
 
 
@@ -232,3 +239,27 @@ def _take_cloud(
     if "trees" in spec.provides:
         gathered.trees += survey.trees
     return clean.picture
+
+
+def _take_recording(
+    source: GeometrySource,
+    model: ImportedModel,
+    region: shapely.Polygon,
+    gathered: _Gathered,
+    report: dict[str, Any],
+) -> None:
+    """Take the static world of a recording: it was cleaned when it was read."""
+    assert model.mesh is not None
+    assert model.cloud is not None
+    provides = source.spec.provides
+    ground, measured = placed_ground(model.cloud, region, source.name)
+    if "ground" in provides:
+        gathered.patches.append(ground)
+        gathered.measured.append(measured)
+    standing = {"trees", "other"} & set(provides)
+    if standing:
+        covers = dict.fromkeys(sorted(standing), measured)
+        gathered.add(labelled_world(model.mesh), covers)
+    report["survey"] = {
+        "measured share of region": round(measured.area / max(region.area, 1e-9), 4)
+    }

@@ -63,6 +63,8 @@ class Reconstruction:
         covers: where the map's own things are left out: ``buildings``, ``trees``, ``other``.
         report: what was read, placed, removed and kept, for ``geometry.json``.
         figures: what pictures of the sources show.
+        measured: where the ground was measured from close by, with its curbs: what is finer there
+            than terrain usually is, is real.
         surroundings: what the sources were compared with.
     """
 
@@ -73,3 +75,4 @@ class Reconstruction:
     report: dict[str, Any] = field(default_factory=dict)
     figures: tuple[SourceFigures, ...] = ()
     surroundings: Surroundings | None = None
+    measured: shapely.Geometry = field(default_factory=shapely.MultiPolygon)

@@ -16,6 +16,7 @@ from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction
 from urbantwin.roads import RoadNetwork, RoadSurface
 from urbantwin.roads.signals import Head
+from urbantwin.scene.bending_ground import bending_ground
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.clutter import assumed_features
 from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
@@ -106,6 +107,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         spacing=spacing,
         lines=surface.ridges(0),
         drops=DroppedCurbs.of_network(network, 0),
+        bends=bending_ground(elevation, imported.measured) if imported else None,
         tell=between(tell, ZONES, SURFACE, "ground"),
     )
     decks = deck_mesh(network, surface, spacing)

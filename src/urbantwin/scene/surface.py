@@ -34,6 +34,8 @@ PARTS = {
 SPECK_M = 0.1
 #: Vertices are snapped to this grid, so that zones that touch share their vertices.
 GRID_M = 0.01
+#: Vertices of bending terrain keep so far from borders of zones, metres.
+SLIT_M = 0.1
 #: Over this distance the terrain leaves a road's height and comes back to the ground's.
 BLEND_M = 10.0
 
@@ -66,6 +68,7 @@ def surface_mesh(
     spacing: Spacing,
     lines: Sequence[shapely.LineString] = (),
     drops: DroppedCurbs | None = None,
+    bends: NDArray[np.float64] | None = None,
     tell: Progress = untold,
 ) -> LabelledMesh:
     """Triangulate zones that tile an area into one surface.
@@ -83,11 +86,12 @@ def surface_mesh(
         spacing: how fine the triangles are.
         lines: ridges of roads, which triangles do not cross.
         drops: where curbs are low.
+        bends: (N, 2) where the terrain bends: vertices beside those of ``spacing``.
         tell: called with the share done (0..1) and the current task.
     """
     tell(0.0, "borders")
     drops = drops or DroppedCurbs()
-    plan = _plan(zones, spacing, [*lines, *drops.lines()])
+    plan = _plan(zones, spacing, [*lines, *drops.lines()], bends)
     xy, triangles, road = _fitted(plan, zones, road_height, between(tell, 0.2, 0.6))
     tell(0.6, "heights")
     zone = _zone_of(zones, xy[triangles].mean(axis=1))
@@ -106,7 +110,10 @@ def surface_mesh(
 
 
 def _plan(
-    zones: Sequence[Zone], spacing: Spacing, lines: Sequence[shapely.LineString]
+    zones: Sequence[Zone],
+    spacing: Spacing,
+    lines: Sequence[shapely.LineString],
+    bends: NDArray[np.float64] | None,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return points (N, 2), and the edges (E, 2) between them that triangles keep."""
     paved = shapely.union_all([z.area for z in zones if z.step is not None])
@@ -134,7 +141,19 @@ def _plan(
     extra = extra[
         ~shapely.dwithin(borders, shapely.points(extra), min(spacing.road, spacing.terrain) / 4)
     ]
+    if bends is not None and len(bends):
+        extra = np.unique(np.concatenate([extra, _beside(bends, zones, borders)]), axis=0)
     return np.concatenate([keys * 1e-4, extra]), edges
+
+
+def _beside(
+    bends: NDArray[np.float64], zones: Sequence[Zone], borders: shapely.Geometry
+) -> NDArray[np.float64]:
+    """Return those of (N, 2) points that lie in terrain, and not on its borders."""
+    paved = shapely.union_all([z.area for z in zones if z.step is not None])
+    shapely.prepare(paved)
+    free = bends[~shapely.contains_xy(paved, bends[:, 0], bends[:, 1])]
+    return np.asarray(free[~shapely.dwithin(borders, shapely.points(free), SLIT_M)])
 
 
 def _lines_of(shape: shapely.Geometry) -> list[shapely.Geometry]:

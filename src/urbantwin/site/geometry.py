@@ -156,7 +156,8 @@ class GeometrySpec(_Strict):
         key_env: name of the environment variable that holds the address's key.
         origins: other origins (``https://host:port``) that its tiles may lie at; they do not get
             the key.
-        kind: its format; ``auto`` detects it from the file.
+        kind: its format; ``auto`` detects it from the file. A ``recording`` is frames of sensors
+            that stood there.
         crs: its coordinate reference system where the file does not say (``EPSG:7415``), vertical
             datum included where heights matter.
         height_offset_m: added to its heights, metres.
@@ -180,7 +181,9 @@ class GeometrySpec(_Strict):
     url: Annotated[str, Field(min_length=1)] | None = None
     key_env: Annotated[str, Field(min_length=1)] | None = None
     origins: list[OriginText] = []
-    kind: Literal["auto", "tiles", "mesh", "cloud", "cityjson", "photogrammetry"] = "auto"
+    kind: Literal["auto", "tiles", "mesh", "cloud", "cityjson", "photogrammetry", "recording"] = (
+        "auto"
+    )
     crs: Annotated[str, Field(min_length=1)] | None = None
     height_offset_m: Number = 0.0
     unit: Literal["auto", "m", "cm", "mm", "km", "ft", "us-ft", "in"] | Positive = "auto"
@@ -244,6 +247,8 @@ class GeometrySpec(_Strict):
     def _one_source(self) -> GeometrySpec:
         if (self.file is None) == (self.url is None):
             raise wrong("is not one source", "file or url, and not both")
+        if self.kind == "recording" and self.file is None:
+            raise wrong("is a recording at an address", "file: a folder of frames")
         if self.url is None and self.key_env is not None:
             raise wrong("has key_env without a url", "the address that the key is for")
         check_origins(self.url, self.origins, "a url")

@@ -22,6 +22,7 @@ from urbantwin.result_warning import rows_of
 from urbantwin.roads import BuiltRoads, build_roads, driving_side
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
+from urbantwin.roads.no_roads import no_roads
 from urbantwin.roads.signals import heads_of
 from urbantwin.scene import build_scene
 from urbantwin.scene.ground_material import ground_materials
@@ -36,6 +37,7 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
+from urbantwin.site.sketch import read_sketch
 from urbantwin.twin.found_of_mapped import found_of_mapped, share_known
 from urbantwin.twin.ground import SurveyedSite, survey_ground
 from urbantwin.twin.own_meshes import write_own_meshes
@@ -118,8 +120,10 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             tell = between(tell, surveying, 1.0)
             tell(0.0, "roads")
             roads = build_imported_roads(prepared, site.frame, out=net, plans=site.signals)
+        elif extract is None:
+            tell = between(tell, surveying, 1.0)
+            roads = no_roads(elevation, side, net)
         else:
-            assert extract is not None
             tell = between(tell, surveying, 1.0)
             roads = build_roads(
                 extract,
@@ -247,6 +251,8 @@ def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> No
 def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
     """Read the map around the region; return it with the progress of the stages that follow."""
     tell(0.0, "reading the map")
+    if site.sketch is not None:
+        return read_sketch(site.sketch.path, site.frame), tell
     if site.osm is None:
         return None, tell
     read = LARGE_READ if site.osm.path.stat().st_size > LARGE_MAP else SMALL_READ

@@ -24,6 +24,7 @@ from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
+from urbantwin.reconstruct.recording import RecordedFrames
 from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["is_own", "open_own"]
@@ -62,6 +63,9 @@ def open_own(path: Path, columns: int | None) -> Recording:
     file = path / "dataset.json"
     poses = _poses(validated(manifest, FramePoses, file=file, expected=_EXPECTED))
     places = _SensorPlaces(path / "sweeps.parquet")
+    discovered = None
+    if (path / "discovery.json").is_file():
+        discovered = np.array([one.place for one in RecordedFrames(path).sensors])
     boxes = _BoxTable(path / "boxes.parquet")
 
     def read(index: int) -> Frame:
@@ -81,7 +85,7 @@ def open_own(path: Path, columns: int | None) -> Recording:
                 code = np.frombuffer(read_bytes(labels, _LABELS), "<u4")
             given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
         dataset_SE3_site = poses.get(name, poses.get(""))
-        seen_from = None
+        seen_from = discovered
         if dataset_SE3_site is not None:
             seen_from = places.of(name, dataset_SE3_site)
         return frame_of(

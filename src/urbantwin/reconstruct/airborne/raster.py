@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt, map_coordinates
 
@@ -66,6 +67,16 @@ class Raster:
         cell = self.cells(xy)
         size = self.shape[0] * self.shape[1]
         return np.bincount(cell[cell >= 0], minlength=size).reshape(self.shape)
+
+    def area(self, chosen: NDArray[np.bool_]) -> shapely.Geometry:
+        """Return the area in plan of the cells that are chosen (rows, columns)."""
+        edges = np.diff(np.pad(chosen.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+        row, first = np.nonzero(edges > 0)
+        last = np.nonzero(edges < 0)[1]  # each row's in the same order
+        west = self.west + (first - 0.5) * self.step
+        south = self.south + (row - 0.5) * self.step
+        east = self.west + (last - 0.5) * self.step
+        return shapely.union_all(shapely.box(west, south, east, south + self.step))
 
     def sample(self, grid: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a grid's values (N,) at points, bilinear; the border's beyond it."""

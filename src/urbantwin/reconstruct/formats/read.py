@@ -14,7 +14,7 @@ from pyproj import CRS
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.progress import Progress, untold
+from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.colmap import camera_centres, read_sparse_points, sparse_folder
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
@@ -65,6 +65,10 @@ def read_model(
     if path is None or kind == "tiles":
         return _tiles(source, frame, region, tell)
     tell(0.0, "reading")
+    if kind == "recording":
+        from urbantwin.reconstruct.recording.recorded_world import read_recording
+
+        return read_recording(path, between(tell, 0.0, 0.3))
     if path.is_dir():
         if (path / "tileset.json").is_file() and kind in ("auto", "mesh"):
             spec = source.spec.model_copy(update={"file": f"{source.spec.file}/tileset.json"})

@@ -33,7 +33,7 @@ from urbantwin.reconstruct.georeference.vertical_datum import (
 )
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
-from urbantwin.site.geometry import GeometrySource
+from urbantwin.site.geometry import GeometrySource, SimilaritySpec
 
 __all__ = ["by_control_points", "by_geotag", "by_origin", "by_similarity", "in_the_middle"]
 
@@ -83,9 +83,8 @@ def by_similarity(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Place a model by the transform that site.yaml gives."""
-    spec = source.spec.similarity
-    assert spec is not None
+    """Place a model by the transform that site.yaml gives; without one it is in the site frame."""
+    spec = source.spec.similarity or SimilaritySpec()
     axes = axes_of(model, source)
     if not axes.unit_known:
         # Its scale is given: no guess is put before it.

@@ -144,7 +144,8 @@ def _first(
     spec = source.spec
     if spec.control_points is not None:
         return by_control_points(model, source, frame, elevation, heights)
-    if spec.similarity is not None:
+    in_site = spec.kind == "recording" and not (spec.origin or spec.crs or spec.register_to)
+    if spec.similarity is not None or in_site:
         return by_similarity(model, source, elevation, heights)
     if spec.origin is not None:
         return by_origin(model, source, frame, elevation, heights)

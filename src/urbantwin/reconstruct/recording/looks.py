@@ -60,9 +60,18 @@ class Looks:
             frame = frames.read(number)
             for kept, (_, cell, range_m) in zip(seen, self._of(frame), strict=True):
                 kept.append((cell, range_m))
+        self._count = sum(len(range_m) for kept in seen for _, range_m in kept)
         self.still: list[StillRanges] = [
             _still(sensor, kept) for sensor, kept in zip(frames.sensors, seen, strict=True)
         ]
+
+    @property
+    def still_share(self) -> float:
+        """Of all points on rings, the share that is of what stands still."""
+        still = sum(
+            float((m.share.sum(axis=1) * m.looks).sum()) for m in (one.modes for one in self.still)
+        )
+        return still / max(self._count, 1)
 
     def moving(self, frame: RecordedFrame) -> NDArray[np.bool_]:
         """Return which points (N,) of a frame move.

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Geometry, LineString, Point, Polygon
+from shapely import Geometry, LineString, Point, Polygon, affinity
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.furniture.gantry import add_gantries
 from urbantwin.scene.furniture.monument import add_basin, fountain, monument, monument_kind
 from urbantwin.scene.furniture.piece import Piece, add_pieces, moved
-from urbantwin.scene.furniture.shelter import SHELTER_M, cycle_stands, oriented, shelter
+from urbantwin.scene.furniture.shelter import HOUSED, SHELTER_M, cycle_stands, oriented, shelter
 from urbantwin.scene.furniture.street import STREET
 from urbantwin.scene.placement import (
     along_nearest,
@@ -49,6 +49,7 @@ class _Object:
     yaw: float
     pieces: list[Piece]
     direction: str | None
+    fixed: bool = False  # made for its place: neither moved aside nor turned round
 
 
 def furniture_mesh(
@@ -75,6 +76,7 @@ def furniture_mesh(
     assembly = Assembly()
     ways = [f.geometry for f in features if "highway" in f.tags and region.intersects(f.geometry)]
     mine = not_imported([f for f in features if _is_furniture(f.tags)], without)
+    taken = [carriageway, *(f.geometry for f in features if "building" in f.tags)]
     objects = []
     for feature in mine:
         shape = feature.geometry
@@ -83,7 +85,7 @@ def furniture_mesh(
         if feature.tags.get("amenity") == "fountain" and isinstance(shape, Polygon):
             notes["fountains"] += add_basin(assembly, shape, ground_height)
             continue
-        found = _object(feature)
+        found = _object(feature, taken)
         if found is None:
             kind = monument_kind(feature.tags)
             notes[SHAPELESS] += kind is None and feature.tags.get("historic") == "memorial"
@@ -128,9 +130,15 @@ def _kind(tags: dict[str, str]) -> str | None:
     return None
 
 
-def _object(feature: OsmFeature) -> _Object | None:
-    """Return what a feature is in its own frame; ``None`` where it has no shape."""
+def _object(feature: OsmFeature, taken: Sequence[Geometry]) -> _Object | None:
+    """Return what a feature is in its own frame; ``None`` where it has no shape.
+
+    Args:
+        feature: the feature.
+        taken: carriageways and houses, which no stand of an area of cycle stands comes into.
+    """
     tags, shape = feature.tags, feature.geometry
+    fixed = False
     spot, deep, long, yaw = _middle(shape), None, None, np.nan
     x, y = spot.x, spot.y
     if isinstance(shape, Polygon):
@@ -148,7 +156,12 @@ def _object(feature: OsmFeature) -> _Object | None:
             pieces = [moved(piece, BEHIND_STOP_M) for piece in pieces]
         name = "shelters"
     elif kind == "bicycle_parking":
-        pieces = cycle_stands(tags, deep, long)
+        free = None
+        if isinstance(shape, Polygon) and tags.get("bicycle_parking") not in HOUSED:
+            beside = shapely.union_all([one.intersection(shape.buffer(1.0)) for one in taken])
+            free = affinity.translate(shape.difference(beside.buffer(KERB_M)), -x, -y)
+            free = affinity.rotate(free, -yaw, (0, 0), use_radians=True)
+        pieces, fixed = cycle_stands(tags, deep, long, free), free is not None
         name = "cycle parking"
     elif kind == "fountain":
         pieces, name = fountain(tags), "fountains"
@@ -163,7 +176,7 @@ def _object(feature: OsmFeature) -> _Object | None:
         name = "monuments"
     if isinstance(shape, Point):
         yaw = np.nan
-    return _Object(name, float(x), float(y), yaw, pieces, tags.get("direction"))
+    return _Object(name, float(x), float(y), yaw, pieces, tags.get("direction"), fixed)
 
 
 def _place(
@@ -180,6 +193,8 @@ def _place(
     mapped = np.array([[o.x, o.y] for o in objects])
     spots = np.array([_clear(o) for o in objects])
     xy = _aside(mapped, spots, carriageway)
+    fixed = [o.fixed for o in objects]
+    xy[fixed] = mapped[fixed]
     keep = np.isfinite(xy[:, 0])
     notes["pieces on carriageways, left out"] += int((~keep).sum())
     xy = xy[keep]
@@ -192,7 +207,7 @@ def _place(
     along = along_nearest(xy, ways, farthest_m=WAY_M)
     usual = np.where(np.isfinite(road), road, np.where(np.isfinite(way), way, along + np.pi / 2))
     for found, foot, turn in zip(standing, feet, np.nan_to_num(usual).tolist(), strict=True):
-        yaw = yaw_of_direction(found.direction)
+        yaw = found.yaw if found.fixed else yaw_of_direction(found.direction)
         if yaw is None:
             # Areas keep their own axis, to that of its two ends that is nearer to the road.
             flip = np.cos(found.yaw - turn) < 0 if np.isfinite(found.yaw) else False

@@ -7,20 +7,22 @@ from collections.abc import Mapping
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
+from shapely import Geometry, LineString, Polygon
 
 from urbantwin.scene.furniture.bicycle import bicycle
 from urbantwin.scene.furniture.piece import Piece, block
 from urbantwin.scene.solids import rods
 from urbantwin.scene.tag_values import count_of, length_m_of
 
-__all__ = ["cycle_stands", "oriented", "shelter"]
+__all__ = ["HOUSED", "cycle_stands", "oriented", "shelter"]
 
 #: A bus shelter of three bays: 4 m long, 1.5 m deep, 2.5 m high.
 SHELTER_M = (1.5, 4.0, 2.5)
 #: A Sheffield stand is a hoop 0.75 m long and 0.8 m high; stands are 0.9 m apart; two bikes each.
 HOOP_M, HOOP_HIGH_M, STAND_STEP_M, BIKE_M = 0.75, 0.8, 0.9, 2.0
 MOST_STANDS, MOST_BICYCLES, TUBE_M = 80, 40, 0.025
+#: Cycle parking that is a box from outside.
+HOUSED = ("shed", "lockers", "building", "two-tier")
 
 
 def oriented(area: Polygon) -> tuple[NDArray[np.float64], float, float, float]:
@@ -68,7 +70,12 @@ def shelter(tags: Mapping[str, str], deep: float, long: float) -> list[Piece]:
     return pieces
 
 
-def cycle_stands(tags: Mapping[str, str], deep: float | None, long: float | None) -> list[Piece]:
+def cycle_stands(
+    tags: Mapping[str, str],
+    deep: float | None,
+    long: float | None,
+    free: Geometry | None = None,
+) -> list[Piece]:
     """Return cycle stands in rows with their bicycles, under a roof where they are covered.
 
     Lockers and sheds are a box.
@@ -78,6 +85,8 @@ def cycle_stands(tags: Mapping[str, str], deep: float | None, long: float | None
             bicycles stand at.
         deep: the size of the area along its stands, metres; ``None`` where a point is mapped.
         long: its size across.
+        free: where stands may be, in their own frame: x along them, y across; ``None`` for
+            anywhere. A roof is built only where all of them may be.
     """
     kind = tags.get("bicycle_parking", "stands")
     if kind in ("informal", "floor", "wall", "handlebar_holder"):
@@ -90,7 +99,7 @@ def cycle_stands(tags: Mapping[str, str], deep: float | None, long: float | None
     each = int(np.ceil(stands / rows))
     wide = each * STAND_STEP_M if long is None else long
     deep = BIKE_M * rows if deep is None else deep
-    if kind in ("shed", "lockers", "building", "two-tier"):
+    if kind in HOUSED:
         high = {"lockers": 1.3, "two-tier": 2.6}.get(kind, 2.3)
         return [block([0, 0, 0], [deep, wide, high], "metal-painted", "other-structure")]
     low = kind in ("wall_loops", "rack", "anchors", "ground_slots", "crossbar")
@@ -101,9 +110,13 @@ def cycle_stands(tags: Mapping[str, str], deep: float | None, long: float | None
         x = (row - (rows - 1) / 2) * deep / rows
         y = (place + 0.5) / each * wide - wide / 2
         a, b = x - reach / 2, x + reach / 2
+        if free is not None and not free.covers(LineString([(a, y), (b, y)])):
+            continue
         places += [(x, y + 0.17), (x, y - 0.17)]
         hoops.append([[[a, y, -0.3], [a, y, high]], [[b, y, -0.3], [b, y, high]],
                       [[a, y, high], [b, y, high]]])  # fmt: skip
+    if not hoops:
+        return []
     ends = np.array(hoops).reshape(-1, 2, 3)
     tubes = rods(ends[:, 0], ends[:, 1], TUBE_M, TUBE_M, 6)
     pieces = [Piece(tubes, "other-object", "metal-painted")]
@@ -112,7 +125,7 @@ def cycle_stands(tags: Mapping[str, str], deep: float | None, long: float | None
     taken = [p for k, p in enumerate(places[:MOST_BICYCLES]) if (0.382 + 0.618 * k) % 1 < share]
     for k, (x, y) in enumerate(taken):
         pieces += bicycle(x, y, 1 if k % 3 else -1)
-    if tags.get("covered") == "yes":
+    if tags.get("covered") == "yes" and len(hoops) == stands:
         cover = {"height": tags.get("height", ""), "shelter_type": "sun_shelter", "bench": "no"}
         pieces += shelter(cover, deep, wide)
     return pieces

@@ -1,0 +1,149 @@
+"""The static world of a recording: the ground, and what stands on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import shapely
+from scipy.ndimage import distance_transform_edt
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import LabelledMesh
+from urbantwin.ground import ElevationPatch
+from urbantwin.progress import Progress, between, untold
+from urbantwin.reconstruct.airborne.raster import Raster
+from urbantwin.reconstruct.airborne.tin import tin_heights
+from urbantwin.reconstruct.formats.validity import content_of
+from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
+from urbantwin.reconstruct.recording.beams import recorded_beams
+from urbantwin.reconstruct.recording.carving import carved
+from urbantwin.reconstruct.recording.facets import Facets, facets_of
+from urbantwin.reconstruct.recording.looks import Looks
+from urbantwin.reconstruct.recording.recorded_frames import RecordedFrames
+from urbantwin.reconstruct.recording.recorded_ground import GRID_M, recorded_ground
+from urbantwin.taxonomy import material_id, semantic_id
+
+__all__ = ["labelled_world", "placed_ground", "read_recording"]
+
+#: This share of the points is of what stands still, or the sensors do not, or it is two places.
+_LEAST_STILL = 0.6
+#: Fewer beams of all sensors with something that stands still are no place.
+_LEAST_BEAMS = 500
+#: Classes of ground points: measured near, or bridged.
+_MEASURED, _BRIDGED = 2, 1
+#: Objects of the mesh.
+_NAMES = ("surface", "porous")
+
+
+def read_recording(folder: Path, tell: Progress = untold) -> ImportedModel:
+    """Return the static world of frames with rings, in the frame of their points.
+
+    Args:
+        folder: that ``urbantwin discover --frames`` wrote.
+        tell: called with the share done and what is being done.
+
+    Returns:
+        A model whose mesh is what stands (objects ``surface`` and ``porous``), and whose cloud is
+        the ground on a grid: class 2 where it was measured within a metre, 1 where it was bridged.
+
+    Raises:
+        InputError: the folder cannot be used, or too little in it stands still.
+    """
+    frames = RecordedFrames(folder)
+    looks = Looks(frames, between(tell, 0.0, 0.4))
+    if looks.still_share < _LEAST_STILL:
+        raise InputError(
+            f"{looks.still_share:.0%} of the points are of what stands still",
+            file=folder,
+            expected="frames of one place, of sensors that stand still",
+        )
+    tell(0.4, "beams")
+    beams = recorded_beams(looks)
+    points = np.concatenate([one.points()[one.range_m[:, 0] > 0] for one in beams])
+    if len(points) < _LEAST_BEAMS:
+        raise InputError(
+            f"has {len(points)} beams on what stands still",
+            file=folder,
+            expected=f"{_LEAST_BEAMS} or more",
+        )
+    tell(0.6, "ground")
+    ground = recorded_ground(points)
+    tell(0.75, "what stands")
+    facets = Facets.concatenate([facets_of(one, ground) for one in beams])
+    facets, went = carved(facets, beams)
+    east, north = ground.grid.middles()
+    known = np.isfinite(ground.heights)
+    nodes = np.column_stack([east[known], north[known], ground.heights[known]])
+    files: dict[str, str] = {}
+    for file in frames.files():
+        files |= {f"{file.parent.name}/{file.name}": one for one in content_of(file).values()}
+    notes = {
+        "frames": len(frames),
+        "sensors": [one.name for one in frames.sensors],
+        "points that stand still": round(looks.still_share, 4),
+        "beams": int(sum(len(one.ring) for one in beams)),
+        "beams on what stands still": len(points),
+        "ground measured m2": round(float(ground.seen.sum()) * GRID_M**2, 1),
+        "ground bridged m2": round(float((known & ~ground.seen).sum()) * GRID_M**2, 1),
+        **went,
+        "surface triangles": int((~facets.porous).sum()),
+        "porous triangles": int(facets.porous.sum()),
+    }
+    return ImportedModel(
+        mesh=_mesh(facets),
+        cloud=PointCloud(
+            nodes,
+            classification=np.where(ground.seen[known], _MEASURED, _BRIDGED).astype(np.uint8),
+        ),
+        up="z",
+        unit_m=1.0,
+        notes=notes,
+        files=files,
+    )
+
+
+def _mesh(facets: Facets) -> TriangleMesh:
+    corners = facets.corners.reshape(-1, 3)
+    vertices, index = np.unique(np.round(corners, 4), axis=0, return_inverse=True)
+    return TriangleMesh(
+        vertices,
+        index.reshape(-1, 3).astype(np.int32),
+        None,
+        facets.porous.astype(np.int32),
+        _NAMES,
+    )
+
+
+def placed_ground(
+    cloud: PointCloud, region: shapely.Polygon, name: str
+) -> tuple[ElevationPatch, shapely.Geometry]:
+    """Return the ground of a recording on site, and where it was measured.
+
+    Args:
+        cloud: of `read_recording`, in the site frame.
+        region: beyond it nothing is wanted.
+        name: of the source.
+    """
+    points = cloud.points
+    grid = Raster.over(points.min(axis=0), points.max(axis=0), GRID_M)
+    heights = tin_heights(points, grid.west, grid.south, GRID_M, grid.shape)
+    away = distance_transform_edt(grid.count(points[:, :2]) == 0) * GRID_M
+    heights[away > GRID_M] = np.nan
+    assert cloud.classification is not None
+    measured = points[cloud.classification == _MEASURED]
+    seen = (grid.count(measured[:, :2]) > 0) & np.isfinite(heights)
+    area = shapely.intersection(grid.area(seen), region)
+    return ElevationPatch(grid.west, grid.south, GRID_M, heights, GRID_M, name), area
+
+
+def labelled_world(mesh: TriangleMesh) -> LabelledMesh:
+    """Return what stands of a recording on site, labelled."""
+    porous = mesh.object == _NAMES.index("porous")
+    return LabelledMesh.build(
+        mesh.vertices,
+        mesh.faces,
+        np.where(porous, semantic_id("vegetation"), semantic_id("other-object")),
+        np.where(porous, material_id("foliage"), material_id("unknown")),
+        1,
+    )
