@@ -11,48 +11,9 @@ from urbantwin.fidelity.discovery import discover, write_frames, write_rig
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import rotation_from_ypr
-from urbantwin.lidar import beam_directions, load_sensor, sensor
+from urbantwin.lidar import load_sensor, sensor
 
-#: Planes (n, d) with n.x = d: ground that falls to the north by 1.5 %, walls, a slanted one.
-PLANES = [
-    ((0.0, 0.015, 1.0), 0.0),
-    ((0.0, 1.0, 0.0), 22.0),
-    ((1.0, 0.2, 0.0), -19.0),
-    ((0.9, -0.5, 0.0), 24.0),
-]
-#: Boxes: centre, size.
-BOXES = [((8.0, 9.0, 0.8), (4.2, 1.8, 1.6)), ((-6.0, -9.0, 1.5), (2.0, 2.5, 3.0)),
-         ((3.0, -12.0, 1.0), (1.8, 4.4, 2.0)), ((-9.0, 10.0, 2.0), (0.5, 0.5, 4.0))]  # fmt: skip
-
-
-def ranges(origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """The distance to the nearest plane or box along each ray, inf where there is none."""
-    nearest = np.full(len(directions), np.inf)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for normal, level in PLANES:
-            along = (level - origin @ normal) / (directions @ np.array(normal))
-            nearest = np.where((along > 0.5) & (along < nearest), along, nearest)
-        for centre, size in BOXES:
-            low = (np.array(centre) - np.array(size) / 2 - origin) / directions
-            high = (np.array(centre) + np.array(size) / 2 - origin) / directions
-            enter = np.minimum(low, high).max(axis=1)
-            leave = np.maximum(low, high).min(axis=1)
-            hit = (enter < leave) & (enter > 0.5)
-            nearest = np.where(hit & (enter < nearest), enter, nearest)
-    return nearest
-
-
-def scan(model, place, angles_deg, columns, random, phase_deg=0.0):
-    """Points (N, 3) of one turn, with 1 cm of noise along the beams, and their rings."""
-    beams = beam_directions(model, columns)
-    turned = rotation_from_ypr(*np.radians([angles_deg[0] + phase_deg, *angles_deg[1:]]))
-    directions = beams.reshape(-1, 3) @ turned.T
-    origin = np.array(place)
-    far = ranges(origin, directions)
-    near = far < 60
-    far = far[near] + random.normal(0, 0.01, near.sum())
-    ring = np.repeat(np.arange(model.channels), columns)[near]
-    return origin + directions[near] * far[:, None], ring
+from .closed_form_street import scan
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import csv
 import json
 import pickle
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ import yaml
 from pyarrow import feather
 
 from urbantwin.errors import InputError
-from urbantwin.lidar import load_sensor, sensor, sensor_names
+from urbantwin.lidar import Sensor, load_sensor, sensor, sensor_names
+from urbantwin.lidar.sensor_file import sensor_document
 
 from ..real_files import SWEEPS, argoverse_log
 
@@ -308,6 +310,16 @@ def test_a_persons_own_file_works_and_falls_back(tmp_path):
     assert mine.spin == "cw"
     assert mine.assumed_reference == (0.1, 40)
     assert load_sensor(path).channels == 2
+
+
+@pytest.mark.parametrize("name", [name for name in sensor_names() if not sensor(name).pattern])
+def test_a_sensor_written_as_its_file_is_read_as_it_was(tmp_path, name):
+    """Every field of it, whichever there are."""
+    path = tmp_path / "unit.yaml"
+    path.write_text(yaml.safe_dump(sensor_document(sensor(name))))
+    again = sensor(path)
+    for field in fields(Sensor):
+        np.testing.assert_equal(getattr(again, field.name), getattr(sensor(name), field.name))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.cli.options import AsJson, Quiet, RigPicture
 
 __all__ = ["EXAMPLES", "align"]
 
@@ -62,10 +62,7 @@ def align(
         bool,
         typer.Option("--level", help="The points are level with gravity; the rig says the tilt."),
     ] = False,
-    picture: Annotated[
-        Path | None,
-        typer.Option(metavar="PNG", help="The picture to write; beside the rig if not given."),
-    ] = None,
+    picture: RigPicture = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.cli.options import AsJson, Quiet, RigPicture
 
 __all__ = ["EXAMPLES", "discover"]
 
@@ -32,13 +32,10 @@ def discover(
             metavar="FOLDER", help="Write all frames with sensor, ring and column of every point."
         ),
     ] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option(metavar="PNG", help="The picture to write; beside the rig if not given."),
-    ] = None,
+    picture: RigPicture = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find the sensors of unlabelled frames: where they stand, how they tilt, which model."""
+    """Find the sensors of unlabelled frames: their places, tilts and models."""
     made = ut.discover(real, out, frames=frames, picture=picture, progress=not quiet)
     Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["AsJson", "Layout", "Out", "Pictures", "Quiet", "RowWidth", "Seed", "Workers"]
+__all__ = [
+    "AsJson",
+    "Layout",
+    "Out",
+    "Pictures",
+    "Quiet",
+    "RigPicture",
+    "RowWidth",
+    "Seed",
+    "Workers",
+]
 
 Out = Annotated[
     Path | None,
@@ -30,6 +40,10 @@ AsJson = Annotated[
 ]
 Pictures = Annotated[
     bool, typer.Option("--pictures/--no-pictures", help="Draw pictures, which takes a while.")
+]
+RigPicture = Annotated[
+    Path | None,
+    typer.Option(metavar="PNG", help="The picture to write; beside the rig if not given."),
 ]
 Seed = Annotated[
     int | None,

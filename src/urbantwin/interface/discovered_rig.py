@@ -21,12 +21,12 @@ __all__ = ["DiscoveredRig", "discover"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiscoveredRig:
-    """The rig that recorded frames, as their points show it; it stands for its file.
+    """The rig that recorded frames, as found in their points; it stands for its file.
 
     Attributes:
         path: the ``rig.yaml`` that was written.
         picture: of points by sensor, and of elevations against channels.
-        found: the sensors, and how far they can be trusted.
+        found: the sensors, with standard deviations.
         written: the sensors' files beside the rig; of frames with rings how many.
     """
 
@@ -47,7 +47,7 @@ class DiscoveredRig:
     def summary(self) -> Summary:
         """Return the sensors in a few values."""
         return Summary(
-            path=str(self.path), picture=str(self.picture), **self.found.told(), **self.written
+            path=str(self.path), picture=str(self.picture), **self.found.report(), **self.written
         )
 
     def plot(self) -> Figure:
@@ -65,7 +65,7 @@ def discover(
     picture: AnyPath | None = None,
     progress: ShowProgress = True,
 ) -> DiscoveredRig:
-    """Find the sensors of unlabelled frames: where they stand, how they tilt, what they are.
+    """Find the sensors of unlabelled frames: their places, tilts and models.
 
     Args:
         real: frames of sensors that stand still, fused or of one sensor; or one frame.

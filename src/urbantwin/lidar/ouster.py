@@ -187,16 +187,4 @@ def _datasheet_fields() -> tuple[str, ...]:
 
 def _blank() -> Sensor:
     """Return a sensor of which nothing is known but its maker."""
-    none: dict[str, Any] = dict.fromkeys(
-        [
-            "range_min_m",
-            "range_max_m",
-            "reference_reflectivity",
-            "reference_range_m",
-            "range_sigma_m",
-            "range_resolution_m",
-            "wavelength_nm",
-        ]
-    )
-    zero = np.zeros(1)
-    return Sensor("", "Ouster", zero, zero, 1, (), 1.0, (), spin="cw", sources={}, **none)
+    return Sensor.of_beams("Ouster", np.zeros(1), np.zeros(1), 1, 1.0)

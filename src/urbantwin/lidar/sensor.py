@@ -126,6 +126,36 @@ class Sensor:
     points_per_second: float | None = None
     unknown: dict[str, str] = field(default_factory=dict)
 
+    @classmethod
+    def of_beams(
+        cls,
+        maker: str,
+        elevation_deg: NDArray[np.float64],
+        azimuth_offset_deg: NDArray[np.float64],
+        columns: int,
+        rate_hz: float,
+    ) -> Sensor:
+        """Return a sensor without a name, of which nothing is known but where its beams point."""
+        return cls(
+            "",
+            maker,
+            elevation_deg,
+            azimuth_offset_deg,
+            columns,
+            (columns,),
+            rate_hz,
+            (rate_hz,),
+            range_min_m=None,
+            range_max_m=None,
+            reference_reflectivity=None,
+            reference_range_m=None,
+            range_sigma_m=None,
+            range_resolution_m=None,
+            wavelength_nm=None,
+            spin="cw",
+            sources={},
+        )
+
     @property
     def channels(self) -> int:
         """Number of channels, C."""

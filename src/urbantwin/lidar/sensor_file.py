@@ -12,7 +12,15 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from urbantwin.errors import InputError
 from urbantwin.lidar.sensor import Sensor
 
-__all__ = ["FORM", "MOST_CHANNELS", "checked_sensor", "parse_sensor", "read_text", "yaml_value"]
+__all__ = [
+    "FORM",
+    "MOST_CHANNELS",
+    "checked_sensor",
+    "parse_sensor",
+    "read_text",
+    "sensor_document",
+    "yaml_value",
+]
 
 #: More channels than any sensor has; a file that claims more is wrong.
 MOST_CHANNELS = 4096
@@ -189,3 +197,19 @@ def checked_sensor(value: Any, origin: Path | str, expected: str) -> Sensor:  # 
         place = ".".join(str(part) for part in first["loc"])
         problem = first["msg"].removeprefix("Value error, ")
         raise InputError(problem, file=origin, place=place or None, expected=expected) from None
+
+
+def sensor_document(sensor: Sensor) -> dict[str, Any]:
+    """Return a sensor as its file holds it: `checked_sensor` makes the same sensor of it.
+
+    Args:
+        sensor: with channels, not a scan pattern.
+    """
+    others = _SensorFile.model_fields.keys() - {"channels", "firing_time_us"}
+    times, table = sensor.firing_time_us, (sensor.elevation_deg, sensor.azimuth_offset_deg)
+    form = _SensorFile(
+        **{name: getattr(sensor, name) for name in others},
+        firing_time_us=None if times is None else tuple(times.tolist()),
+        channels=tuple(zip(*(column.tolist() for column in table), strict=True)),
+    )
+    return form.model_dump(mode="json", exclude_defaults=True)

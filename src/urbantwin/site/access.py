@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["Permission", "is_driven", "opened", "permission_of"]
+__all__ = ["KEYS", "Permission", "is_driven", "opened", "permission_of"]
 
 #: Classes of roads for motor traffic only.
 FAST_ROADS = frozenset({"motorway", "motorway_link", "trunk", "trunk_link"})
@@ -38,6 +38,8 @@ MOTOR = {
 }
 RIDING = ("bicycle", "vehicle", "access")
 WALKING = ("foot", "access")
+#: Every key that says who may use a way.
+KEYS = tuple(dict.fromkeys(key for keys in (*MOTOR.values(), RIDING, WALKING) for key in keys))
 
 
 @dataclass(frozen=True)
@@ -102,8 +104,7 @@ def is_driven(tags: Mapping[str, str]) -> bool:
 
 def opened(tags: Mapping[str, str]) -> dict[str, str]:
     """Return a way's tags as they are for those who have leave or business there."""
-    keys = {key for keys in (*MOTOR.values(), RIDING, WALKING) for key in keys}
     return {
-        key: "yes" if key.split(":")[0] in keys and value in OF_SOME else value
+        key: "yes" if key.split(":")[0] in KEYS and value in OF_SOME else value
         for key, value in tags.items()
     }

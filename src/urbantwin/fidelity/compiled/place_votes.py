@@ -8,17 +8,17 @@ __all__ = ["place_votes"]
 
 @njit(cache=True, nogil=True)
 def place_votes(middle, along, sigma, places, axis, coarse, seen_share, least_rise):
-    """Return the logarithm of how much likelier than chance pieces are, seen from places.
+    """Return the log likelihood ratio of pieces as rings around places, against chance.
 
     Args:
         middle: (P, 3) of the pieces, metres.
         along: (P, 3) their unit directions.
-        sigma: (P,) standard deviation of what `standpoint.aslant` says of each, radians.
+        sigma: (P,) standard deviation of what `standpoint.ring_residuals` says of each, radians.
         places: (S, 3) of the sensor, metres.
         axis: (3,) unit vector that it turns about.
-        coarse: metres that a place may be off, 0 for places that are meant exactly.
+        coarse: standard deviation of the places, metres: that of a coarse grid; 0 for exact ones.
         seen_share: prior share of the pieces that are the sensor's.
-        least_rise: see `standpoint.Aslant`.
+        least_rise: see `standpoint.RingResiduals`.
 
     Returns:
         (S,) sums over the pieces.

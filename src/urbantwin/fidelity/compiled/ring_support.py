@@ -1,4 +1,4 @@
-"""How many points lie beside each on its ring, as one sensor sees them."""
+"""The neighbours of points on their rings, as one sensor sees them."""
 
 import numpy as np
 from numba import njit
@@ -16,9 +16,9 @@ def ring_support(channel, azimuth, range_m, off, weight, wide, range_share, off_
         range_m: (N,) from the sensor.
         off: (N,) of the channel's elevation, degrees.
         weight: (N,) how likely each is the sensor's.
-        wide: azimuth to each side within which neighbours count, radians.
-        range_share: neighbours are as far to this share of the range, and 0.1 m.
-        off_most: and as far off the elevation, to this, degrees.
+        wide: largest difference of azimuths, radians.
+        range_share: largest difference of ranges, as a share of the range, beside 0.1 m.
+        off_most: largest difference of elevation residuals, degrees.
 
     Returns:
         (N,) sums of weights, the point itself left out.

@@ -1,4 +1,4 @@
-"""Sensors fitted to the points on their rings: the last step, ten times as close."""
+"""Sensors fitted to single points on their rings: the last step, ten times as accurate."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from urbantwin.fidelity.discovery.unit_fit import Belief, Freedom, fit_unit
 
 __all__ = ["closely_fitted"]
 
-#: Points of a sensor that are enough, and the least; tolerances from rough to fine, degrees.
+#: Most and fewest points of a sensor that are fitted to; tolerances from coarse to fine, degrees.
 _ENOUGH, _FEWEST = 20_000, 500
 _FINER_DEG = (0.1, 0.06, 0.03, 0.02, 0.012)
-#: So many neighbours on a ring are one look at it.
+#: Neighbours on a ring whose errors are alike: they count as one independent look.
 _POINTS_PER_LOOK = 8.0
-#: Units differ from their model, and beams leave from different places.
+#: Prior of the elevations of a unit against its model's, and of its beam origin offsets.
 _FREEDOM = Freedom(0.2, 0.05)
-#: Points whose sensor is surer than this are fitted to.
+#: Least posterior probability of the sensor of a point that is fitted to.
 _SURE = 0.8
-#: Rings spread no less than this, degrees, and no more.
+#: Bounds of the standard deviation of elevations on a ring, degrees.
 _LEAST_DEG, _MOST_DEG = 0.004, 0.03
 
 
 def closely_fitted(
     fit: TableFit, number: int, frames: Sequence[NDArray[np.float64]], rays: Sequence[PointRays]
 ) -> tuple[TableFit, float]:
-    """Return a sensor's fit to the points on its rings, and what they spread, degrees.
+    """Return a sensor's fit to points on its rings, and their standard deviation, degrees.
 
     Elevations of single points of real sensors are constant along a ring to some thousandths of
-    a degree, so place, tilt and every channel of the unit follow from them with little help of
+    a degree, so they determine place, tilt and every channel of the unit with a weak prior from
     its model.
 
     Args:
         fit: as found by pieces of rings.
         number: of the sensor in ``rays``.
         frames: (N, 3) points of each.
-        rays: whose they are.
+        rays: the sensor and ring of each.
     """
     mine = [(one.sensor == number) & (one.sure > _SURE) for one in rays]
     points = np.concatenate([p[rows] for p, rows in zip(frames, mine, strict=True)])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.fidelity.discovery.close_fit import closely_fitted
 from urbantwin.fidelity.discovery.elevation_match import TableFit
+from urbantwin.fidelity.discovery.joint_fit import draws_rings, fitted_together
 from urbantwin.fidelity.discovery.point_rays import (
     PointRays,
     column_step_deg,
@@ -19,7 +20,6 @@ from urbantwin.fidelity.discovery.point_rays import (
 from urbantwin.fidelity.discovery.result import Discovery, FoundSensor
 from urbantwin.fidelity.discovery.ring_pieces import ring_pieces
 from urbantwin.fidelity.discovery.search import FEWEST_PIECES, search_standpoints
-from urbantwin.fidelity.discovery.together import draws_rings, fitted_together
 from urbantwin.fidelity.discovery.usable_frames import (
     check_frames,
     check_ranges,
@@ -31,20 +31,22 @@ from urbantwin.progress import Progress, between, untold
 
 __all__ = ["discover"]
 
-#: Points around which pieces of rings are looked for, of all frames; and frames in which every
-#: point is given to a sensor to fit closely.
+#: Points around which pieces of rings are sought, in all frames together; and frames in which each
+#: point is assigned to a sensor for the close fit.
 _SEEDS, _CLOSE_FRAMES = 60_000, 4
-#: How often points are given out and sensors fitted to them, and how rings spread at first.
+#: Rounds of assigning points and fitting sensors to them, and the first standard deviation of
+#: elevations on a ring.
 _ROUNDS, _FIRST_SPREAD_DEG = 4, 0.03
-#: Models are told from each other by this much evidence (logarithm of odds), or not at all; and the
-#: odds are believed to this root: rings of a unit are off its model together.
+#: Log posterior odds below which two models are not distinguished; and the factor by which log odds
+#: are tempered, because residuals of a unit's channels are not independent.
 _DECIDED, _BELIEVED = 15.0, 5.0
-#: Pieces of rings of which a sensor is found as a rule.
+#: Pieces of rings in which a sensor is usually found.
 _ENOUGH_PIECES = 400
 _WITHIN_DEG = 0.05
-#: A model turns with as many columns as it offers if they are measured to this share.
+#: A model has the number of columns that it offers if the measured one differs by less than this
+#: share.
 _LOCKED = 0.015
-#: Of all points, a sensor has more than this share: less is left over by another.
+#: Least share of all points that a sensor has: fewer are the remains of another's.
 _LEAST_SHARE = 0.005
 
 
@@ -56,14 +58,14 @@ def discover(
     seed: int = 0,
     tell: Progress = untold,
 ) -> Discovery:
-    """Return where the sensors of unlabelled frames stand, how they tilt and what they are.
+    """Return the places, tilts and models of the sensors of unlabelled frames.
 
     Args:
-        frames: (N, 3) points of each, metres, all in one frame of reference that stands still
-            with the sensors, z up. One is enough where rings are many.
+        frames: (N, 3) points of each, metres, all in one frame of reference in which the sensors
+            stand still, z up. One frame is enough if it has many rings.
         names: of the frames.
-        models: that they may be; the catalogue's when not given.
-        seed: what is drawn from the frames follows from it.
+        models: the candidates; the catalogue's spinning sensors when not given.
+        seed: of all random draws.
         tell: called with the share done and what is being done.
 
     Raises:
@@ -108,7 +110,7 @@ def discover(
 def _closely(
     frames: Sequence[NDArray[np.float64]], fits: Sequence[Sequence[TableFit]], tell: Progress
 ) -> tuple[list[PointRays], list[FoundSensor]]:
-    """Return whose points are, and the sensors fitted to them, that with most points first."""
+    """Return the sensor of each point, and the sensors fitted, that with most points first."""
     best = [one[0] for one in fits]
     spreads = [_FIRST_SPREAD_DEG] * len(best)
     steps = [0.2 if one.unit.model is None else 360 / one.unit.model.columns for one in best]
@@ -156,9 +158,10 @@ def _closely(
 
 
 def _models(fits: Sequence[TableFit], step_deg: float | None) -> tuple[list[Sensor], float]:
-    """Return the models that a sensor may be, the likeliest first, and how sure that is.
+    """Return the models that a sensor may be, the likeliest first, and their probability together.
 
-    Tables that fit alike are told apart by the steps of azimuth, if one of them has such columns.
+    Models whose posterior odds do not decide between them are distinguished by the azimuth
+    resolution, if one of them offers the measured one.
     """
     if fits[0].unit.model is None:
         return [], 0.0

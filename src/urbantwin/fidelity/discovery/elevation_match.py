@@ -1,8 +1,8 @@
 """Which model's elevations the rings of a sensor have, and its pose by them.
 
-Pieces of rings are seen at the elevations of a sensor's channels. A table of elevations tells what
-rings on level ground alone do not: the height. It is fitted together with place and axis, and
-with how far this very unit is off its model's table.
+Pieces of rings are seen at the elevations of a sensor's channels. A table of elevations determines
+what rings on level ground alone do not: the height. It is fitted together with place and axis, and
+with the elevations by which this unit differs from its model.
 """
 
 from __future__ import annotations
@@ -16,29 +16,39 @@ from scipy.signal import find_peaks
 from scipy.special import gammaln
 
 from urbantwin.fidelity.discovery.ring_pieces import RingPieces
-from urbantwin.fidelity.discovery.standpoint import Standpoint, aslant
+from urbantwin.fidelity.discovery.standpoint import Standpoint, ring_residuals
 from urbantwin.fidelity.discovery.unit import OnChannel, Unit
 from urbantwin.fidelity.discovery.unit_fit import Belief, Freedom, fit_unit
 from urbantwin.lidar import Sensor
 
-__all__ = ["TableFit", "fit_alike", "fit_free_table", "fit_tables", "ring_odds"]
+__all__ = [
+    "TableFit",
+    "channel_likelihood_ratio",
+    "fit_alike",
+    "fit_free_table",
+    "fit_tables",
+    "normal_density",
+]
 
-#: Pieces overlap: so many of them are one look at a ring.
+#: Pieces overlap: so many of them count as one independent look at a ring.
 _PIECES_PER_LOOK = 8.0
-#: Units are off their model's table, degrees: Ouster and HDL-64E units by 0.1, others by less.
+#: Priors of the elevations of a unit against a table: of most models (Ouster and HDL-64E units
+#: differ from theirs by 0.1 degrees, others by less), of a model that a free table is like, and of
+#: a free table.
 _OF_MODEL, _OF_ODD_UNIT, _OF_NOBODY = Freedom(0.12), Freedom(0.3), Freedom(2.0)
-#: A found table is like a model's if it is off by this share of the rings' distance, and so long.
+#: A free table is like a model's if they differ by less than this share of the mean spacing of its
+#: channels, and if it has so many channels at least.
 _ALIKE, _FEWEST_ALIKE = 0.8, 12
-#: Tolerances from rough to fine, and how a ring spreads in the end, degrees.
+#: Tolerances from coarse to fine, and the standard deviation of elevations on a ring, degrees.
 _FINER_DEG, _RING_DEG = (0.15, 0.08, 0.05, 0.03), 0.04
-#: Share of the pieces that are on rings, and over how many degrees the others spread.
+#: Share of the pieces that are on rings, and the span of elevations of the others, degrees.
 _ON, _OTHERS_DEG = 0.9, 100.0
-#: Heights that are tried, metres each way; elevations in so small steps, degrees.
+#: Heights that are tried up and down, and their steps, metres; bins of elevations, degrees.
 _HEIGHT_M, _HEIGHT_STEP_M, _BIN_DEG = 0.5, 0.01, 0.01
-#: Tables that fit best as they are, which are fitted closely; and pieces that are enough for it.
+#: Models whose tables fit best unchanged and whose units are then fitted; most pieces for that.
 _CLOSELY, _ENOUGH = 6, 6000
-#: Peaks of elevations that are rings of a table that nobody knows: their width and how they stand
-#: out of the high ones.
+#: Peaks of elevations that are channels of a free table: their width, degrees, and their least
+#: height and prominence as a share of the high ones.
 _PEAK_DEG, _PEAK_SHARE = 0.05, 0.15
 
 
@@ -50,10 +60,10 @@ class TableFit:
         seen_from: where the sensor stands.
         unit: its channels.
         covariance: (5, 5) of x, y, z (metres) and two angles `across` (radians).
-        looks: (C,) at each channel.
-        evidence: logarithm of how likely the looks are by this table, whatever the unit is off it.
-        gain: logarithm of how much likelier all looks are by rings than without, less what the
-            freedom of the table is worth: above 0 there are rings.
+        looks: (C,) independent looks at each channel.
+        evidence: log marginal likelihood of the looks by this table, over all units.
+        gain: log likelihood ratio of the looks with rings against none, less half the free
+            parameters times the logarithm of the looks: above 0 there are rings.
         within: share of the pieces within 0.05 degrees of a channel.
     """
 
@@ -73,13 +83,13 @@ class TableFit:
 def fit_tables(
     pieces: RingPieces, weight: NDArray[np.float64], start: Standpoint, models: Sequence[Sensor]
 ) -> list[TableFit]:
-    """Return the fits of the models that fit best, the best first.
+    """Return the fits of the likeliest models, in the order of their evidence.
 
     Args:
         pieces: of one sensor.
-        weight: (P,) how likely each is its, 0..1.
+        weight: (P,) posterior probability that each is this sensor's.
         start: where it stands, by the directions of its pieces.
-        models: with channels.
+        models: the candidates.
     """
     few, share = _enough(pieces, weight)
     ranked = []
@@ -99,9 +109,9 @@ def fit_tables(
 def fit_free_table(
     pieces: RingPieces, weight: NDArray[np.float64], start: Standpoint
 ) -> TableFit | None:
-    """Return the pose by rings of no known table, which is found with it; None without rings.
+    """Return the pose by a free table, one of no model, which is found with it; None without rings.
 
-    Only the directions of the pieces and walls then tell the height.
+    Only walls and the directions of the pieces then determine the height.
     """
     few, share = _enough(pieces, weight)
     seen = start.elevation_deg(few.middle)
@@ -127,10 +137,10 @@ def fit_alike(
     start: Standpoint,
     models: Sequence[Sensor],
 ) -> list[TableFit]:
-    """Return fits of models that a table found in points is like, ring by ring, the best first.
+    """Return the fits of models that a free table is like, in the order of their evidence.
 
-    Units may be farther off their model than others of it are: an HDL-64E's by 0.3 degrees. Then
-    its rings are the model's one after the other, each a little off.
+    Some units differ from their model by more than `_OF_MODEL`: an HDL-64E by 0.3 degrees. Their
+    channels then match the model's one by one in the order of elevation.
     """
     few, share = _enough(pieces, weight)
     seen = np.sort(free.unit.elevation_deg[free.looks >= 1])
@@ -158,26 +168,27 @@ def fit_alike(
 def _enough(
     pieces: RingPieces, weight: NDArray[np.float64]
 ) -> tuple[RingPieces, NDArray[np.float64]]:
-    """Return as many pieces as are enough: evidence is compared of the same ones."""
+    """Return pieces thinned to `_ENOUGH`, the same for all tables whose evidence is compared."""
     rows = np.arange(len(pieces))[:: max(1, len(pieces) // _ENOUGH)]
     return pieces.of(rows), weight[rows]
 
 
-def ring_odds(fit: TableFit, pieces: RingPieces) -> NDArray[np.float64]:
-    """Return how much likelier (P,) pieces are at a fit's rings than anywhere between them."""
+def channel_likelihood_ratio(fit: TableFit, pieces: RingPieces) -> NDArray[np.float64]:
+    """Return the likelihood ratio (P,) of pieces: at a fit's channels against any elevation."""
     on = fit.sees(pieces.middle)
-    return np.asarray((1 - _ON) + _ON * _bell(on.off_deg) * on.room_deg)
+    return np.asarray((1 - _ON) + _ON * normal_density(on.off_deg, _RING_DEG) * on.room_deg)
 
 
-def _bell(off_deg: NDArray[np.float64]) -> NDArray[np.float64]:
-    bell = np.exp(-0.5 * (off_deg / _RING_DEG) ** 2) / (_RING_DEG * np.sqrt(2 * np.pi))
-    return np.asarray(bell)
+def normal_density(off_deg: NDArray[np.float64], sigma_deg: float) -> NDArray[np.float64]:
+    """Return the normal distribution's density (N,) per degree at angles off its mean."""
+    density = np.exp(-0.5 * (off_deg / sigma_deg) ** 2) / (sigma_deg * np.sqrt(2 * np.pi))
+    return np.asarray(density)
 
 
 def _best_height(
     pieces: RingPieces, weight: NDArray[np.float64], at: Standpoint, table: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return how well a table fits at the height where it does best, and that height, metres."""
+    """Return the best mean log likelihood of a table at any height, and that height, metres."""
     count, _ = np.histogram(table, np.arange(-90, 90 + _BIN_DEG, _BIN_DEG))
     spread = 2 * _RING_DEG / _BIN_DEG
     bell = np.exp(-0.5 * (np.arange(-5 * spread, 5 * spread + 1) / spread) ** 2)
@@ -199,24 +210,24 @@ def _fit(
     believed: Standpoint,
     freedom: Freedom,
 ) -> TableFit:
-    """Return the fit of a table, and what speaks for it, counted in looks.
+    """Return the fit of a table with its evidence, counted in independent looks.
 
-    What the directions of the pieces say of the pose is the belief. The evidence is that of
-    Laplace: how likely the elevations are with the best offsets of the channels, less what it
-    costs to have chosen those (MacKay 2003, chapter 28), for any shares of the channels.
+    The prior of the pose is what the directions of the pieces say. The evidence is Laplace's
+    approximation: the log likelihood of the elevations with the best offsets of the channels, less
+    the Occam factors of those (MacKay 2003, chapter 28), over all shares of the channels.
     """
     each = weight / _PIECES_PER_LOOK
-    held = aslant(pieces, believed).jacobian
+    held = ring_residuals(pieces, believed).jacobian
     belief = Belief(believed, held.T @ (held * (each / pieces.sigma**2)[:, None]))
     seen_from, unit, covariance = fit_unit(pieces.middle, each, start, belief, freedom, _FINER_DEG)
     on = unit.sees(pieces.middle, seen_from)
     count = len(unit.table_deg)
-    bell = _bell(on.off_deg)
+    bell = normal_density(on.off_deg, _RING_DEG)
     near = np.abs(on.off_deg) < 3 * _RING_DEG
     looks = np.bincount(on.channel, each * near, minlength=count).astype(np.float64)
     told = each * np.log(np.where(near, _ON * bell, (1 - _ON) / _OTHERS_DEG))
-    # Which channels have how many looks: all shares are as likely beforehand, so a table pays for
-    # channels that nothing is seen of.
+    # How many looks each channel has: with a uniform prior over the shares of the channels, a table
+    # pays for channels without looks.
     spread = gammaln(count) - gammaln(looks.sum() + count) + gammaln(looks + 1).sum()
     chosen = np.log1p(looks * (freedom.offset_deg / _RING_DEG) ** 2)
     chosen += (unit.offset_deg / freedom.offset_deg) ** 2

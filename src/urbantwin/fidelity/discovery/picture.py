@@ -21,9 +21,8 @@ _BINS, _MARGIN_DEG = 640, 1.0
 def draw_discovery(found: Discovery, points: NDArray[np.float64], path: Path) -> None:
     """Write a picture of one frame.
 
-    Left the points from above in the colours of their sensors, grey where no ring passes; right,
-    for each sensor, how often its points are seen at each elevation, over the channels of its
-    unit.
+    Left, the points from above in the colours of their sensors, grey where no ring passes; right,
+    a histogram of the elevations of each sensor's points, with the channels of its unit.
 
     Args:
         found: the sensors.
@@ -64,7 +63,7 @@ def draw_discovery(found: Discovery, points: NDArray[np.float64], path: Path) ->
         axes.hist(seen, _BINS, range=(low, high), color=shades[number], log=True)
         for up in table:
             axes.axvline(up, color=INK, linewidth=0.4, alpha=0.35)
-        which = " or ".join(one.models) or "a table of its own"
+        which = " or ".join(one.models) or "no model of the catalogue"
         axes.set_title(
             f"{one.name}: {which}, {one.rings} rings, off its model by "
             f"{one.off_model_deg:.2f} degrees",

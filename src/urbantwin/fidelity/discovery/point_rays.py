@@ -1,4 +1,4 @@
-"""Every point's sensor, ring and column."""
+"""The sensor, ring and column of every point."""
 
 from __future__ import annotations
 
@@ -9,39 +9,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.fidelity.compiled.ring_support import ring_support
-from urbantwin.fidelity.discovery.elevation_match import TableFit
+from urbantwin.fidelity.discovery.elevation_match import TableFit, normal_density
 from urbantwin.lidar import Sensor
 from urbantwin.lidar.pattern import beam_azimuths
 
 __all__ = ["PointRays", "azimuth_of", "column_step_deg", "columns_in", "columns_of", "point_rays"]
 
-#: A point farther from a channel than so many times what its rings spread, and than so much, is not
-#: the sensor's. Some spread more: of moving sensors, of sweeps that were straightened.
+#: A point is not the sensor's if its elevation residual is larger than so many standard deviations
+#: of the ring, and than this, degrees. Some residuals are larger, of moving sensors and of sweeps
+#: that were straightened: their share, and their standard deviation, degrees.
 _REACH, _REACH_DEG = 4.0, 0.05
 _WIDE_SHARE, _WIDE_DEG = 0.15, 0.025
-#: Neighbours on a ring that speak for a point: columns to each side, how alike their ranges
-#: and elevations are.
+#: Neighbours on a ring that support a point: columns to each side, and the largest differences of
+#: range, as a share, and of elevation, degrees.
 _COLUMNS_BESIDE, _RANGE_SHARE, _ALIKE_DEG = 8, 0.02, 0.012
-#: How often points are given out, each time by the neighbours as given out before.
+#: Rounds in which points are assigned to sensors, each by the neighbours as assigned before.
 _ROUNDS = 4
-#: What a point without neighbours, and one that is nobody's, count as; and how sure its sensor is.
+#: Support of a point without neighbours; likelihood of a point of no sensor; and the least
+#: posterior probability of an assigned sensor.
 _ALONE, _NOBODY, _SURE = 0.02, 0.01, 0.5
-#: Steps of azimuth between columns, degrees.
+#: Bounds of the azimuth resolution, the step between columns, and bins of its histogram, degrees.
 _LEAST_STEP_DEG, _MOST_STEP_DEG, _BIN_DEG = 0.03, 1.2, 0.005
-#: A model's columns fit a measured step to this share: motors of old ones turn as they like.
+#: A model offers a measured azimuth resolution if it is off by less than this share: motors of old
+#: models are not locked to the firing clock.
 _STEP_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class PointRays:
-    """Whose each point of a frame is.
+    """The sensor and ring of each point of a frame.
 
     Attributes:
         sensor: (N,) int64, -1 where no sensor's ring passes.
         ring: (N,) int64, the channel in the maker's order, -1.
-        off_deg: (N,) what the point is seen above its channel, degrees, NaN.
+        off_deg: (N,) elevation of the point above its channel's beam, degrees, NaN.
         azimuth: (N,) in the sensor's frame with a yaw of 0, radians, NaN.
-        sure: (N,) how likely it is this sensor's, among all, 0..1.
+        sure: (N,) posterior probability of its sensor.
     """
 
     sensor: NDArray[np.int64]
@@ -59,13 +62,13 @@ def point_rays(
 ) -> PointRays:
     """Return the sensor and ring of every point of a frame.
 
-    Many rings of other sensors pass near a point by chance: its own has its neighbours on it, a
-    column away to each side, as far and as high.
+    Rings of other sensors pass near a point by chance. On its own ring it has neighbours one column
+    to each side, at about its range and elevation.
 
     Args:
         points: (N, 3), metres.
         fits: of each sensor.
-        steps_deg: between the columns of each.
+        steps_deg: azimuth resolution of each.
         spreads_deg: standard deviation of elevations on its rings.
     """
     count = len(points)
@@ -100,8 +103,8 @@ def point_rays(
                 max(2 * spread, _ALIKE_DEG),
             )
             held = np.minimum(beside / _COLUMNS_BESIDE, 1.0) ** 2 + _ALONE
-            bell = (1 - _WIDE_SHARE) * _bell(off[number, rows], spread)
-            bell += _WIDE_SHARE * _bell(off[number, rows], max(spread, _WIDE_DEG))
+            bell = (1 - _WIDE_SHARE) * normal_density(off[number, rows], spread)
+            bell += _WIDE_SHARE * normal_density(off[number, rows], max(spread, _WIDE_DEG))
             odds[number, rows] = held * bell * room[number, rows]
         share = odds / (odds.sum(axis=0) + _NOBODY)
     best = share.argmax(axis=0)
@@ -116,11 +119,6 @@ def point_rays(
     )
 
 
-def _bell(off_deg: NDArray[np.float64], spread_deg: float) -> NDArray[np.float64]:
-    bell = np.exp(-0.5 * (off_deg / spread_deg) ** 2) / (spread_deg * np.sqrt(2 * np.pi))
-    return np.asarray(bell)
-
-
 def azimuth_of(points: NDArray[np.float64], fit: TableFit) -> NDArray[np.float64]:
     """Return the azimuth (N,) of points in a sensor's frame whose yaw is 0, radians."""
     axis = fit.seen_from.axis
@@ -131,9 +129,9 @@ def azimuth_of(points: NDArray[np.float64], fit: TableFit) -> NDArray[np.float64
 
 
 def column_step_deg(rays: Sequence[PointRays], sensor: int) -> float | None:
-    """Return the step of azimuth between a sensor's columns, degrees; None with too few points.
+    """Return a sensor's azimuth resolution, degrees; None with too few points.
 
-    The commonest gap between neighbours on a ring, frame by frame.
+    It is the mode of the gaps between neighbours on a ring, within each frame.
     """
     gaps = []
     for one in rays:
@@ -153,7 +151,7 @@ def column_step_deg(rays: Sequence[PointRays], sensor: int) -> float | None:
 
 
 def columns_of(model: Sensor | None, step_deg: float | None) -> int | None:
-    """Return how many columns per turn a model has with such a step; None if it offers none."""
+    """Return the columns per turn of a model at an azimuth resolution; None if it has none."""
     if step_deg is None:
         return None
     measured = 360 / step_deg

@@ -22,7 +22,7 @@ from urbantwin.reconstruct.recording.beams import recorded_beams
 
 __all__ = ["discover_recording"]
 
-#: Frames that are looked at; of longer recordings, so many that are spread evenly.
+#: Most frames that are used; of longer recordings, so many that are spread evenly.
 _MOST_FRAMES = 12
 
 
@@ -69,7 +69,7 @@ def discover_recording(
         every = (recording.read(n) for n in each(range(len(recording)), told, "rings"))
         with replaced_folder(frames_out, kind="discovery", inputs=[real]) as folder:
             written["rays"] = write_frames(found, every, folder)
-            write_json(folder / "discovery.json", {"kind": "discovery", **found.told()})
+            write_json(folder / "discovery.json", {"kind": "discovery", **found.report()})
             if len(recording) >= LEAST_FRAMES:
                 looks = Looks(RecordedFrames(folder))
                 written["moving"] = _write_moving(looks, folder)

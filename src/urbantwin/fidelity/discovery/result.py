@@ -1,4 +1,4 @@
-"""What was found of the sensors that recorded: their poses, models, and how wrong that may be."""
+"""The sensors found: their poses and models, with standard deviations."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from urbantwin.fidelity.discovery.point_rays import PointRays, point_rays
 
 __all__ = ["Discovery", "FoundSensor"]
 
-#: Nothing is stated to be known better than this in plan and height, metres, and in tilt, degrees:
-#: poles that sway are not in the formal errors. Beams that all leave above the place look like a
-#: sensor that is higher: four frames of one HDL-64E lie 2 cm about their mean.
+#: Least standard deviations that are stated, of x, y and z, metres, and of tilt, degrees: formal
+#: errors leave out poles that sway. A beam origin offset that all channels share looks like another
+#: height of the sensor: heights in four frames of one HDL-64E have a standard deviation of 2 cm.
 _LEAST_M, _LEAST_DEG = (0.005, 0.005, 0.02), 0.01
-#: A channel of which fewer points were seen than this is as its model says.
+#: A channel with fewer looks than this is taken to be as its model's.
 _FEW_LOOKS = 5.0
 
 
@@ -27,11 +27,11 @@ class FoundSensor:
 
     Attributes:
         name: ``sensor-1`` and so on, the one with most points first.
-        models: of the catalogue, any of which it may be; none: its table is nobody's.
-        confidence: that it is one of them, 0..1, if it is in the catalogue at all.
-        fit: pose, channels, and what speaks for them.
+        models: of the catalogue, any of which it may be; none: no model has its channels.
+        confidence: probability that it is one of them, if it is in the catalogue at all.
+        fit: pose, channels and evidence.
         spread_deg: standard deviation of elevations on its rings.
-        step_deg: between its columns; None: too few points tell.
+        step_deg: its azimuth resolution; None: it has too few points.
         columns: per turn, as its model offers them, or as measured.
         points: in the frames that were fitted to.
     """
@@ -52,7 +52,7 @@ class FoundSensor:
 
     @property
     def pitch_roll(self) -> tuple[float, float]:
-        """Its attitude at a yaw of 0, radians: nothing in the points tells the yaw."""
+        """Its attitude at a yaw of 0, radians: the yaw cannot be found in points."""
         axis = self.fit.seen_from.axis
         return float(np.arctan2(axis[0], axis[2])), float(-np.arcsin(axis[1]))
 
@@ -70,17 +70,17 @@ class FoundSensor:
 
     @property
     def rings(self) -> int:
-        """How many of its channels were seen."""
+        """The number of channels that have points."""
         return int((self.fit.looks >= 1).sum())
 
     @property
     def off_model_deg(self) -> float:
-        """Root mean square of what its seen channels are off its model's table, degrees."""
+        """Root mean square difference of its channels from its model's, degrees."""
         seen = self.fit.looks >= _FEW_LOOKS
         offset = self.fit.unit.offset_deg[seen]
         return float(np.sqrt((offset**2).mean())) if len(offset) else 0.0
 
-    def told(self) -> dict[str, Any]:
+    def report(self) -> dict[str, Any]:
         """Return it in numbers for people and programs."""
         x, y, z = (round(float(one), 3) for one in self.place)
         pitch, roll = (round(float(np.degrees(one)), 3) + 0.0 for one in self.pitch_roll)
@@ -114,9 +114,9 @@ class Discovery:
     Attributes:
         sensors: that with most points first.
         frames: names of those that were fitted to.
-        points: of the frames in which points were given to sensors.
-        on_rings: share of those points that lie within 0.05 degrees of a channel of the sensor
-            that they were given to, with neighbours on its ring.
+        points: of the frames in which points were assigned to sensors.
+        on_rings: share of those points within 0.05 degrees of a channel of the sensor that they
+            were assigned to, with neighbours on its ring.
     """
 
     sensors: tuple[FoundSensor, ...]
@@ -133,11 +133,11 @@ class Discovery:
             [one.spread_deg for one in self.sensors],
         )
 
-    def told(self) -> dict[str, Any]:
+    def report(self) -> dict[str, Any]:
         """Return it in numbers for people and programs."""
         return {
-            "sensors": [one.told() for one in self.sensors],
-            "yaw": "unknown: nothing in points tells where a sensor's azimuth is zero",
+            "sensors": [one.report() for one in self.sensors],
+            "yaw": "unknown: points do not show where a sensor's azimuth is zero",
             "frames": len(self.frames),
             "points": self.points,
             "on_rings": round(self.on_rings, 4),

@@ -16,31 +16,30 @@ __all__ = ["RingPieces", "ring_pieces"]
 #: Neighbours of a point among which its piece is looked for: of one ring a dozen, and of others
 #: that cross there.
 _NEIGHBOURS = 24
-#: They are all within this, metres; nearer together than this, nothing can be told apart.
+#: Neighbourhoods that reach farther than this have no piece, nor do those that are smaller than
+#: this, metres: range noise would give the direction of the line.
 _WITHIN_M, _TOO_NEAR_M = 3.0, 0.1
-#: Points of a piece at least, and how far they may lie beside its line: noise of the ranges.
+#: Points of a piece at least, and how far range noise may take them from its line, metres.
 _FEWEST, _ASIDE_M = 7, 0.02
-#: A piece is so many times as long as it is wide (root mean squares).
+#: Least ratio of a piece's length to its width (root mean squares).
 _SLENDER = 6.0
-#: No direction of a piece is known better than this, radians: rings bend.
+#: Least standard deviation of a piece's direction, radians: rings are curved.
 _BEST_RAD = 0.004
 
 
 @dataclass(frozen=True, eq=False)
 class RingPieces:
-    """Pieces of rings, or what looks like one.
+    """Pieces of rings, and other straight runs of points.
 
     Attributes:
         middle: (P, 3) float64, metres, in the frame of the points.
-        along: (P, 3) unit vectors; their sign means nothing.
+        along: (P, 3) unit vectors of either sign.
         sigma: (P,) standard deviation of the direction, radians.
-        aside_m: (P,) root mean square of what the points lie beside the line.
     """
 
     middle: NDArray[np.float64]
     along: NDArray[np.float64]
     sigma: NDArray[np.float64]
-    aside_m: NDArray[np.float64]
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -48,21 +47,21 @@ class RingPieces:
 
     def of(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> RingPieces:
         """Return some of them: a mask (P,) or indices."""
-        return RingPieces(self.middle[rows], self.along[rows], self.sigma[rows], self.aside_m[rows])
+        return RingPieces(self.middle[rows], self.along[rows], self.sigma[rows])
 
 
 def ring_pieces(frames: Sequence[NDArray[np.float64]], wanted: int, seed: int) -> RingPieces:
     """Return pieces of rings around points that are drawn from frames.
 
-    Every frame is looked at by itself: what moves has rings, too. Of the lines through a point
-    and one of its neighbours the one that most neighbours lie on is taken, so that rings of other
-    sensors may cross there. Columns of a sensor, edges and poles give lines as well; they are
-    told from rings later, by where nobody stands who could have drawn them.
+    Pieces are found in each frame by itself, because moving objects have rings too. Of the lines
+    through a point and one of its neighbours, the one with most neighbours on it is taken: rings
+    of other sensors may cross there. Columns of a scan, edges and poles are straight runs as well;
+    they are rejected later, because no sensor's place explains them as rings.
 
     Args:
         frames: (N, 3) points of each, metres. Their order does not matter.
         wanted: points to look around, of all frames together.
-        seed: what is drawn follows from it.
+        seed: of the random draw.
     """
     random = np.random.default_rng(seed)
     found = []
@@ -80,12 +79,10 @@ def ring_pieces(frames: Sequence[NDArray[np.float64]], wanted: int, seed: int) -
         )
         good = (count >= _FEWEST) & (spread > _SLENDER * aside)
         sigma = aside[good] / spread[good] / np.sqrt(count[good])
-        found.append(
-            RingPieces(middle[good], along[good], np.maximum(sigma, _BEST_RAD), aside[good])
-        )
+        found.append(RingPieces(middle[good], along[good], np.maximum(sigma, _BEST_RAD)))
     return RingPieces(
         *(
             np.concatenate([getattr(one, name) for one in found])
-            for name in ("middle", "along", "sigma", "aside_m")
+            for name in ("middle", "along", "sigma")
         )
     )

@@ -13,39 +13,41 @@ from urbantwin.fidelity.discovery.standpoint import (
     LEAST_RISE,
     Standpoint,
     across,
-    aslant,
-    odds_of,
+    ring_likelihood_ratio,
+    ring_residuals,
 )
 from urbantwin.progress import Progress
 
 __all__ = ["FEWEST_PIECES", "refined", "search_standpoints"]
 
-#: Pieces that a sensor is found by at least: of less, chance makes rings.
+#: Least number of pieces that a sensor is found by: fewer may agree by chance.
 FEWEST_PIECES = 80
-#: More sensors than this nobody fuses; the search ends before, where nothing is left.
+#: Largest number of sensors; the search ends earlier when too few pieces are left.
 _MOST_SENSORS = 16
-#: Places that agree with many pieces and drew no rings, until the search gives up.
+#: Places that agree with many pieces but have no rings around them, before the search ends.
 _MOST_WRONG = 3
-#: Pieces that vote, the distance of the places that they vote for, and how far out these are.
+#: Pieces that vote; spacing and reach of the grid of places that they vote for, metres.
 _VOTERS, _STEP_M, _FARTHEST_M = 800, 2.0, 60.0
-#: Attitudes and heights above the ground that are tried: tilts in degrees each way round.
+#: Tilts, degrees, how many directions of each, and heights above the ground, metres, of the grid.
 _TILTS_DEG, _WAYS = (7.0, 15.0), 8
 _HEIGHTS_M, _UPRIGHT_HEIGHT_M = (2.0, 5.0), 2.5
-#: Beside `_STEP_M`, the attitudes tried leave this open, radians.
+#: Standard deviation that the coarse grid of tilts adds to the directions of pieces, radians.
 _TILT_STEP_RAD = 0.03
-#: Of each attitude so many places, and of all so many, are fitted, to so many pieces; and those,
-#: from rough to fine, with this beside the standard deviations of the pieces.
+#: Best places kept of each attitude, and of all attitudes together; pieces that these are fitted
+#: to; tolerances from coarse to fine, added to the standard deviations of the pieces; and steps
+#: with each.
 _EACH, _FITTED, _TO = 4, 16, 2500
 _FINER_RAD, _TIMES = (0.2, 0.1, 0.05, 0.025, 0.0), 4
-#: Share of the pieces that are a sensor's, as believed beforehand.
+#: Prior probability that a piece is this sensor's.
 _SHARE = 0.15
-#: Rings on level ground do not tell the height: how far it may be off where the search began.
+#: Prior standard deviations of height, metres, and tilt, radians: rings on level ground do not
+#: determine the height.
 _HEIGHT_M, _TILT_RAD = 3.0, 0.2
-#: A sensor is tilted no more, degrees, and stands so far above the lowest ring or below the
-#: highest, metres: what is beyond is a chance of edges.
+#: Largest tilt, degrees; least height above the lowest ring and largest above the highest, metres:
+#: beyond these, edges agree by chance.
 _MOST_TILTED_DEG, _BELOW_M, _ABOVE_M = 40.0, 0.3, 40.0
-#: Sensors are no nearer to each other in place, metres; and a sensor is known to this at least.
-_APART_M, _KNOWN_M = 0.25, 1.0
+#: Longest step of a place, metres.
+_LONGEST_STEP_M = 2.0
 
 
 def search_standpoints(
@@ -56,15 +58,15 @@ def search_standpoints(
 ) -> list[Standpoint]:
     """Return where the sensors stand that drew pieces of rings.
 
-    The place that most pieces vote for is fitted to them; its pieces are taken out, and the rest
-    votes again, until too few agree.
+    The place with most votes is fitted to the pieces; those that agree with it are removed, and the
+    rest vote again, until too few agree.
 
     Args:
         pieces: of all sensors together.
         draws_rings: whether the pieces that agree with a place are of rings, as seen from it;
             edges of buildings agree with many places.
         tell: called with the share done and what is being done.
-        seed: which pieces vote follows from it.
+        seed: of the pieces that vote.
     """
     found: list[Standpoint] = []
     left = np.ones(len(pieces), np.bool_)
@@ -88,13 +90,13 @@ def search_standpoints(
         seen_from = None if best is None else refined(rest, best[1], _FINER_RAD[-2:])
         if seen_from is None:
             break
-        odds = odds_of(aslant(rest, seen_from), rest.sigma)
+        odds = ring_likelihood_ratio(ring_residuals(rest, seen_from), rest.sigma)
         mine = _SHARE * odds > 1 - _SHARE
         if mine.sum() < FEWEST_PIECES:
             break
         left[rows[mine]] = False
-        apart = [np.linalg.norm(one.place - seen_from.place) for one in found]
-        if min(apart, default=np.inf) > _APART_M and draws_rings(rest.of(mine), seen_from):
+        is_new = not any(one.is_beside(seen_from) for one in found)
+        if is_new and draws_rings(rest.of(mine), seen_from):
             found.append(seen_from)
         else:
             wrong += 1
@@ -159,22 +161,22 @@ def _possible(seen_from: Standpoint, bounds: NDArray[np.float64]) -> bool:
 def refined(
     pieces: RingPieces, start: Standpoint, finer_rad: Sequence[float] = _FINER_RAD
 ) -> Standpoint | None:
-    """Return a standpoint fitted to those of the pieces that are its rings; None if it ran away.
+    """Return a standpoint fitted to the pieces that are its rings; None if the fit diverges.
 
-    Gauss-Newton steps in which each piece weighs what it is likely to be the sensor's, first
-    with a wide tolerance, then with the pieces' own.
+    Gauss-Newton steps in which each piece has the weight of the posterior probability that it is
+    the sensor's, first with a wide tolerance, in the end with the pieces' own.
 
     Args:
         pieces: of this and other sensors.
         start: where the search begins; its height and upright attitude hold weakly.
-        finer_rad: what is beside the pieces' own tolerance, from rough to fine.
+        finer_rad: what is added to the pieces' own tolerance, from coarse to fine.
     """
     seen_from = start
     for wider in finer_rad:
         for _ in range(_TIMES):
-            seen = aslant(pieces, seen_from)
+            seen = ring_residuals(pieces, seen_from)
             spread = np.hypot(pieces.sigma, wider * seen.rise)
-            odds = _SHARE / (1 - _SHARE) * odds_of(seen, spread)
+            odds = _SHARE / (1 - _SHARE) * ring_likelihood_ratio(seen, spread)
             each = odds / (1 + odds) / spread**2
             normal = seen.jacobian.T @ (seen.jacobian * each[:, None])
             slope = seen.jacobian.T @ (each * seen.off)
@@ -184,7 +186,7 @@ def refined(
             slope += [0, 0, height / _HEIGHT_M**2, *(-lean / _TILT_RAD**2)]
             step = -np.linalg.solve(normal, slope)
             far = float(np.sqrt((step[:3] ** 2).sum()))
-            step[:3] *= min(1.0, 2 * _KNOWN_M / max(far, 1e-9))
+            step[:3] *= min(1.0, _LONGEST_STEP_M / max(far, 1e-9))
             seen_from = seen_from.moved(step)
             if seen_from.axis[2] < 0.5:
                 return None

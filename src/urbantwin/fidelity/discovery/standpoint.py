@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity.discovery.ring_pieces import RingPieces
 
-__all__ = ["LEAST_RISE", "Standpoint", "across", "aslant", "odds_of"]
+__all__ = ["LEAST_RISE", "Standpoint", "across", "ring_likelihood_ratio", "ring_residuals"]
 
-#: Sines of elevation below this count as this: nearly level lines are level for whoever looks.
+#: Least sine of elevation that a line of sight counts with: seen from its own height, a level line
+#: is on a cone wherever the sensor stands.
 LEAST_RISE = 0.05
+#: Sensors are at least this far apart, metres: two that are nearer are one, found twice.
+APART_M = 0.25
 _ROOT = float(np.sqrt(np.pi / 2))
 
 
@@ -49,6 +52,10 @@ class Standpoint:
         far = np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-9)
         return np.asarray(np.degrees(np.arcsin(np.clip(away @ self.axis / far, -1, 1))))
 
+    def is_beside(self, other: Standpoint) -> bool:
+        """Return whether two are nearer to each other than two sensors can be."""
+        return bool(np.sqrt(((self.place - other.place) ** 2).sum()) < APART_M)
+
     def moved(self, step: NDArray[np.float64]) -> Standpoint:
         """Return it moved by x, y, z (metres) and turned by two angles `across` (radians)."""
         first, second = across(self.axis)
@@ -64,14 +71,14 @@ def across(axis: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.f
 
 
 @dataclass(frozen=True, eq=False)
-class Aslant:
-    """What pieces of rings are off the cone of the beam through them.
+class RingResiduals:
+    """How far pieces of rings are off the cone that the beam through them sweeps.
 
     Attributes:
         off: (P,) sine of the angle off the cone, 0 for a ring of this sensor.
         jacobian: (P, 5) its derivative by the steps of `Standpoint.moved`.
         rise: (P,) absolute sine of the angle between line of sight and the horizontal, at least
-            `LEAST_RISE`: by so much a level line drawn by anybody else is off.
+            `LEAST_RISE`: the largest residual of a level line that is no ring of this sensor.
     """
 
     off: NDArray[np.float64]
@@ -79,8 +86,8 @@ class Aslant:
     rise: NDArray[np.float64]
 
 
-def aslant(pieces: RingPieces, seen_from: Standpoint) -> Aslant:
-    """Return how far pieces are off being rings of a sensor."""
+def ring_residuals(pieces: RingPieces, seen_from: Standpoint) -> RingResiduals:
+    """Return the residuals of pieces as rings of a sensor."""
     away = pieces.middle - seen_from.place
     far = np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-6)
     sight = away / far[:, None]
@@ -91,20 +98,20 @@ def aslant(pieces: RingPieces, seen_from: Standpoint) -> Aslant:
     upward = axis - sine[:, None] * sight
     by_place = (sine[:, None] * sideways + toward[:, None] * upward) / far[:, None]
     first, second = across(axis)
-    return Aslant(
+    return RingResiduals(
         along @ axis - toward * sine,
         np.column_stack([by_place, sideways @ first, sideways @ second]),
         np.maximum(np.abs(sight[:, 2]), LEAST_RISE),
     )
 
 
-def odds_of(found: Aslant, spread: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how much likelier (P,) pieces are as rings of a sensor than as lines of anybody.
+def ring_likelihood_ratio(found: RingResiduals, spread: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the likelihood ratio (P,) of pieces: rings of a sensor against lines of any direction.
 
-    A level line in any direction is off by the sine of that direction times the rise.
+    The residual of a level line is the sine of its direction times the rise.
 
     Args:
-        found: what they are off.
-        spread: (P,) standard deviation of that.
+        found: the residuals of the pieces.
+        spread: (P,) standard deviation of the residuals.
     """
     return np.asarray(_ROOT * found.rise / spread * np.exp(-0.5 * (found.off / spread) ** 2))

@@ -1,4 +1,4 @@
-"""The channels of one unit: what it is off its model, and which of them sees a point."""
+"""The channels of one unit: how they differ from its model's, and which of them sees a point."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from urbantwin.lidar import Sensor
 
 __all__ = ["OnChannel", "Unit"]
 
-#: Room of a channel at the edge of a table, or far from others, degrees.
+#: Largest room of a channel: at the edge of a table, or far from other channels, degrees.
 _MOST_ROOM_DEG = 1.0
-#: Channels to each side of the nearest that may be nearer still, by where their beams leave.
+#: Channels to each side of the nearest elevation among which the beam origin offsets decide.
 _BESIDE = 3
 
 
@@ -25,7 +25,7 @@ class OnChannel:
     Attributes:
         channel: (N,) the nearest one, in the maker's order.
         off_deg: (N,) elevation of the point above that channel's beam.
-        room_deg: (N,) of elevations that are nearest to that channel.
+        room_deg: (N,) the interval of elevations that are nearest to that channel.
         far: (N,) distance, metres.
     """
 
@@ -40,17 +40,17 @@ class Unit:
     """The channels of one sensor as built.
 
     Attributes:
-        model: of the catalogue; None: the table was found in points.
+        model: of the catalogue; None: the table was found in the points.
         table_deg: (C,) elevations of the model, or as found.
-        offset_deg: (C,) what this unit's are beyond that.
-        aside_m: (C,) how far above a line through the sensor's place each beam runs: those of an
-            HDL-64E leave through two lenses, one 0.1 m above the other.
+        offset_deg: (C,) this unit's elevations less those of the table.
+        origin_offset_m: (C,) beam origin offset: how far above the sensor's place the line of each
+            beam passes. An HDL-64E has two lenses, one 0.1 m above the other.
     """
 
     model: Sensor | None
     table_deg: NDArray[np.float64]
     offset_deg: NDArray[np.float64]
-    aside_m: NDArray[np.float64]
+    origin_offset_m: NDArray[np.float64]
 
     @classmethod
     def of_table(cls, table_deg: NDArray[np.float64], model: Sensor | None) -> Unit:
@@ -75,8 +75,8 @@ class Unit:
         if len(gaps):
             room = np.minimum(sides, _MOST_ROOM_DEG).mean(axis=0)
         off = seen - table[row]
-        if self.aside_m.any():
-            above = np.degrees(self.aside_m[rising])
+        if self.origin_offset_m.any():
+            above = np.degrees(self.origin_offset_m[rising])
             least = np.full(len(points), np.inf)
             best = row
             for step in range(-_BESIDE, _BESIDE + 1):

@@ -19,10 +19,10 @@ _TIMES = 4
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What is known of a pose beforehand.
+    """The prior of a pose: a normal distribution.
 
     Attributes:
-        seen_from: the likeliest.
+        seen_from: its mean.
         information: (5, 5) inverse covariance of the steps of `Standpoint.moved` from there.
     """
 
@@ -30,7 +30,7 @@ class Belief:
     information: NDArray[np.float64]
 
     def slope(self, at: Standpoint) -> NDArray[np.float64]:
-        """Return the derivative (5,) of half the squared distance from the belief."""
+        """Return the gradient (5,) of the negative logarithm of the prior."""
         first, second = across(self.seen_from.axis)
         turned = at.axis - self.seen_from.axis
         moved = [*(at.place - self.seen_from.place), turned @ first, turned @ second]
@@ -39,15 +39,15 @@ class Belief:
 
 @dataclass(frozen=True)
 class Freedom:
-    """How far units are off their table: standard deviations.
+    """Prior standard deviations of how units differ from their table.
 
     Attributes:
         offset_deg: of a channel's elevation.
-        aside_m: of where its beam leaves; 0: from the sensor's place.
+        origin_offset_m: of a beam origin offset; 0: all beams leave from the sensor's place.
     """
 
     offset_deg: float
-    aside_m: float = 0.0
+    origin_offset_m: float = 0.0
 
 
 def fit_unit(
@@ -58,18 +58,17 @@ def fit_unit(
     freedom: Freedom,
     finer_deg: Sequence[float],
 ) -> tuple[Standpoint, Unit, NDArray[np.float64]]:
-    """Return the pose and the unit by which points lie nearest to channels.
+    """Return the pose and the unit with the smallest elevation residuals of points.
 
-    Least squares with a tolerance that becomes finer: what is off a channel by more counts for
-    nothing.
+    Robust least squares with a tolerance that becomes finer: residuals beyond it lose their weight.
 
     Args:
         points: (N, 3) metres.
-        weight: (N,) looks that each is worth.
+        weight: (N,) of each, in independent looks.
         start: where the search begins.
-        belief: of the pose.
-        freedom: of the unit.
-        finer_deg: tolerances, from rough to fine.
+        belief: the prior of the pose.
+        freedom: the prior of the unit.
+        finer_deg: tolerances, from coarse to fine.
 
     Returns:
         Pose, unit, and the covariance (5, 5) of the steps of `Standpoint.moved`.
@@ -80,8 +79,14 @@ def fit_unit(
             step, normal = _step(points, weight, seen_from, unit, belief, freedom, spread)
             count = len(unit.table_deg)
             seen_from = seen_from.moved(step[:5])
-            aside = unit.aside_m + step[5 + count :] if freedom.aside_m else unit.aside_m
-            unit = replace(unit, offset_deg=unit.offset_deg + step[5 : 5 + count], aside_m=aside)
+            aside = (
+                unit.origin_offset_m + step[5 + count :]
+                if freedom.origin_offset_m
+                else unit.origin_offset_m
+            )
+            unit = replace(
+                unit, offset_deg=unit.offset_deg + step[5 : 5 + count], origin_offset_m=aside
+            )
     covariance = np.linalg.inv(normal)[:5, :5].astype(np.float64)
     return seen_from, unit, covariance
 
@@ -95,7 +100,7 @@ def _step(
     freedom: Freedom,
     spread: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a Gauss-Newton step of pose, offsets and asides (5 + C + C,), and the normal."""
+    """Return a Gauss-Newton step of pose and both offsets (5 + C + C,), and its normal matrix."""
     on = unit.sees(points, seen_from)
     far = np.maximum(on.far, 0.1)
     sight = (points - seen_from.place) / far[:, None]
@@ -106,14 +111,17 @@ def _step(
     jacobian = np.degrees(jacobian / np.sqrt(1 - sine**2)[:, None])
     each = weight * np.exp(-0.5 * (on.off_deg / spread) ** 2) / spread**2
     count = len(unit.table_deg)
-    size = 5 + count * (2 if freedom.aside_m else 1)
+    size = 5 + count * (2 if freedom.origin_offset_m else 1)
     normal, slope = np.zeros((size, size)), np.zeros(size)
     normal[:5, :5] = jacobian.T @ (jacobian * each[:, None]) + belief.information
     slope[:5] = jacobian.T @ (each * on.off_deg) + belief.slope(seen_from)
-    # By the channel's elevation, and by where its beam leaves.
+    # Derivatives by the channel's elevation, and by its beam origin offset.
     by_channel = [np.ones(len(points)), np.degrees(1 / far)]
-    beliefs = [(unit.offset_deg, freedom.offset_deg), (unit.aside_m, freedom.aside_m)]
-    parts = range(2 if freedom.aside_m else 1)
+    beliefs = [
+        (unit.offset_deg, freedom.offset_deg),
+        (unit.origin_offset_m, freedom.origin_offset_m),
+    ]
+    parts = range(2 if freedom.origin_offset_m else 1)
     for one in parts:
         rows = np.arange(5 + one * count, 5 + (one + 1) * count)
         value, known = beliefs[one]

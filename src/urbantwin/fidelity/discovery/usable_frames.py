@@ -1,4 +1,4 @@
-"""Frames that sensors cannot be found in: another unit, other places, sensors that moved."""
+"""Checks of frames: points in metres, of one place, from sensors that stand still."""
 
 from __future__ import annotations
 
@@ -15,25 +15,27 @@ from urbantwin.fidelity.discovery.result import FoundSensor
 
 __all__ = ["check_frames", "check_ranges", "check_standing"]
 
-#: Points of LiDARs are within this of the middle of their frame, all but a few, metres.
+#: Nearly all points of a LiDAR's frame are within this of their median, metres.
 _FARTHEST_M = 1000.0
-#: What rises from the ground: cells so wide whose points span so much, metres.
+#: Raised cells, in which something stands on the ground: their width, and the least height that
+#: their points span, metres.
 _CELL_M, _TALL_M = 0.5, 0.8
-#: Of what rises in one frame, this share rises in another of the same place, within a cell.
+#: Least share of the raised cells of a frame beside one of another frame of the same place.
 _SAME_PLACE = 0.5
-#: Fewer cells than this tell nothing.
+#: Frames with fewer raised cells are not compared.
 _FEWEST_CELLS = 30
-#: A sensor has in every frame this share of the points that it has in another.
+#: Least share of its points of any frame that a sensor has in every other.
 _STAYS = 0.2
-#: A sensor moved if first and last frame see it so far apart, metres, and so many deviations.
+#: A sensor moved if its places in the first and the last frame differ by more than this, metres,
+#: and by more than so many standard deviations.
 _MOVED_M, _DEVIATIONS = 0.1, 5.0
-#: A model reaches so many times its longest range at most, with so many of its points: a foot is
-#: 0.3 m.
+#: Ranges beyond so many times the model's longest are of another unit (a foot is 0.3 m), if more
+#: than this share of the points have them.
 _BEYOND, _SHARE_BEYOND = 1.15, 0.01
 
 
 def check_frames(frames: Sequence[NDArray[np.float64]], names: Sequence[str]) -> None:
-    """Refuse frames whose unit is far from metres, or that are not of one place.
+    """Refuse frames in units far from metres, and frames of different places.
 
     Raises:
         InputError: says which frame.
@@ -65,7 +67,7 @@ def check_frames(frames: Sequence[NDArray[np.float64]], names: Sequence[str]) ->
 
 
 def _tall_cells(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the cells (T, 2) in which something stands."""
+    """Return the raised cells (T, 2)."""
     cell = np.floor(points[:, :2] / _CELL_M).astype(np.int64)
     cells, row = np.unique(cell, axis=0, return_inverse=True)
     low, high = np.full(len(cells), np.inf), np.full(len(cells), -np.inf)
@@ -114,9 +116,9 @@ def check_ranges(
     rays: Sequence[PointRays],
     sensors: Sequence[FoundSensor],
 ) -> None:
-    """Refuse ranges that no sensor of the model found has: they are of another unit.
+    """Refuse ranges beyond those of the model found: they are in another unit.
 
-    Angles are the same in every unit: rings alone do not tell metres from feet.
+    Angles are the same in every unit, so rings alone do not distinguish metres from feet.
 
     Raises:
         InputError: says what is wrong with the ranges.

@@ -1,8 +1,9 @@
-"""What was found, written: a rig, a sensor's file for every unit, frames with rings and columns."""
+"""The files of a discovery: a rig, sensors' files of units, frames with rings and columns."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,39 +16,29 @@ from urbantwin.fidelity.discovery.point_rays import columns_in
 from urbantwin.fidelity.discovery.result import Discovery, FoundSensor
 from urbantwin.fidelity.frame import Frame
 from urbantwin.lidar import Sensor
+from urbantwin.lidar.sensor_file import sensor_document
 
 __all__ = ["RAYS", "write_frames", "write_rig"]
 
-#: A unit whose channels are off its model by more, degrees, gets a sensor's file of its own.
+#: A unit whose channels differ from its model's by more, degrees, gets a sensor's file of its own.
 _AS_MODEL_DEG = 0.02
 #: What is written of each point: -1 for a point that is on no sensor's ring.
 RAYS = np.dtype([("sensor", "<i2"), ("ring", "<i2"), ("column", "<i4")])
-_OF_MODEL = (
-    *("maker", "spin", "columns", "rate_hz", "range_min_m", "range_max_m"),
-    *("reference_reflectivity", "reference_range_m", "range_sigma_m", "range_resolution_m"),
-    *("wavelength_nm", "firing_sequence_us", "azimuth_step_deg", "beam_origin_m"),
-    *("detection_range_10_m", "detection_range_80_m", "intensity_scale", "intensity_of_white"),
-    *("intensity_max", "measured_light", "measured_sigma_m", "weak_sigma_m", "overlap_m"),
-)
-_MAY_BE_NULL = frozenset(
-    "range_min_m range_max_m reference_reflectivity reference_range_m range_sigma_m "
-    "range_resolution_m wavelength_nm".split()
-)
 _HEAD = """\
 # Found by `urbantwin discover` in the points of frames: x, y, z of their frame as east, north, up.
-# Nothing in points tells yaw: it is 0 here, and columns count from there. The rate is assumed.
+# Points do not show the yaw: it is 0 here, and columns count from there. The rate is assumed.
 """
 
 
 def write_rig(
     found: Discovery, path: Path, rate_hz: float = 10.0, losses: Sequence[Losses] = ()
 ) -> list[Path]:
-    """Write the sensors as a rig, and a sensor's file beside it for each unit off its model.
+    """Write the sensors as a rig, and a sensor's file beside it for each unit unlike its model.
 
     Args:
         found: the sensors.
         path: the ``rig.yaml`` to write; others are named after it.
-        rate_hz: frames per second, which points do not tell.
+        rate_hz: frames per second, which points do not show.
         losses: of each sensor where it is blind and what it loses, if that is known.
 
     Returns:
@@ -61,7 +52,7 @@ def write_rig(
         if model is None or one.off_model_deg > _AS_MODEL_DEG:
             name = f"{path.stem}-{one.name}.yaml"
             units[name] = _yaml(_unit(one, model))
-        told = one.told()
+        told = one.report()
         pose = {key: told[key] for key in ("east_m", "north_m", "up_m", "pitch_deg", "roll_deg")}
         lost = losses[number].written() if losses else {}
         rows.append({"name": one.name, "model": name, **pose, "yaw_deg": 0.0, **lost})
@@ -84,32 +75,15 @@ def _yaml(document: dict[str, Any]) -> str:
 
 def _unit(one: FoundSensor, model: Sensor | None) -> dict[str, Any]:
     """Return the sensor's file of one unit: its own elevations, and all else of its model."""
-    elevation = one.fit.unit.elevation_deg
-    aside = np.zeros(len(elevation)) if model is None else model.azimuth_offset_deg
-    document: dict[str, Any] = {"name": f"{one.models[0] if model else 'unknown'} as {one.name}"}
+    elevation = np.round(one.fit.unit.elevation_deg, 4)
+    sources = {"elevation_deg": "urbantwin discover: rings in points"}
     if model is None:
-        document |= {"maker": "unknown", "columns": one.columns, "rate_hz": 10.0}
-        document |= dict.fromkeys(sorted(_MAY_BE_NULL))
-        document |= {"columns_options": [one.columns], "rate_options": [10.0]}
+        unit = Sensor.of_beams("unknown", elevation, np.zeros(len(elevation)), one.columns, 10.0)
+        unit = replace(unit, name="unknown")
     else:
-        values = {key: getattr(model, key) for key in _OF_MODEL}
-        document |= {
-            key: value for key, value in values.items() if value is not None or key in _MAY_BE_NULL
-        }
-        document |= {
-            "columns_options": list(model.columns_options),
-            "rate_options": list(model.rate_options),
-        }
-        if model.modes is not None:
-            document["modes"] = [list(mode) for mode in model.modes]
-        if model.firing_time_us is not None:
-            document["firing_time_us"] = [float(time) for time in model.firing_time_us]
-    document["sources"] = {"channels": "elevations by urbantwin discover, from rings in points"}
-    document["channels"] = [
-        [round(float(up), 4), round(float(around), 4)]
-        for up, around in zip(elevation, aside, strict=True)
-    ]
-    return document
+        unit = replace(model, name=one.models[0], aliases=(), elevation_deg=elevation)
+    name = f"{unit.name} as {one.name}"
+    return sensor_document(replace(unit, name=name, sources={**unit.sources, **sources}))
 
 
 def write_frames(found: Discovery, frames: Iterable[Frame], folder: Path) -> dict[str, Any]:

@@ -10,15 +10,16 @@ from urbantwin.roads.assignment.circuit import Circuit
 from urbantwin.roads.assignment.routing_graph import driven_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 
-__all__ = ["BICYCLE_IN_CARS", "IN_CARS", "flows_of_circuits", "movement_flows"]
+__all__ = ["IN_CARS", "ON_LANES_IN_CARS", "flows_of_circuits", "movement_flows"]
 
 #: How many cars take as much of a green as one of a class (HCM 2016, 19: 2 for heavy vehicles;
 #: Indian Roads Congress 106, 1990, has 0.4 to 0.5 for motorcycles, but simulated ones queue behind
 #: each other more than those of Chennai do).
 IN_CARS = {"car": 1.0, "van": 1.0, "truck": 2.0, "bus": 2.0, "motorcycle": 0.7}
-#: The same of a bicycle among cars, where it has no lane of its own. HBS 2001 has 0.5 (table 7-2);
-#: simulated cars stay behind it, and a queue leaves a green of 10 s at its pace.
-BICYCLE_IN_CARS = 1.0
+#: The same with bicycles, which ride among cars where they have no lane of their own. HBS 2001 has
+#: 0.5 for them (table 7-2); simulated cars stay behind one, and a queue leaves a green of 10 s at
+#: its pace.
+ON_LANES_IN_CARS = {**IN_CARS, "bicycle": 1.0}
 
 
 def movement_flows(
@@ -51,10 +52,7 @@ def movement_flows(
         graph = driven_graph(network, vclass, outer, preferred)
         circuit = None if graph is None else Circuit.of(graph)
         if circuit is not None:
-            cars = sum(
-                per_hour.get(name, 0.0) * IN_CARS.get(name, BICYCLE_IN_CARS)
-                for name in sorted(names)
-            )
+            cars = sum(per_hour.get(name, 0.0) * ON_LANES_IN_CARS[name] for name in sorted(names))
             found.append((circuit, cars))
     return flows_of_circuits(found)
 

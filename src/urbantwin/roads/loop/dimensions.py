@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from urbantwin.site.access import KEYS
+
 __all__ = ["CLEARANCE_M", "half_width", "outer_tags", "turning_radius"]
 
 #: Widths that roads need in plan, metres.
@@ -14,10 +16,7 @@ CLEARANCE_M = 1.5
 #: circles of 5.3 and 12.5 m (Directive 97/27/EC, annex I, 7.6.1), its middle near 8 m.
 INNER_M = 9.0
 #: Tags of a street that its outer road has too.
-KEPT = (
-    "highway access vehicle motor_vehicle motorcar motorcycle bus psv hgv bicycle foot "
-    "motorroad surface".split()
-)
+KEPT = ("highway", *KEYS, "motorroad", "surface")
 
 
 def turning_radius(carriageway_m: float) -> float:

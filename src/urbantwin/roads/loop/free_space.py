@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.loop.dubins import Pose2, dubins_path
 
-__all__ = ["FreeSpace", "Points", "dubins_points", "unit"]
+__all__ = ["FreeSpace", "Points", "band", "dubins_points", "unit"]
 
 #: Turn between two points of a drawn curve, radians; an arc of 11 m is then left by 2 cm.
 STEP = math.radians(7.0)
@@ -31,6 +31,11 @@ Points = NDArray[np.float64]
 def unit(heading: float) -> Points:
     """Return the unit vector (2,) of a heading."""
     return np.array([math.cos(heading), math.sin(heading)])
+
+
+def band(line: Points, half: float) -> shapely.Polygon:
+    """Return the area within so many metres to both sides of a line (N, 2)."""
+    return shapely.LineString(line).buffer(half, cap_style="flat")
 
 
 def dubins_points(start: Pose2, end: Pose2, radius: float, turn: str | None = None) -> Points:

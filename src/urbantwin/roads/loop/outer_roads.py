@@ -13,9 +13,11 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 import shapely
 
 from urbantwin.roads.loop.dimensions import half_width
+from urbantwin.roads.loop.free_space import band
 from urbantwin.roads.loop.layout import Gate, Layout
 from urbantwin.roads.loop.ring_road import WAY_OUT_M, add_ring_roads
 from urbantwin.roads.loop.road_ends import LooseEnd, loose_ends
@@ -179,9 +181,8 @@ def _past_walls(layout: Layout, gate: Gate) -> Gate:
 
 def _ahead(gate: Gate) -> shapely.Polygon:
     """Return the straight way out of a gate as an area."""
-    line = shapely.LineString([gate.point + gate.ahead, gate.point + gate.ahead * WAY_OUT_M])
-    half = half_width(gate.lanes * gate.lane_m, gate.tags)
-    return line.buffer(half, cap_style="flat")
+    line = np.array([gate.point + gate.ahead, gate.point + gate.ahead * WAY_OUT_M])
+    return band(line, half_width(gate.lanes * gate.lane_m, gate.tags))
 
 
 def _cut_back(pieces: Sequence[WayPiece], ends: Sequence[LooseEnd]) -> list[WayPiece]:

@@ -11,7 +11,7 @@ import shapely
 from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags
 from urbantwin.roads.loop.dubins import Pose2
 from urbantwin.roads.loop.exit_matching import match_exits, ring_distance
-from urbantwin.roads.loop.free_space import Points, dubins_points, unit
+from urbantwin.roads.loop.free_space import Points, band, dubins_points, unit
 from urbantwin.roads.loop.layout import Gate, Layout
 
 __all__ = ["WAY_OUT_M", "add_ring_roads"]
@@ -97,8 +97,8 @@ def _road(
     if more_arrive:
         last, end = layout.new_node(), _pose(ring, b, _course(ring, b, sense))
     ways = _between(ring, start, end, a, b, sense)
-    walls = [layout.space.walls_on(_band(way, half)) for way in ways]
-    line += list(ways[walls.index(min(walls))])
+    way = min(ways, key=lambda way: layout.space.walls_on(band(way, half)))
+    line += list(way)
     if more_arrive:
         entry.joints.append((last, np.array(end[:2])))
     else:
@@ -136,10 +136,6 @@ def _between(
             [dubins_points(start, on, RADIUS_M), points[1:-1], dubins_points(off, end, RADIUS_M)]
         )
     ]
-
-
-def _band(line: Points, half: float) -> shapely.Geometry:
-    return shapely.LineString(line).buffer(half, cap_style="flat")
 
 
 def _station(ring: shapely.LinearRing, gate: Gate) -> float:

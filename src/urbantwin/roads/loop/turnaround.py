@@ -10,7 +10,7 @@ import shapely
 
 from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags, turning_radius
 from urbantwin.roads.loop.dubins import BUS_RADIUS_M
-from urbantwin.roads.loop.free_space import Points, dubins_points, unit
+from urbantwin.roads.loop.free_space import Points, band, dubins_points, unit
 from urbantwin.roads.loop.layout import Gate, Layout
 from urbantwin.roads.loop.road_ends import LooseEnd
 
@@ -44,8 +44,8 @@ def add_turnaround(layout: Layout, end: LooseEnd, street: int) -> Gate:
         heading = end.heading + bend
         tip = end.point + unit(heading) * stem
         line = _turnaround_line(tip, heading, radius, layout.turn)
-        road = shapely.LineString([end.point + unit(heading), tip])
-        area = road.buffer(stem_half, cap_style="flat").union(shapely.Polygon(line).buffer(half))
+        road = band(np.array([end.point + unit(heading), tip]), stem_half)
+        area = road.union(shapely.Polygon(line).buffer(half))
         return heading, line, area
 
     radii = (turning_radius(width), BUS_RADIUS_M)
@@ -107,12 +107,11 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
         )
 
     def area_of(line: Points) -> shapely.Polygon:
-        return shapely.LineString(line).buffer(half, cap_style="flat")
+        return band(line, half)
 
     def twice(line: Points) -> float:
-        road = shapely.LineString(line)
-        band = road.buffer(width / 2, cap_style="flat")
-        return max(float(road.length) * width - float(band.area), 0.0)
+        length = float(shapely.LineString(line).length)
+        return max(length * width - float(band(line, width / 2).area), 0.0)
 
     lines = (turnaround_line(stem, splay) for stem in STEMS_M for splay in SPLAYS)
     own = (exit_.street, entry.street, *exit_.beside, *entry.beside)

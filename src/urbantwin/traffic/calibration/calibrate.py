@@ -102,16 +102,16 @@ def calibrate_traffic(
         if recording.signals is not None and loaded.roads is not None:
             _lit(document, middle)
         twin = _built(document, scratch, between(progress, 0.05, 0.25))
-        links = JunctionLinks.of(twin.net_path, twin.roads)
-        passages = passages_of(seen, twin.roads, links)
-        timing = None
-        if recording.signals is not None:
-            timing = timing_of(recording.signals, passages, links, fit_s)
+        links, passages = _passed(twin, seen)
+        lit = recording.signals
+        timing = None if lit is None else timing_of(lit, passages, links, fit_s)
         if timing is not None:
             _lit(document, middle)
             _timed(document, timing)
             twin = _built(document, scratch, between(progress, 0.25, 0.4))
-        part = _measured(twin, seen)(0.0, fit_s)
+            links, passages = _passed(twin, seen)
+        recorded = _measured(twin, seen, links, passages)
+        part = recorded(0.0, fit_s)
         if not part.turns:
             raise InputError(
                 f"nobody passes the junction in its first {fit_s:.0f} s",
@@ -149,7 +149,7 @@ def calibrate_traffic(
             report |= _judged(
                 twin,
                 asked,
-                (part, passages, seen),
+                (part, recorded, seen),
                 (fit_s + gap_s, end_s),
                 seconds,
                 scratch,
@@ -237,7 +237,7 @@ def _fitted(
             scratch=scratch,
             told=partial(_tell_trial, tell, f"simulating what is compared, {turn + 1}"),
         )
-        return _measured(twin, tracks)(0.0, trial_s)
+        return _measured(twin, tracks, *_passed(twin, tracks))(0.0, trial_s)
 
     return fitted_drivers(part, simulated)
 
@@ -251,10 +251,16 @@ def _tell_trial(tell: Progress, what: str, share: float) -> None:
     tell(share, what)
 
 
-def _measured(twin: Twin, tracks: list[SeenTrack]) -> Callable[[float, float], Measured]:
-    """Return what measures tracks between two moments, seconds."""
+def _passed(twin: Twin, tracks: list[SeenTrack]) -> tuple[JunctionLinks, list[Passage]]:
+    """Return the ways over a twin's main junction, and the tracks that passed it."""
     links = JunctionLinks.of(twin.net_path, twin.roads)
-    passages = passages_of(tracks, twin.roads, links)
+    return links, passages_of(tracks, twin.roads, links)
+
+
+def _measured(
+    twin: Twin, tracks: list[SeenTrack], links: JunctionLinks, passages: list[Passage]
+) -> Callable[[float, float], Measured]:
+    """Return what measures tracks between two moments, seconds."""
     choices = decisions_of(passages, conflicts_of(links, twin.net_path, twin.roads), links)
     return partial(measured, tracks, passages, twin.roads, decisions=choices)
 
@@ -262,7 +268,7 @@ def _measured(twin: Twin, tracks: list[SeenTrack]) -> Callable[[float, float], M
 def _judged(
     twin: Twin,
     asked: dict[str, Any],
-    recorded: tuple[Measured, list[Passage], list[SeenTrack]],
+    recorded: tuple[Measured, Callable[[float, float], Measured], list[SeenTrack]],
     rest: tuple[float, float],
     seconds: float,
     scratch: Path,
@@ -274,7 +280,7 @@ def _judged(
     Where the signals' cycle is known, also how what passes in the same part of the cycle does: a
     short recording holds out no whole number of cycles.
     """
-    part, passages, seen = recorded
+    part, recorded_between, seen = recorded
     tracks = simulated_tracks(
         twin,
         asked,
@@ -283,12 +289,12 @@ def _judged(
         scratch=scratch,
         told=lambda share: progress(share, "simulating what is judged"),
     )
-    between_moments = _measured(twin, tracks)
+    between_moments = _measured(twin, tracks, *_passed(twin, tracks))
     simulated = between_moments(0.0, seconds)
     found: dict[str, Any] = {"simulated": _told(simulated), "fitted": agreement(part, simulated)}
     found["recording_with_itself_fitted"] = own_spread(part)
     if rest[1] - rest[0] > 1.0:
-        other = measured(seen, passages, twin.roads, *rest)
+        other = recorded_between(*rest)
         found["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
         found["held_out"] = agreement(other, simulated)
         if cycle_s:

@@ -14,7 +14,7 @@ import numpy as np
 
 from urbantwin.roads import BusStop
 from urbantwin.roads.assignment.circuit import Circuit
-from urbantwin.roads.assignment.movement_flows import BICYCLE_IN_CARS, IN_CARS, flows_of_circuits
+from urbantwin.roads.assignment.movement_flows import ON_LANES_IN_CARS, flows_of_circuits
 from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
@@ -105,11 +105,10 @@ class Circulation:
 
     def flows(self) -> dict[tuple[str, str, str], float]:
         """Return (edge, next edge, the one after that) -> cars an hour, cyclists among cars too."""
-        in_cars = {**IN_CARS, "bicycle": BICYCLE_IN_CARS}
         return flows_of_circuits(
-            (circuit, self.per_hour[name] * in_cars[name])
+            (circuit, self.per_hour[name] * ON_LANES_IN_CARS[name])
             for name, circuit in self._circuits.items()
-            if name in in_cars
+            if name in ON_LANES_IN_CARS
         )
 
     def populations(

@@ -45,9 +45,8 @@ def rates_of(
     if row.get("crossing") and not row.get("actor_class"):
         return {"pedestrian": rates}
     if row.get("actor_class"):
-        cross = ("pedestrian", "bicycle") if row.get("crossing") else ()
-        drive = () if row.get("crossing") else set(ACTOR_CLASSES) - {"pedestrian"}
-        if row["actor_class"] not in (*cross, *drive):
+        drive = set(ACTOR_CLASSES) - {"pedestrian"}
+        if row["actor_class"] not in (("pedestrian", "bicycle") if row.get("crossing") else drive):
             raise InputError(
                 f"counts a {row['actor_class']}",
                 place=place,

@@ -1,4 +1,4 @@
-"""All sensors fitted side by side: whose each piece is, by direction and elevation."""
+"""All sensors fitted together: each piece is shared out by its direction and elevation."""
 
 from __future__ import annotations
 
@@ -9,29 +9,31 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity.discovery.elevation_match import (
     TableFit,
+    channel_likelihood_ratio,
     fit_alike,
     fit_free_table,
     fit_tables,
-    ring_odds,
 )
 from urbantwin.fidelity.discovery.ring_pieces import RingPieces
 from urbantwin.fidelity.discovery.search import FEWEST_PIECES
-from urbantwin.fidelity.discovery.standpoint import Standpoint, aslant, odds_of
+from urbantwin.fidelity.discovery.standpoint import (
+    Standpoint,
+    ring_likelihood_ratio,
+    ring_residuals,
+)
 from urbantwin.lidar import Sensor
 from urbantwin.progress import Progress
 
 __all__ = ["draws_rings", "fits_of", "fitted_together"]
 
-#: How often pieces are shared out and sensors fitted.
+#: Rounds of sharing out pieces and fitting sensors.
 _ROUNDS = 3
-#: A piece is a sensor's, believed beforehand: of all pieces a tenth are nobody's.
+#: Prior probability that a piece is of no sensor.
 _NOBODY = 0.1
-#: Rings must be so much likelier than none (logarithm), and so many of the pieces lie on them.
+#: Least log likelihood ratio of rings against none, and least share of the pieces on them.
 _LEAST_GAIN, _LEAST_WITHIN = 20.0, 0.6
-#: What a table that nobody knows must have, more than any model's (logarithm of odds).
+#: Least log posterior odds of a free table against every model's.
 _STRANGE = 50.0
-#: Sensors are no nearer to each other, metres.
-_APART_M = 0.25
 
 
 def fits_of(
@@ -53,19 +55,13 @@ def _is_rings(fit: TableFit) -> bool:
     return fit.gain > _LEAST_GAIN and fit.within > _LEAST_WITHIN
 
 
-def _same(one: TableFit, other: TableFit) -> bool:
-    """Return whether two fits are of one sensor: the search found it twice."""
-    away = one.seen_from.place - other.seen_from.place
-    return bool(np.sqrt((away**2).sum()) < _APART_M)
-
-
 def draws_rings(pieces: RingPieces, seen_from: Standpoint, models: Sequence[Sensor]) -> bool:
-    """Return whether pieces are of rings around a place: lines of edges have any elevation."""
+    """Return whether pieces lie at the elevations of rings: those of edges spread evenly."""
     weight = np.ones(len(pieces))
     free = fit_free_table(pieces, weight, seen_from)
     if free is not None and _is_rings(free):
         return True
-    return bool(fits_of(pieces, weight, seen_from, models))
+    return any(map(_is_rings, fit_tables(pieces, weight, seen_from, models)))
 
 
 def fitted_together(
@@ -73,18 +69,22 @@ def fitted_together(
 ) -> list[list[TableFit]]:
     """Return the fits of each sensor that has rings, the likeliest first.
 
-    A sensor that was found first took pieces that are another's; here all claim them at once, by
-    their directions and, as soon as rings are known, by their elevations.
+    The search gave a sensor that it found early some pieces of others; here each piece is shared
+    out among all sensors, by its direction and, once channels are known, by its elevation.
 
     Args:
         pieces: of all sensors.
         found: where they stand, roughly.
-        models: that they may be.
+        models: the candidates.
         tell: called with the share done and what is being done.
     """
     if not found:
         return []
-    share = _shares(np.array([odds_of(aslant(pieces, one), pieces.sigma) for one in found]))
+    share = _shares(
+        np.array(
+            [ring_likelihood_ratio(ring_residuals(pieces, one), pieces.sigma) for one in found]
+        )
+    )
     fits: list[list[TableFit]] = [[] for _ in found]
     standing = list(found)
     for turn in range(_ROUNDS):
@@ -97,7 +97,9 @@ def fitted_together(
                 fresh = fits_of(
                     pieces.of(own), mine[own], start, models if turn != 1 else candidates
                 )
-                if fresh and not any(_same(fresh[0], one[0]) for one in kept):
+                if fresh and not any(
+                    one[0].seen_from.is_beside(fresh[0].seen_from) for one in kept
+                ):
                     kept.append(fresh)
         fits = kept
         standing = [one[0].seen_from for one in fits]
@@ -106,8 +108,8 @@ def fitted_together(
         share = _shares(
             np.array(
                 [
-                    odds_of(aslant(pieces, one[0].seen_from), pieces.sigma)
-                    * ring_odds(one[0], pieces)
+                    ring_likelihood_ratio(ring_residuals(pieces, one[0].seen_from), pieces.sigma)
+                    * channel_likelihood_ratio(one[0], pieces)
                     for one in fits
                 ]
             )
