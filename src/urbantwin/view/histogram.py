@@ -105,7 +105,7 @@ def _bars(
     width_in = axes.get_window_extent().width / axes.figure.dpi
     room = 0.03 + _CHARACTER_IN * max(map(len, texts), default=0) / width_in
     top = max([*counts, 10])
-    axes.set_xlim(0.8, 0.8 * (top / 0.8) ** (1 / (1 - room)))
+    axes.set_xlim(0.8, max(top * 6.0, 0.8 * (top / 0.8) ** (1 / (1 - room))))
     axes.set_ylim(len(names) - 0.4, -0.6)
     for place, (count, colour, text) in enumerate(zip(counts, colours, texts, strict=True)):
         if within is None:
