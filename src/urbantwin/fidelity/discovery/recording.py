@@ -50,8 +50,8 @@ def discover_recording(
     used = evenly(len(recording), _MOST_FRAMES)
     if not used:
         raise InputError("holds no frames", file=real, expected="at least one")
-    told = between(tell, 0.0, 0.05)
-    frames = [recording.read(number).points for number in each(used, told, "reading")]
+    reading = between(tell, 0.0, 0.05)
+    frames = [recording.read(number).points for number in each(used, reading, "reading")]
     names = [recording.names[number] for number in used]
     most = 0.9 if frames_out is None else 0.6
     try:
@@ -62,8 +62,8 @@ def discover_recording(
         ) from None
     written: dict[str, Any] = {}
     if frames_out is not None:
-        told = between(tell, most, 0.95)
-        every = (recording.read(n) for n in each(range(len(recording)), told, "rings"))
+        writing = between(tell, most, 0.95)
+        every = (recording.read(n) for n in each(range(len(recording)), writing, "rings"))
         with replaced_folder(frames_out, kind="discovery", inputs=[real]) as folder:
             written["rays"] = write_frames(found, every, folder)
             write_json(folder / "discovery.json", {"kind": "discovery", **found.report()})

@@ -47,13 +47,13 @@ def write_rig(found: Discovery, path: Path, rate_hz: float = 10.0) -> list[Path]
         if model is None or one.off_model_deg > _AS_MODEL_DEG:
             name = f"{path.stem}-{one.name}.yaml"
             units[name] = _yaml(_unit(one, model))
-        told = one.report()
-        pose = {key: told[key] for key in ("east_m", "north_m", "up_m", "pitch_deg", "roll_deg")}
+        stated = one.report()
+        pose = {key: stated[key] for key in ("east_m", "north_m", "up_m", "pitch_deg", "roll_deg")}
         rows.append({"name": one.name, "model": name, **pose, "yaw_deg": 0.0})
         which = " or ".join(one.models) or "no model of the catalogue"
         notes.append(
-            f"# {one.name}: {which}; place +-{told['sigma_plan_m']} m in plan and "
-            f"+-{told['sigma_up_m']} m up, tilt +-{told['sigma_tilt_deg']} degrees\n"
+            f"# {one.name}: {which}; place +-{stated['sigma_plan_m']} m in plan and "
+            f"+-{stated['sigma_up_m']} m up, tilt +-{stated['sigma_tilt_deg']} degrees\n"
         )
     document = {"rate_hz": rate_hz, "frame": "site", "sensors": rows}
     with replaced_file(path) as scratch:
