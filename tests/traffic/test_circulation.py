@@ -263,6 +263,25 @@ def square_of_footways(outside: int) -> WayGraph:
     )
 
 
+def test_nobody_goes_round_outside_alone_however_much_traffic_there_is() -> None:
+    """Outer roads that lead to one another and never into the region, ten times as busy."""
+    count = 6
+    before, after = [0, 1, 2, 3, 4, 5], [1, 2, 3, 0, 5, 4]
+    step = scipy.sparse.csr_array((np.full(6, 40.0), (before, after)), shape=(count, count))
+    ring = replace(
+        square_of_footways(2),
+        seconds=step,
+        metres=step * 1.25,
+        gate=np.array([0, -1, 1, -1, 2, 3]),
+        weight=np.array([1.0, 1.0, 10.0, 10.0]),
+    )
+    circuit = Circuit.of(ring)
+    assert circuit is not None
+    assert circuit.room_m == 200
+    assert circuit.usual() == pytest.approx((80, 100))
+    assert Circuit.of(replace(ring, gate=np.array([-1, -1, -1, -1, 2, 3]))) is None
+
+
 @pytest.mark.parametrize("outside", [0, 2])
 def test_who_never_meets_an_outer_road_goes_round_from_gate_to_gate(outside: int) -> None:
     """Half the ring is 80 s and 100 m, whether or not there are outer roads elsewhere."""

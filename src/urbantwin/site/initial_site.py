@@ -20,12 +20,11 @@ from urbantwin.site.draft import (
     write_draft,
 )
 from urbantwin.site.extract import Extract
-from urbantwin.site.extract_coverage import mapped_area
+from urbantwin.site.extract_coverage import check_roads, mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
 from urbantwin.site.junction_proposal import STREETS, propose_junction, streets_near
 from urbantwin.site.pole_site import PoleChoice, ground_around, nearest_place
 from urbantwin.site.region import circle
-from urbantwin.site.site import check_roads
 from urbantwin.site.traffic_around import per_hour_around
 
 __all__ = ["init_site"]

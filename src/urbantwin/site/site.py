@@ -7,16 +7,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import shapely
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
-from pyproj import Geod
 
 from urbantwin.artefact import sha256_of
-from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.dem import check_dem
 from urbantwin.site.extract import Extract
+from urbantwin.site.extract_coverage import check_roads
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.region import (
@@ -32,7 +30,7 @@ from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import OwnAssetSpec, TrafficSpec
 from urbantwin.site.yaml_document import Document, read_document, wrong
 
-__all__ = ["InputFile", "Site", "check_extract", "check_roads", "load_site"]
+__all__ = ["InputFile", "Site", "check_extract", "load_site"]
 
 Metres = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
 
@@ -123,6 +121,7 @@ class _SiteFile(_Strict):
     anchor: _Anchor = Field(description="latitude and longitude of the junction")
     region: _Region = _Region(radius_m=150.0)
     osm: _OsmFile | None = None
+    sketch: _File | None = None
     dem: _File | None = None
     roads: _Roads = _Roads()
     geometry: list[GeometrySpec] = []
@@ -161,8 +160,8 @@ class Site:
         longitude: of the anchor, degrees, WGS84.
         region: region of interest, site frame, metres.
         radius_m: the region's radius where it is a circle.
-        osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads, or a
-            recording of the place and no map at all: then there are no roads.
+        osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads, a sketch,
+            or a recording of the place and no map at all: then there are no roads.
         dem: the elevation model, if there is one.
         driving_side: ``left`` or ``right``, or ``auto``: that of the map of the roads, else of the
             country.
@@ -178,6 +177,7 @@ class Site:
         imagery: aerial imagery, from which the ground's materials are classified.
         outline: the region's ring as it was given, longitude and latitude; empty for a circle.
         clutter: what stands beside the streets: ``typical``, ``mapped`` or ``none``.
+        sketch: a sketch by hand that stands for the extract.
     """
 
     file: Path
@@ -200,6 +200,7 @@ class Site:
     imagery: tuple[ImagerySource, ...] = ()
     outline: tuple[tuple[float, float], ...] = ()
     clutter: Clutter = "typical"
+    sketch: InputFile | None = None
 
     @cached_property
     def frame(self) -> SiteFrame:
@@ -221,7 +222,7 @@ class Site:
             "anchor": {"latitude": self.latitude, "longitude": self.longitude},
             "region": region,
         }
-        for kind, item in (("osm", self.osm), ("dem", self.dem)):
+        for kind, item in (("osm", self.osm), ("sketch", self.sketch), ("dem", self.dem)):
             if item:
                 value[kind] = _file_entry(item)
         roads: dict[str, Any] = _file_entry(self.roads) if self.roads else {}
@@ -281,13 +282,18 @@ class Site:
 
     def files(self) -> list[Path]:
         """Return every file and folder that the site names, and its own."""
-        given = (self.osm, self.roads, self.dem, *self.geometry, *self.imagery)
+        given = (self.osm, self.sketch, self.roads, self.dem, *self.geometry, *self.imagery)
         named = [one.path for one in given if one is not None and one.path is not None]
         return [self.file, self.rig_file, *named, *(path for _, path in self.own_assets)]
 
     def inputs(self) -> list[dict[str, str]]:
         """Return what the site is made from: kind, name, sha256, licence and attribution."""
-        files = (("osm", self.osm), ("roads", self.roads), ("dem", self.dem))
+        files = (
+            ("osm", self.osm),
+            ("sketch", self.sketch),
+            ("roads", self.roads),
+            ("dem", self.dem),
+        )
         sources = [
             {
                 "kind": kind,
@@ -341,9 +347,13 @@ def load_site(path: Path) -> Site:
     frame = SiteFrame(raw.anchor.latitude, raw.anchor.longitude)
     region, outline = _region(document, raw.region, frame)
     recorded = any(one.kind == "recording" for one in raw.geometry)
-    if raw.osm is None and raw.roads.file is None and not recorded:
-        expected = "an OpenStreetMap extract, or else a map of the roads (roads.file)"
+    mapped = raw.osm or raw.sketch or raw.roads.file
+    if mapped is None and not recorded:
+        expected = "an OpenStreetMap extract, or else a map of the roads (roads.file) or a sketch"
         raise document.error("is missing", ("osm",), expected)
+    if raw.sketch is not None and raw.osm is not None:
+        raise document.error("stands beside an extract (osm)", ("sketch",), "one of the two")
+    sketch = _input_file(document, "sketch", raw.sketch, "GeoJSON") if raw.sketch else None
     osm = _input_file(document, "osm", raw.osm, "an OpenStreetMap extract") if raw.osm else None
     roads = None
     if raw.roads.file is not None:
@@ -385,6 +395,7 @@ def load_site(path: Path) -> Site:
         imagery=_imagery_sources(document, raw.imagery),
         outline=outline,
         clutter=raw.scene.clutter,
+        sketch=sketch,
     )
 
 
@@ -413,43 +424,6 @@ def _imagery_sources(document: Document, specs: list[ImagerySpec]) -> tuple[Imag
 def check_extract(site: Site, extract: Extract) -> None:
     """Check that the extract has roads in the site's region, as `check_roads` does."""
     check_roads(extract, site.frame, site.region, f"the region of {site.file.name}")
-
-
-def check_roads(extract: Extract, frame: SiteFrame, region: shapely.Polygon, named: str) -> None:
-    """Check that an extract has roads in a region in a site frame, which errors call ``named``.
-
-    Raises:
-        InputError: it has no roads at all, or none in the region; it says how far away they are.
-    """
-    highways = extract.highways()
-    expected = f"an extract around {frame.latitude:.6f}, {frame.longitude:.6f}"
-    if not highways and not extract.is_whole:
-        raise InputError(f"has no road near {named}", file=extract.path, expected=expected)
-    if not highways:
-        raise InputError("holds no roads", file=extract.path, expected="ways with a highway tag")
-    lonlat = [np.array([extract.nodes[n] for n in way.nodes if n in extract.nodes])
-              for way in highways]  # fmt: skip
-    lonlat = [points for points in lonlat if len(points) >= 2]
-    anchor = np.array([frame.longitude, frame.latitude])
-    # One degree: where the plane's formulas surely hold.
-    near = [points for points in lonlat if np.abs(points - anchor).max() < 1.0]
-    lines = [shapely.LineString(frame.site_from_lonlat(points)) for points in near]
-    if lines:
-        nearest_m = float(shapely.distance(np.array(lines), region).min())
-    elif lonlat:
-        nodes = np.vstack(lonlat)
-        away_m = Geod(ellps="WGS84").inv(*nodes.T, *np.broadcast_to(anchor, nodes.shape).T)[2]
-        nearest_m = float(np.min(away_m))
-    else:
-        raise InputError("holds no roads", file=extract.path, expected="ways with their nodes")
-    if nearest_m == 0.0:
-        return
-    away = f"{nearest_m / 1000:.1f} km" if nearest_m >= 1000 else f"{nearest_m:.0f} m"
-    raise InputError(
-        f"has no road within {named}: the nearest is {away} away from it",
-        file=extract.path,
-        expected=expected,
-    )
 
 
 def _region(

@@ -37,6 +37,7 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
+from urbantwin.site.sketch import read_sketch
 from urbantwin.twin.found_of_mapped import found_of_mapped, share_known
 from urbantwin.twin.ground import SurveyedSite, survey_ground
 from urbantwin.twin.own_meshes import write_own_meshes
@@ -250,6 +251,8 @@ def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> No
 def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
     """Read the map around the region; return it with the progress of the stages that follow."""
     tell(0.0, "reading the map")
+    if site.sketch is not None:
+        return read_sketch(site.sketch.path, site.frame), tell
     if site.osm is None:
         return None, tell
     read = LARGE_READ if site.osm.path.stat().st_size > LARGE_MAP else SMALL_READ

@@ -39,7 +39,12 @@ def made_from(
     document = site.resolved()
     files = [
         _entry([name, "file"], one.path, files_beside(one.path) if name == "dem" else ())
-        for name, one in (("osm", site.osm), ("dem", site.dem), ("roads", site.roads))
+        for name, one in (
+            ("osm", site.osm),
+            ("sketch", site.sketch),
+            ("dem", site.dem),
+            ("roads", site.roads),
+        )
         if one is not None
     ]
     for number, source in enumerate(site.geometry):

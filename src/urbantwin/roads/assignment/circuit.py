@@ -57,6 +57,7 @@ class Circuit:
         size = np.bincount(part)
         load = np.bincount(part[at_gate], graph.weight[graph.gate[at_gate]], len(size))
         load[size < 2] = 0.0  # a state by itself leads nowhere
+        load[np.bincount(part[~graph.outer], minlength=len(size)) == 0] = 0.0  # never comes in
         main = int(load.argmax())
         if load[main] == 0:
             return None

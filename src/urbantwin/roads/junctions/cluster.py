@@ -11,6 +11,10 @@ from collections import defaultdict
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+import shapely
 
 from urbantwin.roads.junctions.mapped_marks import Marks
 from urbantwin.roads.junctions.plain import PlainEdge, PlainNetwork
@@ -57,6 +61,13 @@ class Chain:
         """Metres."""
         return float(sum(edge.line.length for edge in self.edges))
 
+    @cached_property
+    def line(self) -> shapely.LineString:
+        """Its course."""
+        return shapely.LineString(
+            np.vstack([shapely.get_coordinates(edge.line) for edge in self.edges])
+        )
+
     @property
     def nodes(self) -> tuple[str, ...]:
         """All nodes along it, its ends included."""
@@ -87,13 +98,19 @@ def driven_edges(plain: PlainNetwork) -> list[PlainEdge]:
     return [edge for edge in plain.edges.values() if edge.is_for_motors]
 
 
-def meeting_nodes(plain: PlainNetwork) -> set[str]:
-    """Return the nodes where streets of three or more directions meet."""
+def meeting_nodes(plain: PlainNetwork, within: Collection[str] = ()) -> set[str]:
+    """Return the nodes where streets of three or more directions meet.
+
+    So do those where edges ``within`` a junction begin and end.
+    """
     beside: dict[str, set[str]] = defaultdict(set)
+    inside: dict[str, set[bool]] = defaultdict(set)
     for edge in driven_edges(plain):
         beside[edge.start].add(edge.end)
         beside[edge.end].add(edge.start)
-    return {node for node, others in beside.items() if len(others) > 2}
+        for node in (edge.start, edge.end):
+            inside[node].add(edge.id in within)
+    return {node for node, others in beside.items() if len(others) > 2 or len(inside[node]) > 1}
 
 
 def chains_of(plain: PlainNetwork, meeting: Collection[str]) -> list[Chain]:
@@ -130,6 +147,7 @@ def clusters_of(
     meeting: Collection[str],
     marks: Marks,
     apart: Collection[str],
+    within: Collection[str] = (),
 ) -> list[tuple[str, ...]]:
     """Return the nodes of every junction of two or more, sorted.
 
@@ -142,6 +160,8 @@ def clusters_of(
         meeting: the nodes where streets meet.
         marks: the map's stop lines and crossings.
         apart: edges that are no part of a junction: bridges, roundabouts, outer roads.
+        within: edges that lie within one, as the map says, up to `ROAD_M`; those that cross each
+            other lie within the same one.
     """
     top: dict[str, str] = {node: node for node in sorted(meeting)}
 
@@ -150,25 +170,33 @@ def clusters_of(
             node = top[node]
         return node
 
+    parted: dict[str, set[str]] = defaultdict(set)
+
+    def unite(one: str, other: str) -> None:
+        a, b = sorted((find(one), find(other)))
+        if a == b or any(find(node) == b for node in parted[a]):
+            return
+        top[b] = a
+        parted[a] |= parted[b]
+
     between = [c for c in chains if c.start in top and c.end in top and c.start != c.end]
     marked = {chain: is_marked(chain, marks, apart) for chain in between}
-    inner = [c for c in between if not marked[c] and c.length <= _limit(plain, c)]
+    inner = [c for c in between if not marked[c] and c.length <= _limit(plain, c, within)]
     roads = [
         c
         for c in between
         if (len(c.edges) == 1 and (marked[c] or c.length > ROAD_M))
         or (c.length <= APART_M and is_marked(c, marks, ()))
     ]
-    parted: dict[str, set[str]] = defaultdict(set)
     for chain in roads:
         parted[chain.start].add(chain.end)
         parted[chain.end].add(chain.start)
     for chain in sorted(inner, key=lambda c: (round(c.length, 3), c.edges[0].id)):
-        a, b = sorted((find(chain.start), find(chain.end)))
-        if a == b or any(find(node) == b for node in parted[a]):
-            continue
-        top[b] = a
-        parted[a] |= parted[b]
+        unite(chain.start, chain.end)
+    said = [c for c in inner if all(edge.id in within for edge in c.edges)]
+    for one, other in combinations(said, 2):
+        if one.line.crosses(other.line):
+            unite(one.start, other.start)
     groups: dict[str, list[str]] = defaultdict(list)
     for node in top:
         groups[find(node)].append(node)
@@ -211,7 +239,9 @@ def is_marked(chain: Chain, marks: Marks, apart: Collection[str]) -> bool:
     )
 
 
-def _limit(plain: PlainNetwork, chain: Chain) -> float:
+def _limit(plain: PlainNetwork, chain: Chain, within: Collection[str]) -> float:
+    if all(edge.id in within for edge in chain.edges):
+        return ROAD_M
     signals = sum(is_signalised(plain, node) for node in (chain.start, chain.end))
     if signals:
         return BOTH_M if signals == 2 else ONE_M

@@ -85,6 +85,7 @@ def consolidated(
     arrows: Arrows,
     *,
     apart: Collection[str],
+    within: Collection[str] = (),
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
     buildings: Sequence[shapely.Polygon],
     driving_side: str,
@@ -96,15 +97,16 @@ def consolidated(
         marks: the map's stop lines and crossings.
         arrows: signed turns of lanes.
         apart: edges that lie in no junction.
+        within: edges that lie in one, as the map says.
         forbidden: turn restrictions over several edges, as in `passages_of`.
         buildings: where buildings stand on the ground, site frame.
         driving_side: ``right`` or ``left``.
     """
     outward = -1 if driving_side == "right" else 1
     strips = {edge.id: Strip(edge, outward) for edge in plain.edges.values()}
-    meeting = meeting_nodes(plain)
+    meeting = meeting_nodes(plain, within)
     chains = chains_of(plain, meeting)
-    groups = clusters_of(plain, chains, meeting, marks, apart)
+    groups = clusters_of(plain, chains, meeting, marks, apart, within)
     single = [
         (node,)
         for (node,) in flat_nodes(chains, meeting, groups)

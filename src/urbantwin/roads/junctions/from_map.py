@@ -52,11 +52,14 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
     """
     pieces = prepared.pieces
     rings = [piece.id for piece in pieces if piece.tags.get("junction") in RINGS]
+    inside = [piece.id for piece in pieces if piece.tags.get("junction") == "yes"]
+    within = {f"{sign}{piece}" for piece in inside for sign in ("", "-")}
     plain = consolidated(
         plain,
-        mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain)}),
+        mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain, within)}),
         prepared.arrows,
         apart={f"{sign}{piece}" for piece in [*apart, *rings] for sign in ("", "-")},
+        within=within,
         forbidden=via_way_restrictions(extract, pieces),
         buildings=buildings,
         driving_side=driving_side,

@@ -1,0 +1,6 @@
+"""A sketch by hand of streets and what stands beside them, for a place without a map."""
+
+from urbantwin.site.sketch.kinds import KINDS
+from urbantwin.site.sketch.read import read_sketch
+
+__all__ = ["KINDS", "read_sketch"]

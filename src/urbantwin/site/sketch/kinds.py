@@ -1,0 +1,289 @@
+"""What can be drawn in a sketch: the properties of every kind, and the tags that they become.
+
+The tags are OpenStreetMap's, so that everything made from a map can be made from a sketch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from urbantwin.site.yaml_document import nearest, wrong
+
+__all__ = [
+    "KINDS",
+    "POINTS_LINES_AREAS",
+    "Crossing",
+    "Drawn",
+    "Junction",
+    "StopLine",
+    "Street",
+    "Turn",
+]
+
+POINTS_LINES_AREAS = ("Point", "LineString", "Polygon")
+#: Arrows on a lane (OSM wiki, "Key:turn").
+TURNS = (
+    "left", "slight_left", "sharp_left", "through", "right", "slight_right", "sharp_right",
+    "reverse", "merge_to_left", "merge_to_right", "none",
+)  # fmt: skip
+STREETS = (
+    "motorway", "trunk", "primary", "secondary", "tertiary", "unclassified", "residential",
+    "living_street", "service",
+)  # fmt: skip
+
+
+def _number(value: Any) -> Any:  # noqa: ANN401
+    """Take the text of a number for the number: tables of attributes often hold text only."""
+    if isinstance(value, str):
+        try:
+            number = float(value)
+        except ValueError:
+            return value
+        return int(number) if number.is_integer() else number
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def _truth(value: Any) -> Any:  # noqa: ANN401
+    words = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
+    if isinstance(value, str):
+        return words.get(value.strip().lower(), value)
+    return bool(value) if value in (0, 1) else value
+
+
+def _text(value: Any) -> Any:  # noqa: ANN401
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f"{value:g}" if is_number else value
+
+
+Count = Annotated[int, BeforeValidator(_number), Field(ge=0, le=9)]
+Metres = Annotated[float, BeforeValidator(_number), Field(gt=0, le=200, allow_inf_nan=False)]
+Truth = Annotated[bool, BeforeValidator(_truth)]
+Text = Annotated[str, BeforeValidator(_text)]
+
+
+class Drawn(BaseModel):
+    """One kind of thing; a subclass has its properties and says what it is drawn as."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    kind: str
+    name: Text | None = None
+
+    @classmethod
+    def drawn_as(cls) -> tuple[str, ...]:
+        """Return the types of geometry that it may have."""
+        return ("LineString",)
+
+    def tags(self) -> dict[str, str]:
+        """Return it as tags of a map."""
+        raise NotImplementedError
+
+
+def _each(text: str, lanes: int, what: str) -> list[str]:
+    found = [one.strip() for one in text.split("|")]
+    if len(found) != lanes:
+        raise wrong(f"is {text!r}, for {len(found)} lanes", f"{what} of {lanes} lanes, as a|b|c")
+    return found
+
+
+class Street(Drawn):
+    """A carriageway along its middle: the way that it is driven, if it is driven one way."""
+
+    lanes: Count = 1
+    lanes_back: Count = 0
+    lane_width_m: Text = ""
+    lane_width_back_m: Text = ""
+    turns: Text = ""
+    turns_back: Text = ""
+    speed_kmh: Annotated[float, BeforeValidator(_number), Field(gt=0, le=250)] | None = None
+    road_class: Text = Field("secondary", alias="class")
+    sidewalk: Literal["left", "right", "both", "none"] | None = None
+    cycle_lane: Literal["left", "right", "both", "none"] | None = None
+    layer: Annotated[int, BeforeValidator(_number), Field(ge=-5, le=5)] = 0
+    surface: Text | None = None
+
+    @model_validator(mode="after")
+    def _lanes_agree(self) -> Street:
+        if self.lanes < 1:
+            raise wrong(f"has {self.lanes} lanes", "1 to 9, drawn the way that they are driven")
+        if self.road_class not in STREETS:
+            raise wrong(f"is of class {self.road_class!r}", nearest(self.road_class, STREETS))
+        self.tags()
+        return self
+
+    def tags(self) -> dict[str, str]:
+        """Return it as tags of a map."""
+        tags = {"highway": self.road_class, "lanes": str(self.lanes + self.lanes_back)}
+        if not self.lanes_back:
+            if self.turns_back or self.lane_width_back_m:
+                raise wrong("has no lanes back, and says what they are", "lanes_back: 1 or more")
+            tags |= {"oneway": "yes", **_lane_tags(self.lanes, self.lane_width_m, self.turns, "")}
+        else:
+            same = "" if "|" in self.lane_width_m else self.lane_width_m
+            back = self.lane_width_back_m or same
+            tags |= {
+                "oneway": "no",
+                "lanes:forward": str(self.lanes),
+                "lanes:backward": str(self.lanes_back),
+                **_lane_tags(self.lanes, self.lane_width_m, self.turns, ":forward"),
+                **_lane_tags(self.lanes_back, back, self.turns_back, ":backward"),
+            }
+        if self.speed_kmh is not None:
+            tags["maxspeed"] = f"{self.speed_kmh:g}"
+        if self.sidewalk is not None:
+            tags["sidewalk"] = "no" if self.sidewalk == "none" else self.sidewalk
+        if self.cycle_lane not in (None, "none"):
+            side = "" if self.cycle_lane == "both" else f":{self.cycle_lane}"
+            tags[f"cycleway{side}"] = "lane"
+        if self.layer:
+            tags["layer"] = str(self.layer)
+            tags["bridge" if self.layer > 0 else "covered"] = "yes"
+        optional = {"surface": self.surface, "name": self.name}
+        return tags | {key: value for key, value in optional.items() if value}
+
+
+def _lane_tags(lanes: int, width: str, turns: str, way: str) -> dict[str, str]:
+    """Return the tags of the lanes of one direction, from left to right as they are driven."""
+    tags = {}
+    if width:
+        widths = _each(width, lanes, "widths") if "|" in width else [width] * lanes
+        for one in widths:
+            if not _is_lane_width(one):
+                raise wrong(f"has a lane of {one!r} m", "2 to 8 m")
+        tags[f"width:lanes{way}"] = "|".join(widths)
+    if turns:
+        arrows = _each(turns, lanes, "turns")
+        for one in {turn for lane in arrows for turn in lane.split(";") if turn}:
+            if one not in TURNS:
+                raise wrong(f"has a lane that turns {one!r}", nearest(one, TURNS))
+        tags[f"turn:lanes{way}"] = "|".join(arrows)
+    return tags
+
+
+def _is_lane_width(text: str) -> bool:
+    value = _number(text)
+    return isinstance(value, int | float) and 2.0 <= value <= 8.0
+
+
+class Turn(Street):
+    """A way through a junction, from the end of one street to the start of another.
+
+    It meets other lines at its ends alone, so that nobody turns where two of them cross.
+    """
+
+    def tags(self) -> dict[str, str]:
+        """Return it as tags of a map (OSM wiki, "Tag:junction=yes")."""
+        return super().tags() | {"junction": "yes", "sidewalk": "no"}
+
+
+class StopLine(Drawn):
+    """Where the lanes of a street stop: a line across them, or a point on the street."""
+
+    signals: Truth = True
+    sign: Literal["stop", "give_way"] | None = None
+
+    @classmethod
+    def drawn_as(cls) -> tuple[str, ...]:
+        """Return the types of geometry that it may have."""
+        return ("LineString", "Point")
+
+    def tags(self) -> dict[str, str]:
+        """Return it as tags of a map's node, without the way that it is for."""
+        if self.sign is not None:
+            return {"highway": self.sign}
+        return {"highway": "traffic_signals"} if self.signals else {}
+
+
+class Crossing(Drawn):
+    """Where people cross: a line as they walk, over every street that it lies across."""
+
+    signals: Truth = False
+    markings: Literal["zebra", "lines", "dashes", "dots", "none"] | None = None
+    width_m: Metres | None = None
+    island: Truth = False
+
+    def tags(self) -> dict[str, str]:
+        """Return it as tags of a map's node."""
+        kind = "traffic_signals" if self.signals else "marked"
+        tags = {"highway": "crossing", "crossing": kind}
+        if self.markings is not None:
+            tags["crossing:markings"] = "no" if self.markings == "none" else self.markings
+        elif not self.signals:
+            tags["crossing"] = "unmarked"
+        if self.width_m is not None:
+            tags["crossing:width"] = f"{self.width_m:g}"
+        return tags | ({"crossing:island": "yes"} if self.island else {})
+
+
+class Junction(Drawn):
+    """An area in which streets meet as one junction."""
+
+    signals: Truth = False
+
+    @classmethod
+    def drawn_as(cls) -> tuple[str, ...]:
+        """Return the types of geometry that it may have."""
+        return ("Polygon",)
+
+    def tags(self) -> dict[str, str]:
+        """Return the tags of every node in it where streets meet."""
+        return {"highway": "traffic_signals"} if self.signals else {}
+
+
+class Footway(Drawn):
+    """A way for people on foot."""
+
+    width_m: Metres | None = None
+
+    def tags(self) -> dict[str, str]:
+        """Return it as tags of a map."""
+        wide = {"width": f"{self.width_m:g}"} if self.width_m is not None else {}
+        return {"highway": "footway", **wide}
+
+
+#: Tags of things that have a height and nothing else to say, and what they are drawn as.
+THINGS: Mapping[str, tuple[tuple[str, ...], dict[str, str]]] = {
+    "building": (("Polygon",), {"building": "yes"}),
+    "wall": (("LineString",), {"barrier": "wall"}),
+    "fence": (("LineString",), {"barrier": "fence"}),
+    "hedge": (("LineString",), {"barrier": "hedge"}),
+    "tree": (("Point",), {"natural": "tree"}),
+    "tree_row": (("LineString",), {"natural": "tree_row"}),
+    "wood": (("Polygon",), {"natural": "wood"}),
+    "grass": (("Polygon",), {"landuse": "grass"}),
+    "island": (("Polygon",), {"area:highway": "traffic_island", "kerb": "raised"}),
+    "lamp": (("Point",), {"highway": "street_lamp"}),
+    "advertising_column": (("Point",), {"advertising": "column"}),
+}
+
+
+class Thing(Drawn):
+    """What stands beside streets, or covers the ground."""
+
+    height_m: Metres | None = None
+    material: Text | None = None
+    surface: Text | None = None
+
+    def tags(self) -> dict[str, str]:
+        """Return it as tags of a map."""
+        tags = dict(THINGS[self.kind][1])
+        if self.height_m is not None:
+            tags["height"] = f"{self.height_m:g}"
+        optional = {"material": self.material, "surface": self.surface, "name": self.name}
+        return tags | {key: value for key, value in optional.items() if value}
+
+
+#: Every kind that a feature may be of, and what its properties are read as; ``osm``: tags.
+KINDS: Mapping[str, type[Drawn] | None] = {
+    "street": Street,
+    "turn": Turn,
+    "stop_line": StopLine,
+    "crossing": Crossing,
+    "junction": Junction,
+    "footway": Footway,
+    **dict.fromkeys(THINGS, Thing),
+    "osm": None,
+}
