@@ -312,20 +312,18 @@ def _apart(  # noqa: PLR0913 - all that they go between
     on_foot = np.array([name == "pedestrian" for name in classes], np.bool_)[trip]
     afoot = {name: values[on_foot] for name, values in columns.items()}
 
-    def among_people(
-        now: Columns, patience_s: tuple[float, float], *, settled: bool = False
-    ) -> Columns:
+    def among_people(now: Columns, patience_s: tuple[float, float]) -> Columns:
+        # Everybody on foot goes its own way anew: what held it up in one turn may not in the next.
+        for name, values in afoot.items():
+            now[name][on_foot] = values
         return crowd_walked(
             now, moving, half, step_s, place.blocks.low, solids.shapes, footway,
-            crossings=crossings, patience_s=patience_s, settled=settled,
+            crossings=crossings, patience_s=patience_s,
         )  # fmt: skip
 
     height = np.array([mesh.height for mesh in meshes])[trip]
     behind = []
     for turn in range(_TURNS):
-        # Everybody on foot goes its own way anew: what held it up in one turn may not in the next.
-        for name, values in afoot.items():
-            columns[name][on_foot] = values
         columns = among_people(columns, _PATIENCE_S)
         columns = _round_others(columns, moving, size / 2, height, place.blocks, meshes, step_s)
         was = before.turn(turn) if before else None
@@ -333,7 +331,7 @@ def _apart(  # noqa: PLR0913 - all that they go between
         columns = yielded(columns, moving, half, step_s, was, waiting)
         behind.append(columns.pop("behind"))
     # Who waits is in people's way for longer, and waits for nobody any more.
-    columns = among_people(columns, _LAST_PATIENCE_S, settled=True)
+    columns = among_people(columns, _LAST_PATIENCE_S)
     return {**columns, "behind": np.column_stack(behind)}
 
 

@@ -7,7 +7,7 @@ from numba import njit
 
 from urbantwin.traffic.compiled.waiting import depth_of
 
-__all__ = ["comes_into", "foresee", "lets_by", "near_whom", "part", "slip_by", "what_is_at"]
+__all__ = ["foresee", "lets_by", "near_whom", "part", "slip_by", "what_is_at"]
 
 #: How far one looks ahead, in so many looks, seconds; and how far one goes aside for that, metres.
 LOOKS, AHEAD_S, ROOM_M = 8, 2.0, 1.0
@@ -64,20 +64,6 @@ def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner
             pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, -1
             found += 1
     return pairs[:found]
-
-
-@njit(cache=True, nogil=True)
-def comes_into(i, j, boxes, last, deep, step_s):
-    """Return whether two come into each other soon, deeper than this, on their own ways."""
-    for look in range(LOOKS + 1):
-        ahead = round(look * AHEAD_S / LOOKS / step_s)
-        a, b = i + ahead, j + ahead
-        if a > last[i] or b > last[j]:
-            return False
-        x, y = boxes[a, 0] - boxes[b, 0], boxes[a, 1] - boxes[b, 1]
-        if close_to(x, y, boxes[a], boxes[b], 0.0) and depth_of(x, y, boxes[a], boxes[b]) > deep:
-            return True
-    return False
 
 
 @njit(cache=True, nogil=True)

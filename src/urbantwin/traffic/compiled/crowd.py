@@ -6,7 +6,6 @@ import numpy as np
 from numba import njit
 
 from urbantwin.traffic.compiled.asides import (
-    comes_into,
     foresee,
     lets_by,
     near_whom,
@@ -50,7 +49,7 @@ TURNS_S, WALKS_MS, SHIFTS_MS = 0.3, 0.3, 0.02
 @njit(cache=True, nogil=True)
 def walked(
     begins, rows, other_begins, others, boxes, whose, level, far, pace, joined, last, kerbs, green,
-    patience, settled, still, cells, within, blocked, corner, step_s,
+    patience, still, cells, within, blocked, corner, step_s,
 ):  # fmt: skip
     """Return where people are (N, 3), and which of their rows they have come to (N,).
 
@@ -79,8 +78,6 @@ def walked(
         green: (K, S) uint8, whether a signal lets people begin to cross, by step.
         patience: (2,) for how many steps one lets vehicles by that come over a crossing without a
             signal, and at green.
-        settled: whether nobody's way leads into anybody else on foot, nor into what stands: then
-            only who is not on its own way in time sees to them.
         still: (C + 1,) int64, where the numbers of what stands begin of each cell, by row.
         cells: (K,) int64, those numbers.
         within: (5,) west and south of those cells, their size, columns and rows.
@@ -116,9 +113,6 @@ def walked(
         pairs = near_whom(
             mine, cars, now, off, level, still, cells, within, blocked, corner, count
         )  # fmt: skip
-        every = pairs
-        if settled:
-            pairs = _unsettled(mine, every, off, boxes, far, at, come, last, count, step_s)
         for a, j, b in pairs:
             if b < 0 and j < count and not waits[a]:
                 waits[a] = lets_by(mine[a], j, off[a], boxes, now, come, joined, last, step_s)
@@ -146,27 +140,11 @@ def walked(
                 mine[a], off[a], cars, level, last, boxes, now, far, joined, place, come, at, held,
                 blocked, corner, step_s,
             )  # fmt: skip
-        _stay(mine, every, queues, boxes, now, joined, place, come, at, held, step_s)
+        _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s)
         for a in range(len(mine)):
             if not joined[mine[a]]:
-                _come_in(mine, a, every, boxes, now, joined, place, blocked, corner)
+                _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner)
     return place, come
-
-
-@njit(cache=True, nogil=True)
-def _unsettled(mine, pairs, off, boxes, far, at, come, last, count, step_s):
-    """Return the pairs of whom one is not on its way in time, or drives into the other."""
-    kept = np.zeros(len(pairs), np.bool_)
-    strays = np.zeros(len(mine), np.bool_)
-    for a in range(len(mine)):
-        r = mine[a]
-        strays[a] = off[a, 0] != 0.0 or off[a, 1] != 0.0 or at[r] != far[r] or come[r] != r
-    for k in range(len(pairs)):
-        a, j, b = pairs[k]
-        kept[k] = strays[a] or (b >= 0 and strays[b])
-        if not kept[k] and b < 0 and j < count:
-            kept[k] = comes_into(mine[a], j, boxes, last, TOUCH_M, step_s)
-    return pairs[kept]
 
 
 @njit(cache=True, nogil=True)
@@ -331,8 +309,12 @@ def _hold(
                 there = 0
         else:
             there = 0
-    elif there == 2 and was == 0 and drives_by(r, x, y, cars, level, last, boxes, now, step_s):
-        there = 1  # it does not leave the footway now
+    elif (
+        there == 2
+        and (was == 0 or (own == 2 and _strays(x, y, was_x, was_y, base_x, base_y)))
+        and drives_by(r, x, y, cars, level, last, boxes, now, step_s)
+    ):
+        there = 1  # it does not leave the footway now, nor its way beside a road
     elif there == 2:
         there = 0
     if there and there != own:
@@ -373,6 +355,13 @@ def _hold(
     elif come[r] < r and held[q] and pace > SHIFTS_MS:
         place[r, 2] *= max(1.0 - step_s / TURNS_S, 0.0)  # held up, and turns to where it goes
     _face(r, boxes, now, come, place[r, 2])
+
+
+@njit(cache=True, nogil=True)
+def _strays(x, y, was_x, was_y, base_x, base_y):
+    """Return whether a step leads farther away from one's way than its edge."""
+    away = math.hypot(x - base_x, y - base_y)
+    return away > EDGE_M and away > math.hypot(was_x - base_x, was_y - base_y)
 
 
 @njit(cache=True, nogil=True)

@@ -49,7 +49,6 @@ def crowd_walked(  # noqa: PLR0913 - all that they go between
     *,
     crossings: Crossings = NO_CROSSINGS,
     patience_s: tuple[float, float] = (15.0, 4.0),
-    settled: bool = False,
 ) -> dict[str, NDArray[Any]]:
     """Return poses in which people step aside and wait for whomever they would come into.
 
@@ -66,8 +65,6 @@ def crowd_walked(  # noqa: PLR0913 - all that they go between
         footway: who is on it stays there.
         crossings: at which who is late waits.
         patience_s: how long for vehicles that come, without a signal, and at green.
-        settled: whether these are poses that this returned, among vehicles that may be elsewhere
-            now: who is in nobody's way keeps to them.
     """
     step, xy = columns["step"].astype(np.int64), columns["xy"]
     people = np.array([name == "pedestrian" for name in moving.classes], np.bool_)[moving.actor]
@@ -96,7 +93,7 @@ def crowd_walked(  # noqa: PLR0913 - all that they go between
             columns["lane"], joined, last,
             lambda some: shapely.contains_xy(beside_road, *xy[some].T),
         ), crossings.green,
-        np.round(np.array(patience_s) / step_s).astype(np.int64), settled,
+        np.round(np.array(patience_s) / step_s).astype(np.int64),
         *_still_cells(xy[people], blocks), cells.cells, cells.corner, step_s,
     )  # fmt: skip
     yaw = columns["yaw"]

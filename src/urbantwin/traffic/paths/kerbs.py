@@ -99,7 +99,10 @@ class Crossings:
         found[begins, 1] = ends[np.searchsorted(runs, begins)]
         found[begins, 2] = light[begins]
         first = np.maximum.accumulate(np.where(joined, 0, np.arange(count)))[begins]
-        found[begins, 3] = begins - 1
+        # Not before the crossing that one comes from; in the middle of an island without a footway.
+        first[1:] = np.maximum(first[1:], found[begins[:-1], 1] + 1)
+        begun = np.maximum(runs[np.searchsorted(runs, begins) - 1], first)
+        found[begins, 3] = np.minimum((begun + begins - 1) // 2, begins - 1)
         waits = np.zeros(len(begins), np.bool_)
         for back in range(1, _BACK + 1):
             looks = np.flatnonzero(~waits & (begins - back >= first))
