@@ -62,13 +62,13 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
         )
     overlaps = manifest.get("overlaps", {})
     for count, of, kinds in (
-        (overlaps.get("actors", 0), "pairs of actors pass through each other", "between"),
-        (overlaps.get("scene", 0), "actors pass through what stands there", "with"),
+        (overlaps.get("actors", 0), "pairs of actors that pass through each other", "between"),
+        (overlaps.get("scene", 0), "actors that pass through things of the scene", "with"),
     ):
         if count:
             yield ResultWarning(
                 "overlaps",
-                f"{count} {of}",
+                f"{of}: {count}",
                 ", ".join(f"{number} {name}" for name, number in overlaps[kinds].items()),
                 "motion.json says under overlaps where the worst are",
             )
