@@ -155,8 +155,9 @@ def _headings(
 
 def _nearest_side(one: SeenObject, way: float, within: float) -> float:
     """Return the fitted heading nearest to a way, or else one fitted within so much of it."""
-    quarter = one.yaw + np.pi / 2 * np.arange(4)
-    off = np.abs(wrapped(quarter - way))
+    quarter = one.yaw + np.pi / 2 * np.arange(4.0, dtype=np.float64)
+    gap: NDArray[np.float64] = np.asarray(quarter - way, np.float64)
+    off = np.abs(wrapped(gap))
     near = float(quarter[off.argmin()])
     return near if off.min() < within else fitted_yaw(one.points, way, within)
 
