@@ -2,8 +2,9 @@
 
 A made rig is two sensors of the catalogue drawn by a seed, tilted by up to 12 degrees, in a street
 of planes and boxes. Its units are as their models, or each channel is off by 0.1 degrees, or the
-beams of the upper and the lower half leave 9 cm apart as well, as those of an HDL-64E do. Printed
-is how far places and tilts are off, in metres, degrees and the standard deviations stated.
+beams of the upper and the lower half leave 9 cm apart as well, as those of an HDL-64E do, or all
+channels look up by 0.3 degrees as well. Printed is how far places and tilts are off, in metres,
+degrees and the standard deviations stated.
 
     python benchmarks/discovery.py made --rigs 6
     python benchmarks/discovery.py real FRAME.bin FOLDER ...
@@ -30,8 +31,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fidelity"))
 from closed_form_street import scan
 
 MODELS = ("VLP-16", "HDL-32E", "PandarXT-32", "OS0-64", "VLP-32C", "Pandar64", "OS1-128")
-#: Standard deviation of channels, degrees, and half the distance of two lenses, metres.
-UNITS = {"as its model": (0.0, 0.0), "0.1 degrees off": (0.1, 0.0), "two lenses": (0.1, 0.045)}
+#: Standard deviation of channels and an offset of all, degrees, and half the distance of lenses,
+#: metres.
+UNITS = {
+    "as its model": (0.0, 0.0, 0.0),
+    "0.1 degrees off": (0.1, 0.0, 0.0),
+    "two lenses": (0.1, 0.0, 0.045),
+    "0.3 degrees up": (0.1, 0.3, 0.0),
+}
 FRAMES = 12
 
 
@@ -64,15 +71,18 @@ def real(paths: list[Path]) -> None:
             )
 
 
-def made(rigs: int, seed: int) -> Iterator[tuple[str, str, FoundSensor | None, np.ndarray, float]]:
+def made(
+    units: list[str], rigs: int, seed: int
+) -> Iterator[tuple[str, str, FoundSensor | None, np.ndarray, float]]:
     """Yield kind of unit, true model, the sensor found nearest, its errors of place and tilt."""
-    for kind, (channel_deg, lens_m) in UNITS.items():
+    for kind in units:
+        channel_deg, all_deg, lens_m = UNITS[kind]
         for number in range(rigs):
             random = np.random.default_rng([seed, number])
             parts, truth = [], []
             for side in (-1.0, 1.0):
                 model = sensor(str(random.choice(MODELS)))
-                off = random.normal(0, 1, model.channels) * channel_deg
+                off = random.normal(0, 1, model.channels) * channel_deg + all_deg
                 unit = replace(model, elevation_deg=model.elevation_deg + off)
                 upper = model.elevation_deg > np.median(model.elevation_deg)
                 place = np.array([side * random.uniform(5, 10), *random.uniform([-8, 2], [8, 5])])
@@ -101,6 +111,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=("made", "real"))
     parser.add_argument("paths", nargs="*", type=Path)
+    parser.add_argument("--unit", choices=UNITS, action="append")
     parser.add_argument("--rigs", type=int, default=6)
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
@@ -109,7 +120,7 @@ def main() -> None:
         return
     print("| unit | model | found | off x, y, z, m | deviations | tilt off, deg | deviations |")
     print("|---|---|---|---|---|---|---|")
-    for kind, name, one, off, tilt in made(asked.rigs, asked.seed):
+    for kind, name, one, off, tilt in made(asked.unit or [*UNITS], asked.rigs, asked.seed):
         if one is None:
             print(f"| {kind} | {name} | missed | | | | |", flush=True)
             continue

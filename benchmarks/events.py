@@ -127,7 +127,7 @@ def staged(folder: Path, seconds: float, at_s: float, only: list[str]) -> list[d
                     nearest = told.get("nearest", {})
                     row |= {"staged": "yes", "from_s": told["from_s"]}
                     row |= {key: nearest.get(key) for key in ("pet_s", "ttc_s", "gap_m")}
-                    row["tracks"] = len(told["tracks"])
+                    row |= {"tracks": len(told["tracks"]), "moved_m": told.get("moved_m", 0.0)}
                 except UrbanTwinError as error:
                     row |= {
                         "staged": "no",
@@ -154,7 +154,8 @@ def main() -> None:
         row for twin in asked.twins for row in staged(twin, asked.seconds, asked.at, asked.only)
     ]
     if asked.csv is not None:
-        names = ["twin", "event", "staged", "from_s", "pet_s", "ttc_s", "gap_m", "tracks", "why"]
+        names = ["twin", "event", "staged", "from_s", "pet_s", "ttc_s", "gap_m", "tracks"]
+        names += ["moved_m", "why"]
         with asked.csv.open("w", newline="") as file:
             table = csv.DictWriter(file, [*names, "took_s"])
             table.writeheader()

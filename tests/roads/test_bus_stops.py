@@ -28,17 +28,26 @@ def town(write_osm: Callable[..., Path], tmp_path: Path, driving_side: str) -> R
         8: (100.0, 90.0, pole),
     }  # fmt: skip
     osm = write_osm(nodes, {10: ((1, 2, 3), STREET), 11: ((2, 4), SIDE)})
+    return built(with_a_line(osm), tmp_path, driving_side)
+
+
+def with_a_line(osm: Path) -> Path:
+    """Map a bus line on way 10."""
     line = (
         '<relation id="1" version="1"><member type="way" ref="10" role=""/>'
         '<tag k="type" v="route"/><tag k="route" v="bus"/></relation></osm>'
     )
     osm.write_text(osm.read_text().replace("</osm>", line))
+    return osm
+
+
+def built(osm: Path, tmp_path: Path, side: str = "right", west: float = -150) -> RoadNetwork:
     return build_roads(
         read_extract(osm),
         FRAME,
-        shapely.box(-150, -150, 150, 150),
+        shapely.box(west, -150, 150, 150),
         Elevation.flat(),
-        driving_side=driving_side,
+        driving_side=side,
         out=tmp_path / "town.net.xml",
     ).network
 
@@ -86,14 +95,7 @@ def test_a_stop_has_a_footway_where_the_map_gives_its_street_none(
     nodes = {1: (-200, 0, {}), 2: (0, 0, {}), 3: (200, 0, {}), 4: (0, 200, {})}
     nodes |= {5: (*SOUTH, {"highway": "bus_stop"})}
     bare = {**STREET, "sidewalk": "no"}
-    network = build_roads(
-        read_extract(write_osm(nodes, {10: ((1, 2, 3), bare), 11: ((2, 4), bare)})),
-        FRAME,
-        shapely.box(-150, -150, 150, 150),
-        Elevation.flat(),
-        driving_side="right",
-        out=tmp_path / "town.net.xml",
-    ).network
+    network = built(write_osm(nodes, {10: ((1, 2, 3), bare), 11: ((2, 4), bare)}), tmp_path)
     walks = [lane for lane in network.lanes if lane.kind == "sidewalk"]
     (walk,) = [lane for lane in walks if not lane.road.startswith("stand")]
     place = shapely.Point(SOUTH)
@@ -112,20 +114,7 @@ def test_a_stop_is_not_beyond_another_carriageway(
     one_way = {"highway": "primary", "lanes": "2", "oneway": "yes"}
     slip = {"highway": "primary_link", "oneway": "yes"}
     ways = {10: ((1, 8, 2, 3), one_way), 12: ((8, 6, 7, 2), slip), 13: ((4, 2), one_way)}
-    osm = write_osm(nodes, ways)
-    line = (
-        '<relation id="1" version="1"><member type="way" ref="10" role=""/>'
-        '<tag k="type" v="route"/><tag k="route" v="bus"/></relation></osm>'
-    )
-    osm.write_text(osm.read_text().replace("</osm>", line))
-    network = build_roads(
-        read_extract(osm),
-        FRAME,
-        shapely.box(-190, -150, 150, 150),
-        Elevation.flat(),
-        driving_side="right",
-        out=tmp_path / "town.net.xml",
-    ).network
+    network = built(with_a_line(write_osm(nodes, ways)), tmp_path, west=-190)
     (stop,) = network.stops
     (road,) = [road for road in network.roads if stop.lane in road.lanes]
     assert road.ways == (12,)

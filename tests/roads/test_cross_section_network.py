@@ -22,21 +22,26 @@ BASE = {"highway": "secondary", "sidewalk": "no"}
 MPH = 1609.344 / 3600
 
 
+def built(osm, tmp_path, radius_m, side="right", **how):
+    """The network of a map around the origin."""
+    return build_roads(
+        read_extract(osm),
+        HERE,
+        shapely.Point(0, 0).buffer(radius_m),
+        Elevation.flat(),
+        driving_side=side,
+        out=tmp_path / "n.net.xml",
+        **how,
+    ).network
+
+
 @pytest.fixture
 def build(write_osm, tmp_path):
     def build(tags, side="right", others=STREET, nodes=NODES, *, closed_loop=False):
         ways = {10: ([1, 2], {**BASE, **tags}), 11: ([2, 3], others), 12: ([4, 2, 5], others)}
         if callable(others):
             ways = others(tags)
-        return build_roads(
-            read_extract(write_osm(nodes, ways)),
-            HERE,
-            shapely.Point(0, 0).buffer(110),
-            Elevation.flat(),
-            driving_side=side,
-            out=tmp_path / "n.net.xml",
-            closed_loop=closed_loop,
-        ).network
+        return built(write_osm(nodes, ways), tmp_path, 110, side, closed_loop=closed_loop)
 
     return build
 
@@ -59,14 +64,7 @@ def rows(write_osm, tmp_path, cases, side):
         nodes |= {2 * k + 1: (-60, y, {}), 2 * k + 2: (60, y, {})}
     ways = {k + 1: ([2 * k + 1, 2 * k + 2], {**BASE, **tags}) for k, tags in enumerate(cases)}
     ways[900] = ([2 * k + 2 for k in range(len(cases))], BASE)
-    network = build_roads(
-        read_extract(write_osm(nodes, ways)),
-        HERE,
-        shapely.Point(0, 0).buffer(400),
-        Elevation.flat(),
-        driving_side=side,
-        out=tmp_path / "n.net.xml",
-    ).network
+    network = built(write_osm(nodes, ways), tmp_path, 400, side)
     return [(*edges(network, k + 1), y) for k, y in north.items()]
 
 
@@ -335,14 +333,7 @@ def test_parallel_carriageways_do_not_lie_on_each_other(
     nodes |= {5: (110, 4, {}), 6: (150, 4, {})}
     ways = {1: ([1, 2], {**tags, **placement}), 2: ([3, 4], tags)}
     ways |= {3: ([2, 5], tags), 4: ([5, 3], tags), 5: ([5, 6], BASE)}
-    network = build_roads(
-        read_extract(write_osm(nodes, ways)),
-        HERE,
-        shapely.Point(0, 0).buffer(140),
-        Elevation.flat(),
-        driving_side="right",
-        out=tmp_path / "n.net.xml",
-    ).network
+    network = built(write_osm(nodes, ways), tmp_path, 140)
     found = []
     for way, y in ((1, 0.0), (2, 8.0)):
         lanes = [lane for side in edges(network, way) for lane in side if lane.kind == "driving"]
@@ -372,14 +363,7 @@ def test_lanes_of_unmapped_width_yield_to_houses(write_osm, tmp_path, tags, betw
         ring = [20 + 4 * k + j for j in (0, 1, 2, 3, 0)]
         houses[30 + k] = (ring, {"building": "house"})
     ways = {10: ([1, 2], {"sidewalk": "no", **tags}), 11: ([2, 3], STREET), **houses}
-    network = build_roads(
-        read_extract(write_osm(nodes, {**ways, 12: ([4, 2, 5], STREET)})),
-        HERE,
-        shapely.Point(0, 0).buffer(110),
-        Elevation.flat(),
-        driving_side="right",
-        out=tmp_path / "n.net.xml",
-    ).network
+    network = built(write_osm(nodes, {**ways, 12: ([4, 2, 5], STREET)}), tmp_path, 110)
     lanes = [lane for side in edges(network) for lane in side if lane.kind == "driving"]
     assert [lane.width for lane in lanes] == pytest.approx([width] * 2, abs=0.01)
     walls = shapely.MultiPolygon([shapely.box(-90, near - 8, -50, near),

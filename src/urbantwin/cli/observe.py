@@ -37,5 +37,5 @@ def observe(
     as_json: AsJson = False,
 ) -> None:
     """Find what moves in frames of sensors that stand still: tracks, and a picture to draw on."""
-    made = ut.observe(frames, out, twin=twin, rate_hz=rate, progress=not quiet)
+    made = ut.observe(frames, out, twin=twin, rate=rate, progress=not quiet)
     Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -50,7 +50,7 @@ def observe(
     out: AnyPath | None = None,
     *,
     twin: AnyPath | None = None,
-    rate_hz: float = 10.0,
+    rate: float = 10.0,
     progress: ShowProgress = True,
 ) -> ObservedTraffic:
     """Find what moves in frames of sensors that stand still, and what waits on lanes.
@@ -60,7 +60,7 @@ def observe(
         out: the folder to write; one beside the frames when not given.
         twin: a twin of the place, in the frame of the points: its lanes tell where vehicles wait,
             and which way they look.
-        rate_hz: frames per second.
+        rate: frames per second.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -80,10 +80,10 @@ def observe(
     recording = RecordedFrames(source)
     network = None if twin is None else load_twin(Path(twin)).roads
     with shown_stage("observe", progress) as tell:
-        found = observed(recording, network, rate_hz=rate_hz, tell=tell)
+        found = observed(recording, network, rate_hz=rate, tell=tell)
         with replaced_folder(target, kind="observation", inputs=inputs) as folder:
-            counts = write_observation(folder, found, rate_hz)
+            counts = write_observation(folder, found, rate)
             draw_observed_place(folder, found)
-            told = {"frames": found.frames, "rate_hz": rate_hz, "classes": counts}
+            told = {"frames": found.frames, "rate_hz": rate, "classes": counts}
             write_json(folder / "observation.json", {"kind": "observation", **told})
     return ObservedTraffic(target, found, counts)

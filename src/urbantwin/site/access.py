@@ -84,8 +84,8 @@ def permission_of(
         implied = {"motor_vehicle": "no", "bus": "yes"}
 
     def may(name: str, keys: tuple[str, ...]) -> bool:
-        told = (tags.get(f"{key}:{direction}", tags.get(key, implied.get(key))) for key in keys)
-        value = next((value for value in told if value), "yes")
+        values = (tags.get(f"{key}:{direction}", tags.get(key, implied.get(key))) for key in keys)
+        value = next((value for value in values if value), "yes")
         return name == "bus" if value in FOR_BUSES else value not in CLOSED
 
     motor = tuple(name for name, keys in MOTOR.items() if may(name, keys))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from urbantwin.result_warning import ResultWarning
@@ -45,6 +45,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
                 "the streets that they begin on are full",
                 "lower traffic.per_hour, or lengthen traffic.warmup_s",
             )
+    yield from _of_events(manifest.get("events", ()))
     if manifest["teleports"]:
         yield ResultWarning(
             "traffic",
@@ -61,13 +62,13 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
         )
     overlaps = manifest.get("overlaps", {})
     for count, of, kinds in (
-        (overlaps.get("actors", 0), "pairs of actors pass through each other", "between"),
-        (overlaps.get("scene", 0), "actors pass through what stands there", "with"),
+        (overlaps.get("actors", 0), "pairs of actors that pass through each other", "between"),
+        (overlaps.get("scene", 0), "actors that pass through things of the scene", "with"),
     ):
         if count:
             yield ResultWarning(
                 "overlaps",
-                f"{count} {of}",
+                f"{of}: {count}",
                 ", ".join(f"{number} {name}" for name, number in overlaps[kinds].items()),
                 "motion.json says under overlaps where the worst are",
             )
@@ -88,6 +89,26 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             f"on {lanes}",
             "look there in plan.png",
         )
+
+
+def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
+    """Yield which events are not where they were asked for, or touch somebody."""
+    for row in rows:
+        if "moved_m" in row:
+            yield ResultWarning(
+                f"event {row['event']}",
+                f"is {row['moved_m']:.0f} m from the place that was asked for",
+                row["moved_because"],
+                "within_m: 0 in the scenario keeps it there",
+            )
+        nearest = row.get("nearest", {})
+        if row["event"] not in ("collision", "trajectory") and nearest.get("gap_m", 1.0) <= 0.0:
+            yield ResultWarning(
+                f"event {row['event']}",
+                f"its actor touches track {nearest['track']} at {nearest['gap_at_s']:g} s",
+                "",
+                "another at_s or place",
+            )
 
 
 def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:

@@ -21,15 +21,18 @@ from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.demand.time_of_day import at_time_of_day
 from urbantwin.traffic.drive_manifest import manifest_of_drive
+from urbantwin.traffic.events.elsewhere import moved, places_that_serve
+from urbantwin.traffic.events.places import Spot
 from urbantwin.traffic.events.put_in import StagedEvent, staged_table, with_events
 from urbantwin.traffic.events.reacting import (
     REACTING,
+    NotStagedError,
     changed_from,
     everybody,
     plan_events,
     reactions,
 )
-from urbantwin.traffic.events.scenario import Event, scenario_events
+from urbantwin.traffic.events.scenario import PlacedEvent, scenario_events
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.motion import ACTOR_SCHEMA, Motion
@@ -125,7 +128,9 @@ def _driven(
     standing = parked.table(ACTOR_SCHEMA)
     place = Place.of(twin.roads, ground, twin.mesh, standing)
     scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
-    reacting = [(n, one) for n, one in scenario if one.event in REACTING]
+    reacting = [
+        (n, one) for n, one in scenario if one.event in REACTING and isinstance(one, PlacedEvent)
+    ]
 
     tell = between(told, 0.6, 0.85, "actors")
     drive = streets.tabled(simulated, demand, place, by_trip=bool(reacting), tell=tell)
@@ -272,14 +277,44 @@ class _Streets:
         return _Drive(demand, simulated, made.actors, made.outside, made.rigid, made.poses)
 
     def with_reactions(
-        self, without: _Drive, events: list[tuple[int, Event]], place: Place
+        self, without: _Drive, events: list[tuple[int, PlacedEvent]], place: Place
     ) -> _Drive:
-        """Drive the same once more with events that others react to."""
+        """Drive the same once more with events that others react to, each where it can be.
+
+        Raises:
+            NotStagedError: one cannot be staged at any of the places that are tried.
+        """
+        places = {n: places_that_serve(one, self.twin, without.actors) for n, one in events}
+        taken = dict.fromkeys(places, 0)
+        while True:
+            chosen = {n: places[n][taken[n]] for n in places}
+            try:
+                return self._with_reactions_at(chosen, without, events, place)
+            except NotStagedError as error:
+                taken[error.number] += 1
+                tried = taken[error.number]
+                if tried == len(places[error.number]):
+                    elsewhere = f"; nor at {tried - 1} other places" if tried > 1 else ""
+                    raise NotStagedError(f"{error}{elsewhere}", error.number) from None
+
+    def _with_reactions_at(
+        self,
+        chosen: Mapping[int, tuple[Spot, Mapping[str, object]]],
+        without: _Drive,
+        events: list[tuple[int, PlacedEvent]],
+        place: Place,
+    ) -> _Drive:
+        """Drive the same once more with events at places that were chosen for them."""
         step_ms = round(self.step_s * 1000)
         start_s = math.ceil(float(self.asked["warmup_s"]) * 1000 / step_ms) * self.step_s
-        plan = plan_events(events, self.twin, without.demand, start_s)
+        there = [(n, moved(one, chosen[n][0]) if chosen[n][1] else one) for n, one in events]
+        plan = plan_events(there, self.twin, without.demand, start_s)
         simulated = self.drive(without.demand, staged=plan.rows)
-        found = reactions(simulated, events, start_s, self.steps * self.step_s)
+        asked = dict(events)
+        found = [
+            replace(one, event=asked[one.number], told={**one.told, **chosen[one.number][1]})
+            for one in reactions(simulated, there, start_s, self.steps * self.step_s)
+        ]
         demand = everybody(without.demand, plan)
         until = math.ceil(changed_from(events) / self.step_s - 1e-6)
         own = frozenset(trip for one in found for trip in one.trips)

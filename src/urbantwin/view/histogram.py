@@ -15,6 +15,9 @@ from urbantwin.view import style
 
 __all__ = ["histogram", "histogram_figure"]
 
+#: Width of a character of the numbers beside bars, inches.
+_CHARACTER_IN = 0.09
+
 
 def histogram(
     points_by_class: Mapping[str, int],
@@ -95,15 +98,19 @@ def _bars(
     axes.set_facecolor(style.PAPER)
     axes.set_title(heading, loc="left", color=style.INK, fontsize=13, weight="bold", pad=12)
     axes.set_xscale("log")
+    texts = [f"{count:,}" for count in counts]
+    if within is not None:
+        texts = [f"{text} ({part:,})" for text, part in zip(texts, within, strict=True)]
+    # The longest bar leaves room for the longest text behind it.
+    width_in = axes.get_window_extent().width / axes.figure.dpi
+    room = 0.03 + _CHARACTER_IN * max(map(len, texts), default=0) / width_in
     top = max([*counts, 10])
-    axes.set_xlim(0.8, top * 6.0)
+    axes.set_xlim(0.8, max(top * 6.0, 0.8 * (top / 0.8) ** (1 / (1 - room))))
     axes.set_ylim(len(names) - 0.4, -0.6)
-    for place, (count, colour) in enumerate(zip(counts, colours, strict=True)):
-        text = f"{count:,}"
+    for place, (count, colour, text) in enumerate(zip(counts, colours, texts, strict=True)):
         if within is None:
             axes.barh(place, count, left=0, height=0.72, color=colour)
         else:
-            text += f" ({within[place]:,})"
             axes.barh(place, count, height=0.72, color=colour, alpha=0.35)
             axes.barh(place, within[place], height=0.72, color=colour)
         axes.text(max(count, 0.8) * 1.12, place, text, color=style.INK, fontsize=10.5, va="center")

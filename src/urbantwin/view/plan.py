@@ -244,11 +244,11 @@ def _sensors(
 
 
 def _counted(network: RoadNetwork) -> str:
-    lanes = sum(lane.kind in ("driving", "bus") for lane in network.lanes)
+    lanes = [lane for lane in network.lanes if lane.kind in ("driving", "bus")]
     crossings = sum(lane.kind == "crossing" for lane in network.lanes)
     counts = (
-        (len(network.roads), "road"),
-        (lanes, "lane"),
+        (len({lane.road for lane in lanes}), "road"),
+        (len(lanes), "lane"),
         (len(network.programs), "signalised junction"),
         (crossings, "crossing"),
     )

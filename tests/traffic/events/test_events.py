@@ -189,7 +189,7 @@ def test_what_cannot_be_staged_is_told(
     quiet_twin: Twin, tmp_path: Path, event: dict[str, Any], said: str
 ) -> None:
     with pytest.raises(StageError, match=said):
-        driven(quiet_twin, tmp_path / "m", {"at_s": 1.0, **event})
+        driven(quiet_twin, tmp_path / "m", {"at_s": 1.0, "within_m": 0.0, **event})
     assert not (tmp_path / "m").exists()
 
 

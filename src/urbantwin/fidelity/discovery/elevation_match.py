@@ -225,7 +225,7 @@ def _fit(
     bell = normal_density(on.off_deg, _RING_DEG)
     near = np.abs(on.off_deg) < 3 * _RING_DEG
     looks = np.bincount(on.channel, each * near, minlength=count).astype(np.float64)
-    told = each * np.log(np.where(near, _ON * bell, (1 - _ON) / _OTHERS_DEG))
+    likelihood = each * np.log(np.where(near, _ON * bell, (1 - _ON) / _OTHERS_DEG))
     # How many looks each channel has: with a uniform prior over the shares of the channels, a table
     # pays for channels without looks.
     spread = gammaln(count) - gammaln(looks.sum() + count) + gammaln(looks + 1).sum()
@@ -238,7 +238,7 @@ def _fit(
         unit,
         covariance,
         looks,
-        float(told.sum() + spread - 0.5 * chosen.sum()),
+        float(likelihood.sum() + spread - 0.5 * chosen.sum()),
         comb - 0.5 * free * float(np.log(max(float(each.sum()), 2.0))),
         float(weight[np.abs(on.off_deg) < 0.05].sum() / weight.sum()),
     )

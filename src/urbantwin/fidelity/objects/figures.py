@@ -25,6 +25,7 @@ FIGURES = {
     "points_ratio_annotated": "the same in boxes as annotated",
     "chamfer_m": "median symmetric Chamfer distance along the same rays, boxes mended, metres",
     "chamfer_annotated_m": "the same in boxes as annotated",
+    "chamfer_both_m": "the same in boxes mended, of rays that return from both: shape, not losses",
     "length_mended": "median of the mended over the annotated length",
     "width_mended": "the same of widths",
     "height_mended": "the same of heights",
@@ -65,6 +66,7 @@ def _figures(seen: Sequence[ObjectSeen]) -> dict[str, Any]:
         "points_ratio_annotated": _ratio(judged, "annotated"),
         "chamfer_m": _chamfer(seen, "mended"),
         "chamfer_annotated_m": _chamfer(seen, "annotated"),
+        "chamfer_both_m": _chamfer(seen, "both"),
         **{
             f"{side}_mended": round(float(np.median(sizes[:, axis])), 3)
             for axis, side in enumerate(("length", "width", "height"))

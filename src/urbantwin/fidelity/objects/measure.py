@@ -70,7 +70,9 @@ class ObjectSeen:
         real: (N, 3) the object's points.
         ours: (M, 3) our body's, in the mended box, along rays that nothing stood before.
         counts: points by side: ``real``, ``mended``, ``annotated``.
-        chamfer_m: symmetric Chamfer distance to the real points by box: ``mended``, ``annotated``.
+        chamfer_m: symmetric Chamfer distance to the real points by box: ``mended``, ``annotated``;
+            and ``both``: in the mended box, of rays that returned from the real object and from
+            ours, so that shape is told apart from what is lost.
         real_codes: (N,) intensity of the real points, 0 to 1; (0,): the data has none.
         codes: (M,) of ours.
         rays: ray by ray, in the mended box.
@@ -182,7 +184,8 @@ def compare_objects(
                 frame.points[real],
                 ours[:, :3],
                 {"real": len(real)} | {side: len(one) for side, one in points.items()},
-                {side: _chamfer(frame.points[real], one[:, :3]) for side, one in points.items()},
+                {side: _chamfer(frame.points[real], one[:, :3]) for side, one in points.items()}
+                | {"both": _of_both(frame.points, looks, seen["mended"], k, better)},
                 codes,
                 ours[:, 3],
                 RaysSeen(*(np.concatenate(parts) for parts in zip(*rays, strict=True))),
@@ -242,6 +245,17 @@ class _Look:
         above = points[:, 2] > box[2] - box[5] / 2 + GROUND_M
         return np.asarray(np.column_stack([points, seen.intensity[mine]])[above])
 
+    def of_both(
+        self, points: NDArray[np.float64], seen: SeenBodies, body: int, bodies: list[PlacedBody]
+    ) -> NDArray[np.float64]:
+        """Return real points and ours (M, 6) along rays that returned from a body on both sides."""
+        mine = np.flatnonzero((seen.reported == body) & (self.owner == body))
+        ours = self.rays.origin + self.direction[mine] * seen.range_m[mine, None]
+        box = bodies[body].box
+        above = ours[:, 2] > box[2] - box[5] / 2 + GROUND_M
+        real = points[self.rays.point[self.near[mine]]]
+        return np.asarray(np.column_stack([real, ours])[above])
+
     def outcome(self, seen: SeenBodies, body: int) -> tuple[NDArray[np.bool_], ...]:
         """Return what `RaysSeen` holds of a body."""
         meets = (seen.body == body) & ~self._is_blocked(seen)
@@ -258,6 +272,19 @@ class _Look:
             own & seen.is_pane[mine] & (range_m > surface),
             (seen.reported[mine] == body) & seen.is_pane[mine] & (seen.range_m[mine] > surface),
         )
+
+
+def _of_both(
+    points: NDArray[np.float64],
+    looks: list[_Look],
+    seen: list[SeenBodies],
+    body: int,
+    bodies: list[PlacedBody],
+) -> float | None:
+    """Return the Chamfer distance of the rays that returned from a body on both sides, metres."""
+    found = [look.of_both(points, one, body, bodies) for look, one in zip(looks, seen, strict=True)]
+    both = np.concatenate(found)
+    return _chamfer(both[:, :3], both[:, 3:])
 
 
 def _chamfer(real: NDArray[np.float64], ours: NDArray[np.float64]) -> float | None:

@@ -26,6 +26,7 @@ _COLUMNS = {
     "points_ratio_annotated": "annotated",
     "chamfer_m": "Chamfer m, mended",
     "chamfer_annotated_m": "annotated",
+    "chamfer_both_m": "where both return",
     "code": "Code %",
     "code_p90": "P90",
     "code_zero": "Code 0 %",

@@ -46,8 +46,8 @@ class _Parameter:
         figure: a sum of them: median, ...
         ratio: whether the parameter goes as the figure (else: by as much).
         what: the values in words.
-        fewest: of fewer values it tells nothing; of several parameters of one field the first that
-            tells something counts.
+        fewest: with fewer values it is not fitted; of several parameters of one field the first
+            with enough values is.
     """
 
     field: str

@@ -29,7 +29,7 @@ __all__ = ["Conflict", "Decision", "conflicts_of", "critical_gap", "decisions_of
 
 #: Who is so near to the conflict decides, metres, and passes it within so much of its path.
 _DECIDES_M, _BESIDE_M = 15.0, 3.0
-#: A longer gap says nothing: nobody refuses it but for another reason (a red signal), seconds.
+#: Longer gaps are left out, seconds: whoever refuses one has another reason (a red signal).
 _LONG_S = 12.0
 #: Bounds of the lognormal distribution: its median in seconds, its deviation in logarithms.
 _MEDIAN_S, _SPREAD = (0.3, 15.0), (0.05, 0.8)
@@ -147,7 +147,7 @@ def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
 
     Args:
         decisions: (refused, taken) gaps, seconds; a refused one of 0 and a taken one that is
-            infinite are none. Who refused a longer gap than the one taken tells nothing.
+            infinite are none. Decisions in which a longer gap was refused than taken are left out.
     """
     telling = [one for one in decisions if one[0] < one[1] and one != (0.0, np.inf)]
     pairs = np.array(telling, np.float64).reshape(-1, 2)
@@ -160,10 +160,10 @@ def critical_gap(decisions: Sequence[tuple[float, float]]) -> float:
         share = ndtr((high - values[0]) / values[1]) - ndtr((low - values[0]) / values[1])
         return -float(np.log(np.maximum(share, 1e-12)).sum())
 
-    # It has one valley, but no slope far off it: the simplex goes on where a gradient is 0.
+    # It has one minimum, but is flat far from it: the simplex needs no gradient.
     bounds = [tuple(np.log(_MEDIAN_S)), _SPREAD]
-    told = np.concatenate([low[pairs[:, 0] > 0], high[np.isfinite(high)]])
-    start = (float(np.clip(told.mean(), *bounds[0])), 0.3)
+    seen = np.concatenate([low[pairs[:, 0] > 0], high[np.isfinite(high)]])
+    start = (float(np.clip(seen.mean(), *bounds[0])), 0.3)
     fit = minimize(unlikely, start, method="Nelder-Mead", bounds=bounds)
     middle, spread = fit.x
     return float(np.exp(middle + spread**2 / 2))

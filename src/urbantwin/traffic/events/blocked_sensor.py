@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -21,6 +23,9 @@ __all__ = ["blocked_sensor"]
 _NEAREST_M, _FARTHEST_M = 2.0, 18.0
 #: The streets within this distance of the anchor are what a sensor is to see, metres.
 _JUNCTION_M = 35.0
+#: Where no lane is free as long as asked for, so large a part of it does; times that are tried lie
+#: so far apart, seconds.
+_SHORTEST, _EVERY_S = 0.25, 5.0
 
 
 def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
@@ -47,7 +52,6 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     seen = _seen_places(setting, eye, probe, top)
     if not len(seen):
         raise StageError(f"blocked_sensor: {name} sees nothing of the junction as it is")
-    from_s, until_s = event.at_s, min(event.at_s + event.lasts_s, setting.until_s)
     tried = []
     for truck in asset_names("truck"):
         if asset(truck).bodies:
@@ -58,27 +62,39 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
             if np.isfinite(height):
                 hidden = _hidden(scene, eye, seen, np.array([*at, height]), yaw)
                 tried.append((-round(hidden, 6), truck, tuple(at.tolist()), yaw))
-    for minus, truck, (x, y), yaw in sorted(tried):
-        if -minus < event.least_share:
-            break
-        path = PrescribedPath(
-            "truck",
-            truck,
-            np.array([from_s, until_s]),
-            np.array([(x, y), (x, y)]),
-            yaw=np.array([yaw, yaw]),
-            speed=np.zeros(2),
-        )
-        other = setting.others.nearest(passage_of_path(path, setting.others.motion))
-        if other is None or other.gap_m >= CLEAR_M:
-            told = {"sensor": name, "share_of_junction_hidden": -minus}
-            return Scripted((path,), from_s, until_s, told=told)
+    hiding = [one for one in sorted(tried) if -one[0] >= event.least_share]
+    for from_s, until_s in _spans(event, setting.until_s):
+        for minus, truck, (x, y), yaw in hiding:
+            path = PrescribedPath(
+                "truck",
+                truck,
+                np.array([from_s, until_s]),
+                np.array([(x, y), (x, y)]),
+                yaw=np.array([yaw, yaw]),
+                speed=np.zeros(2),
+            )
+            other = setting.others.nearest(passage_of_path(path, setting.others.motion))
+            if other is None or other.gap_m >= CLEAR_M:
+                told = {"sensor": name, "share_of_junction_hidden": -minus}
+                return Scripted((path,), from_s, until_s, told=told)
     most = -min(tried)[0] if tried else 0.0
     raise StageError(
-        f"blocked_sensor at {event.at_s:g} s cannot be staged: a truck on a free lane beside "
-        f"{name} hides less than {event.least_share:.1%} of the junction (at best {most:.1%}, were "
-        "all lanes free): the sensor stands too high or too far from lanes"
+        f"blocked_sensor at {event.at_s:g} s cannot be staged: a truck on a lane that is free for "
+        f"{event.lasts_s * _SHORTEST:g} s within {event.within_s:g} s of it beside {name} hides "
+        f"less than {event.least_share:.1%} of the junction (at best {most:.1%}, were all lanes "
+        "free): the sensor stands too high or too far from lanes"
     )
+
+
+def _spans(event: BlockedSensor, until_s: float) -> Iterator[tuple[float, float]]:
+    """Yield from when to when the truck may stand: first as long as asked for."""
+    later = np.arange(0.0, event.within_s + 1e-6, _EVERY_S)
+    times = event.at_s + np.unique([*-later, *later])
+    long_enough = times + _SHORTEST * event.lasts_s <= until_s
+    times = times[(times >= 0) & (long_enough | (times == event.at_s))]
+    for part in (1.0, 0.5, _SHORTEST):
+        for from_s in sorted(times.tolist(), key=lambda at_s: abs(at_s - event.at_s)):
+            yield from_s, min(from_s + part * event.lasts_s, until_s)
 
 
 def _seen_places(

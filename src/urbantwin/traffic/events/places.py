@@ -15,7 +15,7 @@ from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, wrong
 from urbantwin.twin import Twin
 
-__all__ = ["Place", "Spot", "find_spot", "nearest_to_anchor", "spot_on"]
+__all__ = ["Place", "Spot", "find_spot", "lanes_for", "nearest_to_anchor", "spot_on"]
 
 #: A lane is at a place of x and y that is not farther from it, metres.
 _NEAR_M = 15.0
@@ -149,9 +149,17 @@ def nearest_to_anchor(twin: Twin, actor_class: str) -> tuple[float, float]:
 
 def _lanes_near(twin: Twin, xy: NDArray[np.float64], actor_class: str) -> list[tuple[float, str]]:
     """Return how far the lanes for a class of actors are from a place, metres, and their ids."""
-    kinds = _WALKED if actor_class == "pedestrian" else _DRIVEN
     return [
         (float(shapely.LineString(one.centre[:, :2]).distance(shapely.Point(xy))), one.id)
+        for one in lanes_for(twin, actor_class)
+    ]
+
+
+def lanes_for(twin: Twin, actor_class: str) -> list[Lane]:
+    """Return the lanes that a class of actors may use."""
+    kinds = _WALKED if actor_class == "pedestrian" else _DRIVEN
+    return [
+        one
         for one in twin.roads.lanes
         if one.kind in kinds and (actor_class in one.allowed or one.kind in _WALKED)
     ]

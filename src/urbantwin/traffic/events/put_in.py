@@ -11,9 +11,10 @@ import pyarrow as pa
 from urbantwin.errors import StageError
 from urbantwin.traffic.events.blocked_sensor import blocked_sensor
 from urbantwin.traffic.events.crossing_paths import child_between_parked_cars, near_miss
+from urbantwin.traffic.events.elsewhere import staged_near
 from urbantwin.traffic.events.event_report import event_row
 from urbantwin.traffic.events.reacting import Reaction, changed_from, spliced
-from urbantwin.traffic.events.scenario import Debris, Event, WorkZone
+from urbantwin.traffic.events.scenario import Debris, Event, PlacedEvent, WorkZone
 from urbantwin.traffic.events.scripted import (
     Scripted,
     Setting,
@@ -161,7 +162,16 @@ def _put_in(
     """Return the row of an event whose actors are put in, and the motion with them."""
     others = Surroundings(motion)
     setting = Setting(twin, others, int(motion.manifest["seed"]), number)
-    staged = PUT_IN[event.event](event, setting)
+    stage = PUT_IN[event.event]
+    told: dict[str, Any] = {}
+    try:
+        staged = stage(event, setting)
+    except StageError as refused:
+        if not isinstance(event, PlacedEvent) or not event.within_m:
+            raise
+        staged, told = staged_near(
+            event, twin, motion.actors, lambda one: stage(one, setting), refused
+        )
     motion, tracks = inserted(motion, staged.paths, surface)
     if staged.told.pop("unlit", False):
         motion = unlit(motion, tracks[0])
@@ -179,6 +189,6 @@ def _put_in(
         from_s=max(staged.from_s, 0.0),
         until_s=min(staged.until_s, setting.until_s),
         with_track=staged.with_track,
-        told=staged.told,
+        told={**staged.told, **told},
     )
     return row, motion

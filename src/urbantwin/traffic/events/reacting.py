@@ -34,6 +34,7 @@ from urbantwin.twin import Twin
 
 __all__ = [
     "REACTING",
+    "NotStagedError",
     "Plan",
     "Reaction",
     "changed_from",
@@ -60,6 +61,18 @@ _COMES_M, _GOES_M = 150.0, 200.0
 _FADES_S = 2.0
 #: How wide a work zone is at most, metres.
 _ZONE_M = 2.0
+
+
+class NotStagedError(StageError):
+    """An event could not be staged.
+
+    Attributes:
+        number: of the event in its scenario.
+    """
+
+    def __init__(self, problem: str, number: int) -> None:
+        super().__init__(problem)
+        self.number = number
 
 
 @dataclass(frozen=True)
@@ -156,7 +169,7 @@ def reactions(
     """Return what became of the events.
 
     Raises:
-        StageError: one could not be staged; what was missing is told.
+        NotStagedError: one could not be staged; what was missing is told.
     """
     by_number = dict(events)
     found = []
@@ -175,7 +188,8 @@ def reactions(
         elif event.event in ("work_zone", "debris") and not row["note"].get("stands"):
             missing = REACTING[event.event]
         if missing is not None:
-            raise StageError(f"{event.event} at {event.at_s:g} s cannot be staged: {missing}")
+            problem = f"{event.event} at {event.at_s:g} s cannot be staged: {missing}"
+            raise NotStagedError(problem, row["number"])
         note = {
             key: round(value - start_s, 3) if key.endswith("_s") else value
             for key, value in row["note"].items()

@@ -72,9 +72,16 @@ class Event(Strict):
 
 
 class PlacedEvent(Event):
-    """An event at a place."""
+    """An event at a place.
+
+    Attributes:
+        place: where.
+        within_m: how far from there it may be, on the same lane if the place names one, where the
+            place itself has not the traffic or the room that it needs.
+    """
 
     place: Place
+    within_m: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 100.0
 
 
 class HardBrake(PlacedEvent):

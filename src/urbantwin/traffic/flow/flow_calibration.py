@@ -41,14 +41,14 @@ GROWTH = 1.6
 WORTHWHILE = 0.3
 #: A flow that falls below this share within a pilot is that of streets that lock up.
 FALLS = 0.6
-#: Longer pilots tell whether it goes on so: how long they are, minutes that do not count, and how
-#: many there are at most. Shorter ones see two or three cycles, before queues have grown: what they
-#: say of the flow differs from an hour's by a tenth and more.
+#: Longer pilots show the flow once queues have grown: their length, the minutes at their start that
+#: do not count, and how many there are at most. Shorter ones see two or three cycles; their flow
+#: differs from an hour's by a tenth and more.
 LONG_S, LONG_SETTLING_MIN, LONG_PILOTS = 1500, 5, 5
-#: Nobody may stand for longer than this in them, seconds, or there are so many times fewer; where
-#: they carry less than was asked for there are more, so many times at least and at most.
+#: The longest halt in them, seconds, beyond which the population is reduced by this factor; and the
+#: least and largest factor by which it grows where it carries less than was asked for.
 LONGEST_HALT_S, LESS, MORE = 200.0, 0.75, (1.08, 1.25)
-#: What a longer pilot carries is carried to this share in an hour, surely: it sees 10 to 20 cycles.
+#: Share of a longer pilot's flow that an hour carries too: the pilot sees 10 to 20 cycles.
 SURE = 0.95
 #: Of populations whose flows differ by no more than this the smallest is taken: it is farthest from
 #: locking up.

@@ -121,11 +121,11 @@ def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
         etree.SubElement(
             item, "speed", sOffset="0", max=number(round(lane.speed_limit, 3)), unit="m/s"
         )
-    told = tuple(ACCESS) if is_closed else lane.allowed
-    if place.version != "1.4" and told and set(lane.allowed) != set(usual_users(lane.kind)):
+    named = tuple(ACCESS) if is_closed else lane.allowed
+    if place.version != "1.4" and named and set(lane.allowed) != set(usual_users(lane.kind)):
         rule = "deny" if is_closed else "allow"
         access = etree.SubElement(item, "access", sOffset="0", rule=rule)
-        for name in told:
+        for name in named:
             etree.SubElement(access, "restriction", type=ACCESS[name])
     if lane.height:
         etree.SubElement(item, "height", **numbers(sOffset=0, inner=lane.height, outer=lane.height))

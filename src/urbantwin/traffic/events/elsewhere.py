@@ -1,0 +1,288 @@
+"""Other places for an event whose own has not the traffic, or the room, that it needs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import pyarrow as pa
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.errors import StageError
+from urbantwin.traffic.events.places import Place, Spot, find_spot, lanes_for, spot_on
+from urbantwin.traffic.events.scenario import (
+    ChildBetweenParkedCars,
+    Collision,
+    Convoy,
+    Debris,
+    EmergencyVehicle,
+    HardBrake,
+    NearMiss,
+    PlacedEvent,
+    RedLightRunning,
+    StalledVehicle,
+    UTurn,
+    WorkZone,
+)
+from urbantwin.twin import Twin
+
+__all__ = ["Passing", "moved", "places_that_serve", "staged_near"]
+
+#: Places along a lane lie so far apart, and so far from its ends, metres.
+_APART_M, _FROM_ENDS_M = 15.0, 10.0
+#: So many are tried, besides the asked one: of who is put in, and of what SUMO drives again.
+_TRIED, _DRIVEN_AGAIN = 10, 2
+#: No more than so many on one lane.
+_ON_ONE_LANE = 2
+#: Who is slower stands, who is faster drives, m/s.
+_STANDS_MS, _DRIVES_MS = 1.0, 4.0
+#: Who is nearer is at the place, metres; who stands so near is in the way.
+_AT_M, _IN_THE_WAY_M = 6.0, 12.0
+#: Shares of the time that somebody stands in the way count in such steps.
+_STEP_OF_SHARE = 0.25
+#: One close behind another: gap between the two middles, metres.
+_CLOSE_M = 35.0
+#: Who comes to red is so far from the stop line when it still drives, and when it stands, metres.
+_COMES_TO_RED_M, _WAITS_M = 25.0, 8.0
+#: Comfortable braking, m/s2, and what is left before something that stands, metres.
+_COMFORTABLE_MS2, _LEFT_M = 2.5, 4.0
+
+_Staged = TypeVar("_Staged")
+
+
+@dataclass(frozen=True, eq=False)
+class Passing:
+    """Vehicles of a motion: a row for each at each step.
+
+    Attributes:
+        time_s: (N,) seconds of the motion.
+        track: (N,).
+        xy: (N, 2) metres, site frame.
+        speed: (N,) m/s.
+        lane: (N,) ids of lanes.
+    """
+
+    time_s: NDArray[np.float64]
+    track: NDArray[np.int64]
+    xy: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    lane: NDArray[np.str_]
+
+    @classmethod
+    def of(cls, actors: pa.Table, from_s: float, until_s: float) -> Passing:
+        """Return who is there between two times."""
+        time_s = np.asarray(actors["time_s"].to_numpy(), np.float64)
+        kind = np.asarray(actors["class"].to_numpy(zero_copy_only=False), str)
+        there = (time_s >= from_s - 1e-6) & (time_s <= until_s + 1e-6)
+        there &= ~np.isin(kind, ("pedestrian", "animal", "obstacle"))
+        xy = np.column_stack([actors[name].to_numpy() for name in ("x", "y")])
+        return cls(
+            time_s[there],
+            np.asarray(actors["track"].to_numpy(), np.int64)[there],
+            xy[there],
+            np.asarray(actors["speed"].to_numpy(), np.float64)[there],
+            np.asarray(actors["lane"].to_numpy(zero_copy_only=False), str)[there],
+        )
+
+    def share_standing(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the share (M,) of the steps at which somebody stands in the way of places (M, 2).
+
+        In coarse steps.
+        """
+        steps = max(len(np.unique(self.time_s)), 1)
+        slow = np.flatnonzero(self.speed < _STANDS_MS)
+        if not len(slow):
+            return np.zeros(len(xy))
+        near = cKDTree(self.xy[slow]).query_ball_point(xy, _IN_THE_WAY_M)
+        share = np.array([len(np.unique(self.time_s[slow[rows]])) / steps for rows in near])
+        return np.asarray(np.floor(share / _STEP_OF_SHARE) * _STEP_OF_SHARE)
+
+    def on(self, spot: Spot) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+        """Return the rows on a spot's lane, and how far along it they are, metres."""
+        rows = np.flatnonzero(self.lane == spot.lane.id)
+        line = shapely.LineString(spot.lane.centre[:, :2])
+        return rows, np.asarray(shapely.line_locate_point(line, shapely.points(self.xy[rows])))
+
+
+def staged_near(
+    event: PlacedEvent,
+    twin: Twin,
+    actors: pa.Table,
+    stage: Callable[[PlacedEvent], _Staged],
+    refused: StageError,
+) -> tuple[_Staged, dict[str, object]]:
+    """Stage an event of actors who are put in at another place, as it cannot be at its own.
+
+    Places where nobody stands in the way come first, and of those the nearest.
+
+    Args:
+        event: the event.
+        twin: where.
+        actors: who is there.
+        stage: stages it where its place says.
+        refused: why it could not be staged there.
+
+    Returns:
+        What was staged, and what is to be said of it.
+
+    Raises:
+        StageError: nor elsewhere.
+    """
+    spots = _around(event, twin)
+    window = event.at_s - event.within_s, event.at_s + event.within_s
+    passing = Passing.of(actors, *window)
+    if isinstance(event, NearMiss | ChildBetweenParkedCars):
+        spots = [one for one in spots if _somebody_drives(passing, one)]
+    asked = find_spot(event.place, twin, event.users)
+    away = np.array([float(np.hypot(*(one.xy - asked.xy))) for one in spots])
+    share = passing.share_standing(np.array([one.xy for one in spots]).reshape(-1, 2))
+    on_lane: Counter[str] = Counter()
+    most = 1 if isinstance(event, UTurn) else _ON_ONE_LANE  # a U-turn looks along its lane itself
+    for k in np.lexsort([away, share]).tolist():
+        if on_lane.total() == _TRIED:
+            break
+        lane = spots[k].lane.id
+        if on_lane[lane] == most:
+            continue
+        on_lane[lane] += 1
+        try:
+            staged = stage(moved(event, spots[k]))
+        except StageError:
+            continue
+        return staged, _told(away[k], refused)
+    places = f"{on_lane.total()} other places within {event.within_m:g} m"
+    raise StageError(f"{refused}; nor at {places}")
+
+
+def places_that_serve(
+    event: PlacedEvent, twin: Twin, actors: pa.Table
+) -> list[tuple[Spot, dict[str, object]]]:
+    """Return where to stage an event that others react to, the first choice first.
+
+    Up to the event the traffic is the one without it: that tells where there is what it needs. The
+    asked place comes first if it has it; where none has, it is the only one.
+
+    Args:
+        event: the event.
+        twin: where.
+        actors: who is there without it.
+    """
+    asked = find_spot(event.place, twin, event.users)
+    if not asked.lane.road:
+        return [(asked, {})]
+    passing = Passing.of(actors, event.at_s, event.at_s + event.within_s)
+    signalled = {one.lane for one in twin.roads.signals}
+    others = sorted(
+        (one for one in _around(event, twin) if one.lane.road),
+        key=lambda one: float(np.hypot(*(one.xy - asked.xy))),
+    )
+    if isinstance(event, EmergencyVehicle | Convoy):  # they come along all of a street
+        first = {one.lane.road: one for one in reversed(others)}
+        others = [one for one in others if first[one.lane.road] is one and one.lane != asked.lane]
+    serving = [one for one in others if _serves(event, one, passing, signalled)]
+    if not serving and isinstance(event, RedLightRunning):
+        serving = [one for one in others if _somebody_waits(one, passing, signalled)]
+    reason = "the place has not the traffic, or the room, that it needs"
+    told = [
+        (one, _told(float(np.hypot(*(one.xy - asked.xy))), reason))
+        for one in _of_different_lanes(serving, event)[:_DRIVEN_AGAIN]
+    ]
+    if not serving or _serves(event, asked, passing, signalled):
+        return [(asked, {}), *told]
+    return told
+
+
+def moved(event: PlacedEvent, spot: Spot) -> PlacedEvent:
+    """Return an event at another place."""
+    place = Place(lane=spot.lane.id, offset_m=spot.along_m)
+    return event.model_copy(update={"place": place})
+
+
+def _told(away_m: float, why: object) -> dict[str, object]:
+    return {"moved_m": round(away_m, 1), "moved_because": str(why)}
+
+
+def _around(event: PlacedEvent, twin: Twin) -> list[Spot]:
+    """Return other places within reach of an event's own; only of a lane if it names one."""
+    asked = find_spot(event.place, twin, event.users)
+    found = []
+    for lane in lanes_for(twin, event.users):
+        if event.place.lane not in (None, lane.id):
+            continue
+        room = lane.length - 2 * _FROM_ENDS_M
+        if room < 0:
+            continue
+        for along in _FROM_ENDS_M + np.linspace(0, room, int(room / _APART_M) + 1):
+            spot = spot_on(lane, round(float(along), 2))
+            away = float(np.hypot(*(spot.xy - asked.xy)))
+            if 1.0 < away <= event.within_m:
+                found.append(spot)
+    return found
+
+
+def _somebody_drives(passing: Passing, spot: Spot) -> bool:
+    near = np.hypot(*(passing.xy - spot.xy).T) < _AT_M
+    return bool((near & (passing.speed > _DRIVES_MS)).any())
+
+
+def _serves(event: PlacedEvent, spot: Spot, passing: Passing, signalled: set[str]) -> bool:
+    """Return whether a place has what an event needs that others react to."""
+    rows, along = passing.on(spot)
+    speed, ahead = passing.speed[rows], spot.along_m - along
+    there, drives = np.abs(ahead) < _AT_M, speed > _DRIVES_MS
+    stops = speed**2 / (2 * _COMFORTABLE_MS2) + _LEFT_M
+
+    def who(some: NDArray[np.bool_]) -> set[int]:
+        return set(passing.track[rows[some]].tolist())
+
+    serves = True
+    match event:
+        case HardBrake():
+            serves = bool((there & drives).any())
+        case StalledVehicle():
+            serves = bool(who(there) & who((ahead > np.maximum(stops, 8.0)) & drives))
+        case Collision():
+            serves = _one_behind_another(passing, rows, along, spot)
+        case RedLightRunning():
+            left = spot.lane.length - along
+            comes = (left > 2.0) & (left < _COMES_TO_RED_M) & drives
+            waits = (left < _WAITS_M) & (speed < _STANDS_MS)
+            serves = spot.lane.id in signalled and bool(who(comes) & who(waits))
+        case WorkZone() | Debris():
+            long_m = event.length_m if isinstance(event, WorkZone) else 2.0
+            in_the_way = (ahead < stops) & (ahead > -long_m - _LEFT_M - 6.0)
+            busy = np.unique(passing.time_s[rows[in_the_way]])
+            fits = spot.along_m + long_m < spot.lane.length - 1.0
+            serves = fits and len(busy) < len(np.unique(passing.time_s))
+    return serves
+
+
+def _of_different_lanes(spots: list[Spot], event: PlacedEvent) -> list[Spot]:
+    """Return spots, where an event takes all of a lane only the first on each."""
+    if not isinstance(event, RedLightRunning):
+        return spots
+    first = {one.lane.id: one for one in reversed(spots)}
+    return [one for one in spots if first[one.lane.id] is one]
+
+
+def _somebody_waits(spot: Spot, passing: Passing, signalled: set[str]) -> bool:
+    """Return whether somebody waits at a signal at the end of a lane: the first drives off."""
+    rows, along = passing.on(spot)
+    waits = (spot.lane.length - along < _WAITS_M) & (passing.speed[rows] < _STANDS_MS)
+    return spot.lane.id in signalled and bool(waits.any())
+
+
+def _one_behind_another(
+    passing: Passing, rows: NDArray[np.intp], along: NDArray[np.float64], spot: Spot
+) -> bool:
+    """Return whether somebody drives close behind somebody, about a place of a lane."""
+    order = np.lexsort([along, passing.time_s[rows]])
+    times, at, speed = passing.time_s[rows][order], along[order], passing.speed[rows][order]
+    same = np.diff(times) < 1e-6
+    close = same & (np.diff(at) < _CLOSE_M) & (speed[:-1] > _DRIVES_MS)
+    return bool((close & (np.abs(at[:-1] - spot.along_m) < 30.0)).any())
