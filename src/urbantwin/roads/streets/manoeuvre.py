@@ -19,6 +19,9 @@ __all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology"
 
 #: Edges shorter than this between junctions are part of one larger junction, metres.
 WITHIN_JUNCTION_M = 3.0
+#: A street from such a junction back into it is a loop from this length on, metres: no junction's
+#: own edge is as long (`junctions.cluster`).
+LOOP_M = 40.0
 #: Room that lanes get to meet each other: roads are cut back where a junction leaves less, metres.
 ROOM_M = 3.0
 #: The same at a signal, whose stop line should keep its place.
@@ -109,12 +112,13 @@ def find_topology(network: RoadNetwork) -> Topology:
         and not {edge.from_junction, edge.to_junction} & border
     }
     group = _groups(network, within)
-    # What runs from such a junction back into it lies within it too.
+    # What runs from such a junction back into it lies within it too, but for loops before it.
     within |= {
         edge.id
         for edge in network.roads
         if edge.from_junction != edge.to_junction
         and group[edge.from_junction] == group[edge.to_junction]
+        and min(lane.length for lane in vehicle_lanes(network, edge)) < LOOP_M
     }
     edges = tuple(edge for edge in network.roads if edge.id not in within)
     edge_of = {name: edge for edge in network.roads for name in edge.lanes}
