@@ -1,13 +1,20 @@
 """What moves in frames with rings: of sensors that look at a made world of closed form."""
 
+import itertools
 import json
 
 import numpy as np
 import pytest
+import shapely
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.recording import RecordedFrames, moving_points
+from urbantwin.fidelity.discovery.blind_sectors import losses_of
+from urbantwin.reconstruct import TriangleMesh
+from urbantwin.reconstruct.recording import Looks, RecordedFrames, moving_points
+from urbantwin.reconstruct.recording.beams import recorded_beams
 from urbantwin.reconstruct.recording.recorded_world import read_recording
+from urbantwin.reconstruct.recording.standing_things import standing_things
+from urbantwin.taxonomy import semantic_id
 
 COLUMNS, RINGS = 360, 12
 PLACES = np.array([[0.0, 0.0, 3.0], [12.0, 5.0, 4.0]])
@@ -104,7 +111,7 @@ def test_the_world_is_the_ground_and_the_wall_and_nothing_that_drove(tmp_path):
     solid = world.mesh.object == 0
     off = np.abs(np.hypot(corners[..., 0], corners[..., 1]) - 30.0)
     assert np.median(off[solid]) < 0.02
-    assert np.percentile(off[solid], 99) < 0.06
+    assert np.percentile(off[solid], 99) < 0.1
     assert off.max() < 1.0  # no triangle where the column drove
     wall = corners[solid]
     area = np.linalg.norm(np.cross(wall[:, 1] - wall[:, 0], wall[:, 2] - wall[:, 0]), axis=1) / 2
@@ -124,3 +131,73 @@ def test_frames_of_two_places_are_refused(tmp_path):
         np.save(file, points)
     with pytest.raises(InputError, match="stands still"):
         read_recording(tmp_path)
+
+
+def test_things_are_told_by_their_shape():
+    def upright(x, y, length, width, height, turn=0.0):
+        """Four walls of a box in strips, as beams draw them."""
+        ring = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * [length / 2, width / 2]
+        corners = []
+        for a, b in itertools.pairwise(ring):
+            along = np.linspace(a, b, 12)
+            for p, q in itertools.pairwise(along):
+                for z in np.arange(0.15, height, 0.2):
+                    low, high = z, min(z + 0.2, height)
+                    corners += [
+                        [[*p, low], [*q, low], [*q, high]],
+                        [[*p, low], [*q, high], [*p, high]],
+                    ]
+        spun = np.array(corners)
+        c, s = np.cos(turn), np.sin(turn)
+        spun[..., :2] = spun[..., :2] @ [[c, s], [-s, c]]
+        return spun + [x, y, 0.0]
+
+    made = {
+        "car": upright(10, 0, 4.4, 1.8, 1.5, 0.6),
+        "pole": upright(0, 10, 0.2, 0.2, 4.0),
+        "building": upright(-12, 0, 9.0, 6.0, 5.0),
+        "other-object": upright(0, -8, 0.6, 0.5, 1.0),
+        "vegetation": upright(15, 15, 3.0, 3.0, 2.5),
+    }
+    corner = np.concatenate(list(made.values()))
+    name = np.repeat(list(made), [len(one) for one in made.values()])
+    mesh = TriangleMesh(
+        corner.reshape(-1, 3),
+        np.arange(3 * len(corner), dtype=np.int32).reshape(-1, 3),
+        None,
+        (name == "vegetation").astype(np.int32),
+        ("surface", "porous"),
+    )
+    lane = shapely.box(7, -3, 13, 3)
+    found = standing_things(mesh, lane)
+    assert found.counts == dict.fromkeys(sorted(made), 1)
+    assert [semantic_id(one) for one in name] == found.semantic.tolist()
+    assert (found.on_road == (name == "car")).all()
+    assert not standing_things(mesh, shapely.Polygon()).on_road.any()
+
+
+def test_a_sector_in_which_nothing_ever_comes_back_is_blind(tmp_path):
+    write_recording(tmp_path)
+    rng = np.random.default_rng(1)
+    for number in range(8):
+        rays = np.load(tmp_path / "rays" / f"{number:04d}.npy")
+        points = np.load(tmp_path / "points" / f"{number:04d}.npy")
+        around = -rays["column"] % 360  # the columns run clockwise
+        kept = (rays["sensor"] == 1) | ((around < 40) | (around >= 60)) & (
+            rng.random(len(rays)) > 0.2
+        )
+        np.save(tmp_path / "rays" / f"{number:04d}.npy", rays[kept])
+        np.save(tmp_path / "points" / f"{number:04d}.npy", points[kept])
+    looks = Looks(RecordedFrames(tmp_path))
+    counted = np.zeros((2, RINGS))
+    for number in range(8):
+        frame = looks.frames.read(number)
+        np.add.at(counted, (frame.sensor, frame.ring), 1 / 8)
+    blind, whole = (
+        losses_of(beams, count, COLUMNS)
+        for beams, count in zip(recorded_beams(looks), counted, strict=True)
+    )
+    assert [one[2] for one in blind.sectors] == [()]
+    assert blind.sectors[0][:2] == pytest.approx((40, 60), abs=2.01)
+    assert blind.missing == pytest.approx(0.2, abs=0.02)
+    assert whole.written() == {}

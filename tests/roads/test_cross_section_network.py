@@ -341,23 +341,6 @@ def test_parallel_carriageways_do_not_lie_on_each_other(
     assert found == pytest.approx([south, north], abs=0.05)
 
 
-def test_a_loop_that_a_short_link_closes_is_a_road(write_osm, tmp_path):
-    """Before a station: in at one node, round 170 m, out at the next, and a link between both."""
-    loop = {10: (12, 18), 11: (30, 18), 12: (42, 0), 13: (42, -30), 14: (20, -40), 15: (14, -14)}
-    nodes = {1: (0, 80, {}), 2: (0, 0, {}), 3: (0, -80, {}), 4: (12, 6, {}), 5: (12, -4, {})}
-    nodes |= {number: (*xy, {}) for number, xy in loop.items()}
-    one_way = {"highway": "unclassified", "oneway": "yes", "sidewalk": "no"}
-    round_it = [4, *loop, 5]
-    ways = {1: ([1, 2, 3], BASE), 2: ([2, 4], one_way), 3: (round_it, one_way)}
-    ways |= {4: ([5, 4], one_way), 5: ([5, 2], one_way)}
-    network = built(write_osm(nodes, ways), tmp_path, 90)
-    (road,) = [road for road in network.roads if 3 in road.ways]
-    (lane,) = [network.lane_by_id[name] for name in road.lanes]
-    mapped = shapely.LineString([nodes[number][:2] for number in round_it])
-    assert shapely.length(shapely.LineString(lane.centre[:, :2])) > mapped.length - 30.0
-    assert max(mapped.distance(shapely.Point(xy)) for xy in lane.centre[:, :2]) < 4.0
-
-
 @pytest.mark.parametrize(
     ("tags", "between", "width"),
     [

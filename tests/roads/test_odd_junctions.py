@@ -216,6 +216,25 @@ def test_an_odd_place_becomes_a_sound_network(place, side, write_osm, tmp_path):
     assert not shapely.contains(inside, stops).any()
 
 
+def test_a_loop_from_a_junction_of_several_nodes_back_into_it_is_a_street(write_osm, tmp_path):
+    """Buses turn round before a station: out at one node, back in at the next, 8 m on."""
+    nodes = FOUR_ARMS | {1: (0, 0, {}), 6: (8, 0, {}), 7: (10, -40, {}), 8: (30, -50, {})}
+    nodes |= {9: (50, -40, {}), 10: (50, -15, {})}
+    loop = {**STREET, "oneway": "yes"}
+    ways = {1: ([2, 1, 6, 3], STREET), 2: ([1, 4], STREET), 3: ([6, 10, 9, 8, 7, 1], loop)}
+    out = tmp_path / "n.net.xml"
+    region = shapely.box(-140, -140, 140, 140)
+    extract = read_extract(write_osm(nodes, ways))
+    built = build_roads(extract, HERE, region, Elevation.flat(), driving_side="right", out=out)
+    mapped = shapely.LineString([nodes[node][:2] for node in (10, 9, 8, 7)])
+    lanes = [shapely.LineString(lane.centre[:, :2]) for lane in built.network.lanes
+             if lane.kind == "driving"]  # fmt: skip
+    driven = shapely.union_all([line.buffer(3.0) for line in lanes])
+    assert driven.intersection(mapped).length > 0.95 * mapped.length
+    streets = [road for road in built.model.roads if 3 in road.ways and road.junction < 0]
+    assert sum(road.curve.length for road in streets) > 0.9 * mapped.length
+
+
 def test_streets_nearer_to_each_other_than_they_are_wide_build(write_osm, tmp_path):
     extract = read_extract(write_osm(*a_block_every_five_metres()))
     out = tmp_path / "n.net.xml"

@@ -102,7 +102,7 @@ def reconstruct(
         told(0.5, "cleaning")
         picture = None
         if source.spec.kind == "recording":
-            _take_recording(source, placement.model, surroundings.region, gathered, report)
+            _take_recording(source, placement.model, surroundings, gathered, report)
             figures.append(SourceFigures(source.name, placement.registration))
             continue
         if placement.model.mesh is not None and len(placement.model.mesh.faces):
@@ -244,22 +244,25 @@ def _take_cloud(
 def _take_recording(
     source: GeometrySource,
     model: ImportedModel,
-    region: shapely.Polygon,
+    surroundings: Surroundings,
     gathered: _Gathered,
     report: dict[str, Any],
 ) -> None:
     """Take the static world of a recording: it was cleaned when it was read."""
     assert model.mesh is not None
     assert model.cloud is not None
-    provides = source.spec.provides
+    provides, region = source.spec.provides, surroundings.region
     ground, measured = placed_ground(model.cloud, region, source.name)
     if "ground" in provides:
         gathered.patches.append(ground)
         gathered.measured.append(measured)
-    standing = {"trees", "other"} & set(provides)
-    if standing:
-        covers = dict.fromkeys(sorted(standing), measured)
-        gathered.add(labelled_world(model.mesh), covers)
     report["survey"] = {
         "measured share of region": round(measured.area / max(region.area, 1e-9), 4)
     }
+    standing = sorted({"trees", "other"} & set(provides))
+    if standing:
+        mesh, things = labelled_world(
+            model.mesh, surroundings.roads, without_traffic=source.spec.clean.traffic
+        )
+        gathered.add(mesh, dict.fromkeys(standing, measured))
+        report["survey"] |= things

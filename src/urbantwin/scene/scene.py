@@ -97,6 +97,8 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     covers = imported.covers if imported else {}
     spacing = ON_A_PLAIN if elevation.is_flat and len(network.levels) == 1 else ON_A_HILL
     waters = water_bodies(features, region)
+    if drivable is None and imported is not None and not network.lanes:
+        drivable = _paved_when_unmapped(imported.measured)
     zones = ground_zones(
         network, region, features, waters, drivable, country, between(tell, 0.0, ZONES, "zones")
     )
@@ -171,6 +173,14 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     # Buildings come first.
     colours = buildings.colours.moved(FIRST_OBJECT)
     return Scene(LabelledMesh.concatenate(meshes), notes, colours)
+
+
+def _paved_when_unmapped(measured: shapely.Geometry) -> shapely.Geometry:
+    """Return what of measured ground is taken for asphalt where no map says what it is: all of it.
+
+    Outlines of cells are drawn together, so that borders do not follow every one of them.
+    """
+    return shapely.simplify(shapely.buffer(shapely.buffer(measured, 1.0), -1.5), 0.5)
 
 
 def _paved(zones: Sequence[Zone]) -> shapely.Geometry:

@@ -9,6 +9,7 @@ import numpy as np
 
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.errors import InputError
+from urbantwin.fidelity.discovery.blind_sectors import Losses, losses_of
 from urbantwin.fidelity.discovery.discover import discover
 from urbantwin.fidelity.discovery.picture import draw_discovery
 from urbantwin.fidelity.discovery.result import Discovery
@@ -16,7 +17,8 @@ from urbantwin.fidelity.discovery.written import write_frames, write_rig
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.sampling import evenly
 from urbantwin.progress import Progress, between, each
-from urbantwin.reconstruct.recording import LEAST_FRAMES, RecordedFrames, moving_points
+from urbantwin.reconstruct.recording import LEAST_FRAMES, Looks, RecordedFrames
+from urbantwin.reconstruct.recording.beams import recorded_beams
 
 __all__ = ["discover_recording"]
 
@@ -61,6 +63,7 @@ def discover_recording(
             error.problem, file=real, place=error.place, expected=error.expected
         ) from None
     written: dict[str, Any] = {}
+    losses: list[Losses] = []
     if frames_out is not None:
         writing = between(tell, most, 0.95)
         every = (recording.read(n) for n in each(range(len(recording)), writing, "rings"))
@@ -68,17 +71,35 @@ def discover_recording(
             written["rays"] = write_frames(found, every, folder)
             write_json(folder / "discovery.json", {"kind": "discovery", **found.report()})
             if len(recording) >= LEAST_FRAMES:
-                written["moving"] = _write_moving(folder)
+                looks = Looks(RecordedFrames(folder))
+                written["moving"] = _write_moving(looks, folder)
+                losses = _losses(looks, found)
     draw_discovery(found, frames[0], picture)
-    written["units"] = [str(one) for one in write_rig(found, rig)]
+    written["units"] = [str(one) for one in write_rig(found, rig, losses=losses)]
     return found, written
 
 
-def _write_moving(folder: Path) -> float:
+def _write_moving(looks: Looks, folder: Path) -> float:
     """Write which points of the folder's frames move, ``moving/NAME.npy``; return their share."""
     (folder / "moving").mkdir()
-    frames, points, moving = RecordedFrames(folder), 0, 0
-    for name, moves in zip(frames.names, moving_points(frames), strict=True):
+    points, moving = 0, 0
+    for number, name in enumerate(looks.frames.names):
+        moves = looks.moving(looks.frames.read(number))
         np.save(folder / "moving" / f"{name}.npy", moves)
         points, moving = points + len(moves), moving + int(moves.sum())
     return round(moving / max(points, 1), 4)
+
+
+def _losses(looks: Looks, found: Discovery) -> list[Losses]:
+    """Return where each sensor is blind, and which share of its looks is lost."""
+    counted = [np.zeros(one.channels) for one in looks.frames.sensors]
+    for number in range(len(looks.frames)):
+        frame = looks.frames.read(number)
+        for k, sensor in enumerate(looks.frames.sensors):
+            rings = frame.ring[frame.sensor == k]
+            counted[k] += np.bincount(rings, minlength=sensor.channels) / len(looks.frames)
+    lost = []
+    for beams, points, one in zip(recorded_beams(looks), counted, found.sensors, strict=True):
+        model = one.fit.unit.model
+        lost.append(losses_of(beams, points, one.columns if model is None else model.columns))
+    return lost

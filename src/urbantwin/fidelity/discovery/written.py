@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from urbantwin.artefact import replaced_file
+from urbantwin.fidelity.discovery.blind_sectors import Losses
 from urbantwin.fidelity.discovery.point_rays import columns_in
 from urbantwin.fidelity.discovery.result import Discovery, FoundSensor
 from urbantwin.fidelity.frame import Frame
@@ -29,19 +30,23 @@ _HEAD = """\
 """
 
 
-def write_rig(found: Discovery, path: Path, rate_hz: float = 10.0) -> list[Path]:
+def write_rig(
+    found: Discovery, path: Path, rate_hz: float = 10.0, losses: Sequence[Losses] = ()
+) -> list[Path]:
     """Write the sensors as a rig, and a sensor's file beside it for each unit unlike its model.
 
     Args:
         found: the sensors.
         path: the ``rig.yaml`` to write; others are named after it.
         rate_hz: frames per second, which points do not show.
+        losses: of each sensor where it is blind and what it loses, if that is known.
 
     Returns:
         The sensors' files.
     """
-    rows, units, notes = [], {}, []
-    for one in found.sensors:
+    rows: list[dict[str, Any]] = []
+    units, notes = {}, []
+    for number, one in enumerate(found.sensors):
         model = one.fit.unit.model
         name = one.models[0] if one.models else ""
         if model is None or one.off_model_deg > _AS_MODEL_DEG:
@@ -49,7 +54,8 @@ def write_rig(found: Discovery, path: Path, rate_hz: float = 10.0) -> list[Path]
             units[name] = _yaml(_unit(one, model))
         stated = one.report()
         pose = {key: stated[key] for key in ("east_m", "north_m", "up_m", "pitch_deg", "roll_deg")}
-        rows.append({"name": one.name, "model": name, **pose, "yaw_deg": 0.0})
+        lost = losses[number].written() if losses else {}
+        rows.append({"name": one.name, "model": name, **pose, "yaw_deg": 0.0, **lost})
         which = " or ".join(one.models) or "no model of the catalogue"
         notes.append(
             f"# {one.name}: {which}; place +-{stated['sigma_plan_m']} m in plan and "

@@ -20,6 +20,7 @@ class Beams:
 
     Attributes:
         place: (3,) where they leave, metres.
+        channel: (N,) the ring as its maker numbers it.
         ring: (N,) rank of the ring, the lowest first.
         elevation: (N,) in the sensor's frame, radians.
         azimuth: (N,) in the sensor's frame, -pi to pi, radians.
@@ -32,6 +33,7 @@ class Beams:
     """
 
     place: NDArray[np.float64]
+    channel: NDArray[np.int64]
     ring: NDArray[np.int64]
     elevation: NDArray[np.float64]
     azimuth: NDArray[np.float64]
@@ -71,13 +73,13 @@ def _beams(sensor: RecordingSensor, still: StillRanges, sums: NDArray[np.float64
     local = direction @ turned
     elevation = np.arcsin(np.clip(local[:, 2], -1, 1))
     azimuth = np.arctan2(local[:, 1], local[:, 0])
-    ring, column = still.cells // COLUMNS, still.cells % COLUMNS
-    channels, ring = np.unique(ring, return_inverse=True)
-    level = np.array([np.median(elevation[ring == one]) for one in range(len(channels))])
+    column = still.cells % COLUMNS
+    channels, of_ring = np.unique(still.cells // COLUMNS, return_inverse=True)
+    level = np.array([np.median(elevation[of_ring == one]) for one in range(len(channels))])
     order = np.argsort(level)
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
-    ring, level = rank[ring], level[order]
+    ring, level = rank[of_ring], level[order]
     gap = np.gradient(level) if len(level) > 1 else np.full(len(level), 0.01)
     step = 2 * np.pi / sensor.columns
     # Columns run one way round; each ring's first column looks in a direction of its own.
@@ -101,6 +103,7 @@ def _beams(sensor: RecordingSensor, still: StillRanges, sums: NDArray[np.float64
     modes = still.modes
     return Beams(
         sensor.place,
+        channels[of_ring],
         ring,
         elevation,
         azimuth,

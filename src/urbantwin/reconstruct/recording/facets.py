@@ -70,24 +70,25 @@ def facets_of(beams: Beams, ground: RecordedGround) -> Facets:
     solid = beams.share[:, 0] >= _SOLID
     corner = nodes[_neighbours(beams, nodes)]
     kept = solid[corner].all(axis=1) & high[corner].any(axis=1)
-    kept &= (high[corner].sum(axis=1) >= 2) | True
     corner = corner[kept]
     corner = corner[_goes_on(beams, points, corner)]
     surface = points[corner]
     alone = np.ones(len(points), bool)
     alone[corner.ravel()] = False
-    patches = []
+    patches, porous = [], []
     for mode in range(beams.range_m.shape[1]):
         there = beams.range_m[:, mode] > 0
         place = points if mode == 0 else beams.points(mode)
         single = there & (ground.above(place) > ON_GROUND_M)
         if mode == 0:
             single &= alone
-        patches.append(_patches(beams, np.flatnonzero(single), mode))
+        chosen = np.flatnonzero(single)
+        patches.append(_patches(beams, chosen, mode))
+        porous.append(~solid[chosen] | (mode > 0))
     squares = np.concatenate(patches)
     return Facets(
         np.concatenate([surface, squares.reshape(-1, 3, 3)]),
-        np.concatenate([np.zeros(len(surface), bool), np.ones(2 * len(squares), bool)]),
+        np.concatenate([np.zeros(len(surface), bool), np.repeat(np.concatenate(porous), 2)]),
         np.concatenate(
             [np.arange(len(surface)), len(surface) + np.repeat(np.arange(len(squares)), 2)]
         ),

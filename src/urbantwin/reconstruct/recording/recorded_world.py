@@ -22,7 +22,7 @@ from urbantwin.reconstruct.recording.facets import Facets, facets_of
 from urbantwin.reconstruct.recording.looks import Looks
 from urbantwin.reconstruct.recording.recorded_frames import RecordedFrames
 from urbantwin.reconstruct.recording.recorded_ground import GRID_M, recorded_ground
-from urbantwin.taxonomy import material_id, semantic_id
+from urbantwin.reconstruct.recording.standing_things import standing_things
 
 __all__ = ["labelled_world", "placed_ground", "read_recording"]
 
@@ -137,13 +137,23 @@ def placed_ground(
     return ElevationPatch(grid.west, grid.south, GRID_M, heights, GRID_M, name), area
 
 
-def labelled_world(mesh: TriangleMesh) -> LabelledMesh:
-    """Return what stands of a recording on site, labelled."""
-    porous = mesh.object == _NAMES.index("porous")
-    return LabelledMesh.build(
-        mesh.vertices,
-        mesh.faces,
-        np.where(porous, semantic_id("vegetation"), semantic_id("other-object")),
-        np.where(porous, material_id("foliage"), material_id("unknown")),
-        1,
+def labelled_world(
+    mesh: TriangleMesh, roads: shapely.Geometry, *, without_traffic: bool
+) -> tuple[LabelledMesh, dict[str, object]]:
+    """Return what stands of a recording on site, labelled, and how much of what it is.
+
+    Args:
+        mesh: of `read_recording`, in the site frame.
+        roads: carriageways in plan; may be empty.
+        without_traffic: whether vehicles that stand on carriageways are left out.
+    """
+    things = standing_things(mesh, roads)
+    labelled = LabelledMesh.build(
+        mesh.vertices, mesh.faces, things.semantic, things.material, things.thing
     )
+    waiting = len(np.unique(things.thing[things.on_road]))
+    notes: dict[str, object] = {"things": things.counts, "vehicles on carriageways": waiting}
+    if without_traffic and waiting:
+        labelled = labelled.select(~things.on_road)
+        notes["vehicles on carriageways"] = f"{waiting}, left out"
+    return labelled, notes

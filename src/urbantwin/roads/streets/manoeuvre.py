@@ -19,9 +19,8 @@ __all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology"
 
 #: Edges shorter than this between junctions are part of one larger junction, metres.
 WITHIN_JUNCTION_M = 3.0
-#: A street from such a junction back into it is a loop from this length on, metres: no junction's
-#: own edge is as long (`junctions.cluster`).
-LOOP_M = 40.0
+#: A street from such a junction back into it is a road where so much of it lies beyond, metres.
+LOOP_M = 30.0
 #: Room that lanes get to meet each other: roads are cut back where a junction leaves less, metres.
 ROOM_M = 3.0
 #: The same at a signal, whose stop line should keep its place.
@@ -112,13 +111,14 @@ def find_topology(network: RoadNetwork) -> Topology:
         and not {edge.from_junction, edge.to_junction} & border
     }
     group = _groups(network, within)
-    # What runs from such a junction back into it lies within it too, but for loops before it.
+    # What runs from such a junction back into it lies within it too, but for loops beyond it.
+    outline = _outlines(network, group)
     within |= {
         edge.id
         for edge in network.roads
         if edge.from_junction != edge.to_junction
         and group[edge.from_junction] == group[edge.to_junction]
-        and min(lane.length for lane in vehicle_lanes(network, edge)) < LOOP_M
+        and _beyond(network, edge, outline[group[edge.from_junction]]) < LOOP_M
     }
     edges = tuple(edge for edge in network.roads if edge.id not in within)
     edge_of = {name: edge for edge in network.roads for name in edge.lanes}
@@ -130,6 +130,20 @@ def find_topology(network: RoadNetwork) -> Topology:
     # Lanes that end without a connection join their neighbour's.
     every = tuple(routes.values()) + _merges(network, edges, routes, border, group)
     return Topology(edges, every, group, _trims(network, every, edge_of))
+
+
+def _outlines(network: RoadNetwork, group: Mapping[str, str]) -> dict[str, shapely.Geometry]:
+    """Return the hull of the junctions of each group."""
+    members: dict[str, list[shapely.Geometry]] = defaultdict(list)
+    for junction in network.junctions:
+        members[group.get(junction.id, junction.id)].append(junction.polygon)
+    return {name: shapely.union_all(parts).convex_hull for name, parts in members.items()}
+
+
+def _beyond(network: RoadNetwork, edge: Road, outline: shapely.Geometry) -> float:
+    """Return how much of an edge lies beyond an outline, metres."""
+    line = shapely.LineString(vehicle_lanes(network, edge)[0].centre[:, :2])
+    return float(line.difference(outline).length)
 
 
 def _groups(network: RoadNetwork, within: set[str]) -> dict[str, str]:
