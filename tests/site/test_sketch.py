@@ -160,4 +160,4 @@ def test_the_example_is_the_place_that_its_recording_shows():
     assert (lanes["north-east in"], lanes["north-east out"]) == (4, 2)
     assert (lanes["north-west in"], lanes["west in"], lanes["west out"]) == (3, 4, 2)
     assert (lanes["south-east in, left"], lanes["south-east in, right"]) == (2, 1)
-    assert sum(way.tags.get("junction") == "yes" for way in extract.ways.values()) == 8
+    assert sum(way.tags.get("junction") == "yes" for way in extract.ways.values()) == 9
