@@ -37,10 +37,10 @@ from urbantwin.traffic.sumo.simulation import Simulated
 __all__ = ["Place", "Tabled", "actor_table"]
 
 _STANDING_MS = 0.15  # who is slower than this stands, m/s
-_TURNS = 2  # vehicles go round people and wait for them, who go round who waits, so often
-#: How long people who are late let vehicles by at a crossing without a signal and at green, while
-#: vehicles may still wait for them and when they do not any more, seconds.
-_PATIENCE_S, _LAST_PATIENCE_S = (15.0, 4.0), (60.0, 40.0)
+_TURNS = 2  # vehicles go round people so often, who go round who waits
+#: How long people who are late let vehicles by at a crossing without a signal, and at green, before
+#: vehicles wait for them, seconds.
+_PATIENCE_S = (15.0, 4.0)
 #: Room that who is led needs beyond that of people, metres.
 _LED_M = 0.2
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
@@ -312,26 +312,22 @@ def _apart(  # noqa: PLR0913 - all that they go between
     on_foot = np.array([name == "pedestrian" for name in classes], np.bool_)[trip]
     afoot = {name: values[on_foot] for name, values in columns.items()}
 
-    def among_people(now: Columns, patience_s: tuple[float, float]) -> Columns:
-        # Everybody on foot goes its own way anew: what held it up in one turn may not in the next.
-        for name, values in afoot.items():
-            now[name][on_foot] = values
-        return crowd_walked(
-            now, moving, half, step_s, place.blocks.low, solids.shapes, footway,
-            crossings=crossings, patience_s=patience_s,
-        )  # fmt: skip
-
     height = np.array([mesh.height for mesh in meshes])[trip]
     behind = []
-    for turn in range(_TURNS):
-        columns = among_people(columns, _PATIENCE_S)
-        columns = _round_others(columns, moving, size / 2, height, place.blocks, meshes, step_s)
+    for turn in range(_TURNS + 1):
+        # Everybody on foot goes its own way anew: what held it up in one turn may not in the next.
+        for name, values in afoot.items():
+            columns[name][on_foot] = values
+        columns = crowd_walked(
+            columns, moving, half, step_s, place.blocks.low, solids.shapes, footway,
+            crossings=crossings, patience_s=_PATIENCE_S,
+        )  # fmt: skip
+        if turn < _TURNS:
+            columns = _round_others(columns, moving, size / 2, height, place.blocks, meshes, step_s)
         was = before.turn(turn) if before else None
-        waiting = between(tell, turn / _TURNS, (turn + 1) / _TURNS)
+        waiting = between(tell, turn / (_TURNS + 1), (turn + 1) / (_TURNS + 1))
         columns = yielded(columns, moving, half, step_s, was, waiting)
         behind.append(columns.pop("behind"))
-    # Who waits is in people's way for longer, and waits for nobody any more.
-    columns = among_people(columns, _LAST_PATIENCE_S)
     return {**columns, "behind": np.column_stack(behind)}
 
 
