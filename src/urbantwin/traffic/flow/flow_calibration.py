@@ -191,11 +191,12 @@ def _in_the_long_run(first: float, most: float, pilot: Callable[[float], _Pilot]
     """
     held: list[_Pilot] = []
     size = first
-    for _ in range(LONG_PILOTS):
+    for number in range(LONG_PILOTS):
         now = pilot(size)
         if not now.flow or now.longest_halt_s >= LONGEST_HALT_S:
             most = size
-            size = (size * held[-1].size) ** 0.5 if held else size * LESS
+            fewer = LESS if number < 2 else FAR_LESS
+            size = (size * held[-1].size) ** 0.5 if held else size * fewer
         else:
             gain = (now.flow - held[-1].flow) / (now.size - held[-1].size) if held else np.inf
             held.append(now)
@@ -205,7 +206,8 @@ def _in_the_long_run(first: float, most: float, pilot: Callable[[float], _Pilot]
         if held and size < held[-1].size * MORE[0]:
             break
     if not held:
-        return replace(now, size=size, flow=now.flow * LESS)
+        # Streets that lock up with anybody: so few bring that much as long as they do not.
+        return replace(now, size=size, flow=size)
     best = _best(held)
     # More than was asked for: there are fewer.
     return replace(best, size=best.size / max(best.flow, 1.0))
