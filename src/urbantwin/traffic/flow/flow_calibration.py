@@ -45,9 +45,10 @@ FALLS = 0.6
 #: do not count, and how many there are at most. Shorter ones see two or three cycles; their flow
 #: differs from an hour's by a tenth and more.
 LONG_S, LONG_SETTLING_MIN, LONG_PILOTS = 1500, 5, 5
-#: The longest halt in them, seconds, beyond which the population is reduced by this factor; and the
-#: least and largest factor by which it grows where it carries less than was asked for.
-LONGEST_HALT_S, LESS, MORE = 200.0, 0.75, (1.08, 1.25)
+#: The longest halt in them, seconds, beyond which the population is reduced by this factor, after
+#: two such pilots by the next; and the least and largest factor by which it grows where it carries
+#: less than was asked for.
+LONGEST_HALT_S, LESS, FAR_LESS, MORE = 200.0, 0.75, 0.5, (1.08, 1.25)
 #: Share of a longer pilot's flow that an hour carries too: the pilot sees 10 to 20 cycles.
 SURE = 0.95
 #: Of populations whose flows differ by no more than this the smallest is taken: it is farthest from
