@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.measured_background import Background, background
     from urbantwin.interface.motion import Motion, drive
     from urbantwin.interface.objects_report import ObjectsReport
+    from urbantwin.interface.observed_traffic import ObservedTraffic, observe
     from urbantwin.interface.opening import Package, open
     from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
     from urbantwin.interface.regression import Suite, suite
@@ -70,6 +71,7 @@ __all__ = [
     "InputError",
     "Motion",
     "ObjectsReport",
+    "ObservedTraffic",
     "Package",
     "Recording",
     "Report",
@@ -104,6 +106,7 @@ __all__ = [
     "film",
     "init",
     "inspect",
+    "observe",
     "open",
     "record",
     "replay",

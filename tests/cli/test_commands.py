@@ -19,7 +19,7 @@ from urbantwin import __version__
 Run = Callable[..., Any]
 COMMANDS = tuple(
     "actors align background build calibrate carla compare coverage curriculum demo discover "
-    "export film init inspect record replay reproduce run sensors suite traffic tune vary "
+    "export film init inspect observe record replay reproduce run sensors suite traffic tune vary "
     "verify".split()
 )
 

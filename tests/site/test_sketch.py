@@ -122,6 +122,7 @@ def test_ways_through_meet_at_their_ends_alone(tmp_path):
         (line("street", (0, 0), (9, 9), lanes=2, turns="left"), "for 1 lanes"),
         (line("street", (0, 0), (9, 9), turns="links"), "turns 'links'"),
         (line("street", (0, 0), (9, 9), lane_width_m=30), "a lane of '30' m"),
+        (line("street"), "has no coordinates"),
         (line("street", (5, 5), (5, 5)), "has 1 different points"),
         (line("island", (0, 0), (9, 9)), "is drawn as LineString; expected Polygon"),
         (line("stop_line", (50, 40), (50, 44)), "lies on no street"),
@@ -160,4 +161,4 @@ def test_the_example_is_the_place_that_its_recording_shows():
     assert (lanes["north-east in"], lanes["north-east out"]) == (4, 2)
     assert (lanes["north-west in"], lanes["west in"], lanes["west out"]) == (3, 4, 2)
     assert (lanes["south-east in, left"], lanes["south-east in, right"]) == (2, 1)
-    assert sum(way.tags.get("junction") == "yes" for way in extract.ways.values()) == 8
+    assert sum(way.tags.get("junction") == "yes" for way in extract.ways.values()) == 9

@@ -62,3 +62,15 @@ def test_where_traffic_is_held_up_is_the_reason() -> None:
     told = {"carried_share_of_motor_traffic": 0.5, "held_up": "the queue on High Street begins"}
     (line,) = problems(circulation=told)
     assert "High Street" in line
+
+
+def test_an_event_that_is_elsewhere_or_touches_somebody_is_told() -> None:
+    near = {"track": 7, "gap_m": 0.4, "gap_at_s": 12.0}
+    there = {"event": "hard_brake", "nearest": near}
+    assert problems(events=[there]) == []
+    (line,) = problems(events=[{**there, "moved_m": 35.8, "moved_because": "a queue"}])
+    assert "is 36 m from the place that was asked for: a queue" in line
+    assert "within_m: 0" in line
+    (line,) = problems(events=[{**there, "nearest": {**near, "gap_m": 0.0}}])
+    assert "touches track 7 at 12 s" in line
+    assert problems(events=[{"event": "collision", "nearest": {**near, "gap_m": 0.0}}]) == []

@@ -36,6 +36,7 @@ KINDS = (
         "plan",
         "calibration",
         "discovery",
+        "observation",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

@@ -178,6 +178,8 @@ def _shapes(
             points = np.array([point[:2] for point in rings[0]], dtype=np.float64).reshape(-1, 2)
         except (TypeError, ValueError, IndexError, KeyError):
             raise error("has a point that is not two numbers", f"a {kind}") from None
+        if not len(points):
+            raise error("has no coordinates", f"a {kind}")
         if to_site.degrees and (np.abs(points) > [180.0, 90.0]).any():
             bad = points[(np.abs(points) > [180.0, 90.0]).any(axis=1)][0]
             raise error(

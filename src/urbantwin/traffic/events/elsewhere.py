@@ -192,7 +192,14 @@ def places_that_serve(
         (one, _told(float(np.hypot(*(one.xy - asked.xy))), reason))
         for one in _of_different_lanes(serving, event)[:_DRIVEN_AGAIN]
     ]
-    if not serving or _serves(event, asked, passing, signalled):
+    # Whoever drives on a lane beside it takes part as well (`reacting.plan_events`), unless the
+    # lane is to be closed.
+    beside = () if isinstance(event, WorkZone | Debris) else serving
+    as_asked = any(
+        one.lane.road == asked.lane.road and float(np.hypot(*(one.xy - asked.xy))) < _AT_M
+        for one in beside
+    )
+    if not serving or as_asked or _serves(event, asked, passing, signalled):
         return [(asked, {}), *told]
     return told
 

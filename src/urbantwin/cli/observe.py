@@ -1,0 +1,41 @@
+"""``urbantwin observe``: who drives, rides and walks in frames without labels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import urbantwin as ut
+from urbantwin.cli.console import Console
+from urbantwin.cli.options import AsJson, Out, Quiet
+
+__all__ = ["EXAMPLES", "observe"]
+
+EXAMPLES = """
+urbantwin discover real/ -o rig.yaml --frames rings/
+urbantwin observe rings/ -o observed/ --rate 10
+urbantwin observe rings/ -o observed/ --twin twin/
+urbantwin replay observed/tracks.csv --twin twin/ -o motion/
+"""
+
+
+def observe(
+    frames: Annotated[
+        Path, typer.Argument(help="A folder that `urbantwin discover --frames` wrote.")
+    ],
+    out: Out = None,
+    twin: Annotated[
+        Path | None,
+        typer.Option(help="A twin of the place: what waits on its lanes is seen, too."),
+    ] = None,
+    rate: Annotated[
+        float, typer.Option(metavar="HZ", min=0.1, max=50.0, help="Frames per second.")
+    ] = 10.0,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find what moves in frames of sensors that stand still: tracks, and a picture to draw on."""
+    made = ut.observe(frames, out, twin=twin, rate=rate, progress=not quiet)
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

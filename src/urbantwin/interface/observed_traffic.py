@@ -1,0 +1,89 @@
+"""Who drives, rides and walks in frames without labels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import check_folder
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.traffic.observed import Observation
+
+__all__ = ["ObservedTraffic", "observe"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ObservedTraffic:
+    """What moved and waited in a recording; it stands for its tracks: ``ut.replay(observed, ...)``.
+
+    Attributes:
+        folder: where it was written: ``tracks.csv``, ``proposal.geojson``, ``above.png``.
+        found: the tracks.
+        counts: of each class: how many, how many wait, how fast.
+    """
+
+    folder: Path
+    found: Observation
+    counts: dict[str, Any]
+
+    def __fspath__(self) -> str:
+        """Return the tracks' file."""
+        return str(self.folder / "tracks.csv")
+
+    def __repr__(self) -> str:
+        """Return the classes and the folder."""
+        each = ", ".join(f"{name} {row['tracks']}" for name, row in self.counts.items())
+        return f"Traffic observed in {self.found.frames} frames: {each or 'none'} ({self.folder})"
+
+    def summary(self) -> Summary:
+        """Return the counts in a few values."""
+        return Summary(path=str(self.folder), frames=self.found.frames, **self.counts)
+
+
+def observe(
+    frames: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    twin: AnyPath | None = None,
+    rate: float = 10.0,
+    progress: ShowProgress = True,
+) -> ObservedTraffic:
+    """Find what moves in frames of sensors that stand still, and what waits on lanes.
+
+    Args:
+        frames: the folder that ``ut.discover(..., frames=...)`` wrote.
+        out: the folder to write; one beside the frames when not given.
+        twin: a twin of the place, in the frame of the points: its lanes tell where vehicles wait,
+            and which way they look.
+        rate: frames per second.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: there are too few frames, or what is given cannot be used.
+    """
+    from urbantwin.artefact import replaced_folder, write_json
+    from urbantwin.reconstruct.recording import RecordedFrames
+    from urbantwin.traffic.observed import observe as observed
+    from urbantwin.traffic.observed import write_observation
+    from urbantwin.twin import load_twin
+    from urbantwin.view.observed_place import draw_observed_place
+
+    source = Path(frames)
+    target = beside(source, "observation") if out is None else Path(out)
+    inputs = [source, None if twin is None else Path(twin)]
+    check_folder(target, kind="observation", inputs=inputs)
+    recording = RecordedFrames(source)
+    network = None if twin is None else load_twin(Path(twin)).roads
+    with shown_stage("observe", progress) as tell:
+        found = observed(recording, network, rate_hz=rate, tell=tell)
+        with replaced_folder(target, kind="observation", inputs=inputs) as folder:
+            counts = write_observation(folder, found, rate)
+            draw_observed_place(folder, found)
+            told = {"frames": found.frames, "rate_hz": rate, "classes": counts}
+            write_json(folder / "observation.json", {"kind": "observation", **told})
+    return ObservedTraffic(target, found, counts)

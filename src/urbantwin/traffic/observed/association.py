@@ -1,0 +1,98 @@
+"""Objects of one frame after another as tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from urbantwin.geometry import wrapped
+from urbantwin.traffic.observed.box_fit import SeenObject
+
+__all__ = ["SeenTrack", "tracks_of"]
+
+#: Faster than this nobody is, m/s: on foot, on a bicycle, in a vehicle; and metres of error.
+WALKS_M_S, RIDES_M_S, DRIVES_M_S, ERROR_M = 2.2, 7.0, 17.0, 0.5
+#: Nobody gets faster or slower than this, m/s2.
+ACCELERATES = 6.0
+#: Larger than this is a vehicle, metres from corner to corner; as much may be hidden of one.
+LARGE_M, HIDDEN_M = 2.4, 2.5
+#: Smaller than this is a person on foot, metres.
+PERSON_M = 1.2
+#: Frames that a track may be out of sight.
+LOST = 1
+#: A vehicle moves along its sides, radians.
+ALONG = np.radians(40.0)
+#: What no pair may cost.
+NEVER = 1e6
+
+
+@dataclass(eq=False)
+class SeenTrack:
+    """An object in several frames.
+
+    Attributes:
+        seen: of each frame in which it was.
+        velocity: (2,) m/s when it was last seen; ``None`` where it was seen once.
+    """
+
+    seen: list[SeenObject]
+    velocity: NDArray[np.float64] | None = None
+
+    def cost(self, one: SeenObject, rate_hz: float) -> float:
+        """Return how unlikely it is that this is the same object, metres."""
+        last = self.seen[-1]
+        seconds = (one.frame - last.frame) / rate_hz
+        way = one.middle - last.middle
+        gone = float(np.linalg.norm(way))
+        large = max(one.diagonal, last.diagonal) > LARGE_M
+        on_foot = max(one.diagonal, last.diagonal) < PERSON_M
+        most = DRIVES_M_S if large else WALKS_M_S if on_foot else RIDES_M_S
+        if gone > most * seconds + ERROR_M or abs(one.diagonal - last.diagonal) > HIDDEN_M:
+            return NEVER
+        if large and gone > 2 * ERROR_M:
+            heading = np.arctan2(way[1], way[0])
+            for each in (one, last):
+                off = abs(float(wrapped(2 * (heading - each.long_way)))) / 2
+                if each.diagonal > LARGE_M and off > ALONG:
+                    return NEVER
+        if self.velocity is None:
+            return gone / 2 + abs(one.diagonal - last.diagonal)
+        off = float(np.linalg.norm(way - self.velocity * seconds))
+        return off if off < ACCELERATES * seconds**2 + 2 * ERROR_M else NEVER
+
+    def add(self, one: SeenObject, rate_hz: float) -> None:
+        """Go on with what was seen of it."""
+        seconds = (one.frame - self.seen[-1].frame) / rate_hz
+        velocity = (one.middle - self.seen[-1].middle) / seconds
+        # Frames that follow each other fast are averaged over some tenths of a second.
+        share = min(1.0, 3 * seconds) if self.velocity is not None else 1.0
+        before = self.velocity if self.velocity is not None else velocity
+        self.velocity = before + share * (velocity - before)
+        self.seen.append(one)
+
+
+def tracks_of(frames: Sequence[Sequence[SeenObject]], rate_hz: float) -> list[SeenTrack]:
+    """Return the tracks of objects, frame by frame; what was seen once is one, too.
+
+    Args:
+        frames: the objects of each.
+        rate_hz: frames per second.
+    """
+    done: list[SeenTrack] = []
+    active: list[SeenTrack] = []
+    for number, objects in enumerate(frames):
+        done += [one for one in active if number - one.seen[-1].frame > LOST + 1]
+        active = [one for one in active if number - one.seen[-1].frame <= LOST + 1]
+        taken = set[int]()
+        if active and objects:
+            cost = np.array([[one.cost(each, rate_hz) for each in objects] for one in active])
+            for row, column in zip(*linear_sum_assignment(cost), strict=True):
+                if cost[row, column] < NEVER:
+                    active[row].add(objects[column], rate_hz)
+                    taken.add(int(column))
+        active += [SeenTrack([one]) for k, one in enumerate(objects) if k not in taken]
+    return done + active

@@ -1,0 +1,184 @@
+"""One actor as it was seen: its class, its size, and its box in every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import wrapped
+from urbantwin.traffic.observed.box_fit import SeenObject, extents, fitted_yaw
+from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
+
+__all__ = ["ObservedTrack", "observed_track"]
+
+#: Slower than this the way that it moved does not tell where its front is, m/s.
+CREEPS_M_S = 1.5
+#: Nobody on foot is faster, m/s.
+WALKS_M_S = 2.6
+#: What of a vehicle that was seen from one side is completed: length, width, metres.
+USUAL = {
+    "car": (4.3, 1.8), "van": (5.2, 1.95), "truck": (8.0, 2.4), "bus": (12.0, 2.5),
+    "bicycle": (1.75, 0.6), "pedestrian": (0.6, 0.6),
+}  # fmt: skip
+#: Wider or longer than this is no person and no bicycle, metres.
+WIDE_M, LONG_M = 1.3, 2.3
+#: Shorter than this is a person on foot, metres.
+RIDDEN_M = 1.35
+#: What stands must be this long and wide to be a vehicle that waits, metres.
+WAITS_M = 1.4
+#: Heading fitted within this of the way that it goes, radians.
+OFF, TURNS = np.radians(12.0), np.radians(25.0)
+#: Classes without lanes of their own; what hangs higher than this is none of them, metres.
+SMALL = ("pedestrian", "bicycle")
+OFF_GROUND_M = 0.9
+#: Larger than this one heeds lanes, metres from corner to corner.
+LANE_M = 1.5
+#: Who has not gone so far is a post that sensors saw now here, now there, metres.
+GONE_M = 0.8
+#: But who is seen to move by so many of the points did, if as tall as people, metres.
+SURELY, SHORT_M, TALL_M = 0.9, 1.0, 2.15
+#: What is beside all lanes must be this long to be a vehicle, metres.
+CLEAR_M = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedTrack:
+    """An actor.
+
+    Attributes:
+        actor_class: of the taxonomy.
+        frames: (N,) numbers of the frames.
+        boxes: (N, 3) x, y of the middle, metres, and yaw, radians.
+        size: length, width, height, metres.
+        speed: m/s, the median.
+        moves: whether it moves at all.
+    """
+
+    actor_class: str
+    frames: NDArray[np.int64]
+    boxes: NDArray[np.float64]
+    size: tuple[float, float, float]
+    speed: float
+    moves: bool
+
+
+def observed_track(
+    seen: Sequence[SeenObject], lanes: LanesBeneath | None, rate_hz: float
+) -> ObservedTrack | None:
+    """Return an actor; ``None`` where it is none: a post, leaves.
+
+    Args:
+        seen: of each frame, in order.
+        lanes: what lies beneath.
+        rate_hz: frames per second.
+    """
+    frames = np.array([one.frame for one in seen])
+    middles = np.array([one.middle for one in seen])
+    velocity = _velocities(frames / rate_hz, middles)
+    moving = float(np.mean([one.moves for one in seen]))
+    moves = moving > 0.5
+    top = float(np.median([one.top for one in seen]))
+    speeds = np.linalg.norm(velocity, axis=1)
+    speed = float(np.median(speeds))
+    yaws = _headings(seen, middles, velocity, lanes)
+    low, high = (
+        np.array(each)
+        for each in zip(
+            *(extents(one.points, yaw) for one, yaw in zip(seen, yaws, strict=True)), strict=True
+        )
+    )
+    spans = high - low
+    length, width = np.quantile(spans, 0.75, axis=0)
+    on_lane = lanes is not None and bool(lanes.cover(middles).mean() > 0.5)
+    name = _class(float(length), float(width), top, speed, on_lane=on_lane, moves=moves)
+    gone = float(np.linalg.norm(middles[-1] - middles[0]))
+    if name in SMALL and (
+        (gone < GONE_M and moving < SURELY)
+        or min(one.bottom for one in seen) > OFF_GROUND_M
+        or not SHORT_M < top < TALL_M
+    ):
+        return None
+    if lanes is not None and not on_lane and name not in SMALL and length < CLEAR_M:
+        return None
+    if name is None:
+        return None
+    usual = USUAL[name]
+    size = (max(float(length), usual[0]), max(float(width), usual[1]), top)
+    if name in ("pedestrian", "bicycle"):
+        size = (usual[0], usual[1], top)
+    boxes = np.array([_completed(one, yaw, size) for one, yaw in zip(seen, yaws, strict=True)])
+    return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)
+
+
+def _class(
+    length: float, width: float, top: float, speed: float, *, on_lane: bool, moves: bool
+) -> str | None:
+    if not moves and not (on_lane and width >= WAITS_M):
+        return None
+    if width < WIDE_M and length < LONG_M and top < 2.3:
+        if not moves:
+            return None
+        return "pedestrian" if speed < WALKS_M_S and length < RIDDEN_M else "bicycle"
+    if top > 2.6 and length > 7.0:
+        return "bus" if length > 9.0 else "truck"
+    if top > 2.4:
+        return "truck" if length > 6.2 else "van"
+    return "van" if top > 1.95 else "car"
+
+
+def _headings(
+    seen: Sequence[SeenObject],
+    middles: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    lanes: LanesBeneath | None,
+) -> list[float]:
+    """Return where its front points in each frame, radians."""
+    found: list[float] = []
+    for one, middle, (east, north) in zip(seen, middles, velocity, strict=True):
+        moves = np.hypot(east, north) >= CREEPS_M_S
+        way = float(np.arctan2(north, east)) if moves else None
+        lane = None
+        if lanes is not None and one.diagonal > LANE_M:
+            lane = lanes.lane_heading(middle, one.long_way if way is None else way)
+        if lane is not None:
+            # One moment after another may be another vehicle; lanes are driven one way.
+            found.append(_nearest_side(one, lane, TURNS if way is not None else OFF))
+        elif way is not None:
+            found.append(_nearest_side(one, way, TURNS))
+        else:
+            found.append(found[-1] if found else one.long_way)
+    return found
+
+
+def _nearest_side(one: SeenObject, way: float, within: float) -> float:
+    """Return the fitted heading nearest to a way, or else one fitted within so much of it."""
+    quarter = one.yaw + np.pi / 2 * np.arange(4.0, dtype=np.float64)
+    gap: NDArray[np.float64] = np.asarray(quarter - way, np.float64)
+    off = np.abs(wrapped(gap))
+    near = float(quarter[off.argmin()])
+    return near if off.min() < within else fitted_yaw(one.points, way, within)
+
+
+def _velocities(times: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (N, 2) m/s: over the moments before and after each."""
+    if len(times) < 2:
+        return np.zeros_like(places)
+    return np.asarray(np.gradient(places, times, axis=0))
+
+
+def _completed(
+    one: SeenObject, yaw: float, size: tuple[float, float, float]
+) -> NDArray[np.float64]:
+    """Return x, y and yaw of the box whose sides towards the sensor are where they were seen."""
+    low, high = extents(one.points, yaw)
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, -s], [s, c]])
+    to_sensor = (one.sensor @ turn) - (low + high) / 2
+    half = np.array(size[:2]) / 2
+    middle = np.where(to_sensor > 0, high - half, low + half)
+    wide = high - low >= 2 * half
+    middle = np.where(wide, (low + high) / 2, middle)
+    return np.array([*(turn @ middle), yaw])

@@ -1,0 +1,66 @@
+"""What was observed as files: tracks, as readers of tracks take them, and ways to draw on."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from urbantwin.traffic.observed.observe import Observation
+from urbantwin.traffic.observed.observed_track import ObservedTrack
+
+__all__ = ["observed_summary", "write_observation"]
+
+#: Tracks of vehicles at least this long are proposed as lines to draw on, metres.
+LONG_M = 6.0
+
+
+def write_observation(folder: Path, found: Observation, rate_hz: float) -> dict[str, Any]:
+    """Write ``tracks.csv`` and ``proposal.geojson``; return what was found, in numbers."""
+    with (folder / "tracks.csv").open("w", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow("track_id time_s class x y yaw_rad length width height".split())
+        for number, one in enumerate(found.tracks, 1):
+            for frame, (x, y, yaw) in zip(one.frames, one.boxes, strict=True):
+                size = [f"{value:.2f}" for value in one.size]
+                row = [f"{frame / rate_hz:.3f}", one.actor_class, f"{x:.3f}", f"{y:.3f}"]
+                table.writerow([number, *row, f"{yaw:.4f}", *size])
+    (folder / "proposal.geojson").write_text(_proposal(found.tracks))
+    return observed_summary(found)
+
+
+def observed_summary(found: Observation) -> dict[str, Any]:
+    """Return how many of each class move and wait, and how fast the middle one moves."""
+    rows = {}
+    for name in sorted({one.actor_class for one in found.tracks}):
+        mine = [one for one in found.tracks if one.actor_class == name]
+        speeds = [one.speed for one in mine if one.moves]
+        rows[name] = {
+            "tracks": len(mine),
+            "wait": sum(not one.moves for one in mine),
+            "a_frame": round(sum(len(one.frames) for one in mine) / max(found.frames, 1), 1),
+            "median_speed_m_s": round(float(np.median(speeds)), 2) if speeds else None,
+        }
+    return rows
+
+
+def _proposal(tracks: tuple[ObservedTrack, ...]) -> str:
+    """Return the ways that vehicles drove as a sketch: what a person then joins to streets."""
+    features = []
+    for number, one in enumerate(tracks, 1):
+        driven = np.linalg.norm(one.boxes[-1, :2] - one.boxes[0, :2])
+        if one.actor_class in ("pedestrian", "bicycle") or driven < LONG_M:
+            continue
+        points = np.round(one.boxes[:: max(1, len(one.boxes) // 6), :2], 1).tolist()
+        properties = {
+            "kind": "street",
+            "lanes": 1,
+            "note": f"track {number}, {one.actor_class}, {one.speed:.1f} m/s",
+        }
+        line = {"type": "LineString", "coordinates": points}
+        features.append({"type": "Feature", "properties": properties, "geometry": line})
+    rows = ",\n".join(json.dumps(one) for one in features)
+    return f'{{\n"type": "FeatureCollection",\n"crs": "site",\n"features": [\n{rows}\n]\n}}\n'

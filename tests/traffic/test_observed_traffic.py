@@ -1,0 +1,94 @@
+"""Objects in points without labels, against bodies whose place and size are known."""
+
+import numpy as np
+import pytest
+
+from urbantwin.traffic.observed.association import tracks_of
+from urbantwin.traffic.observed.box_fit import SeenObject, extents, fitted_yaw
+from urbantwin.traffic.observed.clusters import clusters
+from urbantwin.traffic.observed.observed_track import observed_track
+
+SENSOR = np.array([0.0, 0.0])
+
+
+def sides_seen(x, y, yaw, length, width, spacing=0.08):
+    """Points (N, 2) on the sides of a body that face the sensor."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, -s], [s, c]])
+    towards = (SENSOR - [x, y]) @ turn
+    along = np.arange(-length / 2, length / 2 + 1e-9, spacing)
+    across = np.arange(-width / 2, width / 2 + 1e-9, spacing)
+    flank = np.column_stack([along, np.full(len(along), np.sign(towards[1]) * width / 2)])
+    end = np.column_stack([np.full(len(across), np.sign(towards[0]) * length / 2), across])
+    return np.vstack([flank, end]) @ turn.T + [x, y]
+
+
+def seen(frame, x, y, yaw, length, width, top, moves=1.0):
+    plan = sides_seen(x, y, yaw, length, width)
+    return SeenObject(frame, plan, top, 0.3, SENSOR, moves, fitted_yaw(plan))
+
+
+@pytest.mark.parametrize("yaw_deg", [3, 20, 44, 71, 130, 259])
+def test_two_sides_tell_the_heading_up_to_quarters(yaw_deg):
+    points = sides_seen(12.0, 7.0, np.radians(yaw_deg), 4.5, 1.8)
+    off = (np.degrees(fitted_yaw(points)) - yaw_deg + 45) % 90 - 45
+    assert abs(off) <= 1.01  # half a step
+    low, high = extents(points, np.radians(yaw_deg))
+    np.testing.assert_allclose(high - low, [4.5, 1.8], atol=0.15)
+
+
+def test_a_car_is_where_it_drives_from_the_sides_that_one_sees():
+    # Away from the sensor at 8 m/s, a frame a second: 4.6 m long, two sides of it in sight.
+    yaw = np.radians(30.0)
+    step = 8.0 * np.array([np.cos(yaw), np.sin(yaw)])
+    places = [np.array([6.0, -9.0]) + k * step for k in range(4)]
+    (track,) = tracks_of([[seen(k, *xy, yaw, 4.6, 1.85, 1.5)] for k, xy in enumerate(places)], 1.0)
+    found = observed_track(track.seen, None, 1.0)
+    assert found.actor_class == "car"
+    np.testing.assert_allclose(found.boxes[:, :2], places, atol=0.15)
+    np.testing.assert_allclose(found.boxes[:, 2], yaw, atol=np.radians(2.5))
+    assert found.speed == pytest.approx(8.0, rel=0.03)
+    np.testing.assert_allclose(found.size, [4.6, 1.85, 1.5], atol=0.15)
+
+
+def test_what_is_hidden_of_a_car_is_away_from_the_sensor():
+    # Only its rear is in sight: the usual length is completed forwards.
+    rear = np.column_stack([np.full(20, 10.0), np.linspace(-0.9, 0.9, 20)])
+    moments = [SeenObject(k, rear + [2.0 * k, 0.0], 1.5, 0.3, SENSOR, 1.0, 0.0) for k in range(3)]
+    found = observed_track(moments, None, 1.0)
+    assert found.actor_class == "car"
+    assert found.size[0] == pytest.approx(4.3)
+    np.testing.assert_allclose(found.boxes[:, 0], 10.0 + 4.3 / 2 + 2.0 * np.arange(3), atol=0.1)
+
+
+def test_each_is_followed_where_two_pass_each_other():
+    frames = []
+    for k in range(5):
+        one = seen(k, -10.0 + 5 * k, 8.0, 0.0, 4.4, 1.8, 1.5)
+        other = seen(k, 10.0 - 5 * k, 12.0, np.pi, 4.4, 1.8, 1.5)
+        frames.append([one, other] if k % 2 else [other, one])
+    tracks = tracks_of(frames, 1.0)
+    assert sorted(len(one.seen) for one in tracks) == [5, 5]
+    for one in tracks:
+        assert np.ptp([moment.middle[1] for moment in one.seen]) < 0.2
+
+
+def test_people_who_walk_together_are_counted_one_by_one():
+    rng = np.random.default_rng(1)
+
+    def body(x, y, wide, long, tall, number):
+        scale = np.array([long, wide, tall - 0.3])
+        return (rng.random((number, 3)) - [0.5, 0.5, 0]) * scale + [x, y, 0.3]
+
+    people = [body(5.0 + 0.9 * k, 5.0, 0.5, 0.5, 1.75, 120) for k in range(3)]
+    car = body(-8.0, 0.0, 1.8, 4.4, 1.5, 900)
+    points = np.vstack([*people, car])
+    found = list(clusters(points, points[:, 2]))
+    assert sorted(len(one) for one in found)[-1] == 900
+    assert len(found) == 4
+
+
+def test_posts_are_nobody():
+    post = np.column_stack([np.full(12, 9.0), np.linspace(-0.1, 0.1, 12)])
+    still = [SeenObject(k, post, 2.0, 0.3, SENSOR, 0.1, 0.0) for k in range(4)]
+    assert observed_track(still, None, 1.0) is None
