@@ -109,7 +109,7 @@ def made(
 def main() -> None:
     """Print the table asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("made", "real"))
+    parser.add_argument("what", nargs="?", choices=("made", "real"), default="made")
     parser.add_argument("paths", nargs="*", type=Path)
     parser.add_argument("--unit", choices=UNITS, action="append")
     parser.add_argument("--rigs", type=int, default=6)
