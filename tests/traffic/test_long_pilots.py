@@ -55,6 +55,20 @@ def test_nobody_stands_for_long_in_the_population_that_is_taken(first: float) ->
     assert found.flow == pytest.approx(found.size, rel=0.3)
 
 
+def test_streets_that_lock_up_with_a_fifth_of_the_traffic_carry_less_than_that() -> None:
+    pilot, tried = streets(2.0, locks_up=0.2)
+    found = _in_the_long_run(1.0, 3.0, pilot)
+    assert 0.1 < found.size <= 0.2
+    assert found.flow == pytest.approx(found.size)
+    assert len(tried) <= LONG_PILOTS
+
+
+def test_streets_that_always_lock_up_get_few_vehicles_and_are_asked_for_as_few() -> None:
+    pilot, _ = streets(2.0, locks_up=0.0)
+    found = _in_the_long_run(1.0, 3.0, pilot)
+    assert 0 < found.flow == found.size < 0.1
+
+
 def test_there_is_never_more_than_the_most_and_less_where_more_come_than_asked() -> None:
     pilot, tried = streets(2.0)
     assert _in_the_long_run(0.5, 0.6, pilot).size == 0.6

@@ -107,6 +107,8 @@ def test_what_stands_in_the_way_is_met_between_knee_and_head() -> None:
     rows.append((0.0, 5, "car", 0.0, 0.53, 0.0))  # touches the pole by 2 cm
     found = overlaps_of(table(rows), ACTOR_SCHEMA.empty_table(), 0.1, scene)
     assert (found["scene"], found["with"]) == (1, {"car and pole": 1})
+    (hit,) = found["hits"]
+    assert (hit["track"], hit["with"], hit["time_s"], hit["x"], hit["y"]) == (1, "pole", 0, 0, 0)
 
 
 def test_boxes_that_rays_cross_meet_the_scene() -> None:

@@ -38,6 +38,8 @@ MARGIN_M = 25.0
 VERGE_M = 5.0
 #: Thickness of walls between water and paved ground, metres.
 WALL_M = 0.4
+#: Mapped islands keep so far from what is driven on, metres.
+ASIDE_M = 0.2
 
 #: Widths of ways that are paved but not in the lane network, metres, and their surface.
 OTHER_WAYS: dict[str, tuple[float, str, str]] = {
@@ -114,6 +116,9 @@ def ground_zones(
     raised = _raised(network, 0)
     islands = area_union([islands, area_difference(raised, footway)])
     carriageway = area_difference(carriageway, raised)
+    mapped = _mapped_islands(network, features, carriageway)
+    if not mapped.is_empty:
+        islands, carriageway = area_union([islands, mapped]), area_difference(carriageway, mapped)
     tell(0.5, "gaps between lanes")
     # What is too narrow for an island is asphalt between lanes.
     slits = area_difference(area_intersection(_closed(paved, 2 * SEAM_M), gaps), islands)
@@ -153,6 +158,24 @@ def ground_zones(
         for area, (semantic, material) in land_covers(features, rest, country)
     ]
     return [zone for zone in zones if not zone.area.is_empty]
+
+
+def _mapped_islands(
+    network: RoadNetwork, features: Sequence[OsmFeature], carriageway: shapely.Geometry
+) -> shapely.Geometry:
+    """Return the raised islands of the map within the carriageway, where nobody drives or walks."""
+    found = [
+        one.geometry
+        for one in features
+        if one.tags.get("area:highway") == "traffic_island"
+        and one.tags.get("kerb") == "raised"
+        and one.geometry.area > 0.0
+    ]
+    if not found:
+        return shapely.MultiPolygon()
+    used = network.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), 0)
+    free = area_difference(area_intersection(area_union(found), carriageway), grown(used, ASIDE_M))
+    return _opened(free, SEAM_M)
 
 
 def deck_zones(network: RoadNetwork, level: int) -> list[Zone]:

@@ -61,16 +61,18 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             "look at the motion",
         )
     overlaps = manifest.get("overlaps", {})
-    for count, of, kinds in (
-        (overlaps.get("actors", 0), "pairs of actors that pass through each other", "between"),
-        (overlaps.get("scene", 0), "actors that pass through things of the scene", "with"),
-    ):
+    for count, of, kinds, where in (
+        (overlaps.get("actors", 0), "pairs of actors that pass through each other", "between",
+         "motion.json says under overlaps, worst, where"),
+        (overlaps.get("scene", 0), "actors that pass through things of the scene", "with",
+         "motion.json says under overlaps, hits, where"),
+    ):  # fmt: skip
         if count:
             yield ResultWarning(
                 "overlaps",
                 f"{of}: {count}",
                 ", ".join(f"{number} {name}" for name, number in overlaps[kinds].items()),
-                "motion.json says under overlaps where the worst are",
+                where,
             )
     if manifest["poses_outside_ground"]:
         yield ResultWarning(

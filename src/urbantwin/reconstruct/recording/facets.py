@@ -12,7 +12,10 @@ from scipy.spatial import Delaunay
 from urbantwin.reconstruct.recording.beams import Beams
 from urbantwin.reconstruct.recording.recorded_ground import RecordedGround
 
-__all__ = ["Facets", "facets_of"]
+__all__ = ["POROUS", "SINGLE", "SURFACE", "Facets", "facets_of"]
+
+#: Kinds of triangles.
+SURFACE, POROUS, SINGLE = range(3)
 
 #: What is lower above the ground, metres, is the ground.
 ON_GROUND_M = 0.12
@@ -33,17 +36,18 @@ class Facets:
 
     Attributes:
         corners: (F, 3, 3) metres.
-        porous: (F,) whether they are of something that rays pass through.
+        kind: (F,) int32: between beams of one `SURFACE`; a patch of something that rays pass,
+            `POROUS`; or a patch of a `SINGLE` beam, that no surface leads to.
         piece: (F,) int64, which measurement a triangle is from: the two of a patch have one.
     """
 
     corners: NDArray[np.float64]
-    porous: NDArray[np.bool_]
+    kind: NDArray[np.int32]
     piece: NDArray[np.int64]
 
     def select(self, keep: NDArray[np.bool_]) -> Facets:
         """Return those where ``keep`` (F,) is true."""
-        return Facets(self.corners[keep], self.porous[keep], self.piece[keep])
+        return Facets(self.corners[keep], self.kind[keep], self.piece[keep])
 
     @classmethod
     def concatenate(cls, parts: Sequence[Facets]) -> Facets:
@@ -51,7 +55,7 @@ class Facets:
         first = np.cumsum([0] + [int(one.piece.max(initial=-1)) + 1 for one in parts[:-1]])
         return cls(
             np.concatenate([one.corners for one in parts]),
-            np.concatenate([one.porous for one in parts]),
+            np.concatenate([one.kind for one in parts]),
             np.concatenate([one.piece + k for one, k in zip(parts, first, strict=True)]),
         )
 
@@ -75,7 +79,7 @@ def facets_of(beams: Beams, ground: RecordedGround) -> Facets:
     surface = points[corner]
     alone = np.ones(len(points), bool)
     alone[corner.ravel()] = False
-    patches, porous = [], []
+    patches, kinds = [], []
     for mode in range(beams.range_m.shape[1]):
         there = beams.range_m[:, mode] > 0
         place = points if mode == 0 else beams.points(mode)
@@ -84,11 +88,13 @@ def facets_of(beams: Beams, ground: RecordedGround) -> Facets:
             single &= alone
         chosen = np.flatnonzero(single)
         patches.append(_patches(beams, chosen, mode))
-        porous.append(~solid[chosen] | (mode > 0))
+        kinds.append(np.where(solid[chosen] & (mode == 0), SINGLE, POROUS))
     squares = np.concatenate(patches)
     return Facets(
         np.concatenate([surface, squares.reshape(-1, 3, 3)]),
-        np.concatenate([np.zeros(len(surface), bool), np.repeat(np.concatenate(porous), 2)]),
+        np.concatenate(
+            [np.full(len(surface), SURFACE), np.repeat(np.concatenate(kinds), 2)]
+        ).astype(np.int32),
         np.concatenate(
             [np.arange(len(surface)), len(surface) + np.repeat(np.arange(len(squares)), 2)]
         ),

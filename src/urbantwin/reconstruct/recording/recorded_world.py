@@ -32,8 +32,8 @@ _LEAST_STILL = 0.6
 _LEAST_BEAMS = 500
 #: Classes of ground points: measured near, or bridged.
 _MEASURED, _BRIDGED = 2, 1
-#: Objects of the mesh.
-_NAMES = ("surface", "porous")
+#: Objects of the mesh: kinds of `facets`.
+_NAMES = ("surface", "porous", "single")
 
 
 def read_recording(folder: Path, tell: Progress = untold) -> ImportedModel:
@@ -44,7 +44,8 @@ def read_recording(folder: Path, tell: Progress = untold) -> ImportedModel:
         tell: called with the share done and what is being done.
 
     Returns:
-        A model whose mesh is what stands (objects ``surface`` and ``porous``), and whose cloud is
+        A model whose mesh is what stands (objects ``surface``, ``porous``
+        and ``single``: `facets`), and whose cloud is
         the ground on a grid: class 2 where it was measured within a metre, 1 where it was bridged.
 
     Raises:
@@ -87,8 +88,9 @@ def read_recording(folder: Path, tell: Progress = untold) -> ImportedModel:
         "ground measured m2": round(float(ground.seen.sum()) * GRID_M**2, 1),
         "ground bridged m2": round(float((known & ~ground.seen).sum()) * GRID_M**2, 1),
         **went,
-        "surface triangles": int((~facets.porous).sum()),
-        "porous triangles": int(facets.porous.sum()),
+        "triangles": {
+            name: int((facets.kind == number).sum()) for number, name in enumerate(_NAMES)
+        },
     }
     return ImportedModel(
         mesh=_mesh(facets),
@@ -110,7 +112,7 @@ def _mesh(facets: Facets) -> TriangleMesh:
         vertices,
         index.reshape(-1, 3).astype(np.int32),
         None,
-        facets.porous.astype(np.int32),
+        facets.kind,
         _NAMES,
     )
 

@@ -11,16 +11,16 @@ from scipy.ndimage import label, maximum, mean, minimum
 from scipy.ndimage import sum as total
 
 from urbantwin.reconstruct.model import TriangleMesh
+from urbantwin.reconstruct.recording.facets import POROUS, SURFACE
 from urbantwin.taxonomy import material_id, semantic_id
 
-__all__ = ["POROUS", "StandingThings", "standing_things"]
+__all__ = ["StandingThings", "standing_things"]
 
-#: The number of the object of a recorded mesh that rays pass through.
-POROUS = 1
 #: Triangles in cells of this size that touch are of one thing, metres.
 _CELL_M = 0.3
-#: A thing is a plant if rays pass so much of its area.
-_LEAFY = 0.5
+#: A thing is a plant if rays pass so much of its area; and if it is as high as a house, but so
+#: little of it is surfaces, or these face so many ways: walls are upright and square to each other.
+_LEAFY, _SURFACES, _SQUARE = 0.5, 0.25, 0.45
 #: Thinner and higher: a pole, metres.
 _POLE_WIDTH_M, _POLE_HEIGHT_M = 0.9, 1.5
 #: A wall or a house is so high and so long, metres.
@@ -88,7 +88,9 @@ def standing_things(mesh: TriangleMesh, roads: shapely.Geometry) -> StandingThin
     vehicle &= (shortest < _VEHICLE_WIDTH_M) & (size[2] > _VEHICLE_HEIGHT_M[0])
     vehicle &= size[2] < _VEHICLE_HEIGHT_M[1]
     one[vehicle] = "car"
-    one[(size[2] > _HOUSE_HEIGHT_M) & (longest > _HOUSE_LENGTH_M)] = "building"
+    high_and_long = (size[2] > _HOUSE_HEIGHT_M) & (longest > _HOUSE_LENGTH_M)
+    walled = _walled(mesh, cross, thing, number)
+    one[high_and_long] = np.where(walled[high_and_long], "building", "vegetation")
     one[(size[2] > _POLE_HEIGHT_M) & (longest < _POLE_WIDTH_M)] = "pole"
     one[(leafy > _LEAFY) & (one != "pole")] = "vegetation"
     of = kind[thing]
@@ -109,6 +111,32 @@ def standing_things(mesh: TriangleMesh, roads: shapely.Geometry) -> StandingThin
     )
 
 
+def _walled(
+    mesh: TriangleMesh,
+    cross: NDArray[np.float64],
+    thing: NDArray[np.int32],
+    number: NDArray[np.int64],
+) -> NDArray[np.bool_]:
+    """Return which things (T,) are of surfaces that are upright and square to each other.
+
+    Args:
+        mesh: all triangles (F).
+        cross: (F, 3) their normals, as long as twice their areas.
+        thing: (F,) whose they are.
+        number: (T,) of the things.
+    """
+    size = np.linalg.norm(cross, axis=1)
+    surface = size * (mesh.object == SURFACE)
+    upright = surface * (np.abs(cross[:, 2]) < 0.3 * size)
+    turn = 4 * np.arctan2(cross[:, 1], cross[:, 0])  # the same for all sides of a box
+    along = np.hypot(
+        total(upright * np.cos(turn), thing, number), total(upright * np.sin(turn), thing, number)
+    )
+    share = total(surface, thing, number) / np.maximum(total(size, thing, number), 1e-9)
+    square = along / np.maximum(total(surface, thing, number), 1e-9)
+    return np.asarray((share > _SURFACES) & (square > _SQUARE))
+
+
 def _things(corner: NDArray[np.float64]) -> NDArray[np.int32]:
     """Return which thing (F,) each triangle is of, from 1: cells that touch are of one."""
     low = corner.min(axis=(0, 1))
@@ -117,7 +145,8 @@ def _things(corner: NDArray[np.float64]) -> NDArray[np.int32]:
     grid = np.zeros(cell.max(axis=(0, 1)) + 1, bool)
     grid[tuple(cell.reshape(-1, 3).T)] = True
     thing, _ = label(grid, np.ones((3, 3, 3)))
-    return np.asarray(thing[tuple(cell[:, 3].T)], np.int32)
+    _, number = np.unique(thing[tuple(cell[:, 3].T)], return_inverse=True)
+    return np.asarray(number + 1, np.int32)
 
 
 def _sides(

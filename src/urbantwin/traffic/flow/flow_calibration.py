@@ -45,9 +45,10 @@ FALLS = 0.6
 #: do not count, and how many there are at most. Shorter ones see two or three cycles; their flow
 #: differs from an hour's by a tenth and more.
 LONG_S, LONG_SETTLING_MIN, LONG_PILOTS = 1500, 5, 5
-#: The longest halt in them, seconds, beyond which the population is reduced by this factor; and the
-#: least and largest factor by which it grows where it carries less than was asked for.
-LONGEST_HALT_S, LESS, MORE = 200.0, 0.75, (1.08, 1.25)
+#: The longest halt in them, seconds, beyond which the population is reduced by this factor, after
+#: two such pilots by the next; and the least and largest factor by which it grows where it carries
+#: less than was asked for.
+LONGEST_HALT_S, LESS, FAR_LESS, MORE = 200.0, 0.75, 0.5, (1.08, 1.25)
 #: Share of a longer pilot's flow that an hour carries too: the pilot sees 10 to 20 cycles.
 SURE = 0.95
 #: Of populations whose flows differ by no more than this the smallest is taken: it is farthest from
@@ -191,11 +192,12 @@ def _in_the_long_run(first: float, most: float, pilot: Callable[[float], _Pilot]
     """
     held: list[_Pilot] = []
     size = first
-    for _ in range(LONG_PILOTS):
+    for number in range(LONG_PILOTS):
         now = pilot(size)
         if not now.flow or now.longest_halt_s >= LONGEST_HALT_S:
             most = size
-            size = (size * held[-1].size) ** 0.5 if held else size * LESS
+            fewer = LESS if number < 2 else FAR_LESS
+            size = (size * held[-1].size) ** 0.5 if held else size * fewer
         else:
             gain = (now.flow - held[-1].flow) / (now.size - held[-1].size) if held else np.inf
             held.append(now)
@@ -205,7 +207,8 @@ def _in_the_long_run(first: float, most: float, pilot: Callable[[float], _Pilot]
         if held and size < held[-1].size * MORE[0]:
             break
     if not held:
-        return replace(now, size=size, flow=now.flow * LESS)
+        # Streets that lock up with anybody: so few bring that much as long as they do not.
+        return replace(now, size=size, flow=size)
     best = _best(held)
     # More than was asked for: there are fewer.
     return replace(best, size=best.size / max(best.flow, 1.0))

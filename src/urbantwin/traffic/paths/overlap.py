@@ -22,7 +22,7 @@ __all__ = ["OVERLAP_M2", "overlaps_of"]
 OVERLAP_M2, LEVEL_M = 0.05, 2.0
 #: What comes into an actor's box by less than this has touched it, metres.
 TOUCH_M = 0.05
-#: The worst are told one by one.
+#: So many are told one by one.
 _TOLD = 20
 #: Rows that are looked at together.
 _ROWS = 200_000
@@ -47,27 +47,31 @@ def overlaps_of(
         but for bodies of one vehicle; ``between``: the same by their classes. ``scene``: actors of
         whose box something static takes more than a touch, between knee and head; ``with``: the
         same by class and what it is.
-        ``worst``: the pairs that share most, with when, where and how much.
+        ``worst``: the pairs that share most, with when, where and how much. ``hits``: who meets
+        something static, and what, when and where first.
     """
     still = _columns(parked)
     standing = _boxes(still, np.zeros(parked.num_rows, np.int64))
     tree, obstacles = shapely.STRtree(standing.polygons), Obstacles(scene)
     met: _Met = {}
-    hits: dict[int, str] = {}
+    hits: dict[int, dict[str, Any]] = {}
     for part in _parts(actors):
         moving = _columns(part)
         boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
         _note(met, _meetings(moving, boxes, still, standing, tree))
-        for track, what in _scene_hits(moving, boxes, obstacles).items():
-            hits.setdefault(track, what)
+        for track, row in _scene_hits(moving, boxes, obstacles).items():
+            hits.setdefault(track, row)
     worst = [row for _, row in sorted(met.items(), key=lambda one: (-one[1][0], one[0]))]
     kinds = Counter(" and ".join(sorted(row["classes"])) for _, row in worst)
     return {
         "actors": len(worst),
         "between": dict(sorted(kinds.items())),
         "scene": len(hits),
-        "with": dict(sorted(Counter(hits.values()).items())),
+        "with": dict(
+            sorted(Counter(f"{row['class']} and {row['with']}" for row in hits.values()).items())
+        ),
         "worst": [row for _, row in worst[:_TOLD]],
+        "hits": [hits[track] for track in sorted(hits)[:_TOLD]],
     }
 
 
@@ -132,8 +136,8 @@ def _note(met: _Met, found: Iterable[tuple[float, dict[str, Any]]]) -> None:
 
 def _scene_hits(
     columns: Mapping[str, NDArray[Any]], boxes: PlanBoxes, obstacles: Obstacles
-) -> dict[int, str]:
-    """Return of each track that meets anything its class and what it meets first."""
+) -> dict[int, dict[str, Any]]:
+    """Return of each track that meets anything what it meets first, when and where."""
     # Who stands where somebody stood before meets nothing new.
     kept = np.round(np.column_stack([columns["track"], boxes.xy * 20, boxes.yaw * 50]))
     _, rows = np.unique(kept, axis=0, return_index=True)
@@ -145,8 +149,16 @@ def _scene_hits(
         np.maximum(boxes.half[rows] - TOUCH_M, 0.01),
     )
     what = obstacles.met(inner, columns["z"][rows], columns["height"][rows])
-    hits: dict[int, str] = {}
+    hits: dict[int, dict[str, Any]] = {}
     for row, name in zip(rows.tolist(), what, strict=True):
-        if name:
-            hits.setdefault(int(columns["track"][row]), f"{columns['class'][row]} and {name}")
+        track = int(columns["track"][row])
+        if name and track not in hits:
+            hits[track] = {
+                "track": track,
+                "class": str(columns["class"][row]),
+                "with": name,
+                "time_s": float(columns["time_s"][row]),
+                "x": round(float(columns["x"][row]), 1),
+                "y": round(float(columns["y"][row]), 1),
+            }
     return hits
