@@ -7,6 +7,7 @@ import shapely
 
 from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, rows_near
 from urbantwin.traffic.paths.crowd import crowd_walked
+from urbantwin.traffic.paths.detours import round_blocks
 from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.walked_cells import WalkedCells
 
@@ -200,3 +201,22 @@ def test_the_way_round_a_wall_is_the_shortest_and_none_leads_out_of_a_court() ->
     outside = np.array([9.0, 0.0])
     closed = WalkedCells(points, np.array([court], object), everywhere, 10.0)
     assert closed.way(start, outside) is None
+
+
+def test_a_way_through_a_court_leads_round_it() -> None:
+    court = shapely.box(-3, -3, 3, 3).difference(shapely.box(-2.4, -2.4, 2.4, 2.4))
+    way = straight([-9.0, 2.0], [9.0, 2.0], 140)
+    columns = {
+        "trip": np.zeros(140, int),
+        "step": np.arange(140),
+        "xy": way,
+        "yaw": np.zeros(140),
+        "distance": way[:, 0] + 9.0,
+        "speed": np.full(140, 18.0 / 13.9),
+    }
+    cells = WalkedCells(way, np.array([court], object), shapely.box(-50, -50, 50, 50), 10.0)
+    found = round_blocks(columns, np.ones(140, bool), cells, STEP_S)["xy"]
+    # It cuts the corner by less than the room that outlines leave.
+    assert not shapely.contains_xy(shapely.box(-2.8, -2.8, 2.8, 2.8), *found.T).any()
+    assert 2.8 < found[:, 1].max() < 3.6
+    np.testing.assert_array_equal(found[[0, -1]], way[[0, -1]])

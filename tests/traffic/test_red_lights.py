@@ -1,4 +1,4 @@
-"""Nobody drives over a red light, by the network's own file and the motion's tables."""
+"""Nobody drives or walks over a red light, by the network's own file and the motion's tables."""
 
 import itertools
 from collections import defaultdict
@@ -15,16 +15,24 @@ from urbantwin.twin import Twin
 SLACK_S = 0.5
 
 
-def lights_passed(twin: Twin, motion: Motion) -> list[tuple[int, float, str]]:
+def lights_passed(
+    twin: Twin, motion: Motion, *, on_foot: bool = False
+) -> list[tuple[int, float, str]]:
     """Who drove from a signalled lane onto a way through its junction, when, and at which letters.
+
+    Or who walked onto a signalled crossing.
 
     They are those of the link that SUMO's network gives to this way, within the slack.
     """
     link: dict[tuple[str, str], tuple[str, int]] = {}
+    crossing: dict[str, tuple[str, int]] = {}
     for one in etree.parse(twin.net_path).getroot().iterfind("connection"):
-        if one.get("tl") and one.get("via"):
-            lane = f"{one.get('from')}_{one.get('fromLane')}"
-            link[lane, one.get("via")] = one.get("tl"), int(one.get("linkIndex"))
+        if one.get("tl"):
+            light = one.get("tl"), int(one.get("linkIndex"))
+            if one.get("via"):
+                link[f"{one.get('from')}_{one.get('fromLane')}", one.get("via")] = light
+            elif one.get("from").startswith(":"):
+                crossing[f"{one.get('to')}_{one.get('toLane')}"] = light
     shown: dict[tuple[str, int], list[tuple[float, str]]] = defaultdict(list)
     for row in motion.signals.sort_by("time_s").to_pylist():
         shown[row["signal"], row["link"]].append((row["time_s"], row["state"]))
@@ -34,6 +42,8 @@ def lights_passed(twin: Twin, motion: Motion) -> list[tuple[int, float, str]]:
     found = []
     for before, after in itertools.pairwise(order):
         key = link.get((lane[before], lane[after]))
+        if on_foot:
+            key = crossing.get(lane[after]) if lane[before] != lane[after] else None
         if track[before] != track[after] or key not in shown:
             continue
         letters = [letter for _, letter in shown[key]]
@@ -54,3 +64,11 @@ def test_nobody_drives_over_a_red_light(
     # And there were red lights to drive over.
     states = real_drive(place)[1].signals["state"].to_pylist()
     assert states.count("r") >= 4
+
+
+def test_nobody_walks_over_a_red_light(
+    real_drive: Callable[[str], tuple[Twin, Motion]],
+) -> None:
+    passed = lights_passed(*real_drive("manchester-kingsway"), on_foot=True)
+    assert len(passed) >= 1
+    assert [row for row in passed if set(row[2]) <= set("ru")] == []

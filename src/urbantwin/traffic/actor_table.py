@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
@@ -21,6 +22,7 @@ from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.corner_cutting import corner_cutters, with_rigid
 from urbantwin.traffic.paths.crowd import crowd_walked
 from urbantwin.traffic.paths.detours import round_blocks
+from urbantwin.traffic.paths.kerbs import Crossings
 from urbantwin.traffic.paths.obstacles import Blocks, Obstacles
 from urbantwin.traffic.paths.placement import Ground, stand
 from urbantwin.traffic.paths.separation import Moving, separated
@@ -35,7 +37,12 @@ from urbantwin.traffic.sumo.simulation import Simulated
 __all__ = ["Place", "Tabled", "actor_table"]
 
 _STANDING_MS = 0.15  # who is slower than this stands, m/s
-_TURNS = 2  # vehicles go round people and wait for them, who go round who waits, so often
+_TURNS = 2  # vehicles go round people so often, who go round who waits
+#: How long people who are late let vehicles by at a crossing without a signal, and at green, before
+#: vehicles wait for them, seconds.
+_PATIENCE_S = (15.0, 4.0)
+#: Room that who is led needs beyond that of people, metres.
+_LED_M = 0.2
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
 
 
@@ -116,7 +123,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     solids = _solids(simulated, demand, place)
     columns = _poses(simulated, demand, step_s=step_s, asset=asset, tell=smoothing)
     ground, tracks = place.ground, place.roads.tracks
-    columns = _round_blocks(columns, simulated, demand, place, solids, step_s)
+    columns = _round_blocks(columns, simulated, demand.trips, place, solids, step_s)
     bent, trips, who = with_bodies(columns, demand, simulated, tracks, asset=asset)
     if before is not None:
         rigid = before.rigid
@@ -128,11 +135,13 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         again = _poses(_of_trips(simulated, rigid), demand, step_s=step_s, asset=asset, tell=untold)
         columns = _exchanged(columns, again)
         bent, trips, who = with_bodies(columns, demand, simulated, tracks, asset=asset)
-    columns = bent
+    # Who is led beside somebody goes round what stands there, too, and is longer.
+    columns = _round_blocks(bent, simulated, trips, place, solids, step_s, led=True)
     tell(0.4, "past each other")
     columns = _apart(
-        columns, simulated.lanes, trips, who, place, solids, before, step_s=step_s, asset=asset,
-        tell=between(tell, 0.4, 0.5),
+        columns, simulated.lanes, trips, who, place, solids, before,
+        Crossings.of(place.roads, simulated.lanes, simulated.signals, columns["step"]),
+        step_s=step_s, asset=asset, tell=between(tell, 0.4, 0.5),
     )  # fmt: skip
     lead = (who == vehicles(who))[columns["trip"]]
     poses = {name: columns[name][lead] for name in ("trip", "step", "behind")}
@@ -195,17 +204,23 @@ def _solids(simulated: Simulated, demand: Demand, place: Place) -> Solids:
 def _round_blocks(
     columns: Columns,
     simulated: Simulated,
-    demand: Demand,
+    trips: Sequence[Trip],
     place: Place,
     solids: Solids,
     step_s: float,
+    *,
+    led: bool = False,
 ) -> Columns:
-    """Return poses in which people on the ground walk round what stands there."""
-    afoot = np.array([trip.actor_class == "pedestrian" for trip in demand.trips], np.bool_)
+    """Return poses in which people on the ground, or whom they lead, go round what stands."""
+    kind = "animal" if led else "pedestrian"
+    afoot = np.array([trip.actor_class == kind for trip in trips], np.bool_)
     level = place.ground.levels(simulated.lanes)[columns["lane"]]
     walks = afoot[columns["trip"]] & (level == 0)
     footway = place.roads.footway(0)
-    cells = WalkedCells(columns["xy"][walks], solids.shapes, footway, AROUND_M)
+    if not walks.any():
+        return columns
+    shapes = shapely.buffer(solids.shapes, _LED_M) if led else solids.shapes
+    cells = WalkedCells(columns["xy"][walks], shapes, footway, AROUND_M)
     return round_blocks(columns, walks, cells, step_s)
 
 
@@ -271,6 +286,7 @@ def _apart(  # noqa: PLR0913 - all that they go between
     place: Place,
     solids: Solids,
     before: Before | None,
+    crossings: Crossings,
     *,
     step_s: float,
     asset: Callable[[str], Asset],
@@ -293,20 +309,26 @@ def _apart(  # noqa: PLR0913 - all that they go between
     moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, whose)
     footway, half = place.roads.footway(0), still[trip] / 2
 
-    def among_people(now: Columns) -> Columns:
-        return crowd_walked(now, moving, half, step_s, place.blocks.low, solids.shapes, footway)
+    on_foot = np.array([name == "pedestrian" for name in classes], np.bool_)[trip]
+    afoot = {name: values[on_foot] for name, values in columns.items()}
 
     height = np.array([mesh.height for mesh in meshes])[trip]
     behind = []
-    for turn in range(_TURNS):
-        columns = among_people(columns)
-        columns = _round_others(columns, moving, size / 2, height, place.blocks, meshes, step_s)
+    for turn in range(_TURNS + 1):
+        # Everybody on foot goes its own way anew: what held it up in one turn may not in the next.
+        for name, values in afoot.items():
+            columns[name][on_foot] = values
+        columns = crowd_walked(
+            columns, moving, half, step_s, place.blocks.low, solids.shapes, footway,
+            crossings=crossings, patience_s=_PATIENCE_S,
+        )  # fmt: skip
+        if turn < _TURNS:
+            columns = _round_others(columns, moving, size / 2, height, place.blocks, meshes, step_s)
         was = before.turn(turn) if before else None
-        waiting = between(tell, turn / _TURNS, (turn + 1) / _TURNS)
+        waiting = between(tell, turn / (_TURNS + 1), (turn + 1) / (_TURNS + 1))
         columns = yielded(columns, moving, half, step_s, was, waiting)
         behind.append(columns.pop("behind"))
-    # Who waits is in people's way for longer.
-    return {**among_people(columns), "behind": np.column_stack(behind)}
+    return {**columns, "behind": np.column_stack(behind)}
 
 
 def _round_others(

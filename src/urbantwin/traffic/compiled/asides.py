@@ -19,6 +19,8 @@ NEAR_M, DRIVEN_M, BESIDE_M = 4.0, 25.0, 1.5
 GAP_M, STANDING = 0.03, 0.15
 #: Who is held up for so long by somebody nearer than this slips by so fast: s, m, m/s.
 HELD_S, SLIPS_M, SLIPS_MS = 0.3, 0.25, 0.8
+#: Where one does not get by on one side, one tries the other after so long, seconds.
+SWAPS_S = 3.0
 
 
 @njit(cache=True, nogil=True)
@@ -145,10 +147,12 @@ def slip_by(i, j, mine, theirs, walks, now, joined, held, step_s):
     push = SLIPS_MS * step_s
     if slips and x * now[i, 2] + y * now[i, 3] > 0:
         side = -1.0 if y * now[i, 2] - x * now[i, 3] > -0.05 else 1.0
+        side *= 1 - 2 * (int(held[i - 1] * step_s / SWAPS_S) % 2)
         mine[0] -= side * push * now[i, 3]
         mine[1] += side * push * now[i, 2]
     if slip and x * now[j, 2] + y * now[j, 3] < 0:
         side = -1.0 if x * now[j, 3] - y * now[j, 2] > -0.05 else 1.0
+        side *= 1 - 2 * (int(held[j - 1] * step_s / SWAPS_S) % 2)
         theirs[0] -= side * push * now[j, 3]
         theirs[1] += side * push * now[j, 2]
 

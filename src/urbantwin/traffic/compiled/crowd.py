@@ -13,12 +13,15 @@ from urbantwin.traffic.compiled.asides import (
     slip_by,
     what_is_at,
 )
+from urbantwin.traffic.compiled.kerbs import drives_by, to_kerb
 from urbantwin.traffic.compiled.waiting import depth
 
 __all__ = ["walked"]
 
 #: Who walks on comes back to its way within so far, metres; nobody is farther from it, metres.
 BACK_M, MOST_M = 2.5, 1.6
+#: Who stands and was pushed farther than this from where it would stand comes back so far, metres.
+STRAYS_M = 1.0
 #: How fast one steps aside, m/s, and how much faster one becomes from step to step, m/s2.
 ASIDE_MS, STARTS_MS2 = 1.2, 8.0
 #: Nobody is faster for stepping aside or for being late than this, m/s, nor walks for being late
@@ -45,8 +48,8 @@ TURNS_S, WALKS_MS, SHIFTS_MS = 0.3, 0.3, 0.02
 
 @njit(cache=True, nogil=True)
 def walked(
-    begins, rows, other_begins, others, boxes, whose, level, far, pace, joined, last, still, cells,
-    within, blocked, corner, step_s,
+    begins, rows, other_begins, others, boxes, whose, level, far, pace, joined, last, kerbs, green,
+    patience, still, cells, within, blocked, corner, step_s,
 ):  # fmt: skip
     """Return where people are (N, 3), and which of their rows they have come to (N,).
 
@@ -69,6 +72,12 @@ def walked(
         pace: (N,) how fast people walk near there.
         joined: (N,) bool, whether the row before is the same actor's, a step earlier.
         last: (N,) int64, the last row of the same actor that follows without a gap.
+        kerbs: (N, 4) int64, the row with which the next crossing on one's way begins, this one or
+            later, -1 for none; of such a row the last one on it, its signal, -1 without, and the
+            row at which one waits before it.
+        green: (K, S) uint8, whether a signal lets people begin to cross, by step.
+        patience: (2,) for how many steps one lets vehicles by that come over a crossing without a
+            signal, and at green.
         still: (C + 1,) int64, where the numbers of what stands begin of each cell, by row.
         cells: (K,) int64, those numbers.
         within: (5,) west and south of those cells, their size, columns and rows.
@@ -83,14 +92,23 @@ def walked(
     count = len(far)
     place, come = np.zeros((count, 3)), np.zeros(count)
     at, held, now = far.copy(), np.zeros(count, np.int64), boxes.copy()
+    let = np.zeros(count, np.int64)
     for s in range(len(begins) - 1):
         mine, cars = rows[begins[s] : begins[s + 1]], others[other_begins[s] : other_begins[s + 1]]
         if len(mine) == 0:
             continue
         off, waits = np.zeros((len(mine), 2)), np.zeros(len(mine), np.bool_)
+        queues = np.zeros(len(mine), np.bool_)
         for a in range(len(mine)):
-            _go_on(mine[a], off[a], boxes, now, far, pace, joined, place, come, at, step_s)
-            if joined[mine[a]]:
+            r = mine[a]
+            most = np.inf
+            if joined[r] and at[r - 1] < far[r - 1]:
+                most, queues[a] = to_kerb(
+                    r, s, cars, boxes, level, far, last, kerbs, green, patience, come, at, let,
+                    FASTEST_MS * step_s, step_s,
+                )  # fmt: skip
+            _go_on(r, off[a], most, boxes, now, far, pace, joined, place, come, at, step_s)
+            if joined[r] and not queues[a]:
                 _step_back(mine[a], off[a], now, whose, place, come, at, held, step_s)
         pairs = near_whom(
             mine, cars, now, off, level, still, cells, within, blocked, corner, count
@@ -119,10 +137,10 @@ def walked(
                 break
         for a in range(len(mine)):
             _hold(
-                mine[a], off[a], boxes, now, far, joined, place, come, at, held, blocked, corner,
-                step_s,
+                mine[a], off[a], cars, level, last, boxes, now, far, joined, place, come, at, held,
+                blocked, corner, step_s,
             )  # fmt: skip
-        _stay(mine, pairs, boxes, now, joined, place, come, at, held, step_s)
+        _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s)
         for a in range(len(mine)):
             if not joined[mine[a]]:
                 _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner)
@@ -142,8 +160,8 @@ def _point(r, at, begin, far, boxes):
 
 
 @njit(cache=True, nogil=True)
-def _go_on(r, off, boxes, now, far, pace, joined, place, come, at, step_s):
-    """Go on along the way, and back to it; ``now`` is then where one would be."""
+def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, step_s):
+    """Go on along the way, so far at most, and back to it; ``now`` is then where one would be."""
     turn = 0.0
     come[r], at[r] = r, far[r]
     if joined[r]:
@@ -159,14 +177,18 @@ def _go_on(r, off, boxes, now, far, pace, joined, place, come, at, step_s):
             if gap > RUNS_M:
                 most = FASTEST_MS * step_s
             goes = min(gap, most, did + STARTS_MS2 / 2 * step_s * step_s)
-        elif own > FASTEST_MS * step_s:
+        elif own > FASTEST_MS * step_s + 1e-6:
             goes = FASTEST_MS * step_s  # SUMO lets people leap
+        goes = min(goes, max(most_far - at[q], 0.0))
         if goes < gap:
             at[r] = at[q] + goes
             u, share = _point(r, at[r], int(come[q]), far, boxes)
             come[r] = u + share
         beside_x, beside_y = _beside(q, boxes, now, come)
         back = max(1.0 - goes / BACK_M, 0.0)
+        strays = math.hypot(beside_x, beside_y)
+        if goes == 0.0 and strays > STRAYS_M:
+            back = max(strays - BACK_MS * step_s, STRAYS_M) / strays
         off[0], off[1] = beside_x * back, beside_y * back
         if off[0] * off[0] + off[1] * off[1] < 1e-8:
             off[0] = off[1] = 0.0
@@ -225,7 +247,8 @@ def _face(r, boxes, now, come, turn):
 
 @njit(cache=True, nogil=True)
 def _hold(
-    r, off, boxes, now, far, joined, place, come, at, held, blocked, corner, step_s
+    r, off, cars, level, last, boxes, now, far, joined, place, come, at, held, blocked, corner,
+    step_s,
 ):  # fmt: skip
     """Keep what somebody does to what people can, off walls and on the footway; turn it there."""
     x, y = now[r, 0] + off[0], now[r, 1] + off[1]
@@ -286,6 +309,12 @@ def _hold(
                 there = 0
         else:
             there = 0
+    elif (
+        there == 2
+        and (was == 0 or (own == 2 and _strays(x, y, was_x, was_y, base_x, base_y)))
+        and drives_by(r, x, y, cars, level, last, boxes, now, step_s)
+    ):
+        there = 1  # it does not leave the footway now, nor its way beside a road
     elif there == 2:
         there = 0
     if there and there != own:
@@ -329,7 +358,14 @@ def _hold(
 
 
 @njit(cache=True, nogil=True)
-def _stay(mine, pairs, boxes, now, joined, place, come, at, held, step_s):
+def _strays(x, y, was_x, was_y, base_x, base_y):
+    """Return whether a step leads farther away from one's way than its edge."""
+    away = math.hypot(x - base_x, y - base_y)
+    return away > EDGE_M and away > math.hypot(was_x - base_x, was_y - base_y)
+
+
+@njit(cache=True, nogil=True)
+def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s):
     """Leave who would lie in somebody how it faced, else where it was, until nobody does."""
     back = np.zeros(len(mine), np.int64)
     for a in range(len(mine)):
@@ -373,7 +409,8 @@ def _stay(mine, pairs, boxes, now, joined, place, come, at, held, step_s):
         if joined[r]:
             # Who slips by is held up until it gets on.
             on = at[r] - at[r - 1] > SLOW_MS * step_s
-            held[r] = held[r - 1] + 1 if int(come[r]) < r and not on else 0
+            late = int(come[r]) < r and not on and not queues[a]
+            held[r] = held[r - 1] + 1 if late else 0
 
 
 @njit(cache=True, nogil=True)

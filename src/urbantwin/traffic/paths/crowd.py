@@ -22,6 +22,8 @@ from scipy.ndimage import binary_dilation, maximum_filter1d
 from urbantwin.traffic.compiled.asides import BESIDE_M
 from urbantwin.traffic.compiled.crowd import FASTEST_MS, MOST_M, walked
 from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.footing import BODY_M
+from urbantwin.traffic.paths.kerbs import NO_CROSSINGS, Crossings
 from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.solids import ROOM_M
 from urbantwin.traffic.paths.walked_cells import WalkedCells
@@ -36,7 +38,7 @@ _PACE_S = 5.0
 _TIGHT_M = 0.1
 
 
-def crowd_walked(
+def crowd_walked(  # noqa: PLR0913 - all that they go between
     columns: dict[str, NDArray[Any]],
     moving: Moving,
     half: NDArray[np.float64],
@@ -44,6 +46,9 @@ def crowd_walked(
     blocks: PlanBoxes,
     solids: NDArray[np.object_],
     footway: shapely.Geometry,
+    *,
+    crossings: Crossings = NO_CROSSINGS,
+    patience_s: tuple[float, float] = (15.0, 4.0),
 ) -> dict[str, NDArray[Any]]:
     """Return poses in which people step aside and wait for whomever they would come into.
 
@@ -58,6 +63,8 @@ def crowd_walked(
         blocks: what stands on the ground.
         solids: outlines of what stands in people's way.
         footway: who is on it stays there.
+        crossings: at which who is late waits.
+        patience_s: how long for vehicles that come, without a signal, and at green.
     """
     step, xy = columns["step"].astype(np.int64), columns["xy"]
     people = np.array([name == "pedestrian" for name in moving.classes], np.bool_)[moving.actor]
@@ -72,6 +79,8 @@ def crowd_walked(
     boxes = np.column_stack([xy, np.cos(columns["yaw"]), np.sin(columns["yaw"]), half])
     standing = np.column_stack([blocks.xy, np.cos(blocks.yaw), np.sin(blocks.yaw), blocks.half])
     inner = shapely.buffer(solids, _TIGHT_M - ROOM_M)
+    beside_road = shapely.buffer(footway, -BODY_M)
+    shapely.prepare(beside_road)
     cells = WalkedCells(xy[people], inner, footway, MOST_M + 1.0)
     steps = np.arange(step.min(), step.max() + 2)
     rows, others = (_by_step(step, who) for who in (people, ~people))
@@ -80,6 +89,11 @@ def crowd_walked(
         np.concatenate([boxes, standing]), moving.actor.astype(np.int64),
         moving.level.astype(np.int64), far,
         _pace(went / step_s, first, round(_PACE_S / step_s)), joined, last,
+        crossings.kerbs(
+            columns["lane"], joined, last,
+            lambda some: shapely.contains_xy(beside_road, *xy[some].T),
+        ), crossings.green,
+        np.round(np.array(patience_s) / step_s).astype(np.int64),
         *_still_cells(xy[people], blocks), cells.cells, cells.corner, step_s,
     )  # fmt: skip
     yaw = columns["yaw"]

@@ -19,6 +19,8 @@ __all__ = ["round_blocks"]
 
 #: Corners of outlines are rounded over so long, seconds; who moves less in a step does not turn.
 _ROUNDED_S, _MOVED_M = 0.7, 0.02
+#: So many places where something stands are gone round at once at the most.
+_AT_ONCE = 4
 
 
 def round_blocks(
@@ -71,15 +73,25 @@ def _round(way: NDArray[np.float64], cells: WalkedCells) -> NDArray[np.float64] 
         return None
     way = way.copy()
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]])))
-    for start, stop in edges.reshape(-1, 2).tolist():
-        low, high = max(start - 1, 0), min(stop, len(way) - 1)
-        arc = cells.way(way[low], way[high])
-        if arc is None:
-            continue
-        run = way[low : high + 1]
-        went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(run, axis=0).T))])
-        share = went[start - low :][: stop - start] / max(went[-1], 1e-6)
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(arc, axis=0).T))])
-        at = share * along[-1]
-        way[start:stop] = np.column_stack([np.interp(at, along, arc[:, k]) for k in (0, 1)])
+    runs = edges.reshape(-1, 2).tolist()
+    k = 0
+    while k < len(runs):
+        start, k = runs[k][0], k + 1
+        for n in range(k, min(k + _AT_ONCE, len(runs) + 1)):
+            # Where no way leads into a court, one leads past it.
+            stop = runs[n - 1][1]
+            low, high = max(start - 1, 0), min(stop, len(way) - 1)
+            arc = cells.way(way[low], way[high])
+            if arc is not None:
+                way[start:stop] = _along(arc, way[low : high + 1])[start - low :][: stop - start]
+                k = n
+                break
     return way
+
+
+def _along(arc: NDArray[np.float64], run: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return places on a way round (K, 2) as one goes on along the way that it replaces (N, 2)."""
+    went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(run, axis=0).T))])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(arc, axis=0).T))])
+    at = went / max(went[-1], 1e-6) * along[-1]
+    return np.column_stack([np.interp(at, along, arc[:, k]) for k in (0, 1)])

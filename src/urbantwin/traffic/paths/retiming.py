@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter1d
 
 from urbantwin.traffic.compiled.waiting import driven
 
-__all__ = ["LIMITS", "RUNS_MS", "Limits", "Pace", "curve_speeds", "retimed"]
+__all__ = ["LIMITS", "Limits", "Pace", "curve_speeds", "retimed"]
 
 #: Ways are looked at so finely, metres, and curves over so long a piece, metres.
 GRID_M = 0.2
@@ -26,8 +26,6 @@ _SIDEWAYS_MS2, _SLOWEST_MS = 3.2, 1.0
 #: Who makes up for time goes a little faster than it did near there: by this share and by so much,
 #: m/s, near being so far, metres.
 _FASTER, _FASTER_MS, _NEAR_M = 1.1, 0.5, 10.0
-#: Nobody on foot is faster, m/s: a gentle run, as of who hurries over a crossing.
-RUNS_MS = 2.4
 #: Who is less behind than this is where it was, metres; who starts harder than its class by less
 #: than this share may.
 _SAME_M, _HARDER = 0.005, 1.3
@@ -85,7 +83,7 @@ class Pace:
 
 
 def curve_speeds(
-    at: NDArray[np.float64], yaw: NDArray[np.float64], step_s: float, *, walks: bool
+    at: NDArray[np.float64], yaw: NDArray[np.float64], step_s: float
 ) -> NDArray[np.float64]:
     """Return the greatest speed every ``GRID_M`` of a way (G,), m/s.
 
@@ -93,7 +91,6 @@ def curve_speeds(
         at: (N,) how far the actor is at each step, metres, not decreasing.
         yaw: (N,) its heading, rad, continuous.
         step_s: time between steps.
-        walks: whether it may turn as sharply as it likes.
     """
     grid = np.arange(0.0, at[-1] + GRID_M, GRID_M)
     went = np.gradient(at, step_s)
@@ -102,8 +99,6 @@ def curve_speeds(
     fastest = np.zeros(len(grid))
     np.maximum.at(fastest, cell, went)
     fastest = _most(fastest, reach) * _FASTER + _FASTER_MS
-    if walks:
-        return np.minimum(fastest, RUNS_MS)
     distinct, group = np.unique(np.round(at, 3), return_inverse=True)
     heading = np.interp(grid, distinct, np.bincount(group, yaw) / np.bincount(group))
     half = round(_CURVE_M / GRID_M / 2)

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from urbantwin.traffic.paths.retiming import Pace
 
-__all__ = ["Let", "Way"]
+__all__ = ["BEHIND_M", "Let", "Way"]
 
 #: How far one falls behind at the most, metres.
-_BEHIND_M = {"pedestrian": 4.0}
-_USUAL_BEHIND_M = 30.0
+BEHIND_M = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +60,6 @@ class Way:
     at: NDArray[np.float64]
     start: int
     lets: tuple[Let, ...] = ()
-
-    @property
-    def behind_m(self) -> float:
-        """How far it falls behind at the most."""
-        return _BEHIND_M.get(self.kind, _USUAL_BEHIND_M)
 
     @cached_property
     def _strictly(self) -> NDArray[np.float64]:

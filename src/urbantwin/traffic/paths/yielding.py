@@ -22,20 +22,18 @@ from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.retiming import (
     GRID_M,
     LIMITS,
-    RUNS_MS,
     Pace,
     curve_speeds,
     retimed,
 )
-from urbantwin.traffic.paths.way import Let, Way
+from urbantwin.traffic.paths.way import BEHIND_M, Let, Way
 
 __all__ = ["Before", "yielded"]
 
 #: Pairs overlap that share more than this in plan, square metres.
 _OVERLAP_M2 = 0.02
 #: Room that is left before whom one lets go first, and beside it, metres.
-_AHEAD_M, _BESIDE_M = {"pedestrian": 0.1}, 0.02
-_USUAL_AHEAD_M = 0.7
+_AHEAD_M, _BESIDE_M = 0.7, 0.02
 #: What lying in somebody costs, by depth and time, against falling behind by the same.
 _THROUGH = 1e3
 _ROUNDS = 12
@@ -189,7 +187,7 @@ class _Yielding:
             moved = np.hypot(*np.diff(self.columns["xy"][first], axis=0).T)
             at = np.concatenate([[0.0], np.cumsum(moved)])
             yaw = np.unwrap(self.columns["yaw"][first])
-            speeds = curve_speeds(at, yaw, self.step_s, walks=kind == "pedestrian")
+            speeds = curve_speeds(at, yaw, self.step_s)
             pace = Pace(at, speeds, self.step_s)
             self.ways[number] = Way(number, bodies, kind, pace, at, self.starts[number])
         return self.ways[number]
@@ -200,10 +198,7 @@ class _Yielding:
         over = max(round(_OVER_S / self.step_s), 1)
         if not self.able[number] or len(rows) <= 2 * over:
             return False
-        if kind == "pedestrian":
-            moved = np.hypot(*np.gradient(self.columns["xy"][rows], self.step_s, axis=0).T)
-            return bool(moved.max() > RUNS_MS)
-        limits, ahead = LIMITS[kind], self.moving.boxes.axes[rows, 0]
+        limits, ahead = LIMITS[kind], self.moving.boxes.take(rows).axes[:, 0]
         went = (np.gradient(self.columns["xy"][rows], self.step_s, axis=0) * ahead).sum(axis=1)
         turn = np.gradient(np.unwrap(self.columns["yaw"][rows]), self.step_s)
         for speed in (self.columns["speed"][rows], went):
@@ -314,7 +309,7 @@ class _Yielding:
         boxes = self.moving.boxes
         begin, until = self._meeting(way, first, since)
         bound = np.full(until - begin, np.inf)
-        gap, width = _AHEAD_M.get(way.kind, _USUAL_AHEAD_M), int(way.behind_m / GRID_M) + 1
+        width = int(BEHIND_M / GRID_M) + 1
         # What of its way it may be on then.
         low = max(int(way.pace.at[begin] / GRID_M) - width, 0)
         grid = GRID_M * np.arange(low, int(way.pace.at[until - 1] / GRID_M) + 2)
@@ -322,7 +317,7 @@ class _Yielding:
         top = np.ceil(way.pace.at[begin:until] / GRID_M).astype(int) - low
         top = np.minimum(top, len(grid) - 1)
         for body in range(len(way.bodies)):
-            own = _plan(self._along(way, body, grid, gap if body == 0 else 0.0))
+            own = _plan(self._along(way, body, grid, _AHEAD_M if body == 0 else 0.0))
             for rows in self.bodies[first]:
                 theirs, after = self._during(first, rows, begin + way.start, until + way.start)
                 if not len(theirs):

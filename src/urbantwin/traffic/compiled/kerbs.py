@@ -1,0 +1,134 @@
+"""Who waits at a kerb: until the signal lets it cross, and nothing comes."""
+
+import numpy as np
+from numba import njit
+
+from urbantwin.traffic.compiled.asides import DRIVES_M
+from urbantwin.traffic.compiled.waiting import depth_of
+
+__all__ = ["drives_by", "to_kerb"]
+
+#: Who is so near before a crossing that is closed stands in the queue for it, metres.
+QUEUE_M = 5.0
+#: Who is farther than this beyond the kerb has begun to cross, metres.
+BEGUN_M = 0.3
+#: Who crosses later than SUMO's walker does reckons with this speed, m/s; it looks whether anything
+#: is then nearer than this, metres, at every so many seconds, the same time too early and too late.
+CROSSES_MS, ROOM_M, LOOK_S = 1.6, 0.5, 0.5
+#: So long before a vehicle comes nobody leaves the footway to get on, seconds.
+ASIDE_S = 5.0
+#: Vehicles farther away than this at a look, beyond their own length, are not looked at, metres.
+NEAR_M = 4.0
+
+
+@njit(cache=True, nogil=True)
+def to_kerb(
+    r, s, cars, boxes, level, far, last, kerbs, green, patience, come, at, let, stride, step_s
+):  # fmt: skip
+    """Return how far somebody who is late may go, and whether it stands before a crossing.
+
+    SUMO's walkers cross when they may. Who comes there later waits for its own green, and lets by
+    whoever comes over the crossing then.
+
+    Args:
+        r: the row of its own whose step it is.
+        s: the number of the step.
+        cars: (C,) the rows of vehicles in this step.
+        boxes: see ``crowd.walked``, like what follows.
+        level: of roads.
+        far: how far each went on its own way by each row.
+        last: the last row that follows without a gap.
+        kerbs: where crossings begin.
+        green: when.
+        patience: for how many steps one lets vehicles by.
+        come: the row that one has come to.
+        at: (N,) how far one is on its way.
+        let: (N,) int64, for how many steps one let vehicles by so far, of rows that are done.
+        stride: the farthest that one goes in a step, metres.
+        step_s: time between steps.
+    """
+    q = r - 1
+    begins = _next_kerb(int(come[q]), last, kerbs)
+    if begins < 0 or begins >= r:
+        return np.inf, False
+    kerb, light = far[kerbs[begins, 3]], kerbs[begins, 2]
+    if at[q] > kerb + BEGUN_M:
+        return np.inf, False
+    near = kerb - at[q] <= stride
+    if light >= 0 and not _lets_begin(light, s, far[begins] - kerb, green, step_s):
+        closed = kerb - at[q] <= QUEUE_M
+    elif near and let[q] < patience[1 if light >= 0 else 0]:
+        closed = _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s)
+        let[r] = let[q] + closed
+    else:
+        closed = False
+        let[r] = let[q] if near else 0
+    return kerb if closed else np.inf, closed
+
+
+@njit(cache=True, nogil=True)
+def _lets_begin(light, s, way, green, step_s):
+    """Return whether a signal is green in a step, and as long as one goes to the crossing."""
+    comes = min(s + int(way / CROSSES_MS / step_s), green.shape[1] - 1)
+    return green[light, s] and green[light, comes]
+
+
+@njit(cache=True, nogil=True)
+def _next_kerb(u, last, kerbs):
+    """Return the row with which the next crossing after a row begins, -1 for none."""
+    begins = kerbs[u, 0]
+    if begins == u:
+        return kerbs[u + 1, 0] if u < last[u] else -1
+    return begins
+
+
+@njit(cache=True, nogil=True)
+def _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s):
+    """Return whether a vehicle comes over the crossing while one who begins now is on it."""
+    end, stands = kerbs[begins, 1], kerbs[begins, 3]
+    start = far[stands]
+    looks = int((far[end] - start) / CROSSES_MS / LOOK_S) + 2
+    early = round(LOOK_S / step_s)
+    for c in range(len(cars)):
+        j = cars[c]
+        if level[j] != level[r]:
+            continue
+        u = stands
+        for look in range(looks):
+            while u < end and far[u + 1] <= start + look * LOOK_S * CROSSES_MS:
+                u += 1
+            middle = j + round(look * LOOK_S / step_s)
+            for b in (middle - early, middle, middle + early):
+                if b < j or b > last[j]:
+                    continue
+                x, y = boxes[u, 0] - boxes[b, 0], boxes[u, 1] - boxes[b, 1]
+                if max(abs(x), abs(y)) > NEAR_M + boxes[b, 4]:
+                    continue
+                if depth_of(x, y, boxes[u], boxes[b]) + ROOM_M <= 0:
+                    continue
+                moved = abs(boxes[b, 0] - boxes[j, 0]) + abs(boxes[b, 1] - boxes[j, 1])
+                if moved > DRIVES_M:
+                    return True
+    return False
+
+
+@njit(cache=True, nogil=True)
+def drives_by(r, x, y, cars, level, last, boxes, now, step_s):
+    """Return whether a vehicle comes by a place soon so near that one does not step there."""
+    for c in range(len(cars)):
+        j = cars[c]
+        if level[j] != level[r]:
+            continue
+        for look in range(int(ASIDE_S / LOOK_S) + 1):
+            b = j + round(look * LOOK_S / step_s)
+            if b > last[j]:
+                break
+            far_x, far_y = x - boxes[b, 0], y - boxes[b, 1]
+            if max(abs(far_x), abs(far_y)) > NEAR_M + boxes[b, 4]:
+                continue
+            if depth_of(far_x, far_y, now[r], boxes[b]) + ROOM_M <= 0:
+                continue
+            moved = abs(boxes[b, 0] - boxes[j, 0]) + abs(boxes[b, 1] - boxes[j, 1])
+            if moved > DRIVES_M:
+                return True
+    return False
