@@ -25,7 +25,7 @@ def test_an_interruption_while_python_starts(
         assert (ended.code, ended.err) == (130, "error: interrupted\n")
     else:  # before the first line of our own code: Python's own ways to end
         assert ended.code in ((-number, 1) if number == signal.SIGINT else (-number,))
-    assert not (tmp_path / "out").exists()
+    assert not list((tmp_path / "out").glob("*"))  # the command may have made its empty parent
     assert not list((tmp_path / "tmp").iterdir())
 
 

@@ -1,9 +1,14 @@
 """Imported geometry: meshes, 3D Tiles and point clouds, placed on the site, cleaned, labelled."""
 
-from urbantwin.reconstruct.model import Geotag, ImportedModel, PointCloud, TriangleMesh
-from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
-from urbantwin.reconstruct.source_summary import outcome
-from urbantwin.reconstruct.surroundings import Surroundings, surroundings_of
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.reconstruct.model import Geotag, ImportedModel, PointCloud, TriangleMesh
+    from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
+    from urbantwin.reconstruct.source_summary import outcome
+    from urbantwin.reconstruct.surroundings import Surroundings, surroundings_of
 
 __all__ = [
     "Geotag",
@@ -17,3 +22,5 @@ __all__ = [
     "outcome",
     "surroundings_of",
 ]
+
+names_on_demand(__name__)
