@@ -72,7 +72,7 @@ class ObjectSeen:
         counts: points by side: ``real``, ``mended``, ``annotated``.
         chamfer_m: symmetric Chamfer distance to the real points by box: ``mended``, ``annotated``;
             and ``both``: in the mended box, of rays that returned from the real object and from
-            ours, so that shape is told apart from what is lost.
+            ours: the error of shape without that of drop-out.
         real_codes: (N,) intensity of the real points, 0 to 1; (0,): the data has none.
         codes: (M,) of ours.
         rays: ray by ray, in the mended box.

@@ -5,6 +5,7 @@ The tags are OpenStreetMap's, so that everything made from a map can be made fro
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -77,9 +78,9 @@ class Drawn(BaseModel):
         """Return the types of geometry that it may have."""
         return ("LineString",)
 
+    @abstractmethod
     def tags(self) -> dict[str, str]:
         """Return it as tags of a map."""
-        raise NotImplementedError
 
 
 def _each(text: str, lanes: int, what: str) -> list[str]:

@@ -83,6 +83,17 @@ def _next_kerb(u, last, kerbs):
 
 
 @njit(cache=True, nogil=True)
+def _drives_into(x, y, box, boxes, now, then):
+    """Return whether a vehicle, in row ``now``, has driven up to a box at x, y in row ``then``."""
+    far_x, far_y = x - boxes[then, 0], y - boxes[then, 1]
+    if max(abs(far_x), abs(far_y)) > NEAR_M + boxes[then, 4]:
+        return False
+    if depth_of(far_x, far_y, box, boxes[then]) + ROOM_M <= 0:
+        return False
+    return abs(boxes[then, 0] - boxes[now, 0]) + abs(boxes[then, 1] - boxes[now, 1]) > DRIVES_M
+
+
+@njit(cache=True, nogil=True)
 def _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s):
     """Return whether a vehicle comes over the crossing while one who begins now is on it."""
     end, stands = kerbs[begins, 1], kerbs[begins, 3]
@@ -101,13 +112,7 @@ def _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s):
             for b in (middle - early, middle, middle + early):
                 if b < j or b > last[j]:
                     continue
-                x, y = boxes[u, 0] - boxes[b, 0], boxes[u, 1] - boxes[b, 1]
-                if max(abs(x), abs(y)) > NEAR_M + boxes[b, 4]:
-                    continue
-                if depth_of(x, y, boxes[u], boxes[b]) + ROOM_M <= 0:
-                    continue
-                moved = abs(boxes[b, 0] - boxes[j, 0]) + abs(boxes[b, 1] - boxes[j, 1])
-                if moved > DRIVES_M:
+                if _drives_into(boxes[u, 0], boxes[u, 1], boxes[u], boxes, j, b):
                     return True
     return False
 
@@ -123,12 +128,6 @@ def drives_by(r, x, y, cars, level, last, boxes, now, step_s):
             b = j + round(look * LOOK_S / step_s)
             if b > last[j]:
                 break
-            far_x, far_y = x - boxes[b, 0], y - boxes[b, 1]
-            if max(abs(far_x), abs(far_y)) > NEAR_M + boxes[b, 4]:
-                continue
-            if depth_of(far_x, far_y, now[r], boxes[b]) + ROOM_M <= 0:
-                continue
-            moved = abs(boxes[b, 0] - boxes[j, 0]) + abs(boxes[b, 1] - boxes[j, 1])
-            if moved > DRIVES_M:
+            if _drives_into(x, y, now[r], boxes, j, b):
                 return True
     return False
