@@ -106,7 +106,7 @@ def test_actors_swallow_single_beams_as_the_table_says():
     """The share is the material's, and it is the same beams of the same triangles every time."""
     beam = np.arange(200_000)
     face = np.full(len(beam), 7)
-    for name, share in (("paint-white", 0.045), ("cloth", 0.02), ("asphalt", 0.0)):
+    for name, share in (("paint-white", 0.06), ("cloth", 0.02), ("asphalt", 0.0)):
         kind = np.full(len(beam), material_id(name), np.uint8)
         left = scatter_of_materials(905.0, swallows=True).actor_grain(beam, face, kind)
         assert (left < 0.5).mean() == pytest.approx(share, abs=0.002)
