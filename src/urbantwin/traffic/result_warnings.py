@@ -12,6 +12,8 @@ __all__ = ["place_of_count", "warnings_of_drive"]
 #: Least share of the motor traffic asked for that is carried, or of a guess that is asked for,
 #: where nothing is said.
 ENOUGH = 0.9
+#: Most of those who come that may be left out, lest they pass through others, share.
+MANY_ABSENT = 0.02
 
 
 def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
@@ -59,6 +61,14 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             f"collisions: SUMO counted {manifest['collisions']}",
             "",
             "look at the motion",
+        )
+    absent = manifest.get("absent", {"visits": 0})
+    if absent["visits"] > MANY_ABSENT * absent.get("of", 0):
+        yield ResultWarning(
+            "traffic",
+            f"{_by_class(absent['actors'])} of {absent['of']} are left out",
+            "they would have come through somebody, or through what stands there",
+            "motion.json says under absent where",
         )
     overlaps = manifest.get("overlaps", {})
     for count, of, kinds, where in (
@@ -137,6 +147,11 @@ def place_of_count(row: Mapping[str, Any]) -> str:
     """Return where a row of counts was counted."""
     where = ("junction", "approach", "turn", "road", "crossing")
     return " ".join(str(row[name]) for name in where if row.get(name))
+
+
+def _by_class(actors: Mapping[str, int]) -> str:
+    """Return who is left out, by class, as text."""
+    return ", ".join(f"{count} {name}" for name, count in actors.items())
 
 
 def _count_left_out(manifest: Mapping[str, Any], name: str) -> int:
