@@ -355,6 +355,7 @@ def _apart(  # noqa: PLR0913 - all that they go between
     footway, half = place.roads.footway(0), still[trip] / 2
 
     on_foot = np.array([name == "pedestrian" for name in classes], np.bool_)[trip]
+    columns = {**columns, "aside": np.zeros(len(trip))}
     afoot = {name: values[on_foot] for name, values in columns.items()}
 
     height = np.array([mesh.height for mesh in meshes])[trip]
@@ -388,8 +389,10 @@ def _round_others(
     """Return poses in which vehicles go round what is beside them a little."""
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], half)
     now = replace(moving, boxes=boxes, speed=columns["speed"])
-    xy, speed = separated(now, blocks, height, step_s)
-    return _steered({**columns, "xy": xy, "speed": speed}, columns, moving.classes, meshes)
+    xy, speed = separated(now, blocks, height, step_s, columns["aside"])
+    aside = columns["aside"] + ((xy - columns["xy"]) * boxes.axes[:, 1]).sum(axis=1)
+    changed = {**columns, "xy": xy, "speed": speed, "aside": aside}
+    return _steered(changed, columns, moving.classes, meshes)
 
 
 def _steered(
