@@ -62,13 +62,14 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             "",
             "look at the motion",
         )
-    absent = manifest.get("absent", {"visits": 0})
-    if absent["visits"] > MANY_ABSENT * absent.get("of", 0):
+    absent = manifest.get("absent", {"visits": 0, "of": 0})
+    if absent["visits"] > MANY_ABSENT * absent["of"]:
+        who = ", ".join(f"{count} {name}" for name, count in absent["actors"].items())
         yield ResultWarning(
             "traffic",
-            f"{_by_class(absent['actors'])} of {absent['of']} are left out",
-            "they would have come through somebody, or through what stands there",
-            "motion.json says under absent where",
+            f"{absent['visits']} of {absent['of']} visits are left out",
+            f"{who} would pass through others, or through what stands",
+            "motion.json says under absent, each, where",
         )
     overlaps = manifest.get("overlaps", {})
     for count, of, kinds, where in (
@@ -147,11 +148,6 @@ def place_of_count(row: Mapping[str, Any]) -> str:
     """Return where a row of counts was counted."""
     where = ("junction", "approach", "turn", "road", "crossing")
     return " ".join(str(row[name]) for name in where if row.get(name))
-
-
-def _by_class(actors: Mapping[str, int]) -> str:
-    """Return who is left out, by class, as text."""
-    return ", ".join(f"{count} {name}" for name, count in actors.items())
 
 
 def _count_left_out(manifest: Mapping[str, Any], name: str) -> int:

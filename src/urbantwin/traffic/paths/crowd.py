@@ -12,8 +12,6 @@ more than two seconds, so what changes later changes nothing before.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +21,7 @@ from scipy.ndimage import binary_dilation, maximum_filter1d
 
 from urbantwin.traffic.compiled.asides import BESIDE_M
 from urbantwin.traffic.compiled.crowd import FASTEST_MS, MOST_M, walked
-from urbantwin.traffic.paths.box_plan import PlanBoxes, rows_near
+from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.footing import BODY_M
 from urbantwin.traffic.paths.kerbs import NO_CROSSINGS, Crossings
 from urbantwin.traffic.paths.parting import Moving
@@ -36,9 +34,6 @@ __all__ = ["crowd_walked"]
 _STILL_CELL_M = 2.0
 #: How fast people walk is looked at over so long before and after, seconds.
 _PACE_S = 5.0
-#: Who waits on an island without a footway keeps so far from where vehicles come by, metres; that
-#: is looked at so often, seconds.
-_CLEAR_M, _LOOKS_S = 0.6, 0.3
 #: Who has little room keeps so far from what stands, metres, from the middle.
 _TIGHT_M = 0.1
 
@@ -97,7 +92,6 @@ def crowd_walked(  # noqa: PLR0913 - all that they go between
         crossings.kerbs(
             columns["lane"], joined, last,
             lambda some: shapely.contains_xy(beside_road, *xy[some].T),
-            _nobody_drives(moving.take(np.flatnonzero(~people)), xy, step_s),
         ), crossings.green,
         np.round(np.array(patience_s) / step_s).astype(np.int64),
         *_still_cells(xy[people], blocks), cells.cells, cells.corner, step_s,
@@ -128,27 +122,6 @@ def _by_step(step: NDArray[np.int64], wanted: NDArray[np.bool_]) -> NDArray[np.i
     """Return the rows that are wanted, by step."""
     rows = np.flatnonzero(wanted)
     return rows[np.argsort(step[rows], kind="stable")]
-
-
-def _nobody_drives(
-    vehicles: Moving, xy: NDArray[np.float64], step_s: float
-) -> Callable[[NDArray[np.int64]], NDArray[np.bool_]]:
-    """Return what tells by which places (N, 2) of some rows no vehicle ever comes near."""
-    some = vehicles.boxes.take(
-        np.flatnonzero(vehicles.boxes.step % max(round(_LOOKS_S / step_s), 1) == 0)
-    )
-    wide = replace(some, half=some.half + _CLEAR_M)
-
-    def nobody(rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        free = np.ones(len(rows), np.bool_)
-        if len(rows):
-            points = shapely.points(xy[rows])
-            tree = shapely.STRtree(points)
-            near = rows_near(tree, wide.xy, np.hypot(*wide.half.T))
-            free[tree.query(wide.take(near).polygons, predicate="intersects")[1]] = False
-        return free
-
-    return nobody
 
 
 def _pace(speed: NDArray[np.float64], first: NDArray[np.int64], reach: int) -> NDArray[np.float64]:

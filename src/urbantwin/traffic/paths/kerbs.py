@@ -73,21 +73,19 @@ class Crossings:
         lane: NDArray[np.integer],
         joined: NDArray[np.bool_],
         last: NDArray[np.int64],
-        *places: Callable[[NDArray[np.int64]], NDArray[np.bool_]],
+        on_footway: Callable[[NDArray[np.int64]], NDArray[np.bool_]],
     ) -> NDArray[np.int64]:
         """Return of every row where the next crossing begins (N, 4).
 
         That is the first row on it from this one on, -1 for none; with such a row the last one on
         the same crossing, its signal, and the row at which one waits: the last one before it that
-        is on the footway, as the areas of corners reach far into the roads. On an island without a
-        footway that is where nobody drives, and in its middle where somebody does everywhere.
+        is on the footway, as the areas of corners reach far into the roads.
 
         Args:
             lane: (N,) number of the lane.
             joined: (N,) whether the row before is the same actor's, a step earlier.
             last: (N,) the last row of the same actor that follows without a gap.
-            places: return which rows (K,) of some one may wait at, the best ones first: on the
-                footway.
+            on_footway: returns which rows (K,) of some are on the footway.
         """
         count = len(lane)
         found = np.full((count, 4), -1, np.int64)
@@ -101,17 +99,16 @@ class Crossings:
         found[begins, 1] = ends[np.searchsorted(runs, begins)]
         found[begins, 2] = light[begins]
         first = np.maximum.accumulate(np.where(joined, 0, np.arange(count)))[begins]
-        # Not before the crossing that one comes from; in the middle of an island without a place.
+        # Not before the crossing that one comes from; in the middle of an island without a footway.
         first[1:] = np.maximum(first[1:], found[begins[:-1], 1] + 1)
         begun = np.maximum(runs[np.searchsorted(runs, begins) - 1], first)
         found[begins, 3] = np.minimum((begun + begins - 1) // 2, begins - 1)
         waits = np.zeros(len(begins), np.bool_)
-        for is_place in places:
-            for back in range(1, _BACK + 1):
-                looks = np.flatnonzero(~waits & (begins - back >= first))
-                looks = looks[is_place(begins[looks] - back)]
-                found[begins[looks], 3] = begins[looks] - back
-                waits[looks] = True
+        for back in range(1, _BACK + 1):
+            looks = np.flatnonzero(~waits & (begins - back >= first))
+            looks = looks[on_footway(begins[looks] - back)]
+            found[begins[looks], 3] = begins[looks] - back
+            waits[looks] = True
         following = np.searchsorted(begins, np.arange(count))
         at = np.append(begins, count)[following]
         found[:, 0] = np.where(at <= last, at, -1)

@@ -103,8 +103,7 @@ def rows_that_overlap(
     for first, part in _parts(actors):
         moving = _columns(part)
         boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
-        met, area, _ = _shared(moving, boxes, still, standing, tree)
-        met = met[area > OVERLAP_M2]
+        met, _, _ = _shared(moving, boxes, still, standing, tree)
         pairs.append(np.where(met < part.num_rows, met + first, -1))
         rows, what = _hit(moving, boxes, obstacles, who[first : first + part.num_rows])
         hits.append(rows + first)
@@ -141,7 +140,7 @@ def _shared(
     standing: PlanBoxes,
     tree: shapely.STRtree,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, NDArray[Any]]]:
-    """Return pairs (P, 2) of rows that are near each other, what they share (P,), and the columns.
+    """Return pairs (P, 2) of rows that overlap, how much they share (P,), and the columns.
 
     Rows of who stands follow after those of who moves.
     """
@@ -152,8 +151,10 @@ def _shared(
     )
     columns = {name: np.concatenate([moving[name], still[name]]) for name in _COLUMNS}
     pairs = pairs[np.abs(columns["z"][pairs[:, 0]] - columns["z"][pairs[:, 1]]) < LEVEL_M]
-    pairs = pairs[~are_coupled(columns, pairs)]
-    return pairs, shared_areas(PlanBoxes.joined([boxes, standing]), pairs), columns
+    area = shared_areas(PlanBoxes.joined([boxes, standing]), pairs)
+    pairs, area = pairs[area > OVERLAP_M2], area[area > OVERLAP_M2]
+    apart = ~are_coupled(columns, pairs)
+    return pairs[apart], area[apart], columns
 
 
 def _meetings(
@@ -165,17 +166,16 @@ def _meetings(
 ) -> Iterator[tuple[float, dict[str, Any]]]:
     """Yield how much two share, and who, when and where, of each two that overlap at a step."""
     pairs, area, columns = _shared(moving, boxes, still, standing, tree)
-    for k in np.flatnonzero(area > OVERLAP_M2):
-        rows = pairs[k]
+    for rows, shared in zip(pairs, area.tolist(), strict=True):
         yield (
-            float(area[k]),
+            shared,
             {
                 "tracks": sorted(columns["track"][rows].tolist()),
                 "classes": [str(columns["class"][row]) for row in sorted(rows.tolist())],
                 "time_s": float(columns["time_s"][rows[0]]),
                 "x": round(float(columns["x"][rows].mean()), 1),
                 "y": round(float(columns["y"][rows].mean()), 1),
-                "area_m2": round(float(area[k]), 2),
+                "area_m2": round(shared, 2),
             },
         )
 
@@ -215,9 +215,9 @@ def _hit(
 ) -> tuple[NDArray[np.int64], NDArray[np.object_]]:
     """Return the rows (H,) that meet something static, and what (H,)."""
     # Who stands where it stood before meets nothing new.
-    kept = np.round(np.column_stack([who, boxes.xy * 20, boxes.yaw * 50]))
-    _, rows = np.unique(kept, axis=0, return_index=True)
-    rows.sort()
+    by_who = np.argsort(who, kind="stable")
+    place = np.round(np.column_stack([who, boxes.xy * 20, boxes.yaw * 50])[by_who])
+    rows = np.sort(by_who[(np.diff(place, axis=0, prepend=np.nan) != 0).any(axis=1)])
     inner = PlanBoxes(
         boxes.step[rows],
         boxes.xy[rows],

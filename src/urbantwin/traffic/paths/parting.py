@@ -65,10 +65,10 @@ _GIVES = {
     # Who drives goes a little aside; going later is another step (`yielding`).
     "bicycle": _Give(1e-6, 0.5, 1.0, (0.0, 1.0)),
     "motorcycle": _Give(1e-6, 0.3, 1.2, (0.0, 1.0)),
-    "car": _Give(1e-6, 0.05, 1.5, (0.0, 0.5)),
-    "van": _Give(1e-6, 0.05, 1.5, (0.0, 0.5)),
-    "truck": _Give(1e-6, 0.02, 1.8, (0.0, 0.4)),
-    "bus": _Give(1e-6, 0.02, 1.8, (0.0, 0.4)),
+    "car": _Give(1e-6, 0.05, 1.5, (0.0, 0.8)),
+    "van": _Give(1e-6, 0.05, 1.5, (0.0, 0.8)),
+    "truck": _Give(1e-6, 0.02, 1.8, (0.0, 0.8)),
+    "bus": _Give(1e-6, 0.02, 1.8, (0.0, 0.8)),
     # Who runs on rails stays on them.
     "tram": _Give(1e-6, 1e-6, 2.0, (0.0, 0.0)),
 }
