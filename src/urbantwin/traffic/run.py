@@ -202,7 +202,7 @@ class _Drive:
     actors: pa.Table
     outside: int
     rigid: frozenset[int]
-    poses: dict[str, Any]
+    poses: tuple[dict[str, Any], ...]
     staged: list[StagedEvent] = field(default_factory=list)
 
 
@@ -272,6 +272,7 @@ class _Streets:
             asset=self.own.asset,
             by_trip=by_trip,
             before=before,
+            scratch=self.scratch,
             tell=tell,
         )
         return _Drive(demand, simulated, made.actors, made.outside, made.rigid, made.poses)

@@ -46,6 +46,7 @@ def separated(
     blocks: Blocks,
     height: NDArray[np.float64],
     step_s: float,
+    begin: int | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where actors are of whom fewer overlap (N, 2), and their speeds (N,).
 
@@ -56,6 +57,7 @@ def separated(
         blocks: what stands in the way, at whatever step.
         height: (N,) of each, metres.
         step_s: time between steps.
+        begin: the first step that may be another, where it is not the first of all.
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     meeting = np.zeros(len(xy), np.bool_)
@@ -64,6 +66,8 @@ def separated(
     if not meeting.any():
         return xy, speed
     drives = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
+    if begin is not None:
+        drives &= moving.boxes.step >= begin
     changed = _around(moving, meeting & drives, step_s) & drives
     if not changed.any():
         return xy, speed
