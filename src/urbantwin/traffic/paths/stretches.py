@@ -26,7 +26,7 @@ Columns = dict[str, NDArray[Any]]
 
 #: A stretch is so long, and looks so far beyond its end, seconds: who waits for somebody does so
 #: up to half a minute before they meet (`yielding`).
-_LONG_S, _BEYOND_S = 300.0, 40.0
+_LONG_S, _BEYOND_S = 240.0, 30.0
 #: What people are like besides their poses: by how many rows they are late, by how much their
 #: heading differs from that of their way, for how many steps they were held up, and let others by.
 WALKS = ("lag", "turn", "held", "let")
@@ -142,7 +142,7 @@ class Ways:
         trip, step = columns["trip"], columns["step"]
         new = np.concatenate([[True], (np.diff(trip) != 0) | (np.diff(step) != 1)])[: len(trip)]
         first = np.flatnonzero(new)
-        last = np.append(first[1:], len(trip))
+        last = np.append(first, len(trip))[1:]
         self._walked: list[tuple[int, int]] = []
         driven: dict[tuple[int, int, int], list[tuple[int, int]]] = {}
         for low, high in zip(first.tolist(), last.tolist(), strict=True):
