@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from urbantwin.progress import Progress, between
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.demand.demand import Trip
 from urbantwin.traffic.paths.bending import vehicles
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.crowd import crowd_walked
+from urbantwin.traffic.paths.kept_ways import KeptWays
 from urbantwin.traffic.paths.kerbs import Crossings
 from urbantwin.traffic.paths.obstacles import Blocks
 from urbantwin.traffic.paths.separation import Moving, separated
@@ -41,9 +41,7 @@ class Parted:
     """Everybody of a motion, parted stretch by stretch.
 
     Args:
-        columns: poses by trip and step, vehicles that bend being their bodies.
-        trips: whose they are.
-        who: who is who (`bending.with_bodies`).
+        ways: everybody's.
         level: (L,) of each lane.
         blocks: what stands in the way all the time.
         solids: outlines of what stands in people's way.
@@ -52,11 +50,9 @@ class Parted:
         asset: an asset's dimensions by name.
     """
 
-    def __init__(  # noqa: PLR0913 - all that they go between
+    def __init__(
         self,
-        columns: Columns,
-        trips: Sequence[Trip],
-        who: NDArray[np.int64],
+        ways: KeptWays,
         level: NDArray[np.int64],
         blocks: Blocks,
         solids: NDArray[np.object_],
@@ -66,6 +62,7 @@ class Parted:
         asset: Callable[[str], Asset],
     ) -> None:
         self.level, self.blocks, self.step_s = level, blocks, step_s
+        trips, who = ways.trips, ways.who
         self.meshes = [asset(trip.asset) for trip in trips]
         led = np.array([one.actor_class == "animal" for one in trips], np.bool_)
         # Who is led steps aside as people do.
@@ -78,9 +75,10 @@ class Parted:
         self.height = np.array([mesh.height for mesh in self.meshes])
         self.walks = np.array([name == "pedestrian" for name in self.classes], np.bool_)
         rear_m = [rear_of(mesh) for mesh in self.meshes]
-        afoot = columns["xy"][self.walks[columns["trip"]]]
+        columns = ways.columns.opened()
+        afoot = np.asarray(columns["xy"][self.walks[columns["trip"]]])
         self.ground = WalkedGround(afoot, blocks.low, solids, footway)
-        self.ways = Ways(columns, self.walks, self.classes, self.vehicles, rear_m, step_s)
+        self.ways = Ways(ways, self.walks, self.classes, self.vehicles, rear_m, step_s)
 
     def parted(
         self,

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.traffic.paths.kept_ways import KeptWays
 from urbantwin.traffic.paths.retiming import LIMITS, Pace, curve_speeds, retimed
 from urbantwin.traffic.paths.steering import steered
 from urbantwin.traffic.paths.way import Way
@@ -120,8 +121,8 @@ class Ways:
     """Everybody's way, as it was before anybody saw anybody.
 
     Args:
-        columns: poses by actor and step: ``trip``, ``step``, ``xy``, ``yaw``, ``speed``,
-            ``distance``, ``lane``.
+        ways: poses by actor and step: ``trip``, ``step``, ``xy``, ``yaw``, ``speed``, ``distance``,
+            ``lane``.
         walks: (A,) of each actor whether it is on foot.
         kinds: (A,) its class.
         vehicles: (A,) the vehicle that it is a body of.
@@ -131,14 +132,16 @@ class Ways:
 
     def __init__(
         self,
-        columns: Columns,
+        ways: KeptWays,
         walks: NDArray[np.bool_],
         kinds: Sequence[str],
         vehicles: NDArray[np.integer],
         rear_m: Sequence[float],
         step_s: float,
     ) -> None:
-        self.columns, self.kinds, self.rear_m, self.step_s = columns, kinds, rear_m, step_s
+        self._kept, self.kinds, self.rear_m, self.step_s = ways.columns, kinds, rear_m, step_s
+        self.columns: Columns = {}
+        columns = self._kept.opened()
         trip, step = columns["trip"], columns["step"]
         new = np.concatenate([[True], (np.diff(trip) != 0) | (np.diff(step) != 1)])[: len(trip)]
         first = np.flatnonzero(new)
@@ -147,6 +150,8 @@ class Ways:
         driven: dict[tuple[int, int, int], list[tuple[int, int]]] = {}
         for low, high in zip(first.tolist(), last.tolist(), strict=True):
             actor = int(trip[low])
+            if low < ways.since and actor in ways.gone:
+                continue
             if walks[actor]:
                 self._walked.append((low, high))
             else:
@@ -162,10 +167,23 @@ class Ways:
         Of people they begin somewhat before where they are on their way; of who drives with the
         last two steps of the stretch before.
         """
+        self.columns = self._kept.opened()
+        found = self._first(stretch) if left is None else self._further(stretch, left)
+        self.columns = {}
+        return found
+
+    def _first(self, stretch: Stretch) -> Columns:
+        """Return the ways until the end of the first stretch, in their order."""
+        visits = sorted(self._walked + [visit for group in self._driven for visit in group])
+        rows = [
+            np.arange(low, min(high, low + max(stretch.seen - int(self.columns["step"][low]), 0)))
+            for low, high in visits
+        ]
+        return self._rows(np.concatenate(rows) if rows else np.zeros(0, np.int64))
+
+    def _further(self, stretch: Stretch, left: LeftOff) -> Columns:
+        """Return the ways of a stretch after the first."""
         step = self.columns["step"]
-        if left is None:
-            kept = step < stretch.seen
-            return self._rows(np.flatnonzero(kept))
         rows, parts = [], []
         for low, high in self._walked:
             begin = int(step[low])
@@ -186,7 +204,7 @@ class Ways:
         return {name: values[order] for name, values in found.items()}
 
     def _rows(self, rows: NDArray[np.int64]) -> Columns:
-        return {name: values[rows] for name, values in self.columns.items()}
+        return {name: np.asarray(values[rows]) for name, values in self.columns.items()}
 
     def _driven_on(
         self, group: list[tuple[int, int]], stretch: Stretch, left: LeftOff

@@ -152,7 +152,8 @@ class _Yielding:
             ]
         )
         self.were: dict[int, NDArray[np.float64]] = {}
-        for went in before.stretches if before else ():
+        before = before or Before((), 0)
+        for went in before.stretches:
             early = went["step"] < before.until
             whose = went["trip"][early]
             place = np.flatnonzero(np.diff(whose, prepend=-1))
