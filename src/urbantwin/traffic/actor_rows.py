@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -117,23 +117,28 @@ class KeptRows:
             file.write_table(rows)
         self._files.append(path)
 
-    def table(self, number: NDArray[np.integer] | None = None) -> pa.Table:
-        """Return all rows as the table of actors.
+    def table(
+        self, number: NDArray[np.integer] | None = None
+    ) -> tuple[pa.Table, NDArray[np.int32]]:
+        """Return all rows as the table of actors, and the trip of each (N,).
 
         Args:
             number: the track of each trip; 1, 2, 3, ... in the order of those who are there, where
                 not given.
         """
         driven = np.array(sorted(self._driven), np.int64)
-        parts = [self._numbered(rows, driven, number) for rows in self._rows()]
-        return pa.concat_tables(parts) if parts else ACTOR_SCHEMA.empty_table()
+        parts, trips = [ACTOR_SCHEMA.empty_table()], [np.zeros(0, np.int32)]
+        for rows in self._rows():
+            trips.append(rows["track"].to_numpy().astype(np.int32))
+            parts.append(self._numbered(rows, driven, number))
+        return pa.concat_tables(parts), np.concatenate(trips)
 
-    def _rows(self) -> Sequence[pa.Table]:
+    def _rows(self) -> Iterator[pa.Table]:
+        yield from self._tables
         for path in self._files:
             with pa.OSFile(str(path)) as file:
-                self._tables.append(pa.ipc.open_file(file).read_all())
+                yield pa.ipc.open_file(file).read_all()
             path.unlink()
-        return self._tables
 
     @staticmethod
     def _numbered(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
@@ -20,6 +21,7 @@ from urbantwin.traffic.actor_rows import KeptRows, actor_rows
 from urbantwin.traffic.actor_ways import actor_ways
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders, absent_from
 from urbantwin.traffic.paths.apart import Parted
 from urbantwin.traffic.paths.bending import vehicles
 from urbantwin.traffic.paths.box_plan import PlanBoxes
@@ -50,21 +52,36 @@ class Place:
         roads: the lanes.
         ground: what they stand on.
         blocks: what stands in their way all the time, in plan.
+        obstacles: the static of it, as it is.
+        parked: the rest.
+        region: that is recorded.
     """
 
     roads: RoadNetwork
     ground: Ground
     blocks: Blocks
+    obstacles: Obstacles
+    parked: pa.Table
+    region: shapely.Geometry
 
     @classmethod
-    def of(cls, roads: RoadNetwork, ground: Ground, scene: LabelledMesh, parked: pa.Table) -> Place:
+    def of(
+        cls,
+        roads: RoadNetwork,
+        ground: Ground,
+        scene: LabelledMesh,
+        parked: pa.Table,
+        region: shapely.Geometry,
+    ) -> Place:
         """Return the place with what of a scene, and which parked vehicles, stand in the way."""
         x, y, yaw, length, width = (
             parked[name].to_numpy() for name in ("x", "y", "yaw", "length", "width")
         )
         half = np.column_stack([length, width]) / 2
         cars = PlanBoxes(np.zeros(len(x), np.int64), np.column_stack([x, y]), yaw, half)
-        return cls(roads, ground, Obstacles(scene).blocks(ground.top).with_cars(cars))
+        obstacles = Obstacles(scene)
+        blocks = obstacles.blocks(ground.top).with_cars(cars)
+        return cls(roads, ground, blocks, obstacles, parked, region)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,12 +94,14 @@ class Tabled:
         rigid: who does not bend though its trip says so, by the numbers of their trips.
         poses: how far each trip is behind at each step, stretch by stretch, see `yielding.Before`;
             where tracks are numbers of trips.
+        absent: who is left out, as it would pass through somebody; of rows before it was.
     """
 
     actors: pa.Table
     outside: int
     rigid: frozenset[int]
     poses: tuple[Columns, ...]
+    absent: Absent
 
 
 def actor_table(  # noqa: PLR0913 - of a drive there is much to say
@@ -95,6 +114,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     asset: Callable[[str], Asset],
     by_trip: bool = False,
     before: Before | None = None,
+    beside: Bystanders = NOBODY,
     scratch: Path | None = None,
     tell: Progress = untold,
 ) -> Tabled:
@@ -112,6 +132,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         asset: an asset's dimensions and contacts by name.
         by_trip: let a track's number be that of its trip, whoever else is there.
         before: how the same traffic went until something changed.
+        beside: who is there, or not, whomever it comes into.
         scratch: a folder for rows of long motions; the system's when not given.
         tell: called with the fraction done (0..1) and what is being done.
     """
@@ -154,9 +175,27 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
             outside += int(decided.sum()) - rows.num_rows
             kept.add(rows)
             del shows, rows
+        whose = parting.vehicles
         del parting
-        table = kept.table(ways.who if by_trip else None)
-    return Tabled(table, outside, ways.rigid, tuple(poses))
+        table, trip = kept.table(ways.who if by_trip else None)
+    absent = absent_from(
+        table, whose[trip], vehicles(ways.who)[trip], place.parked, place.obstacles,
+        place.region, step_s=step_s, beside=beside,
+    )  # fmt: skip
+    table = _there(table, absent, by_trip=by_trip)
+    return Tabled(table, outside, ways.rigid, tuple(poses), absent)
+
+
+def _there(table: pa.Table, absent: Absent, *, by_trip: bool) -> pa.Table:
+    """Return the rows of who is there, tracks numbered anew unless they are numbers of trips."""
+    if not absent.rows.any():
+        return table
+    table = table.filter(pa.array(~absent.rows))
+    if by_trip:
+        return table
+    _, track = np.unique(table["track"].to_numpy(), return_inverse=True)
+    column = table.schema.get_field_index("track")
+    return table.set_column(column, table.schema.field(column), pa.array(track + 1, pa.int32()))
 
 
 @contextmanager

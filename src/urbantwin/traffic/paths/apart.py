@@ -138,8 +138,9 @@ class Parted:
         boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], half)
         now = replace(moving, boxes=boxes, speed=columns["speed"])
         height = self.height[columns["trip"]]
-        xy, speed = separated(now, self.blocks, height, self.step_s, begin)
-        return self._steered({**columns, "xy": xy, "speed": speed}, columns)
+        xy, speed = separated(now, self.blocks, height, self.step_s, columns["aside"], begin)
+        aside = columns["aside"] + ((xy - columns["xy"]) * boxes.axes[:, 1]).sum(axis=1)
+        return self._steered({**columns, "xy": xy, "speed": speed, "aside": aside}, columns)
 
     def _steered(self, columns: Columns, was: Columns) -> Columns:
         """Return poses in which every vehicle whose path is another than it was drives along it."""

@@ -164,6 +164,8 @@ class Ways:
     def within(self, stretch: Stretch, left: LeftOff | None) -> Columns:
         """Return the ways of a stretch, as they go on from where everybody was.
 
+        They have a further column: how far each is ``aside`` to the left of its way, metres.
+
         Of people they begin somewhat before where they are on their way; of who drives with the
         last two steps of the stretch before.
         """
@@ -199,12 +201,13 @@ class Ways:
             if begin < stretch.seen and begin + high - low > stretch.begin:
                 parts += self._driven_on(group, stretch, left)
         parts.append(self._rows(np.concatenate(rows) if rows else np.zeros(0, np.int64)))
-        found = {name: np.concatenate([one[name] for one in parts]) for name in self.columns}
+        found = {name: np.concatenate([one[name] for one in parts]) for name in parts[-1]}
         order = np.lexsort([found["step"], found["trip"]])
         return {name: values[order] for name, values in found.items()}
 
     def _rows(self, rows: NDArray[np.int64]) -> Columns:
-        return {name: np.asarray(values[rows]) for name, values in self.columns.items()}
+        found = {name: np.asarray(values[rows]) for name, values in self.columns.items()}
+        return found | {"aside": np.zeros(len(rows))}
 
     def _driven_on(
         self, group: list[tuple[int, int]], stretch: Stretch, left: LeftOff
@@ -273,6 +276,8 @@ class Ways:
         share = (1 + np.cos(np.pi * np.clip(beyond / _BACK_M, 0.0, 1.0))) / 2
         way["xy"] = way["xy"] + off * share[:, None]
         way["yaw"] = way["yaw"] + turned * share
+        left = np.column_stack([-np.sin(way["yaw"]), np.cos(way["yaw"])])
+        way["aside"] = (left * off).sum(axis=1) * share
         rear_m = self.rear_m[int(way["trip"][0])]
         if rear_m > 0 and np.abs(off).max() > _SAME:
             here = int(np.ceil(row))
@@ -298,7 +303,7 @@ class Ways:
         """Return the rows of a body's way, from one on, as somebody goes on along it."""
         place = at.at[since:]
         found = {name: values[since:].copy() for name, values in way.items()}
-        for name in ("xy", "yaw", "distance"):
+        for name in ("xy", "yaw", "distance", "aside"):
             found[name] = at.between(way[name], 0, place)
         found["lane"] = way["lane"][np.round(at.row_at(place)).astype(int)]
         late = place < at.pace.at[since:] - _SAME
