@@ -40,10 +40,8 @@ def test_bodies_are_told_by_size_shape_and_points():
 
 def test_the_same_objects_differ_by_nothing_and_others_altogether():
     rng = np.random.default_rng(5)
-    cars = np.column_stack(
-        [rng.normal(4.4, 0.1, 50), rng.normal(1.8, 0.05, 50), np.full(50, 1.4), *rng.random((2, 50))]
-        + [np.full(50, 600.0)]
-    )
+    sizes = [rng.normal(4.4, 0.1, 50), rng.normal(1.8, 0.05, 50), np.full(50, 1.4)]
+    cars = np.column_stack([*sizes, *rng.random((2, 50)), np.full(50, 600.0)])
     people = np.column_stack([np.full((50, 2), 0.4), np.full(50, 1.7), *rng.random((2, 50))])
     people = np.column_stack([people, np.full(50, 20.0)])
     assert object_divergences(cars, cars) == {"size": 0.0, "shape": 0.0, "points": 0.0}

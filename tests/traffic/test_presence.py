@@ -5,7 +5,13 @@ import pytest
 import shapely
 
 from urbantwin.traffic.calibration.passages import SeenTrack
-from urbantwin.traffic.calibration.presence import Flows, Presence, corrected, presence_of
+from urbantwin.traffic.calibration.presence import (
+    Presence,
+    corrected,
+    first_flows,
+    flows_of_arms,
+    presence_of,
+)
 from urbantwin.traffic.recorded.track import RecordedTrack
 
 ROAD = shapely.box(0, -2, 100, 2)
@@ -42,23 +48,22 @@ def test_people_who_stand_are_nobody():
 
 
 def test_flows_are_found_where_queues_keep_people_longer():
-    # One stays the longer, the more come; and of the classes one arm has none.
-    stay_s = {"a": 20.0, "b": 45.0}
+    # One stays the longer, the more come.
+    stay_s = {"car": 30.0, "van": 30.0, "pedestrian": 45.0}
 
-    def present(flows):
-        arms = {
-            name: np.array([q / 3600 * stay_s[name] * (1 + q / 2000)])
-            for name, q in flows.arms.items()
+    def present(q):
+        classes = {
+            name: np.array([flow / 3600 * stay_s[name] * (1 + flow / 4000)])
+            for name, flow in q.items()
         }
-        return Presence(1, {"car": sum(arms.values()) * 0.9, "van": sum(arms.values()) * 0.1}, arms)
+        motors = classes["car"] + classes["van"]
+        return Presence(1, classes, {"a": 0.75 * motors, "b": 0.25 * motors})
 
-    true = Flows({"car": 1080.0, "van": 120.0}, {"a": 900.0, "b": 300.0})
+    true = {"car": 1080.0, "van": 120.0, "pedestrian": 300.0}
     recorded = present(true)
-    flows = Flows({"car": 500.0, "van": 500.0}, {"a": 400.0, "b": 400.0})
+    flows = first_flows(recorded)
     for _ in range(8):
         flows = corrected(flows, recorded, present(flows))
-    assert flows.arms["a"] == pytest.approx(900, rel=0.05)
-    assert flows.arms["b"] == pytest.approx(300, rel=0.05)
-    # Motor vehicles are as many as the arms carry.
-    assert sum(flows.per_hour().values()) == pytest.approx(sum(flows.arms.values()), rel=1e-3)
-    assert {row["road"] for row in flows.traffic()["counts"]} == {"a", "b"}
+    assert flows["pedestrian"] == pytest.approx(300, rel=0.02)
+    assert flows["car"] + flows["van"] == pytest.approx(1200, rel=0.02)
+    assert flows_of_arms(flows, recorded)["a"] == pytest.approx(900, rel=0.02)

@@ -16,11 +16,11 @@ from urbantwin.site import load_site
 from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.presence import (
-    Flows,
     Presence,
     arms_of,
     corrected,
     first_flows,
+    flows_of_arms,
     presence_of,
 )
 from urbantwin.traffic.calibration.simulated import simulated_tracks
@@ -31,6 +31,8 @@ __all__ = ["calibrate_observation"]
 
 #: Flows are corrected by so many simulations, which last so long, seconds; one more is told of.
 _ROUNDS, _TRIAL_S = 3, 300.0
+#: Classes that a demand states: none of those that were not observed.
+_TOLD = [name for name in ACTOR_CLASSES if name not in ("animal", "trailer", "tram")]
 #: What lies within this of the outermost that was seen is seen in part only, metres.
 _EDGE_M = 2.0
 
@@ -72,9 +74,9 @@ def calibrate_observation(
         recorded = presence_of(tracks, moments_s, area, arms)
         trial_s = np.arange(0.0, _TRIAL_S, 1.0)
 
-        def simulated(flows: Flows, turn: int) -> Presence:
-            asked = {**twin.site["traffic"], **flows.traffic(), "seed": seed}
-            asked["per_hour"] = {name: flows.per_hour().get(name, 0.0) for name in ACTOR_CLASSES}
+        def simulated(per_hour: dict[str, float], turn: int) -> Presence:
+            asked = {**twin.site["traffic"], "counts": [], "seed": seed}
+            asked["per_hour"] = {name: per_hour.get(name, 0.0) for name in ACTOR_CLASSES}
             tell = between(progress, 0.2 + 0.8 * turn / (_ROUNDS + 1), 1.0)
             what = f"simulating who is present, {turn + 1} of {_ROUNDS + 1}"
             found = simulated_tracks(
@@ -85,6 +87,7 @@ def calibrate_observation(
         flows = first_flows(recorded)
         for turn in range(_ROUNDS):
             flows = corrected(flows, recorded, simulated(flows, turn))
+        flows = {name: round(value, 1) for name, value in flows.items()}
         last = simulated(flows, _ROUNDS)
         span_s = float(moments_s[-1] - moments_s[0]) + float(np.diff(moments_s[:2]).sum())
         report = {
@@ -99,21 +102,24 @@ def calibrate_observation(
             "seen_m2": round(float(area.area), 1),
             "demand": _told(flows, recorded, last, max(1, round(span_s))),
         }
-        document["traffic"] = {**dict(document.get("traffic") or {}), **flows.traffic()}
+        traffic = {"per_hour": {name: flows.get(name, 0.0) for name in _TOLD}}
+        document["traffic"] = {**dict(document.get("traffic") or {}), **traffic}
         dump(folder / "site.yaml", elsewhere(document, site.parent.resolve(), out.resolve()))
-        dump(folder / "traffic.yaml", flows.traffic())
+        dump(folder / "traffic.yaml", traffic)
         write_json(folder / "calibration.json", report)
     progress(1.0, "done")
     return report
 
 
-def _told(flows: Flows, recorded: Presence, last: Presence, moments: int) -> list[dict[str, Any]]:
+def _told(
+    flows: dict[str, float], recorded: Presence, last: Presence, moments: int
+) -> list[dict[str, Any]]:
     """Return a row of each class and arm: flow, standard error, present here and there."""
     spread = last.spread(moments)
     rows: list[dict[str, Any]] = []
     for of, every, here, there, kind in (
-        ("class", flows.per_hour(), recorded.classes, last.classes, "classes"),
-        ("road", flows.arms, recorded.arms, last.arms, "arms"),
+        ("class", flows, recorded.classes, last.classes, "classes"),
+        ("road", flows_of_arms(flows, recorded), recorded.arms, last.arms, "arms"),
     ):
         for name, q in sorted(every.items()):
             share = spread[kind].get(name)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import shapely
@@ -22,14 +21,21 @@ from urbantwin.traffic.calibration.passages import MOTORS, SeenTrack
 from urbantwin.traffic.demand.counted_places import main_junction
 from urbantwin.traffic.observed import ObservedTracks
 
-__all__ = ["Flows", "Presence", "arms_of", "corrected", "first_flows", "presence_of"]
+__all__ = [
+    "Presence",
+    "arms_of",
+    "corrected",
+    "first_flows",
+    "flows_of_arms",
+    "presence_of",
+]
 
 #: An arm is told of where so much of it is seen, metres.
 _SEEN_M = 5.0
 #: Who is slower walks nowhere and is not seen, m/s.
 _WALKS_M_S = 0.3
 #: One stays so long at first, seconds; and no round changes a flow by more than this.
-_STAYS_S, _MOST_CHANGE = 40.0, 2.5
+_STAYS_S, _MOST_CHANGE = 40.0, 1.6
 #: So many more of each are supposed on both sides: few say little.
 _SUPPOSED = 0.5
 #: A flow is not smaller, per hour.
@@ -60,33 +66,6 @@ class Presence:
                 if count > 1 and means.mean() > 0:
                     found[kind][name] = float(means.std(ddof=1) / means.mean())
         return found
-
-
-@dataclass(frozen=True, eq=False)
-class Flows:
-    """Flows per hour: of classes that do not keep to lanes, and of motor vehicles by arm.
-
-    Attributes:
-        classes: class -> per hour; of motor vehicles their shares alone count.
-        arms: id of a road -> motor vehicles per hour.
-    """
-
-    classes: dict[str, float]
-    arms: dict[str, float]
-
-    def per_hour(self) -> dict[str, float]:
-        """Return class -> per hour."""
-        motors = sum(value for name, value in self.classes.items() if name in MOTORS)
-        whole = sum(self.arms.values()) / motors if motors and self.arms else 1.0
-        return {
-            name: round(value * (whole if name in MOTORS else 1.0), 1)
-            for name, value in self.classes.items()
-        }
-
-    def traffic(self) -> dict[str, Any]:
-        """Return the fields of ``traffic:``."""
-        counts = [{"road": arm, "per_hour": round(q, 1)} for arm, q in sorted(self.arms.items())]
-        return {"per_hour": self.per_hour(), "counts": counts}
 
 
 def arms_of(roads: RoadNetwork, area: shapely.Geometry) -> dict[str, shapely.Geometry]:
@@ -171,35 +150,39 @@ def _sampled(tracks: Sequence[SeenTrack], moments_s: NDArray[np.float64]) -> Obs
     )
 
 
-def first_flows(recorded: Presence) -> Flows:
-    """Return flows to begin with: as if everybody stayed equally long."""
-
-    def flow(present: NDArray[np.int64]) -> float:
-        return max(float(present.mean()) * 3600 / _STAYS_S, _LEAST)
-
-    return Flows(
-        {name: flow(present) for name, present in recorded.classes.items()},
-        {name: flow(present) for name, present in recorded.arms.items()},
-    )
+def first_flows(recorded: Presence) -> dict[str, float]:
+    """Return class -> flow per hour to begin with: as if everybody stayed equally long."""
+    return {
+        name: max(float(present.mean()) * 3600 / _STAYS_S, _LEAST)
+        for name, present in recorded.classes.items()
+    }
 
 
-def corrected(flows: Flows, recorded: Presence, simulated: Presence) -> Flows:
-    """Return flows times what is present in the recording over what is in a simulation of them."""
+def corrected(
+    per_hour: Mapping[str, float], recorded: Presence, simulated: Presence
+) -> dict[str, float]:
+    """Return flows times who is present in the recording over who is in a simulation of them.
 
-    def better(
-        q: dict[str, float],
-        wanted: dict[str, NDArray[np.int64]],
-        found: dict[str, NDArray[np.int64]],
-    ) -> dict[str, float]:
-        changed = {}
-        for name, value in q.items():
-            there = float(found[name].mean()) if name in found else 0.0
-            ratio = (float(wanted[name].mean()) + _SUPPOSED) / (there + _SUPPOSED)
-            ratio = float(np.clip(ratio, 1 / _MOST_CHANGE, _MOST_CHANGE))
-            changed[name] = max(value * ratio, _LEAST)
-        return changed
+    Motor vehicles together: of rare classes chance decides who is present.
+    """
 
-    return Flows(
-        better(flows.classes, recorded.classes, simulated.classes),
-        better(flows.arms, recorded.arms, simulated.arms),
-    )
+    def ratio(names: Sequence[str]) -> float:
+        here, there = (
+            sum(float(one.classes[name].mean()) for name in names if name in one.classes)
+            for one in (recorded, simulated)
+        )
+        found = (here + _SUPPOSED) / (there + _SUPPOSED)
+        return float(np.clip(found, 1 / _MOST_CHANGE, _MOST_CHANGE))
+
+    return {
+        name: max(value * ratio(MOTORS if name in MOTORS else (name,)), _LEAST)
+        for name, value in per_hour.items()
+    }
+
+
+def flows_of_arms(per_hour: Mapping[str, float], recorded: Presence) -> dict[str, float]:
+    """Return motor vehicles per hour by arm: shared out as they are present on them."""
+    motors = sum(value for name, value in per_hour.items() if name in MOTORS)
+    present = {name: float(every.mean()) for name, every in recorded.arms.items()}
+    every = sum(present.values()) or 1.0
+    return {name: motors * one / every for name, one in sorted(present.items())}
