@@ -90,7 +90,7 @@ def measured_backgrounds(
             expected="frames of that sensor in its own frame, or its pose in theirs",
         )
     scale = full_scale(brightest) if intensity_scale is None else intensity_scale
-    backgrounds = []
+    backgrounds: list[MeasuredBackground] = []
     for one in sensors:
         mine = looks.pop(0)
         points = sum(len(beam) for beam, *_ in mine)

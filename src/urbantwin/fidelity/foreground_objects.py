@@ -110,11 +110,12 @@ def foreground_objects(sides: dict[str, Side], split_by: str | None) -> dict[str
         },
         "js_twin": twin,
         "js_real_against_real": again,
-        "ratio_to_real": {
-            name: None if not value or twin[name] is None else twin[name] / value
-            for name, value in again.items()
-        },
+        "ratio_to_real": {name: _ratio(twin[name], value) for name, value in again.items()},
     }
+
+
+def _ratio(twin: float | None, real: float | None) -> float | None:
+    return None if twin is None or not real else twin / real
 
 
 def _split(side: Side) -> Iterator[tuple[Frame, NDArray[np.bool_]]]:
