@@ -17,6 +17,7 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
+from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders, absent_from
 from urbantwin.traffic.paths.bending import steering_part, vehicles, with_bodies
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.corner_cutting import corner_cutters, with_rigid
@@ -57,21 +58,36 @@ class Place:
         roads: the lanes.
         ground: what they stand on.
         blocks: what stands in their way all the time, in plan.
+        obstacles: the static of it, as it is.
+        parked: the rest.
+        region: that is recorded.
     """
 
     roads: RoadNetwork
     ground: Ground
     blocks: Blocks
+    obstacles: Obstacles
+    parked: pa.Table
+    region: shapely.Geometry
 
     @classmethod
-    def of(cls, roads: RoadNetwork, ground: Ground, scene: LabelledMesh, parked: pa.Table) -> Place:
+    def of(
+        cls,
+        roads: RoadNetwork,
+        ground: Ground,
+        scene: LabelledMesh,
+        parked: pa.Table,
+        region: shapely.Geometry,
+    ) -> Place:
         """Return the place with what of a scene, and which parked vehicles, stand in the way."""
         x, y, yaw, length, width = (
             parked[name].to_numpy() for name in ("x", "y", "yaw", "length", "width")
         )
         half = np.column_stack([length, width]) / 2
         cars = PlanBoxes(np.zeros(len(x), np.int64), np.column_stack([x, y]), yaw, half)
-        return cls(roads, ground, Obstacles(scene).blocks(ground.top).with_cars(cars))
+        obstacles = Obstacles(scene)
+        blocks = obstacles.blocks(ground.top).with_cars(cars)
+        return cls(roads, ground, blocks, obstacles, parked, region)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +99,14 @@ class Tabled:
         outside: how many poses were left out because there is no ground.
         rigid: who does not bend though its trip says so, by the numbers of their trips.
         poses: how far each trip is behind at each step, see `yielding.Before`.
+        absent: who is left out, as it would pass through somebody; of rows before it was.
     """
 
     actors: pa.Table
     outside: int
     rigid: frozenset[int]
     poses: dict[str, NDArray[Any]]
+    absent: Absent
 
 
 def actor_table(  # noqa: PLR0913 - of a drive there is much to say
@@ -101,6 +119,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     asset: Callable[[str], Asset],
     by_trip: bool = False,
     before: Before | None = None,
+    beside: Bystanders = NOBODY,
     tell: Progress = untold,
 ) -> Tabled:
     """Return the table of actors, and who of them is not as its trip says.
@@ -117,6 +136,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         asset: an asset's dimensions and contacts by name.
         by_trip: let a track's number be that of its trip, whoever else is there.
         before: how the same traffic went until something changed.
+        beside: who is there, or not, whomever it comes into.
         tell: called with the fraction done (0..1) and what is being done.
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
@@ -189,9 +209,34 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         "speed": columns["speed"][order],
         "lane": _texts(simulated.lanes, columns["lane"][order]),
     }
-    arrays = [pa.array(values[field.name], field.type) for field in ACTOR_SCHEMA]
-    table = pa.table(arrays, schema=ACTOR_SCHEMA)
-    return Tabled(table, int(np.isnan(z).sum()), rigid, poses)
+    table = pa.table(
+        [pa.array(values[one.name], one.type) for one in ACTOR_SCHEMA], schema=ACTOR_SCHEMA
+    )
+    absent = absent_from(
+        table, _whose(trips, who)[trip], vehicles(who)[trip], place.parked, place.obstacles,
+        place.region, step_s=step_s, beside=beside,
+    )  # fmt: skip
+    return Tabled(
+        _there(table, absent, by_trip=by_trip), int(np.isnan(z).sum()), rigid, poses, absent
+    )
+
+
+def _there(table: pa.Table, absent: Absent, *, by_trip: bool) -> pa.Table:
+    """Return the rows of who is there, tracks numbered anew unless they are numbers of trips."""
+    if not absent.rows.any():
+        return table
+    table = table.filter(pa.array(~absent.rows))
+    if by_trip:
+        return table
+    _, track = np.unique(table["track"].to_numpy(), return_inverse=True)
+    column = table.schema.get_field_index("track")
+    return table.set_column(column, table.schema.field(column), pa.array(track + 1, pa.int32()))
+
+
+def _whose(trips: Sequence[Trip], who: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the vehicle that each trip (T,) is a body of; who is led is one of its own."""
+    led = np.array([trip.actor_class == "animal" for trip in trips], np.bool_)
+    return np.where(led, who, vehicles(who))
 
 
 def _solids(simulated: Simulated, demand: Demand, place: Place) -> Solids:
@@ -300,16 +345,17 @@ def _apart(  # noqa: PLR0913 - all that they go between
     size = np.where(stands[:, None], still[trip], striding[trip])
     level = place.ground.levels(lanes)[columns["lane"]]
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], size / 2)
-    led = np.array([one.actor_class == "animal" for one in trips], np.bool_)
     # Who is led steps aside as people do.
     classes = tuple(
         "pedestrian" if one.actor_class == "animal" else one.actor_class for one in trips
     )
-    whose = np.where(led, who, vehicles(who))
-    moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, whose)
+    moving = Moving(
+        trip, boxes, columns["speed"], level, columns["lane"], classes, _whose(trips, who)
+    )
     footway, half = place.roads.footway(0), still[trip] / 2
 
     on_foot = np.array([name == "pedestrian" for name in classes], np.bool_)[trip]
+    columns = {**columns, "aside": np.zeros(len(trip))}
     afoot = {name: values[on_foot] for name, values in columns.items()}
 
     height = np.array([mesh.height for mesh in meshes])[trip]
@@ -343,8 +389,10 @@ def _round_others(
     """Return poses in which vehicles go round what is beside them a little."""
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], half)
     now = replace(moving, boxes=boxes, speed=columns["speed"])
-    xy, speed = separated(now, blocks, height, step_s)
-    return _steered({**columns, "xy": xy, "speed": speed}, columns, moving.classes, meshes)
+    xy, speed = separated(now, blocks, height, step_s, columns["aside"])
+    aside = columns["aside"] + ((xy - columns["xy"]) * boxes.axes[:, 1]).sum(axis=1)
+    changed = {**columns, "xy": xy, "speed": speed, "aside": aside}
+    return _steered(changed, columns, moving.classes, meshes)
 
 
 def _steered(

@@ -38,6 +38,7 @@ from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.motion import ACTOR_SCHEMA, Motion
 from urbantwin.traffic.parked import ParkedVehicles, park
 from urbantwin.traffic.paths.abreast import with_parties
+from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders
 from urbantwin.traffic.paths.at_stops import with_passengers_at_stops
 from urbantwin.traffic.paths.footing import on_footways
 from urbantwin.traffic.paths.overlap import overlaps_of
@@ -126,7 +127,7 @@ def _driven(
     ground = Ground(twin.ground_mesh, twin.roads)
     parked = _parked(twin, asked, ground)
     standing = parked.table(ACTOR_SCHEMA)
-    place = Place.of(twin.roads, ground, twin.mesh, standing)
+    place = Place.of(twin.roads, ground, twin.mesh, standing, twin.region)
     scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
     reacting = [
         (n, one) for n, one in scenario if one.event in REACTING and isinstance(one, PlacedEvent)
@@ -150,6 +151,7 @@ def _driven(
     manifest |= {
         "poses_outside_ground": drive.outside,
         "rigid_instead": len(drive.rigid),
+        "absent": drive.absent.told,
         "parked": parked.notes,
     }
     if scenario:
@@ -194,6 +196,7 @@ class _Drive:
         outside: how many poses were left out because there is no ground.
         rigid: who would bend and has a rigid vehicle, as it would cut a corner into somebody.
         poses: everybody's, as ``yielding`` has them.
+        absent: who is left out, as it would pass through somebody.
         staged: events that others reacted to.
     """
 
@@ -203,6 +206,7 @@ class _Drive:
     outside: int
     rigid: frozenset[int]
     poses: dict[str, Any]
+    absent: Absent
     staged: list[StagedEvent] = field(default_factory=list)
 
 
@@ -258,6 +262,7 @@ class _Streets:
         by_trip: bool,
         tell: Progress,
         before: Before | None = None,
+        beside: Bystanders = NOBODY,
     ) -> _Drive:
         """Make the table of what SUMO did."""
         walked = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
@@ -272,9 +277,12 @@ class _Streets:
             asset=self.own.asset,
             by_trip=by_trip,
             before=before,
+            beside=beside,
             tell=tell,
         )
-        return _Drive(demand, simulated, made.actors, made.outside, made.rigid, made.poses)
+        return _Drive(
+            demand, simulated, made.actors, made.outside, made.rigid, made.poses, made.absent
+        )
 
     def with_reactions(
         self, without: _Drive, events: list[tuple[int, PlacedEvent]], place: Place
@@ -319,7 +327,15 @@ class _Streets:
         until = math.ceil(changed_from(events) / self.step_s - 1e-6)
         own = frozenset(trip for one in found for trip in one.trips)
         before = Before(without.poses, until, own, without.rigid)
-        drive = self.tabled(simulated, demand, place, by_trip=True, tell=untold, before=before)
+        gone = without.absent.steps
+        for one in found:
+            if (np.isin(gone[:, 0], one.trips) & (gone[:, 1] == until - 1)).any():
+                what = f"{one.event.event} at {one.event.at_s:g} s cannot be staged: "
+                raise NotStagedError(what + "its actor is left out of the motion", one.number)
+        drive = self.tabled(
+            simulated, demand, place, by_trip=True, tell=untold, before=before,
+            beside=Bystanders(own, until, gone[gone[:, 1] < until]),
+        )  # fmt: skip
         actors, staged = staged_table(without.actors, drive.actors, found, events)
         return replace(drive, actors=actors, staged=staged)
 

@@ -418,7 +418,7 @@ class _Yielding:
             was, now = (np.gradient(at, self.step_s) for at in (way.pace.at, way.at))
             for body, rows in enumerate(way.bodies):
                 found["behind"][rows] = way.pace.at - way.at
-                for name in ("xy", "yaw", "distance"):
+                for name in {"xy", "yaw", "distance", "aside"} & self.columns.keys():
                     found[name][rows[late]] = way.between(self.columns[name], body, way.at)[late]
                 nearest = rows[np.round(when).astype(int)]
                 found["lane"][rows[late]] = self.columns["lane"][nearest][late]
