@@ -26,7 +26,7 @@ from urbantwin.errors import UrbanTwinError
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.build import NETWORK_CLASSES, BuiltRoads
-from urbantwin.roads.building_ground import building_ground
+from urbantwin.roads.building_ground import building_grounds
 from urbantwin.site import init_site, load_site, read_extract
 from urbantwin.site.extract import Extract
 
@@ -88,8 +88,8 @@ def tightest(line: np.ndarray) -> float:
 def judged(built: BuiltRoads, region: shapely.Polygon, extract: Extract, frame: Any) -> dict:
     """Square metres in buildings, and turns."""
     features = extract.features(frame, region.buffer(BESIDE_M))
-    walls = shapely.union_all(building_ground(features))
-    standing = shapely.union_all(building_ground(features, touching=region))
+    ground = building_grounds(features, region)
+    walls, standing = shapely.union_all(ground.everywhere), shapely.union_all(ground.within)
     network = built.network
     row: dict[str, Any] = dict.fromkeys(COLUMNS, 0.0)
     row["where"] = []

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from urbantwin.site.access import is_driven, opened, permission_of
+from urbantwin.site.access import either_way, is_driven, is_walked, opened, permission_of
 
 #: The wiki's "Land-based transportation": each class and the wider one that it belongs to.
 WIDER = {
@@ -85,3 +85,34 @@ def test_a_direction_has_a_word_of_its_own():
 def test_streets_of_some_are_open_to_those():
     tags = {"highway": "service", "access": "private", "name": "private", "bus": "no"}
     assert opened(tags) == {**tags, "access": "yes"}
+
+
+@pytest.mark.parametrize(
+    ("tags", "either"),
+    [
+        ({"motor_vehicle:backward": "no"}, {}),
+        ({"motor_vehicle": "no"}, {"motor_vehicle": "no"}),
+        ({"motor_vehicle": "no", "motor_vehicle:forward": "yes"}, {"motor_vehicle": "yes"}),
+        ({"motor_vehicle": "no", "bus:forward": "yes"}, {"motor_vehicle": "no", "bus": "yes"}),
+        ({"access:forward": "no", "access:backward": "private"}, {"access": "no"}),
+    ],
+)
+def test_a_road_that_leads_out_and_back_is_for_all_who_may_either(tags, either) -> None:
+    assert either_way(tags) == either
+
+
+@pytest.mark.parametrize(
+    ("tags", "walked"),
+    [
+        ({"highway": "footway"}, True),
+        ({"highway": "cycleway"}, False),
+        ({"highway": "cycleway", "foot": "designated"}, True),
+        ({"highway": "path", "access": "private"}, False),
+        ({"highway": "path", "access": "private", "foot": "yes"}, True),
+        ({"highway": "footway", "foot": "use_sidepath"}, False),
+        ({"highway": "residential", "vehicle": "no"}, True),
+        ({"highway": "primary", "motorroad": "yes"}, False),
+    ],
+)
+def test_people_walk_where_the_map_lets_them(tags, walked) -> None:
+    assert is_walked(tags) is walked

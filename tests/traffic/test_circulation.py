@@ -25,7 +25,7 @@ from urbantwin.site import read_extract
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.demand.circulation import Circulation
-from urbantwin.traffic.demand.guessed_volumes import bound_of_signals
+from urbantwin.traffic.demand.guessed_volumes import bounded_by_signals
 from urbantwin.traffic.flow.flow_calibration import calibrate
 from urbantwin.traffic.sumo.simulation import observe, sumo_options, write_routes
 
@@ -337,17 +337,46 @@ def test_cyclists_with_a_lane_of_their_own_take_no_green_of_cars(
     assert {a for a, _, _ in flows_of_circuits([(circuit, 60.0)])} == {"e1", "e2", "e3"}
 
 
-def test_guesses_are_lowered_to_what_signals_can_let_through(
-    town, circulation: Circulation
-) -> None:
-    light = bound_of_signals(town[0], circulation.flows())
+def test_guesses_are_lowered_to_what_signals_can_let_through(town) -> None:
+    net, outer = town
+    network = StreetNetwork(net, REGION)
+    few = Circulation(network, outer, PER_HOUR, 7)
+    same, light = bounded_by_signals(net, few)
     assert (light.share, light.because) == (1.0, "")
-    crowd = bound_of_signals(
-        town[0], {way: 10 * count for way, count in circulation.flows().items()}
-    )
+    assert same.flows() == few.flows()
+    crowd = Circulation(network, outer, {name: 10 * n for name, n in PER_HOUR.items()}, 7)
+    less, bound = bounded_by_signals(net, crowd)
     # Four lanes each way: no more than 1,800 cars an hour on each of eight lanes, half of the time.
-    come = 10 * (500 + 2 * 40 + 2 * 30 + 0.7 * 40 + 80) * crowd.share
+    come = sum(less.per_hour[name] * cars for name, cars in IN_CARS.items())
     assert 1000 < come < 8 * 1800 / 2
-    assert "its signal can let" in crowd.because
-    lowered = crowd.of({"car": 100.0, "pedestrian": 50.0}, IN_CARS)
-    assert lowered == {"car": 100.0 * crowd.share, "pedestrian": 50.0}
+    assert "its signal can let" in bound.because
+    assert less.per_hour["pedestrian"] == crowd.per_hour["pedestrian"]
+    motor = [sum(one.per_hour[name] for name in IN_CARS) for one in (less, crowd)]
+    assert bound.share == pytest.approx(motor[0] / motor[1])
+
+
+def test_only_those_stay_away_who_would_pass_where_it_is_full(town) -> None:
+    """Of four arms that are alike what comes from one is halved.
+
+    Each of the others misses what it exchanges with that arm, a third, by sqrt(0.5): a tenth.
+    """
+    net, outer = town
+    made = Circulation(StreetNetwork(net, REGION), outer, {"car": 600.0}, 7)
+    comes_in = {
+        way: n for way, n in made.flows().items() if way[0] in outer and way[1] not in outer
+    }
+    weak = sorted(comes_in)[0][:2]
+    less = made.lowered({weak: 0.5}, {"car"})
+    flows = less.flows()
+    arms = {way[:2] for way in comes_in}
+    entries = {arm: sum(n for way, n in flows.items() if way[:2] == arm) for arm in arms}
+    assert sum(entries.values()) == pytest.approx(less.per_hour["car"])
+    # Nobody is taken off the road, so fewer come to that arm, too.
+    assert 150 * 0.5 < entries[weak] < 150 * 0.75
+    others = [count for arm, count in entries.items() if arm != weak]
+    assert min(others) > 150 * 0.85
+    assert max(others) < 150 * 1.02
+    for edge in {b for _, b, _ in flows}:
+        comes = sum(n for (_, b, _), n in flows.items() if b == edge)
+        goes = sum(n for (a, _, _), n in flows.items() if a == edge)
+        assert comes == pytest.approx(goes, rel=1e-4)

@@ -19,7 +19,7 @@ from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.assignment.movement_flows import movement_flows
-from urbantwin.roads.building_ground import building_ground
+from urbantwin.roads.building_ground import building_grounds
 from urbantwin.roads.bus_stops import bus_poles, bus_ways, with_buses
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
@@ -133,7 +133,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     """
     tell(0.0, "ways")
     features = extract.features(frame, region.buffer(BESIDE_M))
-    buildings = building_ground(features)
+    houses = building_grounds(features, region)
+    buildings = houses.everywhere
     ways, tunnels = _network_ways(extract, frame, region)
     if not ways:
         raise InputError(
@@ -167,7 +168,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
                 driving_side=driving_side,
                 country=country,
                 buildings=[*buildings, *found.ground_before_portals],
-                standing=building_ground(features, touching=region),
+                standing=houses.within,
+                region=region,
             )
         pieces = found.with_others(loop.pieces)
         prepared = prepare_ways(

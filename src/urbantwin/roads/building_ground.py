@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 
 import shapely
 
@@ -11,7 +12,7 @@ from urbantwin.roads.cross_section.lane_tags import metres
 from urbantwin.roads.passage import passages_of
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["building_ground"]
+__all__ = ["BuildingGround", "building_ground", "building_grounds"]
 
 #: Values of ``building`` that are roofs without walls: one walks under them.
 ROOFS = ("roof", "carport", "canopy")
@@ -19,27 +20,46 @@ ROOFS = ("roof", "carport", "canopy")
 HEADROOM_M = 2.0
 
 
-def building_ground(
-    features: Iterable[OsmFeature], touching: shapely.Geometry | None = None
-) -> list[shapely.Polygon]:
+@dataclass(frozen=True)
+class BuildingGround:
+    """The ground under buildings in plan, apart from passages and arcades.
+
+    Attributes:
+        everywhere: of all of them.
+        within: of those that touch the region.
+    """
+
+    everywhere: list[shapely.Polygon]
+    within: list[shapely.Polygon]
+
+
+def building_ground(features: Iterable[OsmFeature]) -> list[shapely.Polygon]:
     """Return the ground under buildings in plan, apart from passages and arcades.
 
     Roofs on posts, what is underground and what hangs over the ground are left out.
 
     Args:
         features: the map's features, site frame.
-        touching: buildings that do not touch it are left out.
     """
+    return building_grounds(features, shapely.MultiPolygon()).everywhere
+
+
+def building_grounds(features: Iterable[OsmFeature], region: shapely.Geometry) -> BuildingGround:
+    """Return the same, also of those buildings alone that touch a region."""
     features = list(features)
     standing = [
         feature.geometry
         for feature in features
-        if feature.geometry.geom_type in ("Polygon", "MultiPolygon")
-        and _stands(feature.tags)
-        and (touching is None or touching.intersects(feature.geometry))
+        if feature.geometry.geom_type in ("Polygon", "MultiPolygon") and _stands(feature.tags)
     ]
-    passages = [passage.corridor for passage in passages_of(features)]
-    ground = area_difference(area_union(standing), area_union(passages))
+    passages = area_union([passage.corridor for passage in passages_of(features)])
+    shapely.prepare(region)
+    within = [shape for shape in standing if region.intersects(shape)]
+    return BuildingGround(*(_without(shapes, passages) for shapes in (standing, within)))
+
+
+def _without(shapes: list[shapely.Geometry], passages: shapely.Geometry) -> list[shapely.Polygon]:
+    ground = area_difference(area_union(shapes), passages)
     return [part for part in shapely.get_parts(ground) if not part.is_empty]
 
 

@@ -8,6 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.site.access import is_walked
+
 __all__ = ["WALKED", "sidewalk_sides"]
 
 #: Classes of ways that people walk on and vehicles do not drive on.
@@ -46,8 +48,7 @@ def sidewalk_sides(
         return explicit
     if (
         tags.get("highway") not in WITH_SIDEWALKS
-        or tags.get("foot") == "no"
-        or tags.get("motorroad") == "yes"
+        or not (is_walked(tags) or tags.get("foot") == "use_sidepath")
         or tags.get("tunnel") not in (None, "no", "building_passage")
     ):
         return "no"

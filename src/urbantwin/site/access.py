@@ -4,7 +4,7 @@ A restriction of a class overrides that of a wider one ("Land-based transportati
 holds for everybody, ``vehicle`` for all who drive or ride, ``motor_vehicle`` for all with a motor,
 ``motorcar``, ``motorcycle``, ``hgv`` and ``psv`` for theirs, ``bus`` for buses alone. A key with a
 direction (``motor_vehicle:backward``) overrides the same key without one. What holds only at times
-(``:conditional``) is not heeded: a street is as it is at the other times.
+(``:conditional``) is read before (``conditional_tags``).
 
 Traffic here passes through. So a street is closed to it where only some may drive who have business
 there (``private``, ``delivery``), as routing programs have it; ``destination`` leaves it open: such
@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["KEYS", "Permission", "is_driven", "opened", "permission_of"]
+__all__ = ["KEYS", "Permission", "either_way", "is_driven", "is_walked", "opened", "permission_of"]
 
 #: Classes of roads for motor traffic only.
 FAST_ROADS = frozenset({"motorway", "motorway_link", "trunk", "trunk_link"})
@@ -40,6 +40,9 @@ RIDING = ("bicycle", "vehicle", "access")
 WALKING = ("foot", "access")
 #: Every key that says who may use a way.
 KEYS = tuple(dict.fromkeys(key for keys in (*MOTOR.values(), RIDING, WALKING) for key in keys))
+
+
+DIRECTIONS = ("forward", "backward")
 
 
 @dataclass(frozen=True)
@@ -75,17 +78,11 @@ def permission_of(
         walkers_on_lanes: whether people walk on the carriageway because there is no sidewalk.
         direction: ``forward``, ``backward``, or empty for what holds for both.
     """
-    highway = tags.get("highway", "")
     # What a class of roads implies counts as much as a word on all vehicles.
-    implied = {}
-    if highway in FAST_ROADS or tags.get("motorroad") == "yes":
-        implied = {"bicycle": "no", "foot": "no"}
-    elif highway == "busway":
-        implied = {"motor_vehicle": "no", "bus": "yes"}
+    implied = _implied(tags)
 
     def may(name: str, keys: tuple[str, ...]) -> bool:
-        values = (tags.get(f"{key}:{direction}", tags.get(key, implied.get(key))) for key in keys)
-        value = next((value for value in values if value), "yes")
+        value = _value({**implied, **tags}, keys, direction)
         return name == "bus" if value in FOR_BUSES else value not in CLOSED
 
     motor = tuple(name for name, keys in MOTOR.items() if may(name, keys))
@@ -98,8 +95,42 @@ def is_driven(tags: Mapping[str, str]) -> bool:
     """Return whether anybody with a motor may drive on a way, in any direction."""
     return any(
         permission_of(tags, walkers_on_lanes=False, direction=direction).driven
-        for direction in ("forward", "backward")
+        for direction in DIRECTIONS
     )
+
+
+def is_walked(tags: Mapping[str, str]) -> bool:
+    """Return whether people may walk along a way; along a cycleway only where it says so."""
+    return _value({**_implied(tags), **tags}, WALKING) not in CLOSED
+
+
+def _implied(tags: Mapping[str, str]) -> dict[str, str]:
+    """Return what a class of roads says without being asked."""
+    highway = tags.get("highway", "")
+    if highway in FAST_ROADS or tags.get("motorroad") == "yes":
+        return {"bicycle": "no", "foot": "no"}
+    if highway == "busway":
+        return {"motor_vehicle": "no", "bus": "yes"}
+    return {"foot": "no"} if highway == "cycleway" else {}
+
+
+def _value(tags: Mapping[str, str], keys: tuple[str, ...], direction: str = "") -> str:
+    """Return what the narrowest of some keys says; ``yes`` where none does."""
+    values = (tags.get(f"{key}:{direction}", tags.get(key)) for key in keys)
+    return next((value for value in values if value), "yes")
+
+
+def either_way(tags: Mapping[str, str]) -> dict[str, str]:
+    """Return the access keys of a road that those use who may use a way in either direction."""
+    found = {}
+    for key in KEYS:
+        ways = [tags.get(f"{key}:{direction}", tags.get(key)) for direction in DIRECTIONS]
+        known = [value for value in ways if value]
+        if opening := [value for value in known if value not in CLOSED]:
+            found[key] = opening[0]
+        elif len(known) == len(ways):
+            found[key] = known[0]
+    return found
 
 
 def opened(tags: Mapping[str, str]) -> dict[str, str]:

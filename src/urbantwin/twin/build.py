@@ -37,6 +37,7 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
+from urbantwin.site.conditional_tags import at_time
 from urbantwin.site.sketch import read_sketch
 from urbantwin.twin.found_of_mapped import found_of_mapped, share_known
 from urbantwin.twin.ground import SurveyedSite, survey_ground
@@ -92,6 +93,10 @@ def build_twin(  # noqa: PLR0915 - stage by stage
     whole = progress or untold
     extract, tell = _read(site, between(whole, 0.0, 1.0 if also is None else BUILT))
     imported = read_map(site.roads.path, site.frame, site.anchor_m) if site.roads else None
+    if extract is not None:
+        extract, open_at_times = at_time(extract, site.traffic.time_of_day)
+    else:
+        open_at_times = []
     features = _features(site, extract)
     side = _driving_side(site, imported)
     photo = _photo(site)
@@ -213,6 +218,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
                             of_sources,
                             scene=scene.notes,
                             known=share_known(extract, site.frame, site.region),
+                            open_at_times=open_at_times,
                         ),
                         *stood.warnings,
                     ]

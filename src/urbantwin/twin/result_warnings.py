@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from urbantwin.result_warning import ResultWarning
@@ -32,6 +32,7 @@ def warnings_of_build(
     *,
     scene: Mapping[str, Any],
     known: float = 1.0,
+    open_at_times: Sequence[str] = (),
 ) -> Iterator[ResultWarning]:
     """Yield what is wrong with a twin.
 
@@ -41,6 +42,7 @@ def warnings_of_build(
         geometry: name of each source of geometry -> what became of it, see `reconstruct.outcome`.
         scene: notes of the scene.
         known: share of the region in the bounds of the map.
+        open_at_times: what forbids something only at times, and was not heeded.
     """
     if known < KNOWN:
         yield ResultWarning(
@@ -48,6 +50,13 @@ def warnings_of_build(
             f"{1 - known:.0%} of the region lies beyond the extract",
             "beyond its bounds it has no more than what sticks out",
             "take a larger extract, or a smaller region",
+        )
+    if open_at_times:
+        yield ResultWarning(
+            "roads",
+            f"{len(open_at_times)} restrictions are not heeded ({open_at_times[0]:.80})",
+            "they hold only at times",
+            "set traffic.time_of_day; conditions other than weekdays and hours are not read",
         )
     yield from roads.warnings
     left_out: Any = roads.notes.get("left_out", [])

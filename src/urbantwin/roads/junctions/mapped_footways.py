@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.cross_section.lane_tags import metres
 from urbantwin.roads.junctions.mapped_crossings import WALKED
+from urbantwin.site.access import is_walked
 from urbantwin.site.extract import Extract, Way
 
 __all__ = ["MappedFootway", "mapped_footways"]
@@ -72,13 +73,8 @@ def mapped_footways(
 
 def _is_walked(way: Way) -> bool:
     tags = way.tags
-    on_foot = tags.get("foot", "yes")
     if tags["highway"] not in WALKED or tags.get("area") == "yes":
-        return False
-    if tags["highway"] == "cycleway" and "foot" not in tags:
-        return False
-    if tags.get("access") in ("no", "private") and "foot" not in tags:
         return False
     flat = tags.get("layer", "0") == "0" and tags.get("bridge", "no") == "no"
     inside = tags.get("indoor", "no") != "no" or tags.get("tunnel", "no") != "no"
-    return on_foot not in ("no", "private", "use_sidepath") and flat and not inside
+    return is_walked(tags) and flat and not inside

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from urbantwin.site.access import KEYS
+from urbantwin.site.access import either_way
 
 __all__ = ["CLEARANCE_M", "half_width", "outer_tags", "turning_radius"]
 
@@ -16,7 +16,7 @@ CLEARANCE_M = 1.5
 #: circles of 5.3 and 12.5 m (Directive 97/27/EC, annex I, 7.6.1), its middle near 8 m.
 INNER_M = 9.0
 #: Tags of a street that its outer road has too.
-KEPT = ("highway", *KEYS, "motorroad", "surface")
+KEPT = ("highway", "motorroad", "surface")
 
 
 def turning_radius(carriageway_m: float) -> float:
@@ -51,7 +51,7 @@ def outer_tags(
         kmh: the speed that its bends allow.
         sidewalks: on which sides it has sidewalks where the street has any.
     """
-    tags = {key: street[key] for key in KEPT if key in street}
+    tags = {key: street[key] for key in KEPT if key in street} | either_way(street)
     tags |= {"oneway": "yes", "lanes": str(lanes), "maxspeed": str(kmh)}
     tags["width:lanes"] = "|".join([f"{lane_m:.2f}"] * lanes)
     tags["sidewalk"] = "no" if street.get("sidewalk", "no") == "no" else sidewalks

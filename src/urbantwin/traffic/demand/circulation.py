@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence, Set
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -102,6 +103,22 @@ class Circulation:
         """Whether any of those who drive find a way round."""
         driving = [name for name, rate in self.per_hour.items() if rate > 0 and name != _ON_FOOT]
         return any(name in self._circuits for name in driving)
+
+    def lowered(self, share: Mapping[tuple[str, str], float], classes: Set[str]) -> Circulation:
+        """Return it with fewer passages of some classes over some ways (``Circuit.lowered``).
+
+        Args:
+            share: (edge, next edge) -> share that is left there, above 0.
+            classes: whose.
+        """
+        made = copy(self)
+        made.per_hour, made._circuits = dict(self.per_hour), dict(self._circuits)
+        made._usual = dict(self._usual)
+        for name in sorted(classes & self._circuits.keys()):
+            circuit, left = self._circuits[name].lowered(share)
+            made._circuits[name], made._usual[name] = circuit, circuit.usual()
+            made.per_hour[name] *= left
+        return made
 
     def flows(self) -> dict[tuple[str, str, str], float]:
         """Return (edge, next edge, the one after that) -> cars an hour, cyclists among cars too."""

@@ -85,4 +85,4 @@ def _held_up(planned: CountedRow, simulated: Simulated, roads: RoadNetwork) -> s
     """Return where the queue of those who come by an approach begins, and why."""
     minutes = max(len(simulated.observed.samples), 1)
     standing = {lane: sum_s / (60 * minutes) for lane, sum_s in simulated.observed.queued.items()}
-    return bottleneck(roads, standing, road=planned.approach)
+    return bottleneck(roads, standing, road=planned.approach).because

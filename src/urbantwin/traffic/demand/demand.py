@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from urbantwin.roads import BusStop
 from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.demand.guessed_volumes import Bound
 from urbantwin.traffic.demand.parties import party_places
 from urbantwin.traffic.demand.stop_places import StopPlace
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = [
     "WALKING_MS",
+    "Bound",
     "CountedRow",
     "Demand",
     "LeftOut",
@@ -128,6 +128,19 @@ class Passengers:
     begins: Mapping[int, str] = field(default_factory=dict)
     stop_of: Mapping[int, int] = field(default_factory=dict)
     alight: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """How much of a guess comes.
+
+    Attributes:
+        share: of the motor traffic guessed, 1 where it is all.
+        because: where it would queue, and what passes there; empty where all comes.
+    """
+
+    share: float = 1.0
+    because: str = ""
 
 
 @dataclass(frozen=True)

@@ -2,94 +2,130 @@
 
 A guess by road classes and lanes knows nothing of how streets meet. Where nobody counted, no more
 is guessed than the junctions' lanes have green for (``roads.signals.capacity``), nor than finds
-room between signals that are near each other (``roads.signals.queue_model``).
+room between signals that are near each other (``roads.signals.queue_model``). Only those stay away
+whose way leads over a lane that is full; everybody else comes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 from lxml import etree
 
+from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.signals.capacity import Flows, LaneLoad, lane_loads
 from urbantwin.roads.signals.controlled_links import Signalised, signalised_junctions
 from urbantwin.roads.signals.coordination import COORDINATED_M
-from urbantwin.roads.signals.inner_links import feeds
+from urbantwin.roads.signals.inner_links import Feed, feeds
 from urbantwin.roads.signals.queue_model import QueueModel
+from urbantwin.traffic.demand.circulation import Circulation
+from urbantwin.traffic.demand.demand import Bound
 
-__all__ = ["Bound", "bound_of_signals"]
+__all__ = ["bounded_by_signals", "share_of_motor"]
 
 #: Lanes carry at most this share of what they could: beyond it queues grow from cycle to cycle now
 #: and then (HCM 2016, 19; RiLSA 2015: 0.85 to 0.9).
 FULL = 0.85
-#: Shares of a guess that are tried in steps of this, and what a lane may leave over of what comes.
+#: Multiples of the traffic that are tried in steps of this, and what a lane may leave over of what
+#: comes.
 STEP, LEFT_OVER = 0.02, 0.05
+#: Loads depend on what else comes, so they are worked out anew so often, and ways over a lane that
+#: is full are lowered by this factor at most each time.
+ROUNDS, LEAST = 40, 0.75
+#: Movements that have a smaller share of a lane are not what fills it.
+LITTLE = 0.05
+
+#: (edge, next edge) -> share of the traffic that is left there.
+_Cuts = dict[tuple[str, str], float]
 
 
-@dataclass(frozen=True)
-class Bound:
-    """How much of a guess the signals can let through.
-
-    Attributes:
-        share: of the motor traffic guessed, 1 where it is all.
-        because: the lane that is full first, and what it can carry; empty where none is.
-    """
-
-    share: float = 1.0
-    because: str = ""
-
-    def of(self, per_hour: Mapping[str, float], motor: Mapping[str, float]) -> dict[str, float]:
-        """Return volumes by class, those of motor vehicles lowered."""
-        return {
-            name: count * (self.share if name in motor else 1.0) for name, count in per_hour.items()
-        }
-
-
-def bound_of_signals(net: Path, flows: Flows) -> Bound:
-    """Return how much of some flows the signals of a network can let through.
+def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation, Bound]:
+    """Return who circulates of a guess, and how much of it that is.
 
     Args:
         net: the SUMO network, with its programs.
-        flows: cars an hour.
+        circulation: as guessed.
     """
     root = etree.parse(net).getroot()
     junctions = signalised_junctions(root)
-    found = Bound()
-    for junction in junctions:
-        loads = lane_loads(junction, junction.phases, flows)
-        if not loads or loads[0].load * found.share <= FULL:
-            continue
-        through = f"its signal can let {loads[0].capacity:.0f} through"
-        found = Bound(FULL / loads[0].load, f"{_who(loads[0])}, {through}")
-    near = _near(root, junctions, flows)
-    return near if near.share < found.share else found
+    near = feeds(root, junctions, COORDINATED_M)
+    guessed, why = circulation, dict[str, tuple[LaneLoad, str]]()
+    for _ in range(ROUNDS):
+        flows = circulation.flows()
+        cuts: _Cuts = {}
+        for one in _full(junctions, flows):
+            through = f"its signal can let {one.capacity:.0f} through"
+            why.setdefault(one.lane, (one, through))
+            _cut(cuts, one, FULL / one.load)
+        if not cuts:
+            found = _without_room(junctions, near, flows)
+            if found is None:
+                break
+            one, through, share = found
+            why.setdefault(one.lane, (one, through))
+            _cut(cuts, one, share)
+        circulation = circulation.lowered(cuts, IN_CARS.keys())
+    return circulation, Bound(share_of_motor(circulation, guessed), _reason(why.values()))
 
 
-def _near(root: etree._Element, junctions: Sequence[Signalised], flows: Flows) -> Bound:
-    """Return how much finds room between signals that are near each other."""
-    ways = feeds(root, junctions, COORDINATED_M)
-    programs = {junction.program: junction.phases for junction in junctions}
-    model = QueueModel(junctions, programs, ways, flows)
+def share_of_motor(circulation: Circulation, guessed: Circulation) -> float:
+    """Return how many motor vehicles come in by the hour of those who were guessed."""
+    come, all_of_them = (
+        sum(one.per_hour[name] for name in sorted(IN_CARS)) for one in (circulation, guessed)
+    )
+    return come / all_of_them if all_of_them else 1.0
+
+
+def _full(junctions: Sequence[Signalised], flows: Flows) -> list[LaneLoad]:
+    """Return the lanes that have less green than comes, a little more than that aside."""
+    loads = (one for item in junctions for one in lane_loads(item, item.phases, flows))
+    return [one for one in loads if one.load > FULL * (1.0 + STEP / 2)]
+
+
+def _cut(cuts: _Cuts, one: LaneLoad, share: float) -> None:
+    """Lower the ways over a lane to a share."""
+    for link, flow in one.links.items():
+        if flow > LITTLE * one.flow:
+            way = link.road, link.to.rpartition("_")[0]
+            cuts[way] = min(cuts.get(way, 1.0), max(share, LEAST))
+
+
+def _without_room(
+    junctions: Sequence[Signalised], near: Sequence[Feed], flows: Flows
+) -> tuple[LaneLoad, str, float] | None:
+    """Return the lane that first does not empty between signals near each other, if any does not.
+
+    With why, and the share that would.
+    """
+    model = QueueModel(junctions, {item.program: item.phases for item in junctions}, near, flows)
     if not model.lanes or not np.isfinite(model.room_m).any():
-        return Bound()
+        return None
     scale = np.arange(STEP, 1.0 / FULL + STEP, STEP)
     late = np.array([[round(junction.offset) for junction in junctions]], np.int64)
     queues = model.run(np.repeat(late, len(scale), axis=0), scale)
     fails = np.flatnonzero(queues.worst > LEFT_OVER)
     if not len(fails):
-        return Bound()
+        return None
     first = int(fails[0])
     lane = int(np.argmax(queues.left_over[first]))
     one, ahead = model.lanes[lane], model.ahead(lane)
-    fits = one.flow * max(float(scale[first]) - STEP, STEP)
-    through = f"no more than {fits:.0f} leave"
+    fits = max(float(scale[first]) - STEP, STEP)
+    through = f"no more than {one.flow * fits:.0f} leave"
     if ahead is not None:
         onward = f"{model.room_m[ahead]:.0f} m to the signal on lane {model.lanes[ahead].lane}"
-        through = f"the {onward} have room for {fits:.0f}"
-    return Bound(min(FULL * fits / one.flow, 1.0), f"{_who(one)}, {through}")
+        through = f"the {onward} have room for {one.flow * fits:.0f}"
+    return one, through, min(FULL * fits, 1.0 - STEP)
+
+
+def _reason(why: Iterable[tuple[LaneLoad, str]]) -> str:
+    """Return what holds up whom, of the lane that most come to."""
+    told = sorted(why, key=lambda pair: (-pair[0].flow, pair[0].lane))
+    if not told:
+        return ""
+    more = f"; so it is at {len(told) - 1} more lanes" if len(told) > 1 else ""
+    return f"{_who(told[0][0])}, {told[0][1]}{more}"
 
 
 def _who(one: LaneLoad) -> str:

@@ -7,19 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.demand.circulation import COMING_IN_S, Circulation
 from urbantwin.traffic.demand.counted_volumes import is_counted
 from urbantwin.traffic.demand.counts import counted_demand
-from urbantwin.traffic.demand.demand import Demand, plan_demand, together
-from urbantwin.traffic.demand.guessed_volumes import Bound, bound_of_signals
+from urbantwin.traffic.demand.demand import Bound, Demand, plan_demand, together
+from urbantwin.traffic.demand.guessed_volumes import bounded_by_signals
 from urbantwin.traffic.demand.manners import manners_of
 from urbantwin.traffic.demand.passengers import with_passengers
 from urbantwin.traffic.demand.time_of_day import at_time_of_day
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.flow.bottleneck import bottleneck
-from urbantwin.traffic.flow.flow_calibration import SURE, calibrate
+from urbantwin.traffic.flow.carried_guess import carried_guess
+from urbantwin.traffic.flow.flow_calibration import Calibrated, calibrate
 from urbantwin.twin import Twin
 
 __all__ = ["demand_of", "outer_roads"]
@@ -66,24 +66,29 @@ def demand_of(
             in_groups=in_groups,
         )
         if asked.get("guessed"):
-            bound = bound_of_signals(twin.net_path, circulation.flows())
-            circulation.per_hour = bound.of(circulation.per_hour, IN_CARS)
+            circulation, bound = bounded_by_signals(twin.net_path, circulation)
     if circulation is not None and circulation.drives:
-        found = calibrate(
-            circulation,
-            twin.net_path,
-            roads=twin.roads,
-            room=_room(twin),
-            asset=own.asset,
-            body=body,
-            scratch=scratch,
-            progress=progress,
-        )
-        held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
-        if asked.get("guessed") and found.carried < 1:
-            # No more is guessed than the streets carried in the pilots.
-            bound = Bound(bound.share * found.carried * SURE, f"in pilot simulations {held_up}")
-            found, held_up = found.as_asked(), ""
+
+        def pilots(of: Circulation, after: Calibrated | None = None) -> Calibrated:
+            return calibrate(
+                of,
+                twin.net_path,
+                roads=twin.roads,
+                room=_room(twin),
+                asset=own.asset,
+                body=body,
+                scratch=scratch,
+                progress=progress,
+                after=after,
+            )
+
+        held_up = ""
+        if asked.get("guessed"):
+            circulation, found, bound = carried_guess(circulation, bound, twin.roads, pilots)
+        else:
+            found = pilots(circulation)
+            if found.carried < 1:
+                held_up = bottleneck(twin.roads, found.standing).because
         demand = circulation.demand(
             found.populations,
             warmup_s=float(asked["warmup_s"]),

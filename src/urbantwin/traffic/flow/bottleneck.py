@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.network import Lane
 
-__all__ = ["bottleneck"]
+__all__ = ["Bottleneck", "bottleneck"]
 
 #: A lane is jammed when vehicles stand on this share of it, each taking so many metres.
 JAMMED, SPACE_M = 0.4, 7.5
@@ -15,8 +16,18 @@ JAMMED, SPACE_M = 0.4, 7.5
 MOST_STREETS = 20
 
 
-def bottleneck(network: RoadNetwork, standing: Mapping[str, float], *, road: str = "") -> str:
-    """Return where the longest queue begins and what holds it up; empty where nobody stands.
+@dataclass(frozen=True)
+class Bottleneck:
+    """Where a queue begins: the road, and what it is called and what holds it up there."""
+
+    road: str = ""
+    because: str = ""
+
+
+def bottleneck(
+    network: RoadNetwork, standing: Mapping[str, float], *, road: str = ""
+) -> Bottleneck:
+    """Return where the longest queue begins and what holds it up; nothing where nobody stands.
 
     From the lane with the longest queue it is followed downstream while the lanes ahead are jammed.
 
@@ -29,7 +40,7 @@ def bottleneck(network: RoadNetwork, standing: Mapping[str, float], *, road: str
     outside = {x: count for x, count in standing.items() if x in known and known[x].road}
     outside = {x: count for x, count in outside.items() if road in ("", known[x].road)}
     if not outside:
-        return ""
+        return Bottleneck()
     name = max(sorted(outside), key=lambda lane: outside[lane])
     passed = {known[name].road}
     for _ in range(MOST_STREETS):
@@ -42,9 +53,11 @@ def bottleneck(network: RoadNetwork, standing: Mapping[str, float], *, road: str
             break
         name = max(ahead, key=lambda lane: (standing[lane.id], lane.id)).id
         if known[name].road in passed:
-            return f"queues on {_street(network, name)} lock each other up"
+            locked = f"queues on {_street(network, name)} lock each other up"
+            return Bottleneck(known[name].road, locked)
         passed.add(known[name].road)
-    return f"the queue on {_street(network, name)} begins {_cause(network, name)}"
+    begins = f"the queue on {_street(network, name)} begins {_cause(network, name)}"
+    return Bottleneck(known[name].road, begins)
 
 
 def _next_streets(network: RoadNetwork, lane: Lane) -> Iterator[Lane]:

@@ -45,9 +45,9 @@ FALLS = 0.6
 #: do not count, and how many there are at most. Shorter ones see two or three cycles; their flow
 #: differs from an hour's by a tenth and more.
 LONG_S, LONG_SETTLING_MIN, LONG_PILOTS = 1500, 5, 5
-#: The longest halt in them, seconds, beyond which the population is reduced by this factor, after
-#: two such pilots by the next; and the least and largest factor by which it grows where it carries
-#: less than was asked for.
+#: The longest halt of a vehicle in them, seconds, beyond which the population is reduced by this
+#: factor, after two such pilots by the next; and the least and largest factor by which it grows
+#: where it carries less than was asked for.
 LONGEST_HALT_S, LESS, FAR_LESS, MORE = 200.0, 0.75, 0.5, (1.08, 1.25)
 #: Share of a longer pilot's flow that an hour carries too: the pilot sees 10 to 20 cycles.
 SURE = 0.95
@@ -64,11 +64,15 @@ class Calibrated:
         populations: how many of each class.
         carried: share of the motor traffic asked for that they carry; 1 where it is nearly all.
         standing: lane -> how many vehicles stood on it, in the mean, in the pilot of this.
+        pace: by kind, the mean speed in little traffic as a share of the free speed.
+        size: times the population that would do at that speed.
     """
 
     populations: list[Population]
     carried: float
     standing: Mapping[str, float] = field(default_factory=dict)
+    pace: Mapping[str, float] = field(default_factory=dict)
+    size: float = 1.0
 
     def as_asked(self) -> Calibrated:
         """Return the same population, with what it surely carries for what was asked for."""
@@ -96,7 +100,7 @@ class _Pilot:
     longest_halt_s: float = 0.0
 
 
-def calibrate(
+def calibrate(  # noqa: PLR0913
     circulation: Circulation,
     net_path: Path,
     *,
@@ -106,6 +110,7 @@ def calibrate(
     body: Callable[[str, int], str],
     scratch: Path | None = None,
     progress: Callable[[float], None] | None = None,
+    after: Calibrated | None = None,
 ) -> Calibrated:
     """Find the population that the wanted flow needs, or less where the streets cannot carry it.
 
@@ -118,6 +123,7 @@ def calibrate(
         body: the asset of the n-th actor of a class.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done.
+        after: what was found with a little more traffic: how fast it is, and where to begin.
 
     Raises:
         StageError: SUMO failed.
@@ -142,25 +148,53 @@ def calibrate(
             scratch=scratch,
         ).observed
         flow = _flow(populations, seen, SETTLING_MIN if seconds == PILOT_S else LONG_SETTLING_MIN)
-        pace, halt_s = _pace(populations, seen, others), seen.longest_halt_s
+        pace, halt_s = _pace(populations, seen, others), seen.vehicle_halt_s
         return _Pilot(size, flow, pace, seen.queued, seconds, halt_s)
 
-    little = pilot(LITTLE, FIRST_GUESS["motor"], FIRST_GUESS)
+    if after is None:
+        little = pilot(LITTLE, FIRST_GUESS["motor"], FIRST_GUESS)
+        # It was planned with a guess of the speed.
+        little = replace(little, size=LITTLE * little.pace["motor"] / FIRST_GUESS["motor"])
+    else:
+        little = _Pilot(after.size, 0.0, after.pace, {})
     free = little.pace["motor"]
-    # It was planned with a guess of the speed.
-    little = replace(little, size=LITTLE * free / FIRST_GUESS["motor"])
 
     def planned(of: _Pilot) -> list[Population]:
         return circulation.populations(_by_class({**of.pace, "motor": free}), carried=of.size)
 
     full = _Pilot(1.0, 1.0, little.pace, {})
     most = FULLEST * room / max(_vehicles(planned(full)), 1)
+
+    def piloted(size: float, seconds: int = PILOT_S) -> _Pilot:
+        return pilot(size, free, little.pace, seconds)
+
+    first = little.size if after else _in_minutes(little, most, piloted, progress)
+    best = _in_the_long_run(first, most, lambda size: piloted(size, LONG_S))
+    standing = {lane: total / best.seconds for lane, total in best.queued.items()}
+    carried = 1.0 if best.flow >= 1.0 - TOLERANCE else best.flow
+    return Calibrated(planned(best), carried, standing, little.pace, best.size)
+
+
+def _in_minutes(
+    little: _Pilot,
+    most: float,
+    pilot: Callable[[float], _Pilot],
+    progress: Callable[[float], None] | None,
+) -> float:
+    """Return about what population is taken, as short pilots have it.
+
+    Args:
+        little: the pilot of little traffic.
+        most: the largest population.
+        pilot: runs one of a population.
+        progress: called with the fraction done.
+    """
     found, before = [little], little
     size = min(1.0, most)
     for number in range(PILOTS):
         if progress:
             progress((1 + number) / (1 + PILOTS))
-        now = pilot(size, free, little.pace)
+        now = pilot(size)
         found.append(now)
         if abs(now.flow - 1.0) <= TOLERANCE:
             break
@@ -168,18 +202,13 @@ def calibrate(
         if now.flow < 1.0 and gain < WORTHWHILE * before.flow / before.size:
             # More only stand in queues: between the two, once, there may be a better one.
             if number + 1 < PILOTS and now.size > 2 * before.size:
-                found.append(pilot((now.size * before.size) ** 0.5, free, little.pace))
+                found.append(pilot((now.size * before.size) ** 0.5))
             break
         if now.flow < 1.0 and size >= most:
             break
         before = now
         size = min(size * min(1.0 / max(now.flow, 0.1), GROWTH), most)
-    best = _in_the_long_run(
-        _best(found).size, most, lambda size: pilot(size, free, little.pace, LONG_S)
-    )
-    standing = {lane: total / best.seconds for lane, total in best.queued.items()}
-    carried = 1.0 if best.flow >= 1.0 - TOLERANCE else best.flow
-    return Calibrated(planned(best), carried, standing)
+    return _best(found).size
 
 
 def _in_the_long_run(first: float, most: float, pilot: Callable[[float], _Pilot]) -> _Pilot:
@@ -232,7 +261,7 @@ def _flow(populations: list[Population], seen: Observed, since_min: int) -> floa
         minutes += seen.metres[:, ACTOR_CLASSES.index(group.actor_class)] / group.metres
     minutes = minutes[since_min:-1] if len(minutes) > since_min + 1 else minutes
     first, last = np.array_split(minutes, 2)
-    if last.mean() < FALLS * first.mean() and seen.longest_halt_s > PILOT_S / 3:
+    if last.mean() < FALLS * first.mean() and seen.vehicle_halt_s > PILOT_S / 3:
         return 0.0
     return float(minutes.mean() * 60.0 / asked)
 

@@ -79,6 +79,7 @@ class Observed:
         metres: (M, C) sum of their speeds: the distance that they travelled.
         entries: (M, C) how many came from an outer road into the region.
         longest_halt_s: the longest halt of anybody.
+        vehicle_halt_s: the longest of a vehicle.
         stuck: (trip, time, lane) of who halted for more than ``STUCK_S``.
         queued: lane -> seconds that vehicles stood on it, all of them together.
     """
@@ -91,6 +92,7 @@ class Observed:
     longest_halt_s: float
     stuck: tuple[tuple[int, float, str], ...]
     queued: Mapping[str, float] = field(default_factory=dict)
+    vehicle_halt_s: float = 0.0
 
 
 #: What `Simulated` has of each row.
@@ -483,6 +485,7 @@ def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
         observed=Observed(
             **seen,
             longest_halt_s=outcome["longest_halt_s"],
+            vehicle_halt_s=outcome["vehicle_halt_s"],
             queued=outcome["queued"],
             stuck=tuple((trip, time_s, lane) for trip, time_s, lane in outcome["stuck"]),
         ),

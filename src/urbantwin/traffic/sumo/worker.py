@@ -76,6 +76,7 @@ class Watch:
         self.outside: set[str] = set()
         self.stuck: dict[str, tuple[float, str]] = {}
         self.longest_halt_s = 0.0
+        self.vehicle_halt_s = 0.0
         self.queued: dict[str, float] = {}
         self.freed: set[str] = set()
 
@@ -108,6 +109,7 @@ class Watch:
                 if halt_s > self.stuck_s:
                     self.stuck[name] = (time_s, domain.getLaneID(name))
                 if halt_s > 0 and domain is libsumo.vehicle:
+                    self.vehicle_halt_s = max(self.vehicle_halt_s, halt_s)
                     self._free(name, halt_s)
                     wrong_lanes.go_on(name, halt_s)
                     lane = domain.getLaneID(name)
@@ -195,6 +197,7 @@ class Recorder:
         outcome = {
             "minutes": watch.minutes,
             "longest_halt_s": watch.longest_halt_s,
+            "vehicle_halt_s": watch.vehicle_halt_s,
             "queued": dict(sorted(watch.queued.items())),
             "stuck": sorted((int(name), *where) for name, where in watch.stuck.items()),
             "sumo": libsumo.getVersion()[1],
