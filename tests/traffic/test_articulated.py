@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 import shapely
 
+from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.actor_table import Place, actor_table
 from urbantwin.traffic.assets import Fleet, asset, asset_mesh, asset_names
 from urbantwin.traffic.demand.demand import Demand, Trip
+from urbantwin.traffic.motion import ACTOR_SCHEMA
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.coupling import are_coupled, towed_by
-from urbantwin.traffic.paths.obstacles import Blocks
+from urbantwin.traffic.paths.obstacles import Blocks, Obstacles
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import stand
 from urbantwin.traffic.sumo.simulation import Observed, Simulated
@@ -77,7 +79,14 @@ def circle(radius_m: float, seconds: float) -> tuple[np.ndarray, np.ndarray]:
 
 def table_of(names, *ways, blocks=None):
     trips = tuple(Trip(asset(name).actor_class, name, 0.0, ("a",)) for name in names)
-    place = Place(RoadNetwork("right", (), (), (), (), ()), Plane(), standing(blocks or nobody()))
+    place = Place(
+        RoadNetwork("right", (), (), (), (), ()),
+        Plane(),
+        standing(blocks or nobody()),
+        Obstacles(LabelledMesh.empty()),
+        ACTOR_SCHEMA.empty_table(),
+        shapely.box(-999, -999, 999, 999),
+    )
     steps = max(len(front) for front, _ in ways)
     made = actor_table(
         seen(*ways), Demand(trips, ()), place, steps=steps, step_s=STEP_S, asset=asset

@@ -47,6 +47,10 @@ def test_what_is_not_carried_left_out_or_stuck_is_told_with_its_number() -> None
     (line,) = problems(circulation={"halted": [{"lane": "b_0"}, {"lane": "a_0"}, {"lane": "a_0"}]})
     assert "3 actors" in line
     assert "a_0, b_0" in line
+    absent = {"visits": 3, "of": 100, "actors": {"bus": 1, "pedestrian": 2}}
+    (line,) = problems(absent=absent)
+    assert "3 of 100 visits are left out: 1 bus, 2 pedestrian would pass" in line
+    assert problems(absent={**absent, "visits": 2}) == []
     assert len(problems(teleports=1, collisions=2, poses_outside_ground=3)) == 3
 
 

@@ -34,7 +34,7 @@ def outcome_of_motion(motion: Motion) -> dict[str, Any]:
     told = motion.manifest
     seen = {name: row["seen"] for name, row in told.get("classes", {}).items() if row["seen"]}
     carried = told.get("circulation", {}).get("carried_share_of_motor_traffic")
-    met = told.get("overlaps")
+    met, absent = told.get("overlaps"), told.get("absent", {}).get("actors")
     counted: dict[str, Any] = {
         f"counted_{name}": round(sum(row[name] for row in told["counts"]), 1)
         for name in ("asked_per_hour", "driven_per_hour")
@@ -48,6 +48,7 @@ def outcome_of_motion(motion: Motion) -> dict[str, Any]:
         "actors": seen,
         **counted,
         **({} if carried is None else {"traffic_carried_of_asked": carried}),
+        **({"left_out_lest_they_overlap": absent} if absent else {}),
         **({} if met is None else {"overlaps": met["actors"], "overlaps_with_scene": met["scene"]}),
     }
 

@@ -55,6 +55,12 @@ class _Overlaps(Part):
     scene: _Count
 
 
+class _Absent(Part):
+    visits: _Count
+    of: _Count
+    actors: dict[str, _Count]
+
+
 class MotionManifest(Part):
     """What of ``motion.json`` everything that uses a motion relies on."""
 
@@ -65,6 +71,7 @@ class MotionManifest(Part):
     classes: dict[str, _Class] = Field(default_factory=dict)
     circulation: _Circulation = _Circulation()
     overlaps: _Overlaps | None = None
+    absent: _Absent | None = None
 
 
 class MotionReport(MotionManifest):

@@ -12,6 +12,8 @@ __all__ = ["place_of_count", "warnings_of_drive"]
 #: Least share of the motor traffic asked for that is carried, or of a guess that is asked for,
 #: where nothing is said.
 ENOUGH = 0.9
+#: Most of those who come that may be left out, lest they pass through others, share.
+MANY_ABSENT = 0.02
 
 
 def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
@@ -59,6 +61,15 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             f"collisions: SUMO counted {manifest['collisions']}",
             "",
             "look at the motion",
+        )
+    absent = manifest.get("absent", {"visits": 0, "of": 0})
+    if absent["visits"] > MANY_ABSENT * absent["of"]:
+        who = ", ".join(f"{count} {name}" for name, count in absent["actors"].items())
+        yield ResultWarning(
+            "traffic",
+            f"{absent['visits']} of {absent['of']} visits are left out",
+            f"{who} would pass through others, or through what stands",
+            "motion.json says under absent, each, where",
         )
     overlaps = manifest.get("overlaps", {})
     for count, of, kinds, where in (

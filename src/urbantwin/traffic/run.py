@@ -38,6 +38,7 @@ from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.motion import ACTOR_SCHEMA, Motion
 from urbantwin.traffic.parked import ParkedVehicles, park
 from urbantwin.traffic.paths.abreast import with_parties
+from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders
 from urbantwin.traffic.paths.at_stops import with_passengers_at_stops
 from urbantwin.traffic.paths.footing import on_footways
 from urbantwin.traffic.paths.overlap import overlaps_of
@@ -121,19 +122,20 @@ def _driven(
     net = driven_net(twin, asked, demand, steps * float(asked["step_s"]), scratch)
     roads, retimed = timing_told(net, twin.roads) if demand.counted else (twin.roads, {})
     streets = _Streets(twin, asked, steps, net, scratch, own_bodies(twin))
-    simulated = streets.drive(demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what))
-    told(0.6, "actors")
     ground = Ground(twin.ground_mesh, twin.roads)
     parked = _parked(twin, asked, ground)
     standing = parked.table(ACTOR_SCHEMA)
-    place = Place.of(twin.roads, ground, twin.mesh, standing)
+    place = Place.of(twin.roads, ground, twin.mesh, standing, twin.region)
     scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
     reacting = [
         (n, one) for n, one in scenario if one.event in REACTING and isinstance(one, PlacedEvent)
     ]
 
     tell = between(told, 0.6, 0.85, "actors")
-    drive = streets.tabled(simulated, demand, place, by_trip=bool(reacting), tell=tell)
+    drive = streets.tabled(
+        streets.drive(demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what)),
+        demand, place, by_trip=bool(reacting), tell=tell,
+    )  # fmt: skip
     if reacting:
         told(0.85, "the same with events")
         drive = streets.with_reactions(drive, reacting, place)
@@ -150,13 +152,14 @@ def _driven(
     manifest |= {
         "poses_outside_ground": drive.outside,
         "rigid_instead": len(drive.rigid),
+        "absent": drive.absent.told,
         "parked": parked.notes,
     }
     if scenario:
         manifest["events"] = []
     driven = Motion(manifest, drive.actors, signals, streets.own.meshes, parked=standing)
     staged = drive.staged
-    del drive, simulated  # an hour of it takes hundreds of megabytes
+    del drive  # an hour of it takes hundreds of megabytes
     motion = resized(driven.with_meshes(between(told, 0.85, 0.93)), asked.get("size", {}))
     if scenario:
         motion = with_events(motion, twin, scenario, staged)
@@ -189,11 +192,12 @@ class _Drive:
 
     Attributes:
         demand: who set out.
-        simulated: what SUMO did.
+        simulated: what SUMO did, but where everybody was.
         actors: the table of actors.
         outside: how many poses were left out because there is no ground.
         rigid: who would bend and has a rigid vehicle, as it would cut a corner into somebody.
         poses: everybody's, as ``yielding`` has them.
+        absent: who is left out, as it would pass through somebody.
         staged: events that others reacted to.
     """
 
@@ -202,7 +206,8 @@ class _Drive:
     actors: pa.Table
     outside: int
     rigid: frozenset[int]
-    poses: dict[str, Any]
+    poses: tuple[dict[str, Any], ...]
+    absent: Absent
     staged: list[StagedEvent] = field(default_factory=list)
 
 
@@ -258,13 +263,19 @@ class _Streets:
         by_trip: bool,
         tell: Progress,
         before: Before | None = None,
+        beside: Bystanders = NOBODY,
     ) -> _Drive:
         """Make the table of what SUMO did."""
-        walked = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
-        made = actor_table(
+        told = simulated.only(np.zeros(0, np.int64))
+        simulated = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
+        rows = [
             with_passengers_at_stops(
-                walked, demand, place.blocks.low, step_s=self.step_s, asset=self.own.asset
-            ),
+                simulated, demand, place.blocks.low, step_s=self.step_s, asset=self.own.asset
+            )
+        ]
+        del simulated  # whoever makes the table of actors lets go of them in time
+        made = actor_table(
+            rows.pop(),
             demand,
             place,
             steps=self.steps,
@@ -272,9 +283,11 @@ class _Streets:
             asset=self.own.asset,
             by_trip=by_trip,
             before=before,
+            beside=beside,
+            scratch=self.scratch,
             tell=tell,
         )
-        return _Drive(demand, simulated, made.actors, made.outside, made.rigid, made.poses)
+        return _Drive(demand, told, made.actors, made.outside, made.rigid, made.poses, made.absent)
 
     def with_reactions(
         self, without: _Drive, events: list[tuple[int, PlacedEvent]], place: Place
@@ -319,7 +332,15 @@ class _Streets:
         until = math.ceil(changed_from(events) / self.step_s - 1e-6)
         own = frozenset(trip for one in found for trip in one.trips)
         before = Before(without.poses, until, own, without.rigid)
-        drive = self.tabled(simulated, demand, place, by_trip=True, tell=untold, before=before)
+        gone = without.absent.steps
+        for one in found:
+            if (np.isin(gone[:, 0], one.trips) & (gone[:, 1] == until - 1)).any():
+                what = f"{one.event.event} at {one.event.at_s:g} s cannot be staged: "
+                raise NotStagedError(what + "its actor is left out of the motion", one.number)
+        drive = self.tabled(
+            simulated, demand, place, by_trip=True, tell=untold, before=before,
+            beside=Bystanders(own, until, gone[gone[:, 1] < until]),
+        )  # fmt: skip
         actors, staged = staged_table(without.actors, drive.actors, found, events)
         return replace(drive, actors=actors, staged=staged)
 

@@ -16,7 +16,7 @@ from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, rows_beside,
 from urbantwin.traffic.paths.coupling import are_coupled
 from urbantwin.traffic.paths.obstacles import Obstacles
 
-__all__ = ["OVERLAP_M2", "overlaps_of"]
+__all__ = ["OVERLAP_M2", "overlaps_of", "rows_that_overlap"]
 
 #: Boxes overlap that share more than this in plan, square metres, on one level, metres.
 OVERLAP_M2, LEVEL_M = 0.05, 2.0
@@ -55,7 +55,7 @@ def overlaps_of(
     tree, obstacles = shapely.STRtree(standing.polygons), Obstacles(scene)
     met: _Met = {}
     hits: dict[int, dict[str, Any]] = {}
-    for part in _parts(actors):
+    for _, part in _parts(actors):
         moving = _columns(part)
         boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
         _note(met, _meetings(moving, boxes, still, standing, tree))
@@ -75,13 +75,52 @@ def overlaps_of(
     }
 
 
-def _parts(actors: pa.Table) -> Iterator[pa.Table]:
-    """Yield the rows of whole steps, so many at a time that an hour does not take gigabytes."""
+def rows_that_overlap(
+    actors: pa.Table,
+    parked: pa.Table,
+    step_s: float,
+    obstacles: Obstacles,
+    who: NDArray[np.integer],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.object_]]:
+    """Return the rows of actors that `overlaps_of` counts.
+
+    Args:
+        actors: of a motion.
+        parked: its parked vehicles.
+        step_s: time between its steps.
+        obstacles: of the static world.
+        who: (N,) of whom rows are: who stands still meets something static in one row at least.
+
+    Returns:
+        Pairs (P, 2), the second of which is -1 for a parked vehicle; rows (H,) that meet something
+        static, and what (H,).
+    """
+    still = _columns(parked)
+    standing = _boxes(still, np.zeros(parked.num_rows, np.int64))
+    tree = shapely.STRtree(standing.polygons)
+    none = np.zeros(0, np.int64)
+    pairs, hits, names = [none.reshape(0, 2)], [none], [none.astype(object)]
+    for first, part in _parts(actors):
+        moving = _columns(part)
+        boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
+        met, _, _ = _shared(moving, boxes, still, standing, tree)
+        pairs.append(np.where(met < part.num_rows, met + first, -1))
+        rows, what = _hit(moving, boxes, obstacles, who[first : first + part.num_rows])
+        hits.append(rows + first)
+        names.append(what)
+    return np.concatenate(pairs), np.concatenate(hits), np.concatenate(names)
+
+
+def _parts(actors: pa.Table) -> Iterator[tuple[int, pa.Table]]:
+    """Yield the rows of whole steps, so many at a time that an hour does not take gigabytes.
+
+    With the number of their first row.
+    """
     time_s = actors["time_s"].to_numpy()
     first = 0
     while first < len(time_s):
         last = np.searchsorted(time_s, time_s[min(first + _ROWS, len(time_s)) - 1], side="right")
-        yield actors.slice(first, int(last) - first)
+        yield first, actors.slice(first, int(last) - first)
         first = int(last)
 
 
@@ -94,6 +133,30 @@ def _boxes(columns: Mapping[str, NDArray[Any]], step: NDArray[np.int64]) -> Plan
     return PlanBoxes(step, np.column_stack([columns["x"], columns["y"]]), columns["yaw"], half)
 
 
+def _shared(
+    moving: Mapping[str, NDArray[Any]],
+    boxes: PlanBoxes,
+    still: Mapping[str, NDArray[Any]],
+    standing: PlanBoxes,
+    tree: shapely.STRtree,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, NDArray[Any]]]:
+    """Return pairs (P, 2) of rows that overlap, how much they share (P,), and the columns.
+
+    Rows of who stands follow after those of who moves.
+    """
+    beside, stands = rows_beside(tree, boxes, 0.0)
+    first = len(boxes.yaw)
+    pairs = np.concatenate(
+        [near_pairs(boxes, 0.0), np.column_stack([beside, first + stands]).astype(np.int64)]
+    )
+    columns = {name: np.concatenate([moving[name], still[name]]) for name in _COLUMNS}
+    pairs = pairs[np.abs(columns["z"][pairs[:, 0]] - columns["z"][pairs[:, 1]]) < LEVEL_M]
+    area = shared_areas(PlanBoxes.joined([boxes, standing]), pairs)
+    pairs, area = pairs[area > OVERLAP_M2], area[area > OVERLAP_M2]
+    apart = ~are_coupled(columns, pairs)
+    return pairs[apart], area[apart], columns
+
+
 def _meetings(
     moving: Mapping[str, NDArray[Any]],
     boxes: PlanBoxes,
@@ -102,26 +165,17 @@ def _meetings(
     tree: shapely.STRtree,
 ) -> Iterator[tuple[float, dict[str, Any]]]:
     """Yield how much two share, and who, when and where, of each two that overlap at a step."""
-    beside, stands = rows_beside(tree, boxes, 0.0)
-    first = len(boxes.yaw)
-    pairs = np.concatenate(
-        [near_pairs(boxes, 0.0), np.column_stack([beside, first + stands]).astype(np.int64)]
-    )
-    columns = {name: np.concatenate([moving[name], still[name]]) for name in _COLUMNS}
-    pairs = pairs[np.abs(columns["z"][pairs[:, 0]] - columns["z"][pairs[:, 1]]) < LEVEL_M]
-    pairs = pairs[~are_coupled(columns, pairs)]
-    area = shared_areas(PlanBoxes.joined([boxes, standing]), pairs)
-    for k in np.flatnonzero(area > OVERLAP_M2):
-        rows = pairs[k]
+    pairs, area, columns = _shared(moving, boxes, still, standing, tree)
+    for rows, shared in zip(pairs, area.tolist(), strict=True):
         yield (
-            float(area[k]),
+            shared,
             {
                 "tracks": sorted(columns["track"][rows].tolist()),
                 "classes": [str(columns["class"][row]) for row in sorted(rows.tolist())],
                 "time_s": float(columns["time_s"][rows[0]]),
                 "x": round(float(columns["x"][rows].mean()), 1),
                 "y": round(float(columns["y"][rows].mean()), 1),
-                "area_m2": round(float(area[k]), 2),
+                "area_m2": round(shared, 2),
             },
         )
 
@@ -138,21 +192,10 @@ def _scene_hits(
     columns: Mapping[str, NDArray[Any]], boxes: PlanBoxes, obstacles: Obstacles
 ) -> dict[int, dict[str, Any]]:
     """Return of each track that meets anything what it meets first, when and where."""
-    # Who stands where somebody stood before meets nothing new.
-    kept = np.round(np.column_stack([columns["track"], boxes.xy * 20, boxes.yaw * 50]))
-    _, rows = np.unique(kept, axis=0, return_index=True)
-    rows.sort()
-    inner = PlanBoxes(
-        boxes.step[rows],
-        boxes.xy[rows],
-        boxes.yaw[rows],
-        np.maximum(boxes.half[rows] - TOUCH_M, 0.01),
-    )
-    what = obstacles.met(inner, columns["z"][rows], columns["height"][rows])
     hits: dict[int, dict[str, Any]] = {}
-    for row, name in zip(rows.tolist(), what, strict=True):
+    for row, name in zip(*_hit(columns, boxes, obstacles, columns["track"]), strict=True):
         track = int(columns["track"][row])
-        if name and track not in hits:
+        if track not in hits:
             hits[track] = {
                 "track": track,
                 "class": str(columns["class"][row]),
@@ -162,3 +205,25 @@ def _scene_hits(
                 "y": round(float(columns["y"][row]), 1),
             }
     return hits
+
+
+def _hit(
+    columns: Mapping[str, NDArray[Any]],
+    boxes: PlanBoxes,
+    obstacles: Obstacles,
+    who: NDArray[np.integer],
+) -> tuple[NDArray[np.int64], NDArray[np.object_]]:
+    """Return the rows (H,) that meet something static, and what (H,)."""
+    # Who stands where it stood before meets nothing new.
+    by_who = np.argsort(who, kind="stable")
+    place = np.round(np.column_stack([who, boxes.xy * 20, boxes.yaw * 50])[by_who])
+    rows = np.sort(by_who[(np.diff(place, axis=0, prepend=np.nan) != 0).any(axis=1)])
+    inner = PlanBoxes(
+        boxes.step[rows],
+        boxes.xy[rows],
+        boxes.yaw[rows],
+        np.maximum(boxes.half[rows] - TOUCH_M, 0.01),
+    )
+    what = np.array(obstacles.met(inner, columns["z"][rows], columns["height"][rows]), object)
+    met = np.array([bool(name) for name in what], np.bool_)
+    return rows[met], what[met]

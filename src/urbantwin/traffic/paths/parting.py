@@ -65,10 +65,10 @@ _GIVES = {
     # Who drives goes a little aside; going later is another step (`yielding`).
     "bicycle": _Give(1e-6, 0.5, 1.0, (0.0, 1.0)),
     "motorcycle": _Give(1e-6, 0.3, 1.2, (0.0, 1.0)),
-    "car": _Give(1e-6, 0.05, 1.5, (0.0, 0.5)),
-    "van": _Give(1e-6, 0.05, 1.5, (0.0, 0.5)),
-    "truck": _Give(1e-6, 0.02, 1.8, (0.0, 0.4)),
-    "bus": _Give(1e-6, 0.02, 1.8, (0.0, 0.4)),
+    "car": _Give(1e-6, 0.05, 1.5, (0.0, 0.8)),
+    "van": _Give(1e-6, 0.05, 1.5, (0.0, 0.8)),
+    "truck": _Give(1e-6, 0.02, 1.8, (0.0, 0.8)),
+    "bus": _Give(1e-6, 0.02, 1.8, (0.0, 0.8)),
     # Who runs on rails stays on them.
     "tram": _Give(1e-6, 1e-6, 2.0, (0.0, 0.0)),
 }
@@ -138,6 +138,7 @@ class PartingPaths:
         blocks: what stands in the way.
         height: (N,) of whom they are, metres.
         step_s: time between steps.
+        already: (N,) how far to the left of its own way each is at first, metres.
     """
 
     def __init__(
@@ -147,6 +148,7 @@ class PartingPaths:
         blocks: Blocks,
         height: NDArray[np.float64],
         step_s: float,
+        already: NDArray[np.float64],
     ) -> None:
         self.moving, self.blocks, self.height, self.step_s = moving, blocks, height, step_s
         self.joined, self.kept, actor = moving.joined, ~changed, moving.actor
@@ -159,7 +161,9 @@ class PartingPaths:
         kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
         self.scale = np.sqrt(kind[:, :2])
-        self.most = kind[:, 3:]
+        self.already = np.column_stack([np.zeros(len(already)), already])
+        # Who is farther aside than it may be, as it was turned since, need not go back at once.
+        self.most = np.maximum(kind[:, 3:], np.abs(self.already))
         self.change = kind[:, 2] / step_s
         c, s = np.cos(moving.boxes.yaw), np.sin(moving.boxes.yaw)
         #: Where displacements along and aside lead, (N, 2, 2).
@@ -195,8 +199,8 @@ class PartingPaths:
             pull = (there - dual).reshape(-1, 2)
             right = [np.bincount(sides.ravel(), one, count + 1)[:count] for one in pull.T]
             here[:count] = cho_solve_banded((factor, False), _RHO * np.column_stack(right))
-        most = self.most / self.scale
-        return np.asarray(np.clip(here[:count], -most, most))
+        low, high = (side * self.most - self.already for side in (-1.0, 1.0))
+        return np.asarray(np.clip(here[:count], low / self.scale, high / self.scale))
 
     def _contacts(
         self, place: NDArray[np.float64]

@@ -46,6 +46,8 @@ def separated(
     blocks: Blocks,
     height: NDArray[np.float64],
     step_s: float,
+    aside: NDArray[np.float64] | None = None,
+    begin: int | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where actors are of whom fewer overlap (N, 2), and their speeds (N,).
 
@@ -56,6 +58,9 @@ def separated(
         blocks: what stands in the way, at whatever step.
         height: (N,) of each, metres.
         step_s: time between steps.
+        aside: (N,) how far to the left of its own way each is already, metres; not at all where not
+            given. Nobody goes farther aside in all than it may.
+        begin: the first step that may be another, where it is not the first of all.
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     meeting = np.zeros(len(xy), np.bool_)
@@ -64,6 +69,8 @@ def separated(
     if not meeting.any():
         return xy, speed
     drives = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
+    if begin is not None:
+        drives &= moving.boxes.step >= begin
     changed = _around(moving, meeting & drives, step_s) & drives
     if not changed.any():
         return xy, speed
@@ -73,7 +80,8 @@ def separated(
     there |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
     there[near[changed[near].any(axis=1)]] = True
     rows = np.flatnonzero(there)
-    paths = PartingPaths(moving.take(rows), changed[rows], blocks, height[rows], step_s)
+    already = np.zeros(len(rows)) if aside is None else aside[rows]
+    paths = PartingPaths(moving.take(rows), changed[rows], blocks, height[rows], step_s, already)
     moved = np.zeros((len(rows), 2))
     for _ in range(_OUTER):
         before, moved = moved, paths.apart(moved)

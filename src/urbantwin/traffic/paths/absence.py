@@ -1,0 +1,249 @@
+"""Absence: who would pass through somebody, or through what stands, is not there for that visit.
+
+People step aside (`crowd`) and vehicles wait (`yielding`). Whoever comes into another's box, or
+into something static, even so, is left out of the motion: from when it comes into the region until
+it leaves it; beyond the region, until it comes in. So nobody vanishes before a sensor's eyes.
+Of two the one is left out whose absence costs less.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.traffic.paths.obstacles import Obstacles
+from urbantwin.traffic.paths.overlap import rows_that_overlap
+
+__all__ = ["NOBODY", "Absent", "Bystanders", "absent_from"]
+
+#: Who is within this of the region and comes into it is on the same visit, metres: as long as what
+#: is long.
+_BESIDE_M = 20.0
+#: What the absence of one costs; of anybody else one.
+_COSTS = {"car": 2, "van": 2, "truck": 3, "trailer": 3, "bus": 4, "tram": 5}
+#: So many are told one by one.
+_TOLD = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Bystanders:
+    """Whom an event that others react to leaves as they were.
+
+    Attributes:
+        own: actors of the event, who are there, whatever comes of it.
+        until: the first step that may differ from the same traffic without the event.
+        absent: (K, 2) actor and step of who is not there in that.
+    """
+
+    own: frozenset[int]
+    until: int
+    absent: NDArray[np.int64]
+
+
+#: There is no event.
+NOBODY = Bystanders(frozenset(), 0, np.zeros((0, 2), np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class Absent:
+    """Who is not there.
+
+    Attributes:
+        rows: (N,) bool, of the table of actors.
+        steps: (K, 2) actor and step of the same.
+        told: for `motion.json`: ``visits`` that are left out, and ``of`` how many; ``actors``, by
+            class; ``each``: class, from when until when, with whom or what, when and where.
+    """
+
+    rows: NDArray[np.bool_]
+    steps: NDArray[np.int64]
+    told: dict[str, Any]
+
+
+def absent_from(
+    actors: pa.Table,
+    whose: NDArray[np.int64],
+    leads: NDArray[np.int64],
+    parked: pa.Table,
+    obstacles: Obstacles,
+    region: shapely.Geometry,
+    *,
+    step_s: float,
+    beside: Bystanders = NOBODY,
+) -> Absent:
+    """Return who has to be left out of a motion for no two boxes to overlap, and none the scene.
+
+    Args:
+        actors: of the motion, by time and track.
+        whose: (N,) the vehicle that each row is a body of.
+        leads: (N,) the same, but of who is led the one who leads it.
+        parked: who stands at every step.
+        obstacles: of the static world.
+        region: that is recorded.
+        step_s: time between steps.
+        beside: of an event.
+    """
+    step = np.round(actors["time_s"].to_numpy() / step_s).astype(np.int64)
+    xy = np.column_stack([actors["x"].to_numpy(), actors["y"].to_numpy()])
+    visit, begins, poses = _visits(whose, step, _inside(xy, region), _inside(xy, region, _BESIDE_M))
+    pairs, hits, what = rows_that_overlap(actors, parked, step_s, obstacles, visit)
+    count = len(begins)
+    kinds = np.array(actors["class"].take(_first_rows(visit, count)).to_pylist(), object)
+    by_visit = np.zeros(count, np.int64)
+    by_visit[visit] = whose
+    staged = np.isin(by_visit, list(beside.own))
+    stays = staged | (begins < beside.until)
+    gone = np.zeros(count, np.bool_)
+    early = step < beside.until
+    gone[visit[early & _among(whose, step, beside.absent)]] = True
+    gone &= ~staged
+    # Whoever meets what stands, or a body of its own, does so whoever else is there.
+    alone = (pairs[:, 1] < 0) | (visit[pairs[:, 0]] == visit[pairs[:, 1]])
+    meets = visit[np.concatenate([hits, pairs[alone, 0]])]
+    gone[meets] |= ~stays[meets]
+    met = visit[pairs[~alone]]
+    cost = np.array([_COSTS.get(kind, 1) for kind in kinds])
+    _choose(met, gone, stays, cost, poses)
+    rows = gone[visit]
+    steps = np.unique(np.column_stack([whose, step])[rows], axis=0)
+    led = whose != leads
+    rows |= led & _among(leads, step, steps)
+    why = _reasons(actors, pairs, hits, what, visit, gone)
+    ends = np.zeros(count, np.int64)
+    np.maximum.at(ends, visit, step)
+    each = [
+        {
+            "class": kinds[number],
+            "from_s": round(float(begins[number] * step_s), 3),
+            "until_s": round(float(ends[number] * step_s), 3),
+            **why.get(number, {}),
+        }
+        for number in np.flatnonzero(gone).tolist()
+    ]
+    told = {
+        "visits": len(each),
+        "of": count,
+        "actors": dict(sorted(Counter(str(one["class"]) for one in each).items())),
+        "each": each[:_TOLD],
+    }
+    return Absent(rows, steps, told)
+
+
+def _inside(
+    xy: NDArray[np.float64], region: shapely.Geometry, beside_m: float = 0.0
+) -> NDArray[np.bool_]:
+    """Return which points (N, 2) are within a region, or so far beside it."""
+    wide = region.buffer(beside_m)
+    shapely.prepare(wide)
+    return np.asarray(shapely.contains_xy(wide, *xy.T), np.bool_)
+
+
+def _visits(
+    whose: NDArray[np.int64],
+    step: NDArray[np.int64],
+    inside: NDArray[np.bool_],
+    near: NDArray[np.bool_],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the visit of each row (N,), the step with which each begins (V,), and its poses (V,).
+
+    A visit is how long one is there without coming into the region or leaving it. Whoever is near
+    the region, but not in it, is in it if it comes in before it goes farther away, or came.
+    """
+    order = np.lexsort([step, whose])
+    who, when = whose[order], step[order]
+    new = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) != 0)])[: len(order)]
+    first = np.flatnonzero(new)
+    who, when = who[first], when[first]
+    # Of a vehicle that bends any body counts.
+    within, beside = (
+        np.logical_or.reduceat(one[order], first) if len(first) else one for one in (inside, near)
+    )
+    broken = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) > 1)])[: len(first)]
+    runs = np.flatnonzero(broken | np.concatenate([[True], np.diff(beside)])[: len(first)])
+    comes_in = np.logical_or.reduceat(within, runs) if len(runs) else within
+    there = np.repeat(comes_in, np.diff(np.append(runs, len(first))))
+    begun = broken | np.concatenate([[True], np.diff(there)])[: len(first)]
+    of_cell = np.cumsum(begun) - 1
+    visit = np.empty(len(order), np.int64)
+    visit[order] = of_cell[np.cumsum(new) - 1]
+    return visit, when[begun], np.bincount(visit, minlength=int(begun.sum()))
+
+
+def _first_rows(visit: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Return the first row of each visit (V,)."""
+    found = np.zeros(count, np.int64)
+    found[visit[::-1]] = np.arange(len(visit))[::-1]
+    return found
+
+
+def _among(
+    who: NDArray[np.int64], step: NDArray[np.int64], some: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which of actors (N,) at steps (N,) are among some (K, 2)."""
+    wide = np.int64(1) << 32
+    return np.isin(who * wide + step, some[:, 0] * wide + some[:, 1])
+
+
+def _choose(
+    met: NDArray[np.int64],
+    gone: NDArray[np.bool_],
+    stays: NDArray[np.bool_],
+    cost: NDArray[np.int64],
+    poses: NDArray[np.int64],
+) -> None:
+    """Mark who goes of visits (V,) that overlap pair by pair (P, 2), until no two do who are there.
+
+    Again and again the one that costs least for each that it overlaps; of equals the shortest. Who
+    overlaps nobody else by then comes back. Two who both stay overlap.
+    """
+    every = {(a, b) for a, b in np.unique(np.sort(met, axis=1), axis=0).tolist()}
+    every = {(a, b) for a, b in every if not (gone[a] or gone[b] or (stays[a] and stays[b]))}
+    left, went = set(every), []
+    while left:
+        times = Counter(one for pair in left for one in pair if not stays[one])
+        went.append(min(times, key=lambda one: (cost[one] / times[one], poses[one], one)))
+        gone[went[-1]] = True
+        left = {pair for pair in left if went[-1] not in pair}
+    for one in sorted(went, key=lambda one: (-cost[one], -poses[one], one)):
+        gone[one] = any(one in pair and not gone[sum(pair) - one] for pair in every)
+
+
+def _reasons(
+    actors: pa.Table,
+    pairs: NDArray[np.int64],
+    hits: NDArray[np.int64],
+    what: NDArray[np.object_],
+    visit: NDArray[np.int64],
+    gone: NDArray[np.bool_],
+) -> dict[int, dict[str, Any]]:
+    """Return of each visit that is left out whom or what it would come into first."""
+    first: dict[int, tuple[int, str]] = {}
+
+    def note(row: int, other: str) -> None:
+        number = int(visit[row])
+        if gone[number] and row <= first.get(number, (row, ""))[0]:
+            first[number] = row, other
+
+    for row, name in zip(hits.tolist(), what.tolist(), strict=True):
+        note(row, name)
+    for one, other in pairs.tolist():
+        if other < 0:
+            note(one, "parked")
+        else:
+            note(one, actors["class"][other].as_py())
+            note(other, actors["class"][one].as_py())
+    return {
+        number: {
+            "with": name,
+            "time_s": actors["time_s"][row].as_py(),
+            "x": round(actors["x"][row].as_py(), 1),
+            "y": round(actors["y"][row].as_py(), 1),
+        }
+        for number, (row, name) in first.items()
+    }
