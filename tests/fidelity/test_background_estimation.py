@@ -87,6 +87,25 @@ def test_as_many_frames_are_needed_as_show_a_half_lost_surface_twice():
     assert 0.9 < found.known.mean() <= 1 - (LEAST_FRAMES + 1) / 2**LEAST_FRAMES
 
 
+def test_traffic_that_waited_all_the_time_is_no_background():
+    one = beams()
+    rng = np.random.default_rng(4)
+    # Half of the looks of each beam pass through what stands at 5 m, and meet 20 m.
+    met = np.where(rng.random((LEAST_FRAMES, one.count)) < 0.5, 5.0, 20.0)
+    frames = looks_at(one, met, np.ones(met.shape, bool))
+    (both,) = measured_backgrounds(frames, [one])
+    (far,) = measured_backgrounds(
+        frames, [one], waits=[lambda places: np.linalg.norm(places, axis=1) < 10]
+    )
+    kept = (both.share > 0).sum(axis=0) == 2
+    assert kept.mean() > 0.5
+    np.testing.assert_allclose(far.range_m[0][kept], 20.0, rtol=1e-6)
+    assert ((far.share > 0).sum(axis=0)[kept] == 1).all()
+    (none,) = measured_backgrounds(frames, [one], waits=[lambda places: np.ones(len(places), bool)])
+    assert not none.known.any()
+    assert not none.looks.any()  # such a beam sees the twin
+
+
 def test_frames_of_a_sensor_that_moved_are_refused():
     one, generator = beams(), np.random.default_rng(3)
     passing = generator.uniform(3, 90, (LEAST_FRAMES, one.count))

@@ -195,3 +195,29 @@ def test_a_turned_recording_is_told(tmp_path):
         write_corner(tmp_path / "twin", 1, turn=90, count=1), real, tmp_path / "out", arbitrary=None
     )
     assert [note for note in report.notes if "look rotated by 90 degrees" in note]
+
+
+def test_real_against_real_of_other_frames_within_a_box(tmp_path):
+    rng = np.random.default_rng(11)
+    for name, far in (("real", 0.0), ("earlier", 0.1), ("twin", 0.3)):
+        (tmp_path / name).mkdir()
+        for frame in range(2):
+            near = rng.uniform([5, -5, -1], [9, 5, 1], (1500, 3)) + [far, 0, 0]
+            beyond = rng.uniform([30, -5, -1], [40, 5, 1], (1500, 3)) * (1 + far)
+            np.save(tmp_path / name / f"{frame}.npy", np.concatenate([near, beyond])[:, :3])
+    asked = {"arbitrary": None, "within": (10, 6, 2), "protocol": "urbantwin-challenge"}
+    real, anchor = tmp_path / "real", tmp_path / "earlier"
+    report = compare(real, tmp_path / "twin", tmp_path / "a", anchor=anchor, **asked)
+    # What is told of the anchor is what comparing with it says.
+    same = compare(real, anchor, tmp_path / "b", **asked)
+    for name in ("hausdorff_p95_m", "js_range", "chamfer_m"):
+        assert report.real_against_real[name].mean == same.twin[name].mean
+    assert report.twin["chamfer_m"].mean > report.real_against_real["chamfer_m"].mean
+    assert all(frame.points["real"]["compared"] == 1500 for frame in report.frames)
+    scores = report.protocol["scores"]
+    assert set(scores) == {"twin", "twin_fitted", "real_against_real"}
+    assert any("not between neighbours" in note for note in report.notes)
+    with pytest.raises(InputError, match="are no half extents"):
+        compare(real, anchor, tmp_path / "c", within=(10, 0, 2))
+    with pytest.raises(InputError, match="no point within"):
+        compare(real, anchor, tmp_path / "c", within=(1, 1, 1), arbitrary=None)

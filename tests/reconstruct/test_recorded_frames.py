@@ -13,7 +13,7 @@ from urbantwin.reconstruct import TriangleMesh
 from urbantwin.reconstruct.recording import Looks, RecordedFrames, moving_points
 from urbantwin.reconstruct.recording.beams import recorded_beams
 from urbantwin.reconstruct.recording.recorded_world import read_recording
-from urbantwin.reconstruct.recording.standing_things import standing_things
+from urbantwin.reconstruct.recording.standing_things import standing_things, waiting_parts
 from urbantwin.taxonomy import semantic_id
 
 COLUMNS, RINGS = 360, 12
@@ -174,6 +174,24 @@ def test_things_are_told_by_their_shape():
     assert [semantic_id(one) for one in name] == found.semantic.tolist()
     assert (found.on_road == (name == "car")).all()
     assert not standing_things(mesh, shapely.Polygon()).on_road.any()
+
+    # Two bumper to bumper, one whose flank alone was seen, and beside the carriageway the same.
+    more = {
+        "two": upright(30, 0, 9.2, 1.8, 1.5),
+        "flank": upright(45, 1, 4.4, 0.02, 1.4),
+        "hedge": upright(38, 3.4, 20.0, 1.0, 1.2),
+        "post": upright(52, 0, 0.2, 0.2, 3.0),
+        "crown": upright(25, 0, 3.0, 3.0, 2.0) + [0.0, 0.0, 2.5],
+    }
+    corner = np.concatenate(list(more.values()))
+    index = np.arange(3 * len(corner), dtype=np.int32).reshape(-1, 3)
+    mesh = TriangleMesh(corner.reshape(-1, 3), index, None, np.zeros(len(corner), np.int32), ("x",))
+    street = shapely.box(20, -3.4, 60, 3.4)
+    waits, count = waiting_parts(mesh, street, corner.mean(axis=1)[:, 2])
+    name = np.repeat(list(more), [len(one) for one in more.values()])
+    assert count == 2
+    assert set(name[waits]) == {"two", "flank"}
+    assert waits[np.isin(name, ["two", "flank"])].all()
 
 
 def test_a_sector_in_which_nothing_ever_comes_back_is_blind(tmp_path):

@@ -175,6 +175,35 @@ def test_one_way_exits_lead_round_the_region_to_entries_without_crossing(write_o
             assert meet.is_empty or min(meet.distance(end) for end in line.boundary.geoms) < 0.01
 
 
+def test_a_road_round_the_region_leaves_it_free_where_the_map_has_nothing(write_osm):
+    """A one-way street alone: the way back lay 20 m beside it, within the region."""
+    nodes = {1: (-200, 0, {}), 2: (200, 10, {})}
+    one_way = {20: ([1, 2], {"highway": "tertiary", "oneway": "yes"})}
+    extract = read_extract(write_osm(nodes, one_way))
+    pieces = extract.clipped(HERE, REGION, list(extract.ways.values()))
+    loop = close_loop(pieces, extract.nodes, driving_side="right", region=REGION)
+    assert loop.notes["roads_round_the_region"] == 1
+    assert all(REGION.buffer(-0.1).disjoint(shapely.LineString(x.points)) for x in loop.outer)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_both_carriageways_of_a_street_without_a_junction_stand(side, write_osm, tmp_path):
+    """People cross it in two stages, and nothing else meets it within the region."""
+    y = 9 if side == "right" else -9
+    nodes = {1: (-200, -y, {}), 2: (0, -y, {}), 3: (200, -y, {})}
+    nodes |= {4: (200, y, {}), 5: (0, y, {}), 6: (-200, y, {})}
+    tags = {"highway": "primary", "oneway": "yes", "lanes": "2"}
+    made = write_osm(nodes, {20: ([1, 2, 3], tags), 21: ([4, 5, 6], tags)})
+    net = tmp_path / "n.net.xml"
+    roads = built(made, HERE, REGION, net, side)
+    assert roads.notes["left_out"] == []
+    assert {way for road in roads.network.roads for way in road.ways} == {20, 21}
+    assert roads.notes["closed_loop"]["carriageways_joined"] == 2
+    _, graph = drivable(net, "passenger")
+    count, _ = scipy.sparse.csgraph.connected_components(graph, connection="strong")
+    assert count == 1
+
+
 def test_more_exits_than_entries_share_them(write_osm, tmp_path):
     nodes = {1: (-200, 0, {}), 2: (0, 0, {}), 3: (200, 0, {}), 4: (0, 200, {}), 5: (0, -200, {})}
     tags = {"highway": "tertiary", "oneway": "yes"}

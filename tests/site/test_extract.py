@@ -201,3 +201,16 @@ def test_way_with_unknown_nodes_is_cut_without_them(tmp_path: Path) -> None:
     clipped = extract.clipped(FRAME, shapely.Point(0, 0).buffer(100), [ragged])
     lengths = [shapely.LineString(piece.points).length for piece in clipped]
     assert lengths == pytest.approx([200.0], abs=0.1)
+
+
+def test_two_nodes_of_a_street_at_one_place_are_one(write_osm):
+    """A cross street meets the second of them, the signal is at the first."""
+    nodes = {1: (-100, 0, {}), 2: (0, 0, {"highway": "traffic_signals"}), 3: (0, 0, {"ref": "x"})}
+    nodes |= {4: (100, 0, {}), 5: (0, -100, {}), 6: (0, 100, {}), 7: (0, 0, {})}
+    street = {"highway": "residential"}
+    ways = {10: ([1, 2, 2, 3, 4], street), 11: ([5, 3, 6], street), 12: ([7, 7], street)}
+    extract = read_extract(write_osm(nodes, ways))
+    assert extract.ways[10].nodes == (1, 2, 4)
+    assert extract.ways[11].nodes == (5, 2, 6)
+    assert extract.ways[12].nodes == (7,), "what nothing joins stays apart"
+    assert extract.node_tags[2] == {"highway": "traffic_signals", "ref": "x"}

@@ -10,6 +10,7 @@ from urbantwin.traffic.paths.crowd import crowd_walked
 from urbantwin.traffic.paths.detours import round_blocks
 from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.walked_cells import WalkedCells
+from urbantwin.traffic.paths.walked_ground import WalkedGround
 
 STEP_S = 0.1
 HALF = {"pedestrian": (0.3, 0.25), "car": (2.2, 0.9)}
@@ -47,7 +48,9 @@ def walked(
     )
     footway = footway or shapely.box(-50, -50, 50, 50)
     solids: np.ndarray = np.array([], object)
-    found = crowd_walked(columns, moving, half, STEP_S, blocks, solids, footway)
+    afoot = columns["xy"][np.array(kinds)[actor] == "pedestrian"]
+    ground = WalkedGround(afoot, blocks, solids, footway)
+    found = crowd_walked(columns, moving, half, STEP_S, ground)
     shapes = PlanBoxes(step, found["xy"], found["yaw"], half).polygons.reshape(len(ways), count)
     return found["xy"].reshape(len(ways), count, 2), shapes
 

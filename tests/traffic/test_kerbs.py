@@ -7,9 +7,11 @@ from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.crowd import crowd_walked
 from urbantwin.traffic.paths.kerbs import Crossings
 from urbantwin.traffic.paths.parting import Moving
+from urbantwin.traffic.paths.walked_ground import WalkedGround
 
 STEP_S, COUNT, KERB_X, OVER_X = 0.1, 500, 4.0, 12.0
 NOTHING = PlanBoxes(np.zeros(0, int), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
+SOLIDS: np.ndarray = np.array([], object)
 FOOTWAY = shapely.box(-50, -50, 50, 50)
 FOOTPATH, CROSSING, BEYOND = 0, 1, 2
 
@@ -45,7 +47,7 @@ def crossed(
     light = np.array([-2, -1 if green is None else 0, -2])
     shown = np.zeros((0, COUNT), np.uint8) if green is None else green[None].astype(np.uint8)
     found = crowd_walked(
-        columns, moving, half, STEP_S, NOTHING, np.array([], object), FOOTWAY,
+        columns, moving, half, STEP_S, WalkedGround(xy[:COUNT], NOTHING, SOLIDS, FOOTWAY),
         crossings=Crossings(light, shown),
     )  # fmt: skip
     shapes = PlanBoxes(step, found["xy"], found["yaw"], half).polygons.reshape(len(ways), COUNT)

@@ -68,6 +68,10 @@ def background(
     intensity_scale: Annotated[
         float | None, typer.Option(metavar="X", help="What the data call full scale of intensity.")
     ] = None,
+    traffic: Annotated[
+        bool,
+        typer.Option("--traffic", help="With --twin: keep what waited on its lanes all the time."),
+    ] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -85,6 +89,7 @@ def background(
         points_in=points_in,
         elevations=elevations,
         intensity_scale=intensity_scale,
+        traffic=traffic,
         progress=not quiet,
     )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -16,6 +16,7 @@ __all__ = ["EXAMPLES", "calibrate"]
 EXAMPLES = """
 urbantwin calibrate tracks.yaml --site site.yaml -o calibrated/
 urbantwin calibrate tracks.csv --site site.yaml -o calibrated/ --fit-share 0.5 --gap 60
+urbantwin calibrate observed/ --site site.yaml -o calibrated/
 urbantwin traffic twin/ -o motion/ --demand calibrated/traffic.yaml
 urbantwin run calibrated/site.yaml -o out/
 """
@@ -26,7 +27,8 @@ def calibrate(
         Path,
         typer.Argument(
             help="A description of recorded tracks (YAML, docs/recorded_traffic.md), or the "
-            "tracks: CSV, OpenLABEL or nuScenes JSON, KITTI labels, OpenSCENARIO.",
+            "tracks: CSV, OpenLABEL or nuScenes JSON, KITTI labels, OpenSCENARIO; or a folder of "
+            "`urbantwin observe`.",
         ),
     ],
     site: Annotated[Path, typer.Option(metavar="FILE", help="The site.yaml.")],

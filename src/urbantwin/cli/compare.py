@@ -18,6 +18,7 @@ urbantwin compare real/ out/dataset/ -o report/
 urbantwin compare real/ out/dataset/ -o report/ --arbitrary elsewhere/
 urbantwin compare real/ out/dataset/ -o report/ --arbitrary none
 urbantwin compare real/ out/dataset/ -o report/ --protocol urbantwin-challenge
+urbantwin compare later/ out/dataset/ -o report/ --anchor earlier/ --within 40 40 5
 urbantwin compare --objects kitti/training -o objects/
 urbantwin compare --objects clouds/ --layout tumtraf --sensor OS1-64 -o objects/
 """
@@ -60,6 +61,21 @@ def compare(
             "[default: an example site, recorded by the dataset's sensors]",
         ),
     ] = None,
+    anchor: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Other real frames of the place, for real against real.  [default: each frame's "
+            "neighbour]",
+        ),
+    ] = None,
+    within: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z",
+            help="Crop all sides to so much each way from the frame's origin, metres.",
+        ),
+    ] = None,
     layout: Layout = None,
     columns: RowWidth = None,
     origin: Annotated[
@@ -89,6 +105,8 @@ def compare(
         objects=objects,
         sensor=sensor,
         arbitrary=arbitrary,
+        anchor=anchor,
+        within=within,
         layout=layout,
         columns=columns,
         origin=origin,

@@ -16,7 +16,7 @@ __all__ = ["EXAMPLES", "record"]
 EXAMPLES = """
 urbantwin record twin/ motion/ -o dataset/
 urbantwin record twin/ motion/ --rig rig.yaml -o dataset/ --workers 4
-urbantwin record twin/ motion/ -o dataset/ --start 5 --stop 10
+urbantwin record twin/ motion/ -o dataset/ --start 5 --stop 10 --every 10
 urbantwin record twin/ motion/ -o dataset/ --weather rain --visibility 800
 urbantwin record twin/ motion/ -o dataset/ --effects none
 urbantwin record twin/ motion/ --rig bus.yaml --ride 12 -o dataset/
@@ -38,6 +38,9 @@ def record(
     stop: Annotated[
         float | None, typer.Option(min=0.0, metavar="S", help="No frame after this time.")
     ] = None,
+    every: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Only each N-th frame of the rig's rate.")
+    ] = 1,
     effects: Annotated[
         str | None,
         typer.Option(
@@ -99,6 +102,7 @@ def record(
         rig=rig,
         start=start,
         stop=stop,
+        every=every,
         effects=effects,
         weather=weather,
         visibility=visibility,

@@ -104,11 +104,18 @@ def recipe_of(
         "made_from": {
             "twin": _part(twin.manifest, "version", "made_from"),
             "motion": _part(motion.manifest, "urbantwin", "asked", "made"),
-            "record": None if asked is None else {**asked, "span_s": [times[0], times[-1]]},
+            "record": None if asked is None else {**asked, **_span(times_s)},
         },
         "start_s": times[0],
         "frames": [frame_name(index) for index in times_s],
     }
+
+
+def _span(times_s: Mapping[int, float]) -> dict[str, Any]:
+    """Return between which moments frames were recorded, and each N-th of how many."""
+    numbers, times = list(times_s), list(times_s.values())
+    every = numbers[1] - numbers[0] if len(numbers) > 1 else 1
+    return {"span_s": [times[0], times[-1]]} | ({"every": every} if every > 1 else {})
 
 
 def versions_here(backend: str) -> dict[str, Any]:

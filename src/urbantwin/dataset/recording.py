@@ -50,6 +50,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     seed: int | None = None,
     start_s: float = 0.0,
     stop_s: float | None = None,
+    every: int = 1,
     rig_file: str | Path | None = None,
     backend: str = "embree",
     asked: Mapping[str, Any] | None = None,
@@ -76,6 +77,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         seed: of all that a sensor leaves to chance; the site's ``traffic.seed`` when not given.
         start_s: no frame before it.
         stop_s: no frame after it; the motion's last step when not given.
+        every: of the frames only those whose number is a multiple of this.
         rig_file: the rig's file, for errors.
         backend: what casts the rays: ``embree``, ``warp`` or ``warp:DEVICE``.
         asked: what the rig was placed from, for who makes the dataset again: see `asked_of`.
@@ -98,7 +100,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         raise InputError(f"the seed is {seed}", place="seed", expected="0 or more")
     if motion.manifest["twin_sha256"] != twin.sha256:
         raise InputError("the motion was made on another twin", expected="a motion on this twin")
-    times_s = frame_times(rig.rate_hz, start_s, stop_s, motion.times())
+    times_s = frame_times(rig.rate_hz, start_s, stop_s, motion.times(), every=every)
     file = None if rig_file is None else str(rig_file)
     rig = boarded(rig, motion, list(times_s.values()), fastest_m_s=FASTEST_M_S, file=file)
     tracer_on(backend)  # Before any work: is it there?
@@ -171,8 +173,12 @@ def frame_times(
     start_s: float,
     stop_s: float | None,
     steps_s: Any,  # noqa: ANN401
+    *,
+    every: int = 1,
 ) -> dict[int, float]:
     """Return the number of each frame and its time: the multiples of 1 / rate within the span.
+
+    Of these, frames whose number is a multiple of ``every``.
 
     Raises:
         InputError: the span is empty or leaves the motion.
@@ -190,10 +196,13 @@ def frame_times(
         raise InputError(f"{stop:g} s is after the motion", place="stop_s", expected=span)
     low = math.ceil((start_s - SAME_TIME_S) * rate_hz)
     high = math.floor((stop + SAME_TIME_S) * rate_hz)
+    if every < 1:
+        raise InputError(f"each {every}th frame", place="every", expected="1 or more")
+    low, high = -(-low // every) * every, high // every * every
     if high < low:
         raise InputError(
-            f"no frame at {rate_hz:g} Hz lies in {start_s:g} to {stop:g} s",
+            f"no frame at {rate_hz / every:g} Hz lies in {start_s:g} to {stop:g} s",
             place="stop_s",
             expected=span,
         )
-    return {index: index / rate_hz for index in range(low, high + 1)}
+    return {index: index / rate_hz for index in range(low, high + 1, every)}

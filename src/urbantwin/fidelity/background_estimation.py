@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from urbantwin.reconstruct.recording.range_modes import RangeModes, range_modes
 
 __all__ = ["LEAST_FRAMES", "measure_recording", "measured_backgrounds"]
 
+#: Tells which places (N, 3) are of traffic that waits (N,).
+Waits = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 #: Of a range there are two looks at least: what sends back every second look is met so often in
 #: 99 of 100 cases (binomial), and found to stand still in nine of ten.
 LEAST_FRAMES = 11
@@ -40,6 +43,7 @@ def measured_backgrounds(
     sensors: Sequence[BeamsOf],
     *,
     intensity_scale: float | None = None,
+    waits: Sequence[Waits] = (),
     file: Path | None = None,
 ) -> list[MeasuredBackground]:
     """Return per-beam statistics of what stands still, for each sensor.
@@ -51,6 +55,8 @@ def measured_backgrounds(
         frames: in the order of time; two looks of one beam in a frame count once.
         sensors: that they are of.
         intensity_scale: what the data call full scale; guessed if not given.
+        waits: of each sensor, what tells which places (N, 3) in its own frame are of traffic that
+            waits: no background, however long it stood there.
         file: for errors.
 
     Raises:
@@ -84,7 +90,7 @@ def measured_backgrounds(
             expected="frames of that sensor in its own frame, or its pose in theirs",
         )
     scale = full_scale(brightest) if intensity_scale is None else intensity_scale
-    backgrounds = []
+    backgrounds: list[MeasuredBackground] = []
     for one in sensors:
         mine = looks.pop(0)
         points = sum(len(beam) for beam, *_ in mine)
@@ -97,8 +103,33 @@ def measured_backgrounds(
                 file=file,
                 expected="frames of a sensor that stands still, in its own frame",
             )
+        if waits:
+            modes = _without_traffic(one, modes, waits[len(backgrounds)])
         backgrounds.append(_background(one, modes, scale))
     return backgrounds
+
+
+def _without_traffic(one: BeamsOf, modes: RangeModes, waits: Waits) -> RangeModes:
+    """Return the ranges without those of traffic that waits; beams of nothing else have none."""
+    aim = one.directions.reshape(-1, 3)
+    share = modes.share.copy()
+    for mode in range(share.shape[1]):
+        some = np.flatnonzero(share[:, mode] > 0)
+        place = aim[some] * modes.range_m[some, mode, None]
+        share[some[waits(place)], mode] = 0
+    # What is seen beyond it keeps its share of the looks, which nothing passing by obstructed.
+    gone = share.sum(axis=1) == 0
+    order = np.argsort(-share, axis=1, kind="stable")
+    images = {
+        name: np.take_along_axis(values, order, axis=1)
+        for name, values in (
+            ("share", share),
+            ("range_m", np.where(share > 0, modes.range_m, np.float32(0))),
+            ("sigma_m", np.where(share > 0, modes.sigma_m, np.float32(0))),
+            ("intensity", modes.intensity),
+        )
+    }
+    return replace(modes, **images, looks=np.where(gone, 0, modes.looks).astype(np.int32))
 
 
 def measure_recording(
@@ -107,6 +138,7 @@ def measure_recording(
     out: Path,
     *,
     intensity_scale: float | None = None,
+    waits: Sequence[Waits] = (),
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Measure the static world from a recording and write it.
@@ -116,6 +148,7 @@ def measure_recording(
         sensors: that it is of.
         out: the ``.npz`` to write.
         intensity_scale: what the data call full scale; guessed if not given.
+        waits: see `measured_backgrounds`.
         progress: called with the fraction done and what is being done.
 
     Returns:
@@ -143,7 +176,9 @@ def measure_recording(
                 if len(problems) == len(used):
                     raise
 
-    found = measured_backgrounds(frames(), sensors, intensity_scale=intensity_scale, file=real)
+    found = measured_backgrounds(
+        frames(), sensors, intensity_scale=intensity_scale, waits=waits, file=real
+    )
     save_backgrounds(out, found)
     say(1.0, "done")
     return {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -13,8 +14,18 @@ from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.errors import InputError, UrbanTwinError
 from urbantwin.fidelity.findings import Findings, report_of
 from urbantwin.fidelity.pairs import MOST_ANCHORS, Pairs, measured_pairs
+from urbantwin.fidelity.readers import Recording
+from urbantwin.fidelity.readers.cropped import cropped_recording
 from urbantwin.fidelity.report import Report
-from urbantwin.fidelity.sides import LABELS, MODEL, Side, model_background, open_side, survey
+from urbantwin.fidelity.sides import (
+    ANCHOR,
+    LABELS,
+    MODEL,
+    Side,
+    model_background,
+    open_side,
+    survey,
+)
 from urbantwin.progress import Progress, untold
 
 __all__ = ["compare"]
@@ -34,6 +45,8 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
     out: Path,
     *,
     arbitrary: Path | Literal["example"] | None = "example",
+    anchor: Path | None = None,
+    within: ArrayLike | None = None,
     columns: int | None = None,
     layout: str | None = None,
     origin: ArrayLike | None = None,
@@ -56,6 +69,11 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
         arbitrary: synthetic frames of some other place: the control that the twin is measured
             beside. ``example``: an example site, recorded by the twin's sensors
             (`arbitrary.arbitrary_recording`); ``None``: no control.
+        anchor: real frames of the same place and sensors at another time, for real against real:
+            what a twin that was made from those is measured beside. By default each real frame's
+            neighbour is, which has nearly the same traffic.
+        within: (3,) half extents about the frame's origin, metres: all sides are cropped to them,
+            where the real frames are.
         columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
         layout: of the real frames, where their files do not tell it.
         origin: (3,) the sensor's place in the frame of the points, metres: where ranges and the
@@ -77,9 +95,10 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
 
         check_protocol(protocol)
     control = arbitrary if isinstance(arbitrary, Path) else None
-    inputs = [real, synthetic, control, detections]
+    inputs = [real, synthetic, control, anchor, detections]
+    opened = _Openers(columns, layout, None if within is None else _extents(within))
     with replaced_folder(out, kind="report", inputs=inputs) as folder:
-        sides, lacking = _opened(real, synthetic, arbitrary, columns, layout, folder, tell)
+        sides, lacking = _opened(real, synthetic, arbitrary, anchor, opened, folder, tell)
         pairs = Pairs(sides, _origin(sides["real"], origin), _split(sides))
         found = _measured(pairs, workers, tell)
         scored = None
@@ -125,25 +144,54 @@ def _draw(report: Report, found: Findings, folder: Path) -> None:
     )
 
 
+@dataclass(frozen=True)
+class _Openers:
+    """How recordings are opened."""
+
+    columns: int | None
+    layout: str | None
+    within: tuple[float, ...] | None
+
+    def open(self, name: str, path: Path) -> Recording:
+        real = name in ("real", ANCHOR)
+        return self.cropped(open_side(name, path, self.columns, self.layout if real else None))
+
+    def cropped(self, recording: Recording) -> Recording:
+        return recording if self.within is None else cropped_recording(recording, self.within)
+
+
+def _extents(within: ArrayLike) -> tuple[float, ...]:
+    half = np.asarray(within, np.float64).ravel()
+    if half.shape != (3,) or not ((half > 0) & (half < np.inf)).all():
+        raise InputError(
+            f"{' '.join(f'{one:g}' for one in half)} are no half extents",
+            place="within",
+            expected="x, y and z in metres, all above 0",
+        )
+    return tuple(half.tolist())
+
+
 def _opened(
     real: Path,
     synthetic: Path,
     arbitrary: Path | Literal["example"] | None,
-    columns: int | None,
-    layout: str | None,
+    anchor: Path | None,
+    opened: _Openers,
     scratch: Path,
     tell: Progress,
 ) -> tuple[dict[str, Side], list[str]]:
     """Open the sides and read every frame that will be compared once; say what is lacking."""
     recordings = {
-        "real": open_side("real", real, columns, layout),
-        "synthetic": open_side("synthetic", synthetic, columns),
+        "real": opened.open("real", real),
+        "synthetic": opened.open("synthetic", synthetic),
     }
     if isinstance(arbitrary, Path):
-        recordings["arbitrary"] = open_side("arbitrary", arbitrary, columns)
+        recordings["arbitrary"] = opened.open("arbitrary", arbitrary)
+    if anchor is not None:
+        recordings[ANCHOR] = opened.open(ANCHOR, anchor)
     pairs = min(len(recordings["real"]), len(recordings["synthetic"]))
     # One real frame more than pairs: the last one's neighbour.
-    used = {"real": pairs + 1, "synthetic": pairs, "arbitrary": MOST_ANCHORS}
+    used = {"real": pairs + 1, "synthetic": pairs, "arbitrary": MOST_ANCHORS, ANCHOR: pairs}
     sides = {
         name: Side(name, recording, min(len(recording), used[name]))
         for name, recording in recordings.items()
@@ -178,6 +226,7 @@ def _opened(
         except UrbanTwinError as error:  # The twin is measured all the same.
             lacking.append(f"There is no arbitrary site: {error}.")
         else:
+            recording = opened.cropped(recording)
             sides["arbitrary"] = Side("arbitrary", recording, min(len(recording), pairs))
             survey(sides["arbitrary"], lambda: None)
     return sides, lacking
@@ -204,8 +253,9 @@ def _split(sides: dict[str, Side]) -> str | None:
         return LABELS
     modelled = [model_background(side) for side in pair]
     if all(modelled):
-        if "arbitrary" in sides:
-            model_background(sides["arbitrary"])
+        for name in ("arbitrary", ANCHOR):
+            if name in sides:
+                model_background(sides[name])
         return MODEL
     return None
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity import histograms as bins
 from urbantwin.fidelity import rebuilt_surface
+from urbantwin.fidelity.foreground_objects import foreground_objects
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND
 from urbantwin.fidelity.missing import NEAR_M, SPACING_SHARE, MissingPlaces
@@ -17,7 +18,7 @@ from urbantwin.fidelity.object_statistics import object_differences
 from urbantwin.fidelity.pairs import MeasuredPair, Pairs
 from urbantwin.fidelity.point_to_mesh import MAX_POINTS
 from urbantwin.fidelity.report import Anchored, FrameFigures, Report, anchored
-from urbantwin.fidelity.sides import Side
+from urbantwin.fidelity.sides import ANCHOR, Side
 
 __all__ = ["Findings", "report_of"]
 
@@ -67,7 +68,9 @@ def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
                 "name": side.recording.path.resolve().name,
                 "layout": side.recording.layout,
                 "clouds": len(side.recording),
-                "compared": sum(name in frame.points for frame in frames),
+                "compared": side.count
+                if name == ANCHOR
+                else sum(name in frame.points for frame in frames),
                 "intensity_full_scale": side.scale,
             }
             for name, side in sides.items()
@@ -81,6 +84,7 @@ def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
         parts={part: one for part, one in parts.items() if one is not None},
         split_by=split_by,
         objects=_objects(sides),
+        foreground_objects=foreground_objects(sides, split_by),
         missing=found.missing.places(),
         parameters=_parameters(found.pairs.origin),
         notes=_notes(found, doubts),
@@ -152,7 +156,7 @@ def _notes(found: Findings, doubts: list[str]) -> list[str]:
     )
     for name, side in sides.items():
         more = len(side.recording) - (anchors if name == "arbitrary" else pairs)
-        if name == "arbitrary" and more > 0:
+        if name in ("arbitrary", ANCHOR) and more > 0:
             continue
         if more > 0:
             notes.append(f"{name}: {more} further clouds have no partner.")
@@ -174,6 +178,11 @@ def _notes(found: Findings, doubts: list[str]) -> list[str]:
         notes += [f"{name}: {note}" for note in (shown.notes if shown else ())]
     if pairs > anchors:
         notes.append(f"Both anchors are measured at {anchors} pairs, spread evenly.")
-    if len(sides["real"].recording) < 2:
+    if ANCHOR in sides:
+        notes.append(
+            "Real against real is between the real frames and those of "
+            f"{sides[ANCHOR].recording.path.name}, not between neighbours."
+        )
+    elif len(sides["real"].recording) < 2:
         notes.append("A single real frame: there is no real against real.")
     return notes

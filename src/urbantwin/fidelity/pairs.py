@@ -16,7 +16,7 @@ from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND, Measured, RealFra
 from urbantwin.fidelity.missing import without_surface
 from urbantwin.fidelity.report import FrameFigures
 from urbantwin.fidelity.sampling import evenly
-from urbantwin.fidelity.sides import Side
+from urbantwin.fidelity.sides import ANCHOR, Side
 from urbantwin.processes import usable_processors, worker_pool
 
 __all__ = ["MOST_ANCHORS", "MeasuredPair", "Pairs", "measured_pairs"]
@@ -49,7 +49,8 @@ class Pairs:
     """The pairs of a comparison, to be measured in any order: none needs another.
 
     Attributes:
-        sides: "real", "synthetic" and, with a control, "arbitrary".
+        sides: "real", "synthetic"; with a control, "arbitrary"; and where real against real is not
+            of neighbours, "anchor".
         origin: (3,) the sensor's place in the frame of the points, metres.
         split_by: how foreground is separated from background (`Side.foreground`).
     """
@@ -73,9 +74,17 @@ class Pairs:
         found = {
             name: side.read(at)
             for name, side in self.sides.items()
-            if (at := number[name]) is not None
+            if (at := number.get(name)) is not None
         }
         return {name: frame for name, frame in found.items() if frame is not None}
+
+    def _real_again(self, index: int) -> tuple[Side, Frame | None]:
+        """Return the other real frame of a pair: of the other recording, or the next one."""
+        anchor = self.sides.get(ANCHOR)
+        if anchor is not None:
+            return anchor, anchor.read(index % max(anchor.count, 1))
+        real = self.sides["real"]
+        return real, real.read(index + 1)
 
     def measure(self, index: int) -> MeasuredPair | None:
         """Measure a pair and, where it is one of ``anchors``, these; None without either frame."""
@@ -100,7 +109,7 @@ class Pairs:
             "arbitrary": against(self.sides["arbitrary"], frames["arbitrary"])
             if "arbitrary" in frames
             else None,
-            "real": against(real, real.read(index + 1)) if index in self.anchors else None,
+            "real": against(*self._real_again(index)) if index in self.anchors else None,
         }
         binned = {"real": frame.histograms.binned}
         for side, name in (("synthetic", "twin"), ("arbitrary", "arbitrary")):

@@ -116,6 +116,8 @@ class Report:
         parts: the same of foreground and background, where frames are split.
         split_by: how they are: by labels or by a background model; None where they are not.
         objects: statistics of labelled objects by side, and differences.
+        foreground_objects: what moves on unlabelled sides, object by object, and differences
+            (`foreground_objects`).
         missing: places where real points have nothing of the twin near them, worst first.
         parameters: bins, thresholds and scales that the figures depend on.
         notes: what a reader must know about the input.
@@ -131,6 +133,7 @@ class Report:
     parts: dict[str, Anchored] = field(default_factory=dict)
     split_by: str | None = None
     objects: dict[str, Any] | None = None
+    foreground_objects: dict[str, Any] | None = None
     missing: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
@@ -224,6 +227,7 @@ class Report:
             "split_by": self.split_by,
             "parts": {name: found.as_json() for name, found in self.parts.items()},
             "objects": self.objects,
+            "foreground_objects": self.foreground_objects,
             "missing": self.missing,
             "protocol": self.protocol,
             "definitions": {

@@ -74,6 +74,7 @@ def write_page(report: Report, pictures: Pictures, path: Path) -> None:
         "<h2>Worst frames first</h2>",
         _worst(report, pictures.worst),
         _objects(report, pictures.objects),
+        _foreground_objects(report),
         _protocol(report),
         "<details><summary>Every measure</summary>",
         _measures("Whole frames", report.whole),
@@ -235,6 +236,26 @@ def _objects(report: Report, picture: Path | None) -> str:
         "Points a box, farthest ratio",
     )
     return _picture("Objects", picture) + (_table(head, rows) if rows else "")
+
+
+def _foreground_objects(report: Report) -> str:
+    found = report.foreground_objects
+    if found is None:
+        return ""
+    rows = [
+        (
+            f"JS of {name}",
+            _number(found["js_twin"][name]),
+            _number(found["js_real_against_real"][name]),
+            _number(found["ratio_to_real"][name]),
+        )
+        for name in found["js_twin"]
+    ]
+    a_frame = found["objects_per_frame"]
+    rows.append(("Objects a frame", _number(a_frame["synthetic"]), _number(a_frame["real"]), ""))
+    return "<h2>What moves, object by object</h2>" + _table(
+        ("Foreground that lies together", "Twin", "Real against real", "Twin / real"), rows
+    )
 
 
 def _typical(classes: Mapping[str, Any], name: str) -> float | None:

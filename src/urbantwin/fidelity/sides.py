@@ -19,10 +19,12 @@ from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.fidelity.sampling import evenly
 from urbantwin.processes import threads
 
-__all__ = ["LABELS", "MODEL", "Side", "model_background", "open_side", "survey"]
+__all__ = ["ANCHOR", "LABELS", "MODEL", "Side", "model_background", "open_side", "survey"]
 
 #: How foreground is separated from background.
 LABELS, MODEL = "labels", "background model"
+#: Other real frames of the place, for real against real.
+ANCHOR = "anchor"
 #: Frames that a background model is made of; of more, so many that are spread evenly.
 _MODEL_FRAMES = 60
 
@@ -32,7 +34,7 @@ class Side:
     """One side of a comparison.
 
     Attributes:
-        name: "real", "synthetic" or "arbitrary".
+        name: "real", "synthetic", "arbitrary" or "anchor".
         recording: its frames.
         count: how many of them are used.
         scale: full scale of its intensity; None where not every frame has intensity.

@@ -286,6 +286,7 @@ def record(  # noqa: PLR0913 - the options of the command
     rig: AnyPath | None = None,
     start: float = 0.0,
     stop: float | None = None,
+    every: int = 1,
     effects: str | None = None,
     weather: str | None = None,
     visibility: float | None = None,
@@ -312,6 +313,7 @@ def record(  # noqa: PLR0913 - the options of the command
         rig: a ``rig.yaml``; the twin's own rig if not given.
         start: no frame before this time of the motion, seconds.
         stop: no frame after this time, seconds; the motion's end if not given.
+        every: only each N-th frame of the rig: 10 of a rig of 10 Hz are frames a second apart.
         effects: ``none``, ``all``, and effects to turn on or off: ``none,noise`` or ``no-sun``.
         weather: ``clear``, ``rain``, ``fog`` or ``snow``.
         visibility: how far one sees in that weather, metres.
@@ -369,6 +371,7 @@ def record(  # noqa: PLR0913 - the options of the command
         fuse=fuse,
         start_s=start,
         stop_s=stop,
+        every=every,
         backend=backend,
         workers=workers,
         seed=seed,
@@ -389,6 +392,7 @@ def recorded(  # noqa: PLR0913 - the options of the command
     fuse: bool = False,
     start_s: float = 0.0,
     stop_s: float | None = None,
+    every: int = 1,
     backend: str = "embree",
     workers: int | None = None,
     seed: int | None = None,
@@ -408,6 +412,7 @@ def recorded(  # noqa: PLR0913 - the options of the command
         fuse: where nobody measured, the twin is seen.
         start_s: no frame before this time of the motion.
         stop_s: no frame after this time.
+        every: only each N-th frame.
         backend: what casts the rays.
         workers: processes to work with.
         seed: of every random choice.
@@ -438,6 +443,7 @@ def recorded(  # noqa: PLR0913 - the options of the command
             seed=seed,
             start_s=start_s,
             stop_s=stop_s,
+            every=every,
             rig_file=rig_file,
             backend=backend,
             asked=asked_of(spec, rig_file, on, background=background, fuse=fuse),

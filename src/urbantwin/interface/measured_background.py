@@ -14,6 +14,7 @@ from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
+    from urbantwin.fidelity.waiting_traffic import WaitingTraffic
     from urbantwin.interface.twin import Twin
     from urbantwin.lidar.background import MeasuredBackground
 
@@ -82,6 +83,7 @@ def background(  # noqa: PLR0913 - the options of the command
     points_in: str | None = None,
     elevations: AnyPath | None = None,
     intensity_scale: float | None = None,
+    traffic: bool = False,
     progress: ShowProgress = True,
 ) -> Background:
     """Measure the static world beam by beam from unlabelled frames, for `record`.
@@ -101,6 +103,7 @@ def background(  # noqa: PLR0913 - the options of the command
         points_in: with ``twin``: ``sensor``, ``level`` or ``site``; as the rig says if not given.
         elevations: a file with those of a matrix's rows, degrees or radians.
         intensity_scale: what the data call full scale of intensity; guessed if not given.
+        traffic: with ``twin``: keep what waited on its lanes in all frames.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -120,9 +123,16 @@ def background(  # noqa: PLR0913 - the options of the command
     frames, _, rig_file, table = given
     assert frames is not None
     check_file(target, inputs=given)
+    waits: list[WaitingTraffic] = []
     if twin is not None:
         on = Twin.open(twin)
-        beams = beams_of_rig(rig_on(on, rig_file), only=only, frame=points_in)
+        placed = rig_on(on, rig_file)
+        beams = beams_of_rig(placed, only=only, frame=points_in)
+        if not traffic and not is_matrix(frames):
+            from urbantwin.fidelity.waiting_traffic import WaitingTraffic
+
+            poses = {one.name: one.site_SE3_sensor for one in placed.sensors}
+            waits = [WaitingTraffic(on, poses[one.name]) for one in beams]
     else:
         assert sensor is not None
         beams = [beams_of_model(sensor, columns=columns, turns_per_second=rate, pose=pose)]
@@ -131,6 +141,11 @@ def background(  # noqa: PLR0913 - the options of the command
             told = measure_matrix(frames, beams[0], target, elevations=table)
         else:
             told = measure_recording(
-                frames, beams, target, intensity_scale=intensity_scale, progress=tell
+                frames,
+                beams,
+                target,
+                intensity_scale=intensity_scale,
+                waits=waits,
+                progress=tell,
             )
     return Background(target, told)

@@ -94,6 +94,10 @@ class Calibration:
     def summary(self) -> Summary:
         """Return what was found in a few values."""
         told = self.report
+        if "demand" in told:
+            return Summary(
+                path=str(self.folder), recorded_s=told["recorded_s"], demand=told["demand"]
+            )
         return Summary(
             path=str(self.folder),
             fitted_s=told["fitted_s"],
@@ -130,7 +134,9 @@ def calibrate(
     """Fit a site's demand, drivers and signals to recorded tracks, and judge by the rest of them.
 
     Args:
-        tracks: a description of recorded tracks (YAML), or the tracks themselves.
+        tracks: a description of recorded tracks (YAML), or the tracks themselves; or a folder that
+            ``ut.observe`` wrote: then the demand alone is fitted, to how many are present, and
+            ``fit_share``, ``gap`` and ``seconds`` do not count.
         site: the ``site.yaml``.
         out: the folder to write: ``traffic.yaml`` for ``drive(demand=...)``, ``site.yaml`` with
             traffic and signals, ``calibration.json``; ``calibrated`` beside the site when not
@@ -148,10 +154,16 @@ def calibrate(
     Example:
         >>> ut.calibrate("tracks.yaml", "site.yaml", "calibrated/").report["held_out"]
     """
-    from urbantwin.traffic.calibration import calibrate_traffic
+    from urbantwin.traffic.calibration import calibrate_observation, calibrate_traffic
+    from urbantwin.traffic.observed import is_observation
 
     place = Path(site).parent / "calibrated" if out is None else Path(out)
     with shown_stage("calibrate", progress) as tell:
+        if is_observation(Path(tracks)):
+            report = calibrate_observation(
+                Path(tracks), Path(site), place, seed=1 if seed is None else seed, progress=tell
+            )
+            return Calibration(place, report)
         report = calibrate_traffic(
             Path(tracks),
             Path(site),

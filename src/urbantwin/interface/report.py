@@ -156,6 +156,7 @@ class Report:
                     for part, rows in manifest.get("headline", {}).items()
                     if part != "whole"
                 },
+                foreground_objects=manifest.get("foreground_objects"),
                 protocol=_scores(manifest.get("protocol")),
                 problems=manifest.get("problems", []),
                 notes=manifest["notes"],
@@ -175,6 +176,8 @@ def compare(
     objects: Literal[False] = False,
     sensor: str | None = None,
     arbitrary: AnyPath | None = None,
+    anchor: AnyPath | None = None,
+    within: ArrayLike | None = None,
     layout: str | None = None,
     columns: int | None = None,
     origin: ArrayLike | None = None,
@@ -204,6 +207,8 @@ def compare(
     objects: bool,
     sensor: str | None = None,
     arbitrary: AnyPath | None = None,
+    anchor: AnyPath | None = None,
+    within: ArrayLike | None = None,
     layout: str | None = None,
     columns: int | None = None,
     origin: ArrayLike | None = None,
@@ -220,6 +225,8 @@ def compare(  # noqa: PLR0913 - the options of the command
     objects: bool = False,
     sensor: str | None = None,
     arbitrary: AnyPath | None = None,
+    anchor: AnyPath | None = None,
+    within: ArrayLike | None = None,
     layout: str | None = None,
     columns: int | None = None,
     origin: ArrayLike | None = None,
@@ -241,6 +248,9 @@ def compare(  # noqa: PLR0913 - the options of the command
             layout tells if not given.
         arbitrary: clouds of another site, measured alike as a control; ``none``: no control; if
             not given an example site, recorded by the dataset's sensors.
+        anchor: other real frames of the place, for real against real; each frame's neighbour if
+            not given.
+        within: (3,) half extents about the frame's origin, metres, that all sides are cropped to.
         layout: of the real frames; what their files tell if not given.
         columns: values per row of ``.bin`` files: 4 if not given.
         origin: (3,) the sensor's place in the clouds' frame, metres; what the data says if not
@@ -262,6 +272,8 @@ def compare(  # noqa: PLR0913 - the options of the command
     only_frames = {
         "dataset": dataset,
         "arbitrary": arbitrary,
+        "anchor": anchor,
+        "within": within,
         "origin": origin,
         "protocol": protocol,
         "detections": detections,
@@ -294,6 +306,8 @@ def compare(  # noqa: PLR0913 - the options of the command
             Path(dataset),
             place,
             arbitrary=control,
+            anchor=None if anchor is None else Path(anchor),
+            within=within,
             columns=columns,
             layout=layout,
             origin=origin,

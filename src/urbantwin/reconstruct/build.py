@@ -262,7 +262,7 @@ def _take_recording(
     standing = sorted({"trees", "other"} & set(provides))
     if standing:
         mesh, things = labelled_world(
-            model.mesh, surroundings.roads, without_traffic=source.spec.clean.traffic
+            model.mesh, surroundings.roads, ground, without_traffic=source.spec.clean.traffic
         )
         gathered.add(mesh, dict.fromkeys(standing, measured))
         report["survey"] |= things

@@ -169,6 +169,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
                 country=country,
                 buildings=[*buildings, *found.ground_before_portals],
                 standing=houses.within,
+                region=region,
             )
         pieces = found.with_others(loop.pieces)
         prepared = prepare_ways(

@@ -14,6 +14,7 @@ import shapely
 from urbantwin.errors import InputError, readable
 from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress
+from urbantwin.site.duplicated_nodes import without_duplicated_nodes
 from urbantwin.site.extract import Extract, Relation, Way
 from urbantwin.site.large_extract import NearExtract
 from urbantwin.site.map_stream import MapStream, ReadingLimits, map_size
@@ -92,7 +93,7 @@ def read_extract(
         ) from None
     if not extract.nodes and extract.is_whole:
         raise InputError("holds no nodes", file=path, expected=EXPECTED)
-    return extract
+    return without_duplicated_nodes(extract)
 
 
 def _read_whole(path: Path, stream: MapStream) -> Extract:

@@ -35,11 +35,15 @@ def table_sha256(table: pa.Table) -> str:
     """Return the SHA-256 of a table's values, which does not depend on how a file packs them."""
     digest = hashlib.sha256()
     for name in table.column_names:
-        column = table[name].combine_chunks()
+        column = table[name]
         digest.update(f"{name} {column.type} {len(column)}".encode())
+        parts = column.chunks
         if str(column.type) == "string":
-            column = column.dictionary_encode()
-            digest.update(json.dumps(column.dictionary.to_pylist()).encode())
-            column = column.indices
-        digest.update(np.ascontiguousarray(column.to_numpy(zero_copy_only=False)).data)
+            # Chunk by chunk: a whole column of texts would take hundreds of megabytes once more.
+            parts = column.dictionary_encode().unify_dictionaries().chunks
+            texts = parts[0].dictionary.to_pylist() if parts else []
+            digest.update(json.dumps(texts).encode())
+            parts = [one.indices for one in parts]
+        for part in parts:
+            digest.update(np.ascontiguousarray(part.to_numpy(zero_copy_only=False)).data)
     return digest.hexdigest()

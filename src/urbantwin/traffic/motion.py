@@ -40,6 +40,8 @@ __all__ = ["ACTOR_SCHEMA", "MOTION_VERSION", "Motion", "describe"]
 MOTION_VERSION = 1
 
 _TABLE, _PARKED = "a table of the motion", "parked.parquet"
+#: So many rows are written together: all of an hour would take hundreds of megabytes once more.
+_GROUP = 1 << 18
 
 ACTOR_SCHEMA = pa.schema(
     [
@@ -293,4 +295,6 @@ def _write_meshes(path: Path, meshes: Mapping[MeshKey, LabelledMesh]) -> None:
 
 def _write_table(table: pa.Table, to: Path | pa.NativeFile) -> None:
     """Write a table as Parquet, group of rows by group; the same rows give the same bytes."""
-    pq.write_table(table.combine_chunks(), to, compression="zstd")
+    with pq.ParquetWriter(to, table.schema, compression="zstd") as writer:
+        for first in range(0, max(table.num_rows, 1), _GROUP):
+            writer.write_table(table.slice(first, _GROUP).combine_chunks())

@@ -122,8 +122,6 @@ def _driven(
     net = driven_net(twin, asked, demand, steps * float(asked["step_s"]), scratch)
     roads, retimed = timing_told(net, twin.roads) if demand.counted else (twin.roads, {})
     streets = _Streets(twin, asked, steps, net, scratch, own_bodies(twin))
-    simulated = streets.drive(demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what))
-    told(0.6, "actors")
     ground = Ground(twin.ground_mesh, twin.roads)
     parked = _parked(twin, asked, ground)
     standing = parked.table(ACTOR_SCHEMA)
@@ -134,7 +132,10 @@ def _driven(
     ]
 
     tell = between(told, 0.6, 0.85, "actors")
-    drive = streets.tabled(simulated, demand, place, by_trip=bool(reacting), tell=tell)
+    drive = streets.tabled(
+        streets.drive(demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what)),
+        demand, place, by_trip=bool(reacting), tell=tell,
+    )  # fmt: skip
     if reacting:
         told(0.85, "the same with events")
         drive = streets.with_reactions(drive, reacting, place)
@@ -158,7 +159,7 @@ def _driven(
         manifest["events"] = []
     driven = Motion(manifest, drive.actors, signals, streets.own.meshes, parked=standing)
     staged = drive.staged
-    del drive, simulated  # an hour of it takes hundreds of megabytes
+    del drive  # an hour of it takes hundreds of megabytes
     motion = resized(driven.with_meshes(between(told, 0.85, 0.93)), asked.get("size", {}))
     if scenario:
         motion = with_events(motion, twin, scenario, staged)
@@ -191,7 +192,7 @@ class _Drive:
 
     Attributes:
         demand: who set out.
-        simulated: what SUMO did.
+        simulated: what SUMO did, but where everybody was.
         actors: the table of actors.
         outside: how many poses were left out because there is no ground.
         rigid: who would bend and has a rigid vehicle, as it would cut a corner into somebody.
@@ -205,7 +206,7 @@ class _Drive:
     actors: pa.Table
     outside: int
     rigid: frozenset[int]
-    poses: dict[str, Any]
+    poses: tuple[dict[str, Any], ...]
     absent: Absent
     staged: list[StagedEvent] = field(default_factory=list)
 
@@ -265,11 +266,16 @@ class _Streets:
         beside: Bystanders = NOBODY,
     ) -> _Drive:
         """Make the table of what SUMO did."""
-        walked = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
-        made = actor_table(
+        told = simulated.only(np.zeros(0, np.int64))
+        simulated = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
+        rows = [
             with_passengers_at_stops(
-                walked, demand, place.blocks.low, step_s=self.step_s, asset=self.own.asset
-            ),
+                simulated, demand, place.blocks.low, step_s=self.step_s, asset=self.own.asset
+            )
+        ]
+        del simulated  # whoever makes the table of actors lets go of them in time
+        made = actor_table(
+            rows.pop(),
             demand,
             place,
             steps=self.steps,
@@ -278,11 +284,10 @@ class _Streets:
             by_trip=by_trip,
             before=before,
             beside=beside,
+            scratch=self.scratch,
             tell=tell,
         )
-        return _Drive(
-            demand, simulated, made.actors, made.outside, made.rigid, made.poses, made.absent
-        )
+        return _Drive(demand, told, made.actors, made.outside, made.rigid, made.poses, made.absent)
 
     def with_reactions(
         self, without: _Drive, events: list[tuple[int, PlacedEvent]], place: Place

@@ -217,6 +217,7 @@ def _recorded(
         seed=source.dataset.seeds["record"],
         start_s=source.record.span_s[0],
         stop_s=source.record.span_s[1],
+        every=source.record.every,
         rig_file=file,
         backend=source.dataset.backend,
         asked=asked_of(spec, file, twin, background=background, fuse=fuse),

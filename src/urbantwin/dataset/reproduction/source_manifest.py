@@ -55,6 +55,7 @@ class _Record(Part):
     span_s: Annotated[
         list[Annotated[float, Field(ge=0, le=1e6)]], Field(min_length=2, max_length=2)
     ]
+    every: Annotated[int, Field(ge=1, le=1_000_000)] = 1
 
 
 class _MadeFrom(Part):

@@ -26,7 +26,7 @@ from urbantwin.fidelity.challenge.protocol import (
 )
 from urbantwin.fidelity.challenge.realism import EMD_POINTS, POINTS, SEED, fit_moments, realism
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.sides import Side
+from urbantwin.fidelity.sides import ANCHOR, Side
 
 __all__ = ["score_clouds", "score_sides"]
 
@@ -34,26 +34,31 @@ _Clouds = Sequence[NDArray[np.float64]]
 
 
 def score_clouds(
-    real: _Clouds, others: Mapping[str, _Clouds], precision: float | None = None
+    real: _Clouds,
+    others: Mapping[str, _Clouds],
+    precision: float | None = None,
+    anchor: _Clouds = (),
 ) -> dict[str, Any]:
     """Score frames against real ones that nothing was fitted to.
 
     The first half of the real frames is there to fit to; scored are the frames of the second half
     against the real frames of the same numbers, which the fit never sees: an exact copy differs
     by nothing. Halves, and not every other frame: neighbours in time are nearly the same frame.
+    With an anchor that is there to fit to, and every real frame judges.
 
     Args:
         real: (N, 3) cropped points of each frame, at least one frame.
         others: the same by name ("twin", "arbitrary"); where one has no more frames than the half,
             all of them are scored.
         precision: mean average precision of a detector in the real frames.
+        anchor: the same of other real frames of the place.
 
     Returns:
         Rows by name: of each of ``others``, the same with ``_fitted``, and
         ``real_against_real``: raw components, their scores, and the score.
     """
-    half = len(real) // 2
-    training, held_out = real[:half], real[half:]
+    half = 0 if anchor else len(real) // 2
+    training, held_out = anchor or real[:half], real[half:]
     scored = {name: clouds[half:] or clouds for name, clouds in others.items()}
     rows = {name: _row(held_out, clouds, precision) for name, clouds in scored.items()}
     if training:
@@ -124,16 +129,17 @@ def score_sides(sides: Mapping[str, Side], detections: Path | None) -> dict[str,
             )
     else:
         notes.append("No detections were given: there is no detection score and no sum.")
-    if len(clouds["real"]) < 2:
+    if len(clouds["real"]) < 2 and ANCHOR not in clouds:
         notes.append("A single real frame: nothing is held out, so nothing is fitted.")
     rows = score_clouds(
         clouds["real"],
         {
             "twin" if name == "synthetic" else name: clouds[name]
             for name in clouds
-            if name != "real"
+            if name not in ("real", ANCHOR)
         },
         mean,
+        clouds.get(ANCHOR, ()),
     )
     return {
         "name": NAME,

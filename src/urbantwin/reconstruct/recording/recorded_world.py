@@ -22,7 +22,7 @@ from urbantwin.reconstruct.recording.facets import Facets, facets_of
 from urbantwin.reconstruct.recording.looks import Looks
 from urbantwin.reconstruct.recording.recorded_frames import RecordedFrames
 from urbantwin.reconstruct.recording.recorded_ground import GRID_M, recorded_ground
-from urbantwin.reconstruct.recording.standing_things import standing_things
+from urbantwin.reconstruct.recording.standing_things import standing_things, waiting_parts
 
 __all__ = ["labelled_world", "placed_ground", "read_recording"]
 
@@ -140,22 +140,32 @@ def placed_ground(
 
 
 def labelled_world(
-    mesh: TriangleMesh, roads: shapely.Geometry, *, without_traffic: bool
+    mesh: TriangleMesh,
+    roads: shapely.Geometry,
+    ground: ElevationPatch,
+    *,
+    without_traffic: bool,
 ) -> tuple[LabelledMesh, dict[str, object]]:
     """Return what stands of a recording on site, labelled, and how much of what it is.
 
     Args:
         mesh: of `read_recording`, in the site frame.
         roads: carriageways in plan; may be empty.
-        without_traffic: whether vehicles that stand on carriageways are left out.
+        ground: of the recording.
+        without_traffic: whether what waits on carriageways is left out.
     """
     things = standing_things(mesh, roads)
     labelled = LabelledMesh.build(
         mesh.vertices, mesh.faces, things.semantic, things.material, things.thing
     )
-    waiting = len(np.unique(things.thing[things.on_road]))
+    middle = mesh.triangles().mean(axis=1)
+    grid = Raster(ground.west, ground.south, ground.step, ground.heights.shape)
+    waits, waiting = waiting_parts(
+        mesh, roads, middle[:, 2] - grid.sample(ground.heights, middle[:, :2])
+    )
+    waits |= things.on_road
     notes: dict[str, object] = {"things": things.counts, "vehicles on carriageways": waiting}
     if without_traffic and waiting:
-        labelled = labelled.select(~things.on_road)
+        labelled = labelled.select(~waits)
         notes["vehicles on carriageways"] = f"{waiting}, left out"
     return labelled, notes

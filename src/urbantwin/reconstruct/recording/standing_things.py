@@ -14,7 +14,7 @@ from urbantwin.reconstruct.model import TriangleMesh
 from urbantwin.reconstruct.recording.facets import POROUS, SURFACE
 from urbantwin.taxonomy import material_id, semantic_id
 
-__all__ = ["StandingThings", "standing_things"]
+__all__ = ["StandingThings", "standing_things", "waiting_parts"]
 
 #: Triangles in cells of this size that touch are of one thing, metres.
 _CELL_M = 0.3
@@ -29,6 +29,11 @@ _HOUSE_HEIGHT_M, _HOUSE_LENGTH_M = 2.6, 3.0
 _VEHICLE_LENGTH_M, _VEHICLE_WIDTH_M, _VEHICLE_HEIGHT_M = (1.6, 7.0), 3.0, (0.9, 2.4)
 #: A vehicle on a carriageway has so much of its triangles there.
 _ON_ROAD = 0.6
+#: What waits on a carriageway farther inside than this, metres, lower than the highest bus, from as
+#: low as an engine, as high as a bonnet and longer than any post or person is wide.
+_EDGE_M, _BUS_M, _FROM_M, _BONNET_M, _WIDE_M = 0.4, 3.2, 0.8, 0.7, 1.2
+#: Half of it is so far inside: roadside hedges and walls of inexact maps are not.
+_DEEP_M = 0.8
 _MATERIAL = {
     "vegetation": "foliage",
     "building": "plaster",
@@ -109,6 +114,40 @@ def standing_things(mesh: TriangleMesh, roads: shapely.Geometry) -> StandingThin
         on_road,
         {name: int((one == name).sum()) for name in names},
     )
+
+
+def waiting_parts(
+    mesh: TriangleMesh, roads: shapely.Geometry, above: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], int]:
+    """Return which triangles (F,) are of traffic that waits on carriageways, and how many wait.
+
+    Of vehicles one side may be seen, or one hangs together with the next and with the tree above
+    them: what stands on a carriageway is traffic whatever it looks like, but for posts.
+
+    Args:
+        mesh: of `recorded_world.read_recording`, site frame.
+        roads: carriageways in plan; may be empty.
+        above: (F,) height of the triangles' middles above the ground, metres; nan where unknown.
+    """
+    corner = mesh.triangles()
+    waits, count = np.zeros(len(corner), bool), 0
+    middle = corner.mean(axis=1)
+    inside = above < _BUS_M
+    inside[inside] = shapely.contains_xy(roads.buffer(-_EDGE_M), *middle[inside, :2].T)
+    rows = np.flatnonzero(inside)
+    if not len(rows):
+        return waits, count
+    thing = _things(corner[rows])
+    number = np.arange(1, int(thing.max()) + 1)
+    deep = shapely.contains_xy(roads.buffer(-_DEEP_M), *middle[rows, :2].T).astype(float)
+    longest, _ = _sides(middle[rows], thing, number)
+    low, high, share = (
+        np.atleast_1d(of(values, thing, number))
+        for of, values in ((minimum, above[rows]), (maximum, above[rows]), (mean, deep))
+    )
+    found = (longest > _WIDE_M) & (low < _FROM_M) & (high > _BONNET_M) & (share > 0.5)
+    waits[rows] = found[thing - 1]
+    return waits, int(found.sum())
 
 
 def _walled(

@@ -58,6 +58,7 @@ class FreeSpace:
         half_widths: how far each reaches to its sides, metres.
         buildings: areas of buildings.
         standing: areas of those of them that stand in the twin, because they reach into the region.
+        region: which roads round it leave free, also where the map has no street up to its border.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class FreeSpace:
         half_widths: Sequence[float],
         buildings: Sequence[shapely.Geometry] = (),
         standing: Sequence[shapely.Geometry] = (),
+        region: shapely.Geometry | None = None,
     ) -> None:
         self._buildings = shapely.STRtree(list(buildings))
         self._standing = shapely.STRtree(list(standing))
@@ -75,7 +77,8 @@ class FreeSpace:
         self._lines = shapely.STRtree(shapely.buffer(lines, WAY_OUT_ROOM_M, cap_style="flat"))
         self._taken: list[shapely.Geometry] = []
         self._reserved: list[shapely.Geometry] = []
-        self.hull = _counter_clockwise(shapely.convex_hull(shapely.union_all(self._streets)))
+        inside = shapely.union_all([*self._streets, region or shapely.Polygon()])
+        self.hull = _counter_clockwise(shapely.convex_hull(inside))
 
     def take(self, area: shapely.Geometry) -> None:
         """Note that an area is taken."""
@@ -118,7 +121,7 @@ class FreeSpace:
         return not set(self._lines.query(ray, predicate="intersects").tolist()) - {street}
 
     def place(self, point: Points, heading: float) -> float:
-        """Return where a ray leaves the hull of all streets, metres along the hull's border."""
+        """Return where a ray leaves the hull of everything, metres along its border."""
         return _leaves(self.hull.exterior, point, heading)
 
     def ring(self, half_width: float) -> shapely.LinearRing:

@@ -67,6 +67,7 @@ class Layout:
         country: ISO 3166-1 alpha-2; empty if unknown.
         buildings: areas of buildings.
         standing: areas of those that stand in the twin.
+        region: what roads round it leave free.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class Layout:
         country: str,
         buildings: Sequence[shapely.Geometry] = (),
         standing: Sequence[shapely.Geometry] = (),
+        region: shapely.Geometry | None = None,
     ) -> None:
         self.pieces, self.side, self.country = list(pieces), side, country
         self.outer: list[WayPiece] = []
@@ -91,7 +93,8 @@ class Layout:
             half_width(sum(map(sum, lanes)), piece.tags)
             for piece, lanes in zip(pieces, self.lanes, strict=True)
         ]
-        self.space = FreeSpace([piece.points for piece in pieces], widths, buildings, standing)
+        points = [piece.points for piece in pieces]
+        self.space = FreeSpace(points, widths, buildings, standing, region)
 
     @property
     def turn(self) -> str:

@@ -62,6 +62,7 @@ def close_loop(
     country: str = "",
     buildings: Sequence[shapely.Geometry] = (),
     standing: Sequence[shapely.Geometry] = (),
+    region: shapely.Geometry | None = None,
 ) -> OuterRoads:
     """Join every end of a street at the region's border to another, or to itself.
 
@@ -75,9 +76,10 @@ def close_loop(
         country: ISO 3166-1 alpha-2; empty if unknown.
         buildings: areas of buildings, site frame; streets turn round beside them where they can.
         standing: those of them that stand in the twin: they reach into the region.
+        region: roads round it leave it free, also where the map ends before its border.
     """
     of_map = frozenset(known)
-    about = (of_map, driving_side, country, buildings, standing)
+    about = (of_map, driving_side, country, buildings, standing, region)
     layout = Layout(_with_sidewalks(pieces, driving_side), *about)
     cut_back = 0
     while blind := _blind_ends(layout, of_map):

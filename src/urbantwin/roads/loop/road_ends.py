@@ -14,7 +14,7 @@ from urbantwin.roads.cross_section import cross_section
 from urbantwin.site import WayPiece
 from urbantwin.site.access import is_driven
 
-__all__ = ["LooseEnd", "loose_ends", "motor_lanes"]
+__all__ = ["LooseEnd", "loose_ends", "motor_lanes", "outward"]
 
 #: The heading of an end is that of its last stretch of this length, metres.
 HEADING_M = 8.0
@@ -105,7 +105,7 @@ def loose_ends(
                     node,
                     at_start,
                     points[0],
-                    _outward(points),
+                    outward(points),
                     len(leaves),
                     len(enters),
                     max((*leaves, *enters), default=0.0),
@@ -121,7 +121,7 @@ def loose_ends(
     return sorted(found, key=lambda end: (order[id(end.piece)], not end.at_start))
 
 
-def _outward(points: NDArray[np.float64]) -> float:
+def outward(points: NDArray[np.float64]) -> float:
     """Return the heading from inside a polyline to its first point."""
     away = np.linalg.norm(points - points[0], axis=1)
     far = np.flatnonzero(away >= HEADING_M)

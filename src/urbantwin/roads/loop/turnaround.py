@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
+from typing import Protocol, TypeVar
 
 import numpy as np
 import shapely
@@ -60,7 +62,19 @@ def add_turnaround(layout: Layout, end: LooseEnd, street: int) -> Gate:
     return Gate(far, line[middle], heading, -1, end.piece.tags, lanes, end.lane_m)
 
 
-def near_pairs(exits: list[Gate], entries: list[Gate]) -> list[tuple[Gate, Gate]]:
+class Directed(Protocol):
+    """A place (2,) and a heading outwards, radians."""
+
+    @property
+    def point(self) -> Points: ...
+    @property
+    def heading(self) -> float: ...
+
+
+End = TypeVar("End", bound=Directed)
+
+
+def near_pairs(exits: Sequence[End], entries: Sequence[End]) -> list[tuple[End, End]]:
     """Return exits and entries beside each other, the nearest first: two carriageways each."""
     pairs = sorted(
         (_apart(a, b), i, j)
@@ -69,7 +83,7 @@ def near_pairs(exits: list[Gate], entries: list[Gate]) -> list[tuple[Gate, Gate]
         if math.cos(a.heading - b.heading) > 0.5
         and float(np.linalg.norm(a.point - b.point)) < NEAR_AHEAD_M
     )
-    found: list[tuple[Gate, Gate]] = []
+    found: list[tuple[End, End]] = []
     for distance, i, j in pairs:
         taken = any(exits[i] is a or entries[j] is b for a, b in found)
         if distance < NEAR_M and not taken:
@@ -123,9 +137,9 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
     layout.add_halves(line, tags, first=exit_.node, last=entry.node, half=tip)
 
 
-def _apart(gate: Gate, other: Gate) -> float:
+def _apart(gate: Directed, other: Directed) -> float:
     """Return how far a gate lies to the side of another, metres."""
-    ahead = gate.ahead + other.ahead
+    ahead = unit(gate.heading) + unit(other.heading)
     gap = other.point - gate.point
     return abs(float(ahead[0] * gap[1] - ahead[1] * gap[0])) / float(np.linalg.norm(ahead))
 

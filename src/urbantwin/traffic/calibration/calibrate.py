@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -10,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from urbantwin import __version__
 from urbantwin.artefact import passing_folder, replaced_folder, sha256_of, write_json
@@ -33,11 +31,11 @@ from urbantwin.traffic.calibration.passages import (
 )
 from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
 from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
+from urbantwin.traffic.calibration.site_document import built, dump, elsewhere
 from urbantwin.traffic.recorded.read import files_of, read_recording
 from urbantwin.traffic.recorded.track import Recording
 from urbantwin.traffic.recorded.track_smoothing import smooth_track
 from urbantwin.twin import Twin
-from urbantwin.twin.build import build_twin
 
 __all__ = ["calibrate_traffic"]
 
@@ -47,7 +45,6 @@ _MOST_SPANS = 40
 #: Simulations that drivers are fitted in last so long,
 #: and up to three times as long, where what is fitted to is.
 _TRIAL_S = 600.0
-_LONGEST_NAME = 500
 
 
 def calibrate_traffic(
@@ -97,18 +94,18 @@ def calibrate_traffic(
         end_s = recording.duration_s
         fit_s = end_s * fit_share
         document = dict(read_document(site, kind="a site").value)
-        document = _elsewhere(document, site.parent.resolve(), None)
+        document = elsewhere(document, site.parent.resolve(), None)
         middle = loaded.frame.lonlat_from_site(_middle(seen)[None])[0]
         if recording.signals is not None and loaded.roads is not None:
             _lit(document, middle)
-        twin = _built(document, scratch, between(progress, 0.05, 0.25))
+        twin = built(document, scratch, between(progress, 0.05, 0.25))
         links, passages = _passed(twin, seen)
         lit = recording.signals
         timing = None if lit is None else timing_of(lit, passages, links, fit_s)
         if timing is not None:
             _lit(document, middle)
             _timed(document, timing)
-            twin = _built(document, scratch, between(progress, 0.25, 0.4))
+            twin = built(document, scratch, between(progress, 0.25, 0.4))
             links, passages = _passed(twin, seen)
         recorded = _measured(twin, seen, links, passages)
         part = recorded(0.0, fit_s)
@@ -157,8 +154,8 @@ def calibrate_traffic(
                 0.0 if timing is None else timing.cycle_s,
             )
         document["traffic"] = {**dict(document.get("traffic") or {}), **traffic}
-        _dump(folder / "site.yaml", _elsewhere(document, site.parent.resolve(), out.resolve()))
-        _dump(folder / "traffic.yaml", traffic)
+        dump(folder / "site.yaml", elsewhere(document, site.parent.resolve(), out.resolve()))
+        dump(folder / "traffic.yaml", traffic)
         write_json(folder / "calibration.json", report)
     progress(1.0, "done")
     return report
@@ -178,19 +175,6 @@ def _middle(seen: list[SeenTrack]) -> np.ndarray[Any, Any]:
     return np.asarray(np.median(np.concatenate([one.xy[::10] for one in seen]), axis=0))
 
 
-def _elsewhere(value: Any, here: Path, there: Path | None) -> Any:  # noqa: ANN401
-    """Return a site's document with its files as they are called from another folder, or whole."""
-    if isinstance(value, dict):
-        return {key: _elsewhere(one, here, there) for key, one in value.items()}
-    if isinstance(value, list):
-        return [_elsewhere(one, here, there) for one in value]
-    if isinstance(value, str) and value and "\n" not in value and len(value) < _LONGEST_NAME:
-        file = here / value
-        if file.is_file():
-            return str(file) if there is None else os.path.relpath(file, there)
-    return value
-
-
 def _lit(document: dict[str, Any], lonlat: np.ndarray[Any, Any]) -> None:
     """Let the junction have signals, where no program of the site says which it is."""
     if not document.get("signals"):
@@ -206,13 +190,6 @@ def _timed(document: dict[str, Any], timing: Timing) -> None:
     first["minimum_green"] = 0.0
     first["states"] = [{"seconds": seconds, "state": state} for seconds, state in timing.states]
     document["signals"] = [first, *document["signals"][1:]]
-
-
-def _built(document: dict[str, Any], folder: Path, progress: Progress) -> Twin:
-    """Return the twin of a site's document, built in a folder that passes."""
-    file = folder / "site.yaml"
-    _dump(file, document)
-    return build_twin(load_site(file), folder / "twin", progress)
 
 
 def _fitted(
@@ -341,7 +318,3 @@ def _signals_told(timing: Timing | None) -> dict[str, Any] | None:
         "group_of_link": {str(link): group for link, group in sorted(timing.group_of.items())},
         "links_told_by_passages": list(timing.certain),
     }
-
-
-def _dump(path: Path, value: dict[str, Any]) -> None:
-    path.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=100))

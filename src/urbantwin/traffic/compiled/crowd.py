@@ -49,9 +49,9 @@ TURNS_S, WALKS_MS, SHIFTS_MS = 0.3, 0.3, 0.02
 @njit(cache=True, nogil=True)
 def walked(
     begins, rows, other_begins, others, boxes, whose, level, far, pace, joined, last, kerbs, green,
-    patience, still, cells, within, blocked, corner, step_s,
+    patience, still, cells, within, blocked, corner, step_s, now, place, come, at, held, let,
 ):  # fmt: skip
-    """Return where people are (N, 3), and which of their rows they have come to (N,).
+    """Find where people are, and which of their rows they have come to.
 
     A person has a way, the places of its rows. It is as far on it as its row, or later, and beside
     it by as much as others make it. In each step everybody goes on; looks two seconds ahead and
@@ -84,15 +84,16 @@ def walked(
         blocked: (Y, X) uint8, cells: 1 where something stands, 2 where nobody walks, else 0.
         corner: (3,) west and south of these cells, and their size.
         step_s: time between steps.
-
-    Returns:
-        ``place``: x, y and by how much the heading differs from that of the row that one has come
-        to. ``come``: that row, not whole.
+        now: (N + B, 6) boxes as they are, of people too; like what follows filled in here, step by
+            step, and given of who was there before: its last two rows are done.
+        place: (N, 3) x, y and by how much the heading differs from that of the row that one has
+            come to.
+        come: (N,) that row, not whole.
+        at: (N,) how far one is on its way.
+        held: (N,) int64, for how many steps one was held up.
+        let: (N,) int64, for how many steps one let vehicles by.
     """
     count = len(far)
-    place, come = np.zeros((count, 3)), np.zeros(count)
-    at, held, now = far.copy(), np.zeros(count, np.int64), boxes.copy()
-    let = np.zeros(count, np.int64)
     for s in range(len(begins) - 1):
         mine, cars = rows[begins[s] : begins[s + 1]], others[other_begins[s] : other_begins[s + 1]]
         if len(mine) == 0:
@@ -144,7 +145,6 @@ def walked(
         for a in range(len(mine)):
             if not joined[mine[a]]:
                 _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner)
-    return place, come
 
 
 @njit(cache=True, nogil=True)

@@ -22,6 +22,10 @@ ACCELERATES = 6.0
 LARGE_M, HIDDEN_M = 2.4, 2.5
 #: Smaller than this is a person on foot, metres.
 PERSON_M = 1.2
+#: Nobody gets taller or shorter by more, metres; what is less is as unlikely as a step aside.
+TALLER_M = 0.7
+#: What always stood in one frame does not move in another: the shares of points that do, apart.
+SAME_SHARE = 0.7
 #: Frames that a track may be out of sight.
 LOST = 1
 #: A vehicle moves along its sides, radians.
@@ -53,6 +57,9 @@ class SeenTrack:
         most = DRIVES_M_S if large else WALKS_M_S if on_foot else RIDES_M_S
         if gone > most * seconds + ERROR_M or abs(one.diagonal - last.diagonal) > HIDDEN_M:
             return NEVER
+        taller = abs(one.top - last.top)
+        if abs(one.moves - last.moves) > SAME_SHARE or taller > TALLER_M:
+            return NEVER
         if large and gone > 2 * ERROR_M:
             heading = np.arctan2(way[1], way[0])
             for each in (one, last):
@@ -60,9 +67,9 @@ class SeenTrack:
                 if each.diagonal > LARGE_M and off > ALONG:
                     return NEVER
         if self.velocity is None:
-            return gone / 2 + abs(one.diagonal - last.diagonal)
+            return gone / 2 + abs(one.diagonal - last.diagonal) + taller
         off = float(np.linalg.norm(way - self.velocity * seconds))
-        return off if off < ACCELERATES * seconds**2 + 2 * ERROR_M else NEVER
+        return off + taller if off < ACCELERATES * seconds**2 + 2 * ERROR_M else NEVER
 
     def add(self, one: SeenObject, rate_hz: float) -> None:
         """Go on with what was seen of it."""

@@ -15,44 +15,36 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, maximum_filter1d
+from scipy.ndimage import maximum_filter1d
 
-from urbantwin.traffic.compiled.asides import BESIDE_M
-from urbantwin.traffic.compiled.crowd import FASTEST_MS, MOST_M, walked
-from urbantwin.traffic.paths.box_plan import PlanBoxes
-from urbantwin.traffic.paths.footing import BODY_M
+from urbantwin.traffic.compiled.crowd import FASTEST_MS, walked
 from urbantwin.traffic.paths.kerbs import NO_CROSSINGS, Crossings
 from urbantwin.traffic.paths.parting import Moving
-from urbantwin.traffic.paths.solids import ROOM_M
-from urbantwin.traffic.paths.walked_cells import WalkedCells
+from urbantwin.traffic.paths.stretches import LeftOff, far_at, no_walks
+from urbantwin.traffic.paths.walked_ground import WalkedGround
 
 __all__ = ["crowd_walked"]
 
-#: What stands is looked up in cells of this size, metres.
-_STILL_CELL_M = 2.0
 #: How fast people walk is looked at over so long before and after, seconds.
 _PACE_S = 5.0
-#: Who has little room keeps so far from what stands, metres, from the middle.
-_TIGHT_M = 0.1
 
 
-def crowd_walked(  # noqa: PLR0913 - all that they go between
+def crowd_walked(
     columns: dict[str, NDArray[Any]],
     moving: Moving,
     half: NDArray[np.float64],
     step_s: float,
-    blocks: PlanBoxes,
-    solids: NDArray[np.object_],
-    footway: shapely.Geometry,
+    ground: WalkedGround,
     *,
     crossings: Crossings = NO_CROSSINGS,
     patience_s: tuple[float, float] = (15.0, 4.0),
+    left: LeftOff | None = None,
 ) -> dict[str, NDArray[Any]]:
     """Return poses in which people step aside and wait for whomever they would come into.
 
-    Whoever comes into nobody keeps its path to the bit.
+    Whoever comes into nobody keeps its path to the bit. They have further columns: what goes on
+    from one stretch of time to the next (`stretches.WALKS`).
 
     Args:
         columns: poses by actor and step: ``step``, ``xy``, ``yaw``, ``speed``, ``distance``,
@@ -60,62 +52,62 @@ def crowd_walked(  # noqa: PLR0913 - all that they go between
         moving: who they are, on which level, and whose bodies.
         half: (N, 2) half the sizes that nobody is to come into, metres.
         step_s: time between steps.
-        blocks: what stands on the ground.
-        solids: outlines of what stands in people's way.
-        footway: who is on it stays there.
-        crossings: at which who is late waits.
+        ground: what they go between.
+        crossings: at which who is late waits, from the first step that is not done.
         patience_s: how long for vehicles that come, without a signal, and at green.
+        left: how those went on who were there before.
     """
-    step, xy = columns["step"].astype(np.int64), columns["xy"]
+    step, xy, yaw = columns["step"].astype(np.int64), columns["xy"], columns["yaw"]
     people = np.array([name == "pedestrian" for name in moving.classes], np.bool_)[moving.actor]
     if not people.any():
-        return columns
+        return columns | no_walks(len(step))
     joined = np.concatenate([[False], (np.diff(moving.actor) == 0) & (np.diff(step) == 1)])
     first = np.flatnonzero(~joined)
-    last = np.append(first[1:] - 1, len(step) - 1)[np.cumsum(~joined) - 1]
+    part = np.cumsum(~joined) - 1
+    last = np.append(first[1:] - 1, len(step) - 1)[part]
     went = np.where(joined, np.hypot(*np.diff(xy, axis=0, prepend=xy[:1]).T), 0.0)
     far = np.cumsum(went)
-    far -= far[first][np.cumsum(~joined) - 1]
-    boxes = np.column_stack([xy, np.cos(columns["yaw"]), np.sin(columns["yaw"]), half])
-    standing = np.column_stack([blocks.xy, np.cos(blocks.yaw), np.sin(blocks.yaw), blocks.half])
-    inner = shapely.buffer(solids, _TIGHT_M - ROOM_M)
-    beside_road = shapely.buffer(footway, -BODY_M)
-    shapely.prepare(beside_road)
-    cells = WalkedCells(xy[people], inner, footway, MOST_M + 1.0)
-    steps = np.arange(step.min(), step.max() + 2)
-    rows, others = (_by_step(step, who) for who in (people, ~people))
-    place, come = walked(
-        np.searchsorted(step[rows], steps), rows, np.searchsorted(step[others], steps), others,
-        np.concatenate([boxes, standing]), moving.actor.astype(np.int64),
-        moving.level.astype(np.int64), far,
+    far -= far[first][part]
+    boxes = np.concatenate([np.column_stack([xy, np.cos(yaw), np.sin(yaw), half]), ground.boxes])
+    row = np.arange(len(step))
+    now, at = boxes.copy(), far.copy()
+    place, come = np.zeros((len(step), 3)), row.astype(np.float64)
+    held, let = np.zeros((2, len(step)), np.int64)
+    place[:, :2] = xy
+    begin = step.min()
+    if left is not None:
+        begin = left.step
+        rows, done = left.rows_among(columns, people)
+        now[rows, :2] = place[rows, :2] = done["xy"]
+        now[rows, 2], now[rows, 3] = np.cos(done["yaw"]), np.sin(done["yaw"])
+        place[rows, 2], held[rows], let[rows] = done["turn"], done["held"], done["let"]
+        come[rows] = np.maximum(rows - done["lag"], first[part[rows]])
+        at[rows] = far_at(far, come[rows], last)
+    steps = np.arange(begin, step.max() + 2)
+    mine, others = (_by_step(step, who & (step >= begin)) for who in (people, ~people))
+    walked(
+        np.searchsorted(step[mine], steps), mine, np.searchsorted(step[others], steps), others,
+        boxes, moving.actor.astype(np.int64), moving.level.astype(np.int64), far,
         _pace(went / step_s, first, round(_PACE_S / step_s)), joined, last,
-        crossings.kerbs(
-            columns["lane"], joined, last,
-            lambda some: shapely.contains_xy(beside_road, *xy[some].T),
-        ), crossings.green,
-        np.round(np.array(patience_s) / step_s).astype(np.int64),
-        *_still_cells(xy[people], blocks), cells.cells, cells.corner, step_s,
+        crossings.kerbs(columns["lane"], joined, last, lambda some: ground.on_footway(xy[some])),
+        crossings.green, np.round(np.array(patience_s) / step_s).astype(np.int64),
+        ground.still, ground.numbers, ground.within, ground.cells.cells, ground.cells.corner,
+        step_s, now, place, come, at, held, let,
     )  # fmt: skip
-    yaw = columns["yaw"]
     low = come.astype(np.int64)
-    changed = people & (
-        (place[:, :2] != xy).any(axis=1) | (place[:, 2] != 0) | (come != np.arange(len(come)))
-    )
-    place[~people, :2] = xy[~people]
+    changed = people & ((place[:, :2] != xy).any(axis=1) | (place[:, 2] != 0) | (come != row))
     found = {name: values.copy() for name, values in columns.items()}
     found["xy"] = place[:, :2].copy()
     found["yaw"][changed] = (yaw[low] + place[:, 2])[changed]
     found["lane"][changed] = columns["lane"][low][changed]
-    rest = come - low
-    high = np.minimum(low + 1, last)
-    distance = columns["distance"]
-    between = distance[low] + rest * (distance[high] - distance[low])
-    found["distance"][changed] = between[changed]
+    found["distance"][changed] = far_at(columns["distance"], come, last)[changed]
     # The speed is SUMO's, and what the change adds to it.
-    now = np.where(joined, np.hypot(*np.diff(place[:, :2], axis=0, prepend=place[:1, :2]).T), 0.0)
+    now_went = np.where(
+        joined, np.hypot(*np.diff(place[:, :2], axis=0, prepend=place[:1, :2]).T), 0
+    )
     other = changed & joined
-    found["speed"][other] = (now / step_s)[other]
-    return found
+    found["speed"][other] = (now_went / step_s)[other]
+    return found | {"lag": row - come, "turn": place[:, 2].copy(), "held": held, "let": let}
 
 
 def _by_step(step: NDArray[np.int64], wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -128,29 +120,3 @@ def _pace(speed: NDArray[np.float64], first: NDArray[np.int64], reach: int) -> N
     """Return how fast each goes about every row (N,), m/s, part by part of its way."""
     parts = np.split(np.minimum(speed, FASTEST_MS), first[1:])
     return np.concatenate([maximum_filter1d(one, 2 * reach + 1, mode="nearest") for one in parts])
-
-
-def _still_cells(
-    xy: NDArray[np.float64], blocks: PlanBoxes
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return what stands near each cell where people walk, see ``compiled.crowd.walked``."""
-    low = xy.min(axis=0) - 2 * _STILL_CELL_M
-    cell = ((xy - low) / _STILL_CELL_M).astype(np.int64)
-    shape = cell.max(axis=0) + 3
-    used = np.zeros(shape[::-1], np.bool_)
-    used[cell[:, 1], cell[:, 0]] = True
-    row, column = np.nonzero(binary_dilation(used, np.ones((3, 3), np.bool_)))
-    west, south = low[0] + column * _STILL_CELL_M, low[1] + row * _STILL_CELL_M
-    squares = shapely.box(west, south, west + _STILL_CELL_M, south + _STILL_CELL_M)
-    tree = shapely.STRtree(blocks.polygons)
-    which, block = tree.query(squares, predicate="dwithin", distance=BESIDE_M)
-    order = np.lexsort([block, which])
-    counts = np.zeros(int(shape.prod()) + 1, np.int64)
-    number = row * shape[0] + column
-    np.add.at(counts, number[which] + 1, 1)
-    # Cells are numbered by row, and so are the squares.
-    return (
-        np.cumsum(counts),
-        block[order].astype(np.int64),
-        np.array([*low, _STILL_CELL_M, *shape], np.float64),
-    )

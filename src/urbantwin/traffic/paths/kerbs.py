@@ -26,7 +26,7 @@ class Crossings:
     Attributes:
         light: (L,) of each lane: -2 for what is no crossing, -1 for a crossing without a signal,
             else the row of ``green``.
-        green: (K, S) uint8: whether one may begin to cross, by step from the motion's first.
+        green: (K, S) uint8: whether one may begin to cross, by step from the first one on.
     """
 
     light: NDArray[np.int64]
@@ -38,7 +38,8 @@ class Crossings:
         network: RoadNetwork,
         lanes: Sequence[str],
         shown: Sequence[tuple[int, str, str]],
-        steps: NDArray[np.integer],
+        first: int,
+        end: int,
     ) -> Crossings:
         """Return the crossings of a network.
 
@@ -46,13 +47,14 @@ class Crossings:
             network: the lanes and the heads of their signals.
             lanes: names of lanes, by their numbers.
             shown: (step, program, one letter per link) where a program's state changed.
-            steps: those of the motion.
+            first: the first step that is looked at.
+            end: the one after the last.
         """
         links: dict[str, list[tuple[str, int]]] = defaultdict(list)
         for head in network.signals:
             links[head.lane] += [(head.program, link) for link in head.links]
         light = np.full(len(lanes), -2, np.int64)
-        first, count = (int(steps.min()), int(np.ptp(steps)) + 1) if len(steps) else (0, 1)
+        count = end - first
         rows: list[NDArray[np.uint8]] = []
         states: dict[str, list[tuple[int, str]]] = defaultdict(list)
         for step, program, state in sorted(shown, key=lambda one: one[0]):

@@ -52,6 +52,7 @@ def separated(
     height: NDArray[np.float64],
     step_s: float,
     aside: NDArray[np.float64] | None = None,
+    begin: int | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where actors are of whom fewer overlap (N, 2), and their speeds (N,).
 
@@ -64,6 +65,7 @@ def separated(
         step_s: time between steps.
         aside: (N,) how far to the left of its own way each is already, metres; not at all where not
             given. Nobody goes farther aside in all than it may.
+        begin: the first step that may be another, where it is not the first of all.
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     meeting = np.zeros(len(xy), np.bool_)
@@ -72,6 +74,8 @@ def separated(
     if not meeting.any():
         return xy, speed
     drives = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
+    if begin is not None:
+        drives &= moving.boxes.step >= begin
     changed = _around(moving, meeting & drives, step_s) & drives
     already = np.zeros(len(xy)) if aside is None else aside
     bent = xy, speed

@@ -62,22 +62,28 @@ class Before:
     """How the same traffic went until something changed.
 
     Attributes:
-        columns: by trip and step: ``trip``, ``step`` and how far it was ``behind``, metres: after
-            each turn of waiting (N, T).
+        stretches: of each stretch of time, by trip and step: ``trip``, ``step`` and how far it was
+            ``behind``, metres: after each turn of waiting (N, T).
         until: the first step that may differ.
         own: actors that do what they were told to, whatever comes of it.
         rigid: vehicles that do not bend though their trips say so.
+        begin: the first step that is looked at, where it is not the first of all.
     """
 
-    columns: Columns
+    stretches: tuple[Columns, ...]
     until: int
     own: frozenset[int] = frozenset()
     rigid: frozenset[int] = frozenset()
+    begin: int | None = None
+
+    def stretch(self, number: int) -> Before:
+        """Return how it went in one stretch of time, or in none that was looked at."""
+        return replace(self, stretches=self.stretches[number : number + 1])
 
     def turn(self, number: int) -> Before:
         """Return how it went in one turn of waiting, ``behind`` being (N,)."""
-        columns = {**self.columns, "behind": self.columns["behind"][:, number]}
-        return replace(self, columns=columns)
+        found = tuple({**one, "behind": one["behind"][:, number]} for one in self.stretches)
+        return replace(self, stretches=found)
 
 
 def yielded(
@@ -136,7 +142,8 @@ class _Yielding:
         self.ways: dict[int, Way] = {}
         #: Who lets a way's actor go first.
         self.followers: dict[int, set[int]] = {}
-        self.changed = np.ones(len(actor), np.bool_)
+        begin = before.begin if before else None
+        self.changed = np.ones(len(actor), np.bool_) if begin is None else step >= begin
         own = before.own if before else frozenset()
         self.able = np.array(
             [
@@ -145,11 +152,12 @@ class _Yielding:
             ]
         )
         self.were: dict[int, NDArray[np.float64]] = {}
-        if before is not None:
-            early = before.columns["step"] < before.until
-            whose = before.columns["trip"][early]
+        before = before or Before((), 0)
+        for went in before.stretches:
+            early = went["step"] < before.until
+            whose = went["trip"][early]
             place = np.flatnonzero(np.diff(whose, prepend=-1))
-            behind = np.split(before.columns["behind"][early], place[1:])
+            behind = np.split(went["behind"][early], place[1:])
             self.were = dict(zip(whose[place].tolist(), behind, strict=True)) if len(place) else {}
 
     def run(self, tell: Progress) -> Columns:

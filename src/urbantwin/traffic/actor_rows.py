@@ -1,0 +1,157 @@
+"""Rows of the table of actors: their postures, standing on the ground, in the order of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from urbantwin.progress import Progress, between, each
+from urbantwin.traffic.assets import Asset
+from urbantwin.traffic.demand.demand import Trip
+from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
+from urbantwin.traffic.paths.apart import STANDING_MS
+from urbantwin.traffic.paths.placement import Ground, stand
+from urbantwin.traffic.paths.track_box import track_size
+
+__all__ = ["KeptRows", "actor_rows"]
+
+_GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
+
+
+def actor_rows(
+    columns: dict[str, NDArray[Any]],
+    trips: Sequence[Trip],
+    lanes: tuple[str, ...],
+    ground: Ground,
+    *,
+    step_s: float,
+    asset: Callable[[str], Asset],
+    tell: Progress,
+) -> pa.Table:
+    """Return rows of the table of actors, where there is ground; tracks are numbers of trips.
+
+    Args:
+        columns: poses by trip and step, from step 0 on.
+        trips: whose they are.
+        lanes: their names.
+        ground: what they stand on.
+        step_s: time between steps.
+        asset: an asset's dimensions and contacts by name.
+        tell: called with the fraction done (0..1) and what is being done.
+    """
+    names = np.array([trip.asset for trip in trips], object)
+    trip = columns["trip"]
+    tell(0.0, "heights of their lanes")
+    ceiling = ground.ceiling(columns["xy"], columns["lane"], lanes)
+    z, pitch, roll = np.full((3, len(trip)), np.nan)
+    phase = np.zeros(len(trip), np.int16)
+    known, kind = np.unique(names.astype(str), return_inverse=True)
+    for name in each(sorted(set(names[trip])), between(tell, 0.05, 0.9), "on the ground"):
+        rows = np.flatnonzero(kind[trip] == np.searchsorted(known, name))
+        mesh = asset(name)
+        xy, yaw = columns["xy"][rows], columns["yaw"][rows]
+        z[rows], pitch[rows], roll[rows] = stand(ground, mesh.supports, xy, yaw, ceiling[rows])
+        moving = np.zeros(len(rows))
+        if mesh.phases > 1:
+            cycles = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN
+            moving = np.floor(cycles % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
+        phase[rows] = np.where(columns["speed"][rows] < STANDING_MS, mesh.standing, moving)
+    tell(0.9, "in the order of time")
+    order = np.lexsort([trip, columns["step"]])
+    order = order[~np.isnan(z[order])]
+    trip = trip[order]
+    driven, track = np.unique(trip, return_inverse=True)
+    size = np.array([track_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
+    step = columns["step"][order]
+    values = {
+        "time_s": step_times(int(step.max(initial=0)) + 1, step_s)[step],
+        "track": trip,
+        "class": _texts([trip.actor_class for trip in trips], trip),
+        "asset": _texts(names.tolist(), trip),
+        "phase": phase[order],
+        "x": columns["xy"][order, 0],
+        "y": columns["xy"][order, 1],
+        "z": z[order],
+        "yaw": np.angle(np.exp(1j * columns["yaw"][order])),
+        "pitch": pitch[order],
+        "roll": roll[order],
+        "length": size[:, 0],
+        "width": size[:, 1],
+        "height": size[:, 2],
+        "speed": columns["speed"][order],
+        "lane": _texts(lanes, columns["lane"][order]),
+    }
+    arrays = [
+        one if isinstance(one := values[field.name], pa.Array) else pa.array(one, field.type)
+        for field in ACTOR_SCHEMA
+    ]
+    return pa.table(arrays, names=ACTOR_SCHEMA.names)
+
+
+class KeptRows:
+    """Rows of actors stretch by stretch, kept on disk where there are many.
+
+    Args:
+        folder: where they are kept; in memory, where not given.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+        self._tables: list[pa.Table] = []
+        self._files: list[Path] = []
+        self._driven: set[int] = set()
+
+    def add(self, rows: pa.Table) -> None:
+        """Keep the rows that follow, of `actor_rows`."""
+        self._driven |= set(np.unique(rows["track"].to_numpy()).tolist())
+        if self._folder is None:
+            self._tables.append(rows)
+            return
+        path = self._folder / f"rows-{len(self._files)}.arrow"
+        with pa.ipc.new_file(str(path), rows.schema) as file:
+            file.write_table(rows)
+        self._files.append(path)
+
+    def table(
+        self, number: NDArray[np.integer] | None = None
+    ) -> tuple[pa.Table, NDArray[np.int32]]:
+        """Return all rows as the table of actors, and the trip of each (N,).
+
+        Args:
+            number: the track of each trip; 1, 2, 3, ... in the order of those who are there, where
+                not given.
+        """
+        driven = np.array(sorted(self._driven), np.int64)
+        parts, trips = [ACTOR_SCHEMA.empty_table()], [np.zeros(0, np.int32)]
+        for rows in self._rows():
+            trips.append(rows["track"].to_numpy().astype(np.int32))
+            parts.append(self._numbered(rows, driven, number))
+        return pa.concat_tables(parts), np.concatenate(trips)
+
+    def _rows(self) -> Iterator[pa.Table]:
+        yield from self._tables
+        for path in self._files:
+            with pa.OSFile(str(path)) as file:
+                yield pa.ipc.open_file(file).read_all()
+            path.unlink()
+
+    @staticmethod
+    def _numbered(
+        rows: pa.Table, driven: NDArray[np.int64], number: NDArray[np.integer] | None
+    ) -> pa.Table:
+        trip = rows["track"].to_numpy()
+        track = np.searchsorted(driven, trip) + 1 if number is None else number[trip]
+        column = rows.schema.get_field_index("track")
+        rows = rows.set_column(column, "track", pa.array(track, pa.int32()))
+        return rows.cast(ACTOR_SCHEMA)
+
+
+def _texts(names: Sequence[str], index: NDArray[Any]) -> pa.Array:
+    """Return ``names[index]`` as a column, without a Python object per row."""
+    indices = pa.array(index.astype(np.int32))
+    return pa.DictionaryArray.from_arrays(indices, pa.array(names, pa.string()))

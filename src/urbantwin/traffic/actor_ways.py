@@ -1,0 +1,224 @@
+"""Ways of actors from SUMO's output: smoothed, round what stands, with all bodies that bend.
+
+Each is made from what SUMO saw of one actor alone, so that those of a long motion are made some
+actors at a time, and kept on disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.progress import Progress, between, each, untold
+from urbantwin.roads import RoadNetwork
+from urbantwin.traffic.assets import Asset
+from urbantwin.traffic.demand.demand import Demand, Trip
+from urbantwin.traffic.paths.apart import rear_of
+from urbantwin.traffic.paths.bending import steering_part, vehicles, with_bodies
+from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.corner_cutting import corner_cutters, with_rigid
+from urbantwin.traffic.paths.detours import round_blocks
+from urbantwin.traffic.paths.kept_ways import KeptColumns, KeptWays
+from urbantwin.traffic.paths.placement import Ground
+from urbantwin.traffic.paths.solids import Solids
+from urbantwin.traffic.paths.steering import steered
+from urbantwin.traffic.paths.trajectory import smoothed
+from urbantwin.traffic.paths.walked_cells import AROUND_M, WalkedCells
+from urbantwin.traffic.sumo.simulation import Simulated
+
+__all__ = ["actor_ways"]
+
+#: Room that who is led needs beyond that of people, metres.
+_LED_M = 0.2
+#: So many rows are made at a time, and so many steps are looked at for who cuts corners.
+_ROWS, _STEPS = 500_000, 2000
+
+Columns = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Between:
+    """What ways lead between, and how they are made."""
+
+    roads: RoadNetwork
+    ground: Ground
+    low: PlanBoxes
+    solids: Solids
+    lanes: tuple[str, ...]
+    step_s: float
+    asset: Callable[[str], Asset]
+
+    def ways(self, simulated: Simulated, demand: Demand, tell: Progress) -> Columns:
+        """Return the poses of whatever SUMO saw, round what stands."""
+        columns = self.smooth(simulated, demand, tell)
+        return self.round(columns, demand.trips)
+
+    def bent(
+        self, columns: Columns, demand: Demand, simulated: Simulated
+    ) -> tuple[Columns, tuple[Trip, ...], NDArray[np.int64]]:
+        """Return the poses of all bodies."""
+        return with_bodies(columns, demand, simulated, self.roads.tracks, asset=self.asset)
+
+    def cutters(
+        self, columns: Columns, trips: Sequence[Trip], who: NDArray[np.int64]
+    ) -> frozenset[int]:
+        """Return whose further bodies run into anybody."""
+        level = self.ground.levels(self.lanes)[columns["lane"]]
+        return corner_cutters(columns, trips, who, self.low, level, self.asset)
+
+    def round(self, columns: Columns, trips: Sequence[Trip], *, led: bool = False) -> Columns:
+        """Return poses in which people on the ground, or whom they lead, go round what stands."""
+        kind = "animal" if led else "pedestrian"
+        afoot = np.array([trip.actor_class == kind for trip in trips], np.bool_)
+        level = self.ground.levels(self.lanes)[columns["lane"]]
+        walks = afoot[columns["trip"]] & (level == 0)
+        if not walks.any():
+            return columns
+        shapes = shapely.buffer(self.solids.shapes, _LED_M) if led else self.solids.shapes
+        cells = WalkedCells(columns["xy"][walks], shapes, self.roads.footway(0), AROUND_M)
+        return round_blocks(columns, walks, cells, self.step_s)
+
+    def smooth(self, simulated: Simulated, demand: Demand, tell: Progress) -> Columns:
+        """Return smoothed poses, trip by trip, as columns."""
+        order = np.lexsort([simulated.step, simulated.trip])
+        trip, step = simulated.trip[order], simulated.step[order]
+        breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(step) != 1)) + 1
+        xy = np.empty((len(order), 2))
+        yaw, distance, speed = np.empty((3, len(order)))
+        tracks = np.split(np.arange(len(order)), breaks) if len(order) else []
+        for rows in each(tracks, tell, "smoothing their paths"):
+            whose, source = demand.trips[trip[rows[0]]], order[rows]
+            steers = steering_part(self.asset(whose.asset), self.asset)
+            path = smoothed(
+                simulated.front[source],
+                simulated.angle_deg[source],
+                simulated.speed[source],
+                step_s=self.step_s,
+                length_m=steers.length,
+                walks=whose.actor_class == "pedestrian",
+            )
+            xy[rows], distance[rows], speed[rows] = path.xy, path.distance_m, path.speed
+            yaw[rows] = steered(path.xy, path.yaw, rear_of(steers))
+        return {
+            "trip": trip,
+            "step": step,
+            "xy": xy,
+            "yaw": yaw,
+            "distance": distance,
+            "speed": speed,
+            "lane": simulated.lane[order],
+        }
+
+
+def actor_ways(  # noqa: PLR0913 - all that they go between
+    simulated: Simulated,
+    demand: Demand,
+    roads: RoadNetwork,
+    ground: Ground,
+    low: PlanBoxes,
+    solids: Solids,
+    *,
+    step_s: float,
+    asset: Callable[[str], Asset],
+    rigid: frozenset[int] | None,
+    folder: Path | None,
+    tell: Progress,
+) -> KeptWays:
+    """Return everybody's way.
+
+    Args:
+        simulated: what SUMO saw.
+        demand: the trips that it refers to.
+        roads: the lanes.
+        ground: the levels that they are on.
+        low: what stands in the way, in plan.
+        solids: outlines of what stands in people's way.
+        step_s: time between steps.
+        asset: an asset's dimensions and contacts by name.
+        rigid: who does not bend; found here, where not given.
+        folder: where long ways are kept; in memory, where not given.
+        tell: called with the fraction done (0..1) and what is being done.
+    """
+    way = _Between(roads, ground, low, solids, simulated.lanes, step_s, asset)
+    step = simulated.step
+    steps = (int(step.min()), int(step.max()) + 1) if len(step) else (0, 1)
+    kept = KeptColumns(folder)
+    if folder is None:
+        columns = way.ways(simulated, demand, tell)
+        bent, trips, who = way.bent(columns, demand, simulated)
+        rigid = way.cutters(bent, trips, who) if rigid is None else rigid
+        if rigid:
+            demand = with_rigid(demand, rigid, asset)
+            again = way.smooth(_of_trips(simulated, rigid), demand, untold)
+            bent, trips, who = way.bent(_exchanged(columns, again), demand, simulated)
+        # Who is led beside somebody goes round what stands there, too, and is longer.
+        kept.add(way.round(bent, trips, led=True))
+        return KeptWays(kept, trips, who, rigid, frozenset(), 0, steps)
+    every, number = list(demand.trips), list(range(len(demand.trips)))
+    count = 0
+    parts = list(_some_actors(simulated))
+    for n, rows in enumerate(parts):
+        telling = between(tell, n / len(parts), (n + 1) / len(parts))
+        seen = simulated.only(rows)
+        bent, trips, who = way.bent(way.ways(seen, demand, telling), demand, seen)
+        bent = way.round(bent, trips, led=True)
+        further = bent["trip"] >= len(demand.trips)
+        bent["trip"][further] += len(every) - len(demand.trips)
+        for one in np.unique(seen.trip).tolist():
+            every[one] = trips[one]
+        every += trips[len(demand.trips) :]
+        number += who[len(demand.trips) :].tolist()
+        count += len(bent["trip"])
+        kept.add(bent)
+    trips, who = tuple(every), np.array(number, np.int64)
+    if rigid is None:
+        rigid = frozenset().union(
+            *(way.cutters(some, trips, who) for some in _some_steps(kept.opened(), steps))
+        )
+    gone: frozenset[int] = frozenset()
+    if rigid:
+        gone = frozenset(np.flatnonzero(np.isin(vehicles(who), list(rigid))).tolist())
+        demand = with_rigid(demand, rigid, asset)
+        kept.add(way.smooth(_of_trips(simulated, rigid), demand, untold))
+        trips = tuple(demand.trips[n] if n in rigid else trip for n, trip in enumerate(trips))
+    return KeptWays(kept, trips, who, rigid, gone, count, steps)
+
+
+def _some_actors(simulated: Simulated) -> Iterator[NDArray[np.int64]]:
+    """Yield the rows of some actors after the other."""
+    order = np.argsort(simulated.trip, kind="stable")
+    ends = np.unique(np.cumsum(np.bincount(simulated.trip)))
+    first = 0
+    while first < len(order):
+        fit = ends[(ends > first) & (ends <= first + _ROWS)]
+        last = int(fit[-1] if len(fit) else ends[ends > first][0])
+        yield order[first:last]
+        first = last
+
+
+def _some_steps(columns: Columns, steps: tuple[int, int]) -> Iterator[Columns]:
+    """Yield the rows of some steps after the other."""
+    for first in range(*steps, _STEPS):
+        rows = np.flatnonzero((columns["step"] >= first) & (columns["step"] < first + _STEPS))
+        yield {name: np.asarray(values[rows]) for name, values in columns.items()}
+
+
+def _of_trips(simulated: Simulated, numbers: frozenset[int]) -> Simulated:
+    """Return what SUMO saw of some trips."""
+    return simulated.only(np.isin(simulated.trip, list(numbers)))
+
+
+def _exchanged(
+    columns: dict[str, NDArray[Any]], again: dict[str, NDArray[Any]]
+) -> dict[str, NDArray[Any]]:
+    """Return poses in which some trips have other ones, sorted as before."""
+    stays = ~np.isin(columns["trip"], again["trip"])
+    joined = {name: np.concatenate([columns[name][stays], again[name]]) for name in columns}
+    order = np.lexsort([joined["step"], joined["trip"]])
+    return {name: values[order] for name, values in joined.items()}

@@ -1,0 +1,139 @@
+"""Calibrating a site's demand to what was observed in seconds or minutes of frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin import __version__
+from urbantwin.artefact import passing_folder, replaced_folder, sha256_of, write_json
+from urbantwin.progress import Progress, between, untold
+from urbantwin.site import load_site
+from urbantwin.site.yaml_document import read_document
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.calibration.presence import (
+    Presence,
+    arms_of,
+    corrected,
+    first_flows,
+    flows_of_arms,
+    presence_of,
+)
+from urbantwin.traffic.calibration.simulated import simulated_tracks
+from urbantwin.traffic.calibration.site_document import built, dump, elsewhere
+from urbantwin.traffic.observed import read_observation
+
+__all__ = ["calibrate_observation"]
+
+#: Flows are corrected by so many simulations, which last so long, seconds; one more is told of.
+_ROUNDS, _TRIAL_S = 3, 300.0
+#: Classes that a demand states: none of those that were not observed.
+_TOLD = [name for name in ACTOR_CLASSES if name not in ("animal", "trailer", "tram")]
+#: What lies within this of the outermost that was seen is seen in part only, metres.
+_EDGE_M = 2.0
+
+
+def calibrate_observation(
+    observed: Path, site: Path, out: Path, *, seed: int = 1, progress: Progress = untold
+) -> dict[str, Any]:
+    """Write the demand with which as many are present as were observed.
+
+    Args:
+        observed: folder that ``urbantwin observe --twin`` wrote.
+        site: the ``site.yaml``.
+        out: the folder to write: ``traffic.yaml`` for ``urbantwin traffic --demand``, ``site.yaml``
+            with this traffic, ``calibration.json``.
+        seed: of the simulations.
+        progress: called with the fraction done and what is being done.
+
+    Returns:
+        The content of ``calibration.json``. ``standard_error`` is by how much spans of the last
+        simulation differ that last as long as the recording: of chance, and of where signals were
+        in their cycle.
+
+    Raises:
+        InputError: the observation or the site cannot be used.
+        StageError: netconvert or SUMO failed.
+    """
+    loaded = load_site(site)
+    tracks, moments_s = read_observation(observed)
+    inputs = [observed, *loaded.files()]
+    with (
+        replaced_folder(out, kind="calibration", inputs=inputs) as folder,
+        passing_folder("urbantwin-calibrate") as scratch,
+    ):
+        document = dict(read_document(site, kind="a site").value)
+        document = elsewhere(document, site.parent.resolve(), None)
+        twin = built(document, scratch, between(progress, 0.0, 0.2))
+        area = shapely.MultiPoint(tracks.xy).convex_hull.buffer(-_EDGE_M)
+        arms = arms_of(twin.roads, area)
+        recorded = presence_of(tracks, moments_s, area, arms)
+        trial_s = np.arange(0.0, _TRIAL_S, 1.0)
+
+        def simulated(per_hour: dict[str, float], turn: int) -> Presence:
+            asked = {**twin.site["traffic"], "counts": [], "seed": seed}
+            asked["per_hour"] = {name: per_hour.get(name, 0.0) for name in ACTOR_CLASSES}
+            tell = between(progress, 0.2 + 0.8 * turn / (_ROUNDS + 1), 1.0)
+            what = f"simulating who is present, {turn + 1} of {_ROUNDS + 1}"
+            found = simulated_tracks(
+                twin, asked, _TRIAL_S, area, scratch=scratch, told=lambda share: tell(share, what)
+            )
+            return presence_of(found, trial_s, area, arms)
+
+        flows = first_flows(recorded)
+        for turn in range(_ROUNDS):
+            flows = corrected(flows, recorded, simulated(flows, turn))
+        flows = {name: round(value, 1) for name, value in flows.items()}
+        last = simulated(flows, _ROUNDS)
+        span_s = float(moments_s[-1] - moments_s[0]) + float(np.diff(moments_s[:2]).sum())
+        report = {
+            "kind": "calibration",
+            "urbantwin": __version__,
+            "tracks": [
+                {"name": name, "sha256": sha256_of(observed / name)}
+                for name in ("observation.json", "tracks.csv")
+            ],
+            "recorded_s": round(span_s, 3),
+            "simulated_s": _TRIAL_S,
+            "seen_m2": round(float(area.area), 1),
+            "demand": _told(flows, recorded, last, max(1, round(span_s))),
+        }
+        traffic = {"per_hour": {name: flows.get(name, 0.0) for name in _TOLD}}
+        document["traffic"] = {**dict(document.get("traffic") or {}), **traffic}
+        dump(folder / "site.yaml", elsewhere(document, site.parent.resolve(), out.resolve()))
+        dump(folder / "traffic.yaml", traffic)
+        write_json(folder / "calibration.json", report)
+    progress(1.0, "done")
+    return report
+
+
+def _told(
+    flows: dict[str, float], recorded: Presence, last: Presence, moments: int
+) -> list[dict[str, Any]]:
+    """Return a row of each class and arm: flow, standard error, present here and there."""
+    spread = last.spread(moments)
+    rows: list[dict[str, Any]] = []
+    for of, every, here, there, kind in (
+        ("class", flows, recorded.classes, last.classes, "classes"),
+        ("road", flows_of_arms(flows, recorded), recorded.arms, last.arms, "arms"),
+    ):
+        for name, q in sorted(every.items()):
+            share = spread[kind].get(name)
+            rows.append(
+                {
+                    of: name,
+                    "per_hour": round(q, 1),
+                    "standard_error": None if share is None else round(q * share, 1),
+                    "present": _mean(here.get(name)),
+                    "present_simulated": _mean(there.get(name)),
+                }
+            )
+    return rows
+
+
+def _mean(present: NDArray[np.int64] | None) -> float:
+    return 0.0 if present is None else round(float(present.mean()), 2)

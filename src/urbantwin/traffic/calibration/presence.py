@@ -1,0 +1,188 @@
+"""Demand from who is present, for recordings of seconds: Little's law, by a simulation's sojourns.
+
+In half a minute hardly anybody is seen from an approach to an exit, but many are present, and who
+waits tells of a minute of arrivals. The number present is the flow times the time that one stays
+(J. D. C. Little, "A Proof for the Queuing Formula: L = lambda W", Operations Research 9(3), 1961);
+how long one stays, with queues at signals, simulations of the same place tell, in which the same
+is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads import RoadNetwork
+from urbantwin.traffic.calibration.passages import MOTORS, SeenTrack
+from urbantwin.traffic.demand.counted_places import main_junction
+from urbantwin.traffic.observed import ObservedTracks
+
+__all__ = [
+    "Presence",
+    "arms_of",
+    "corrected",
+    "first_flows",
+    "flows_of_arms",
+    "presence_of",
+]
+
+#: An arm is told of where so much of it is seen, metres.
+_SEEN_M = 5.0
+#: Who is slower walks nowhere and is not seen, m/s.
+_WALKS_M_S = 0.3
+#: One stays so long at first, seconds; and no round changes a flow by more than this.
+_STAYS_S, _MOST_CHANGE = 40.0, 1.6
+#: So many more of each are supposed on both sides: few say little.
+_SUPPOSED = 0.5
+#: A flow is not smaller, per hour.
+_LEAST = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Presence:
+    """How many are present, by moments.
+
+    Attributes:
+        times: how many moments.
+        classes: class -> (T,) how many of it.
+        arms: id of a road -> (T,) motor vehicles on it.
+    """
+
+    times: int
+    classes: dict[str, NDArray[np.int64]]
+    arms: dict[str, NDArray[np.int64]]
+
+    def spread(self, moments: int) -> dict[str, dict[str, float]]:
+        """Return by what share of the whole's the means of spans of so many moments differ."""
+        found: dict[str, dict[str, float]] = {"classes": {}, "arms": {}}
+        count = self.times // max(moments, 1)
+        for kind, every in (("classes", self.classes), ("arms", self.arms)):
+            for name, present in every.items():
+                means = present[: count * moments].reshape(count, -1).mean(axis=1)
+                if count > 1 and means.mean() > 0:
+                    found[kind][name] = float(means.std(ddof=1) / means.mean())
+        return found
+
+
+def arms_of(roads: RoadNetwork, area: shapely.Geometry) -> dict[str, shapely.Geometry]:
+    """Return the ways into the main junction and past it that are seen: road -> its lanes' area.
+
+    Roads that lead away from the junction are none: who is on them was counted before.
+    """
+    junction = main_junction(roads)
+    outline = {
+        road.id: shapely.union_all(
+            [roads.lane_by_id[name].polygon for name in road.lanes if _driven(roads, name)]
+        )
+        for road in roads.roads
+    }
+    seen = {
+        road.id: max(
+            (
+                shapely.LineString(roads.lane_by_id[name].centre[:, :2]).intersection(area).length
+                for name in road.lanes
+                if _driven(roads, name)
+            ),
+            default=0.0,
+        )
+        for road in roads.roads
+    }
+    near = [road for road in roads.roads if seen[road.id] > 0]
+    away, reached = set[str](), {junction}
+    while more := {one.id for one in near if one.from_junction in reached} - away:
+        away |= more
+        reached |= {one.to_junction for one in near if one.id in more}
+    return {
+        one.id: outline[one.id] for one in near if one.id not in away and seen[one.id] >= _SEEN_M
+    }
+
+
+def _driven(roads: RoadNetwork, lane: str) -> bool:
+    return any(name in roads.lane_by_id[lane].allowed for name in MOTORS)
+
+
+def presence_of(
+    tracks: Sequence[SeenTrack] | ObservedTracks,
+    moments_s: NDArray[np.float64],
+    area: shapely.Geometry,
+    arms: Mapping[str, shapely.Geometry],
+) -> Presence:
+    """Count who is present in an area, at moments (T,), seconds.
+
+    People who stand are not counted, as frames do not tell them from posts.
+    """
+    of = tracks if isinstance(tracks, ObservedTracks) else _sampled(tracks, moments_s)
+    inside = shapely.contains_xy(area, of.xy[:, 0], of.xy[:, 1])
+    inside &= ~((of.actor_class == "pedestrian") & of.stands)
+    moment = np.searchsorted(moments_s, of.time_s - 1e-6)
+    count = len(moments_s)
+
+    def by_moment(rows: NDArray[np.bool_]) -> NDArray[np.int64]:
+        return np.bincount(moment[rows & inside], minlength=count)[:count]
+
+    motors = np.isin(of.actor_class, MOTORS)
+    return Presence(
+        count,
+        {str(name): by_moment(of.actor_class == name) for name in np.unique(of.actor_class)},
+        {
+            name: by_moment(motors & shapely.contains_xy(polygon, of.xy[:, 0], of.xy[:, 1]))
+            for name, polygon in arms.items()
+        },
+    )
+
+
+def _sampled(tracks: Sequence[SeenTrack], moments_s: NDArray[np.float64]) -> ObservedTracks:
+    name, time_s, xy, stands = [], [], [np.zeros((0, 2))], []
+    for one in tracks:
+        there = moments_s[(moments_s >= one.time_s[0]) & (moments_s <= one.time_s[-1])]
+        name += [one.track.actor_class] * len(there)
+        time_s += there.tolist()
+        xy.append(
+            np.column_stack([np.interp(there, one.time_s, one.xy[:, axis]) for axis in (0, 1)])
+        )
+        stands += (np.interp(there, one.time_s, one.speed) < _WALKS_M_S).tolist()
+    return ObservedTracks(
+        np.array(name, object), np.array(time_s), np.concatenate(xy), np.array(stands, bool)
+    )
+
+
+def first_flows(recorded: Presence) -> dict[str, float]:
+    """Return class -> flow per hour to begin with: as if everybody stayed equally long."""
+    return {
+        name: max(float(present.mean()) * 3600 / _STAYS_S, _LEAST)
+        for name, present in recorded.classes.items()
+    }
+
+
+def corrected(
+    per_hour: Mapping[str, float], recorded: Presence, simulated: Presence
+) -> dict[str, float]:
+    """Return flows times who is present in the recording over who is in a simulation of them.
+
+    Motor vehicles together: of rare classes chance decides who is present.
+    """
+
+    def ratio(names: Sequence[str]) -> float:
+        here, there = (
+            sum(float(one.classes[name].mean()) for name in names if name in one.classes)
+            for one in (recorded, simulated)
+        )
+        found = (here + _SUPPOSED) / (there + _SUPPOSED)
+        return float(np.clip(found, 1 / _MOST_CHANGE, _MOST_CHANGE))
+
+    return {
+        name: max(value * ratio(MOTORS if name in MOTORS else (name,)), _LEAST)
+        for name, value in per_hour.items()
+    }
+
+
+def flows_of_arms(per_hour: Mapping[str, float], recorded: Presence) -> dict[str, float]:
+    """Return motor vehicles per hour by arm: shared out as they are present on them."""
+    motors = sum(value for name, value in per_hour.items() if name in MOTORS)
+    present = {name: float(every.mean()) for name, every in recorded.arms.items()}
+    every = sum(present.values()) or 1.0
+    return {name: motors * one / every for name, one in sorted(present.items())}

@@ -1,0 +1,44 @@
+"""A ``site.yaml`` as a document that is changed, built and written elsewhere."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from urbantwin.progress import Progress
+from urbantwin.site import load_site
+from urbantwin.twin import Twin
+from urbantwin.twin.build import build_twin
+
+__all__ = ["built", "dump", "elsewhere"]
+
+_LONGEST_NAME = 500
+
+
+def elsewhere(value: Any, here: Path, there: Path | None, key: str = "") -> Any:  # noqa: ANN401
+    """Return a site's document with its files as they are called from another folder, or whole."""
+    if isinstance(value, dict):
+        return {name: elsewhere(one, here, there, name) for name, one in value.items()}
+    if isinstance(value, list):
+        return [elsewhere(one, here, there, key) for one in value]
+    if isinstance(value, str) and value and "\n" not in value and len(value) < _LONGEST_NAME:
+        file = here / value
+        # A folder stands where files do: of tiles, of frames. A place may be called as one is.
+        if file.is_file() or (key == "file" and file.is_dir()):
+            return str(file) if there is None else os.path.relpath(file, there)
+    return value
+
+
+def built(document: dict[str, Any], folder: Path, progress: Progress) -> Twin:
+    """Return the twin of a site's document, built in a folder that passes."""
+    file = folder / "site.yaml"
+    dump(file, document)
+    return build_twin(load_site(file), folder / "twin", progress)
+
+
+def dump(path: Path, value: dict[str, Any]) -> None:
+    """Write a document as YAML."""
+    path.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=100))

@@ -1,0 +1,85 @@
+"""What `write_observation` wrote, read again: who was where in which frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+from numpy.typing import NDArray
+
+from urbantwin.artefact import read_json
+from urbantwin.artefact.manifest import Part, validated
+from urbantwin.errors import InputError
+
+__all__ = ["ObservedTracks", "is_observation", "read_observation"]
+
+_EXPECTED = "a folder that `urbantwin observe FRAMES --twin TWIN -o FOLDER` wrote"
+_COLUMNS = ("track_id", "time_s", "class", "x", "y")
+#: Slower than this one stands, m/s.
+_STANDS_M_S = 0.3
+
+
+class _Observation(Part):
+    frames: int
+    rate_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedTracks:
+    """Actors at moments, a row each.
+
+    Attributes:
+        actor_class: (N,) names.
+        time_s: (N,) seconds.
+        xy: (N, 2) metres.
+        stands: (N,) whether it hardly moves.
+    """
+
+    actor_class: NDArray[np.object_]
+    time_s: NDArray[np.float64]
+    xy: NDArray[np.float64]
+    stands: NDArray[np.bool_]
+
+
+def is_observation(path: Path) -> bool:
+    """Return whether this is a folder that ``urbantwin observe`` wrote."""
+    return (path / "observation.json").is_file()
+
+
+def read_observation(folder: Path) -> tuple[ObservedTracks, NDArray[np.float64]]:
+    """Return who was where, and the moments (T,) of the frames, seconds.
+
+    Raises:
+        InputError: it is no observation, or nobody was observed.
+    """
+    told = validated(
+        read_json(folder / "observation.json", kind="observation"),
+        _Observation,
+        file=folder / "observation.json",
+        expected=_EXPECTED,
+    )
+    file = folder / "tracks.csv"
+    try:
+        table = pa_csv.read_csv(file)
+        track, time_s, name, x, y = (
+            table[column].to_numpy(zero_copy_only=False) for column in _COLUMNS
+        )
+        numbers = [one.astype(np.float64) for one in (track, time_s, x, y)]
+    except (OSError, KeyError, ValueError, pa.ArrowInvalid) as error:
+        raise InputError("is no table of tracks", file=file, expected=_EXPECTED) from error
+    if not len(track):
+        raise InputError("nobody was observed", file=file, expected="frames in which one moves")
+    track, time_s, x, y = numbers
+    order = np.lexsort((time_s, track))
+    track, time_s, name, xy = track[order], time_s[order], name[order], np.column_stack([x, y])
+    xy = xy[order]
+    speed = np.full(len(track), np.inf)
+    same = np.flatnonzero(np.diff(track) == 0)
+    along = np.linalg.norm(np.diff(xy, axis=0), axis=1)[same] / np.diff(time_s)[same]
+    speed[same] = along
+    np.minimum.at(speed, same + 1, along)
+    moments = np.arange(told.frames) / told.rate_hz
+    return ObservedTracks(name.astype(object), time_s, xy, speed < _STANDS_M_S), moments

@@ -1,0 +1,175 @@
+"""Apart: everybody goes round, aside or later, so that no two overlap, where that can be had."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.progress import Progress, between
+from urbantwin.traffic.assets import Asset
+from urbantwin.traffic.paths.bending import vehicles
+from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.crowd import crowd_walked
+from urbantwin.traffic.paths.kept_ways import KeptWays
+from urbantwin.traffic.paths.kerbs import Crossings
+from urbantwin.traffic.paths.obstacles import Blocks
+from urbantwin.traffic.paths.separation import Moving, separated
+from urbantwin.traffic.paths.steering import steered
+from urbantwin.traffic.paths.stretches import LeftOff, Stretch, Ways
+from urbantwin.traffic.paths.track_box import track_size
+from urbantwin.traffic.paths.walked_ground import WalkedGround
+from urbantwin.traffic.paths.yielding import Before, yielded
+
+__all__ = ["STANDING_MS", "Parted", "rear_of"]
+
+#: Who is slower than this stands, m/s.
+STANDING_MS = 0.15
+_TURNS = 2  # vehicles go round people so often, who go round who waits
+#: How long people who are late let vehicles by at a crossing without a signal, and at green, before
+#: vehicles wait for them, seconds.
+_PATIENCE_S = (15.0, 4.0)
+
+Columns = dict[str, NDArray[Any]]
+
+
+class Parted:
+    """Everybody of a motion, parted stretch by stretch.
+
+    Args:
+        ways: everybody's.
+        level: (L,) of each lane.
+        blocks: what stands in the way all the time.
+        solids: outlines of what stands in people's way.
+        footway: where people rather are.
+        step_s: time between steps.
+        asset: an asset's dimensions by name.
+    """
+
+    def __init__(
+        self,
+        ways: KeptWays,
+        level: NDArray[np.int64],
+        blocks: Blocks,
+        solids: NDArray[np.object_],
+        footway: shapely.Geometry,
+        *,
+        step_s: float,
+        asset: Callable[[str], Asset],
+    ) -> None:
+        self.level, self.blocks, self.step_s = level, blocks, step_s
+        trips, who = ways.trips, ways.who
+        self.meshes = [asset(trip.asset) for trip in trips]
+        led = np.array([one.actor_class == "animal" for one in trips], np.bool_)
+        # Who is led steps aside as people do.
+        self.classes = tuple(
+            "pedestrian" if one.actor_class == "animal" else one.actor_class for one in trips
+        )
+        self.vehicles = np.where(led, who, vehicles(who))
+        self.striding = np.array([[x.length, x.width] for x in self.meshes]).reshape(-1, 2)
+        self.still = np.array([track_size(mesh)[:2] for mesh in self.meshes]).reshape(-1, 2)
+        self.height = np.array([mesh.height for mesh in self.meshes])
+        self.walks = np.array([name == "pedestrian" for name in self.classes], np.bool_)
+        rear_m = [rear_of(mesh) for mesh in self.meshes]
+        columns = ways.columns.opened()
+        afoot = np.asarray(columns["xy"][self.walks[columns["trip"]]])
+        self.ground = WalkedGround(afoot, blocks.low, solids, footway)
+        self.ways = Ways(ways, self.walks, self.classes, self.vehicles, rear_m, step_s)
+
+    def parted(
+        self,
+        stretch: Stretch,
+        left: LeftOff | None,
+        before: Before | None,
+        crossings: Crossings,
+        tell: Progress,
+    ) -> Columns:
+        """Return poses of a stretch of which no two overlap, where that can be had.
+
+        They have further columns: those of `stretches.WALKS`, and how far each is ``behind`` after
+        each turn of waiting (N, T).
+
+        Args:
+            stretch: from when until when.
+            left: where everybody was before.
+            before: how the same traffic went until something changed.
+            crossings: from the first step of the stretch on.
+            tell: called with the fraction done (0..1) and what is being done.
+        """
+        columns = self.ways.within(stretch, left)
+        trip, stands = columns["trip"], columns["speed"] < STANDING_MS
+        size = np.where(stands[:, None], self.still[trip], self.striding[trip])
+        boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], size / 2)
+        level = self.level[columns["lane"]]
+        moving = Moving(
+            trip, boxes, columns["speed"], level, columns["lane"], self.classes, self.vehicles
+        )
+        half, on_foot = self.still[trip] / 2, self.walks[trip]
+        afoot = {name: values[on_foot] for name, values in columns.items()}
+        begun = stretch.begin if left else None
+        if left is not None:
+            before = _gone_on(left, before)
+        behind = []
+        for turn in range(_TURNS + 1):
+            # Everybody on foot goes its own way anew: what held it up in one turn may not in the
+            # next.
+            for name, values in afoot.items():
+                columns[name][on_foot] = values
+            columns = crowd_walked(
+                columns, moving, half, self.step_s, self.ground, crossings=crossings,
+                patience_s=_PATIENCE_S, left=left,
+            )  # fmt: skip
+            if turn < _TURNS:
+                columns = self._round_others(columns, moving, size / 2, begun)
+            was = before.turn(turn) if before else None
+            waiting = between(tell, turn / (_TURNS + 1), (turn + 1) / (_TURNS + 1))
+            columns = yielded(columns, moving, half, self.step_s, was, waiting)
+            behind.append(columns.pop("behind"))
+        return {**columns, "behind": np.column_stack(behind)}
+
+    def _round_others(
+        self, columns: Columns, moving: Moving, half: NDArray[np.float64], begin: int | None
+    ) -> Columns:
+        """Return poses in which vehicles go round what is beside them a little."""
+        boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], half)
+        now = replace(moving, boxes=boxes, speed=columns["speed"])
+        height = self.height[columns["trip"]]
+        xy, speed = separated(now, self.blocks, height, self.step_s, columns["aside"], begin)
+        aside = columns["aside"] + ((xy - columns["xy"]) * boxes.axes[:, 1]).sum(axis=1)
+        return self._steered({**columns, "xy": xy, "speed": speed, "aside": aside}, columns)
+
+    def _steered(self, columns: Columns, was: Columns) -> Columns:
+        """Return poses in which every vehicle whose path is another than it was drives along it."""
+        trip, xy = columns["trip"], columns["xy"]
+        yaw = columns["yaw"].copy()
+        breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(columns["step"]) != 1)) + 1
+        for rows in np.split(np.arange(len(trip)), breaks):
+            number = trip[rows[0]] if len(rows) else 0
+            if (xy[rows] != was["xy"][rows]).any() and not self.walks[number]:
+                yaw[rows] = steered(xy[rows], yaw[rows], rear_of(self.meshes[number]))
+        return {**columns, "yaw": yaw}
+
+
+def _gone_on(left: LeftOff, before: Before | None) -> Before:
+    """Return how traffic went until a stretch begins, or until something changed in it."""
+    gone = {name: left.columns[name] for name in ("trip", "step")}
+    if before is None or before.until <= left.step:
+        own, rigid = (before.own, before.rigid) if before else (frozenset[int](), frozenset[int]())
+        nothing = np.zeros((len(gone["trip"]), _TURNS + 1))
+        return Before(({**gone, "behind": nothing},), left.step, own, rigid, left.step)
+    return replace(before, begin=left.step)
+
+
+def rear_of(mesh: Asset) -> float:
+    """Return how far behind its middle an asset's rear axle is, metres; 0 without one.
+
+    A tram has none in this sense: both its bogies are on the rails, as SUMO's heading has them.
+    """
+    if mesh.actor_class == "tram":
+        return 0.0
+    behind = mesh.contacts[mesh.contacts[:, 0] < -0.1, 0]
+    return -float(behind.mean()) if len(behind) else 0.0

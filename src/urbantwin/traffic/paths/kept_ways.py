@@ -1,0 +1,80 @@
+"""Ways of everybody in a long motion, kept on disk, of which a stretch at a time is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.traffic.demand.demand import Trip
+
+__all__ = ["KeptColumns", "KeptWays"]
+
+Columns = dict[str, NDArray[Any]]
+
+
+class KeptColumns:
+    """Columns that are added one after the other.
+
+    Args:
+        folder: where they are kept; in memory, where not given.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+        self._parts: list[Columns] = []
+        self._kinds: dict[str, tuple[np.dtype[Any], tuple[int, ...]]] = {}
+        self._count = 0
+
+    def add(self, columns: Columns) -> None:
+        """Keep rows that follow those before."""
+        if self._folder is None:
+            self._parts.append(columns)
+            return
+        for name, values in columns.items():
+            self._kinds[name] = values.dtype, values.shape[1:]
+            with self._file(name).open("ab") as file:
+                file.write(np.ascontiguousarray(values).data)
+        self._count += len(columns["trip"])
+
+    def opened(self) -> Columns:
+        """Return all columns; what is read of those on disk stays in memory until let go."""
+        if self._folder is not None:
+            return {
+                name: np.memmap(self._file(name), kind, "r", shape=(self._count, *shape))
+                for name, (kind, shape) in self._kinds.items()
+            }
+        if len(self._parts) > 1:
+            names = self._parts[0]
+            self._parts = [{x: np.concatenate([one[x] for one in self._parts]) for x in names}]
+        return self._parts[0]
+
+    def _file(self, name: str) -> Path:
+        assert self._folder is not None
+        return self._folder / f"{name}.bin"
+
+
+@dataclass(frozen=True, eq=False)
+class KeptWays:
+    """Everybody's way before anybody sees anybody.
+
+    Attributes:
+        columns: poses by actor and step; of who is among ``gone`` rows before ``since`` are none.
+        trips: whose they are.
+        who: who is who (`bending.with_bodies`).
+        rigid: vehicles that do not bend though their trips say so.
+        gone: what they would have been.
+        since: see ``columns``.
+        steps: the first step, and the one after the last.
+    """
+
+    columns: KeptColumns
+    trips: tuple[Trip, ...]
+    who: NDArray[np.int64]
+    rigid: frozenset[int]
+    gone: frozenset[int]
+    since: int
+    steps: tuple[int, int]
