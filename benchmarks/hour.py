@@ -5,7 +5,7 @@ its own (the pilots that find how many circulate are among them).
 
     python benchmarks/hour.py places/munich/twin
     python benchmarks/hour.py places/munich/twin --seconds 900 --seed 3
-    python benchmarks/hour.py places/munich/twin --share 0.66  # of the traffic that the site asks for
+    python benchmarks/hour.py places/munich/twin --share 0.66  # of its traffic
 """
 
 from __future__ import annotations
