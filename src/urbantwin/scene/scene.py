@@ -140,7 +140,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         "buildings": (buildings.mesh, buildings.notes),
         **map_objects(
             beside,
-            heads,
+            heads if imported is None else _not_seen(heads, imported.measured),
             region=region,
             ground_height=ground_height,
             carriageway=carriageway,
@@ -173,6 +173,15 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     # Buildings come first.
     colours = buildings.colours.moved(FIRST_OBJECT)
     return Scene(LabelledMesh.concatenate(meshes), notes, colours)
+
+
+def _not_seen(heads: Sequence[Head], measured: shapely.Geometry) -> list[Head]:
+    """Return the signals and signs where no recording shows what stands: others would stand twice.
+
+    Where they are the lane model says; on which poles and arms they are mounted is assumed.
+    """
+    shapely.prepare(measured)
+    return [one for one in heads if not shapely.contains_xy(measured, one.x, one.y)]
 
 
 def _paved_when_unmapped(measured: shapely.Geometry) -> shapely.Geometry:
