@@ -22,6 +22,7 @@ from urbantwin.scene.clutter import assumed_features
 from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.map_objects import map_objects
+from urbantwin.scene.measured_curb import with_measured_curbs
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
@@ -102,6 +103,8 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     zones = ground_zones(
         network, region, features, waters, drivable, country, between(tell, 0.0, ZONES, "zones")
     )
+    if imported is not None and not imported.measured.is_empty:
+        zones = with_measured_curbs(zones, imported.measured, surface.height, elevation.raw_at)
     ground = surface_mesh(
         zones,
         road_height=surface.height,
