@@ -7,6 +7,7 @@ the OpenStreetMap file itself; docs/places.md says how each column is measured.
     python benchmarks/places.py
     python benchmarks/places.py --only london-borough --only chennai --seconds 5
     python benchmarks/places.py --stages build,traffic --out places/ --csv places.csv
+    python benchmarks/places.py --seed 7007 --each 2     # places drawn at random, not proposed ones
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from places_hour import an_hour
 from places_map import MappedStreets
 from places_motion import driving, seeing, street_covered
 from places_roads import measure
+from random_anchors import anchors
 
 DATA = Path(__file__).parents[2] / "shared/data/osm"
 STAGES = ("build", "traffic", "record")
@@ -79,8 +81,22 @@ def command(*given: str | Path) -> tuple[float, str]:
     return time.perf_counter() - began, done.stderr
 
 
-def place(name: str, extract: Path, folder: Path, given: argparse.Namespace) -> dict[str, Any]:
-    """Run one extract and measure what came out."""
+def drawn(found: dict[str, Path], given: argparse.Namespace) -> dict[str, tuple[Path, list[str]]]:
+    """Return the places that are run, by name: an extract, and where in it, as `init` takes it."""
+    if given.seed is None:
+        return {name: (path, []) for name, path in found.items()}
+    places = {}
+    for name, path in found.items():
+        for k, (lat, lon, radius) in enumerate(anchors(path, given.seed, given.each), 1):
+            where = [f"--lat={lat}", f"--lon={lon}", f"--radius={radius}"]
+            places[f"{name}-{k}"] = path, where
+    return places
+
+
+def place(
+    name: str, extract: Path, where: list[str], folder: Path, given: argparse.Namespace
+) -> dict[str, Any]:
+    """Run one place of an extract and measure what came out."""
     site, made = folder / "site.yaml", ut.Run(folder)
     seconds: dict[str, float] = {}
     told: list[str] = []
@@ -88,7 +104,7 @@ def place(name: str, extract: Path, folder: Path, given: argparse.Namespace) -> 
     length = ["--seconds", str(given.seconds)] if given.seconds else []
     pool = ["--workers", str(given.workers)] if given.workers else []
     commands = {
-        "init": ("init", folder, "--osm", extract.resolve(), "--force"),
+        "init": ("init", folder, "--osm", extract.resolve(), *where, "--force"),
         "build": ("build", site, "-o", folder / "twin"),
         "traffic": ("traffic", folder / "twin", "-o", folder / "motion", *length),
         "record": (
@@ -188,6 +204,8 @@ def main() -> None:
     parser.add_argument("--only", action="append", default=[], metavar="NAME")
     parser.add_argument("--seconds", type=float, help="of traffic; 20 when not given")
     parser.add_argument("--stages", default=",".join(STAGES), help="the first of them, or all")
+    parser.add_argument("--seed", type=int, help="draw places at random instead")
+    parser.add_argument("--each", type=int, default=2, help="places drawn of each extract")
     parser.add_argument("--hour", action="store_true", help="drive an hour, too")
     parser.add_argument("--workers", type=int, help="processes to record with")
     parser.add_argument("--out", type=Path, help="keep what is made in this folder")
@@ -201,8 +219,8 @@ def main() -> None:
         raise SystemExit(f"{given.data} is missing")
     with tempfile.TemporaryDirectory() as scratch:
         rows = [
-            place(name, extract, (given.out or Path(scratch)) / name, given)
-            for name, extract in extracts(given.data, given.only).items()
+            place(name, extract, where, (given.out or Path(scratch)) / name, given)
+            for name, (extract, where) in drawn(extracts(given.data, given.only), given).items()
         ]
     if given.csv:
         with given.csv.open("w", newline="") as file:

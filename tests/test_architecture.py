@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -18,9 +19,15 @@ def floors() -> list[str]:
     return [name for cell in first_cells for name in re.findall(r"`(\w+)`", cell)]
 
 
+@cache
+def nodes_of(module: Path) -> list[ast.AST]:
+    """Every node of a module's syntax."""
+    return list(ast.walk(ast.parse(module.read_text())))
+
+
 def imported_packages(module: Path) -> Iterator[tuple[str, int]]:
     """Every part of urbantwin that a module imports, inside functions too, with the line."""
-    for node in ast.walk(ast.parse(module.read_text())):
+    for node in nodes_of(module):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -78,7 +85,10 @@ def test_only_the_command_line_prints_and_exits() -> None:
     for module in MODULES:
         if module.is_relative_to(SOURCE / "cli") or module in programs:
             continue
-        for node in ast.walk(ast.parse(module.read_text())):
-            if isinstance(node, ast.Call):
-                called = ast.unparse(node.func)
-                assert called not in ("print", "sys.exit", "exit"), f"{module}:{node.lineno}"
+        for node in nodes_of(module):
+            match node:
+                case (
+                    ast.Call(func=ast.Name(id="print" | "exit"))
+                    | ast.Call(func=ast.Attribute(value=ast.Name(id="sys"), attr="exit"))
+                ):
+                    raise AssertionError(f"{module}:{node.lineno}")

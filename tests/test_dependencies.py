@@ -40,8 +40,9 @@ def imported() -> dict[str, str]:
             continue
         tree = ast.parse(path.read_text())
         for node in ast.walk(tree):
-            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-                node.body = []  # what only the type checker reads
+            match node:
+                case ast.If(test=ast.Name(id="TYPE_CHECKING")):
+                    node.body = []  # what only the type checker reads
         for node in ast.walk(tree):
             names = []
             if isinstance(node, ast.Import):

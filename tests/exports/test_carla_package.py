@@ -26,21 +26,18 @@ from urbantwin.geometry import Pose
 from urbantwin.lidar.placement import place_rig
 from urbantwin.site.rig import RideSpec
 
-TWINS = ["two_avenues_twin", "perth_twin"]
 
-
-@pytest.fixture(scope="module", params=TWINS)
-def exported(request, tmp_path_factory):
+@pytest.fixture(scope="module")
+def exported(perth_twin, tmp_path_factory):
     """A twin and its package, with glTF in place of FBX."""
-    twin = request.getfixturevalue(request.param)
     folder = tmp_path_factory.mktemp("carla") / "package"
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("URBANTWIN_BLENDER_PYTHON", raising=False)
         patch.setattr("urbantwin.exports.carla.package.blender_python", lambda: None)
-        notes = export_twin(twin, "carla", folder).notes
+        notes = export_twin(perth_twin, "carla", folder).notes
     assert len(notes) == 1
     assert "urbantwin[fbx]" in notes[0]
-    return twin, folder
+    return perth_twin, folder
 
 
 def files(folder):

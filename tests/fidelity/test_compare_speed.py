@@ -82,7 +82,7 @@ def test_the_same_figures_whatever_the_workers(tmp_path):
     counts = {"real": 4, "synthetic": 3, "arbitrary": 3}
     sides = {}
     for seed, (name, count) in enumerate(counts.items()):
-        folder = write(tmp_path / name, seed, count)
+        folder = write(tmp_path / name, seed, count, 800)
         if name == "synthetic":
             (folder / "1.npy").write_bytes(b"broken")
         sides[name] = Side(name, open_side(name, folder, None), count)
@@ -124,7 +124,7 @@ def test_an_interrupted_comparison_leaves_nothing(tmp_path):
         "compare(Path('real'), Path('twin'), Path('out'), arbitrary=None, workers=2,\n"
         "        progress=tell)\n"
     )
-    write(tmp_path / "real", 1, 20), write(tmp_path / "twin", 2, 20)
+    write(tmp_path / "real", 1, 20, 500), write(tmp_path / "twin", 2, 20, 500)
     before = sorted(tmp_path.rglob("*"))
     run = subprocess.Popen(
         [sys.executable, str(script)],

@@ -21,8 +21,8 @@ def fused():
     """Two frames of two sensors, neither upright, with the sensor and ring of every point."""
     random = np.random.default_rng(4)
     rig = [
-        (sensor("HDL-32E"), (-8.0, -5.0, 3.6), (30.0, 4.0, -2.0), 900),
-        (sensor("VLP-16"), (9.0, -2.0, 2.4), (-70.0, -1.5, 2.0), 900),
+        (sensor("HDL-32E"), (-8.0, -5.0, 3.6), (30.0, 4.0, -2.0), 720),
+        (sensor("VLP-16"), (9.0, -2.0, 2.4), (-70.0, -1.5, 2.0), 720),
     ]
     frames, sensors, rings = [], [], []
     for turn in range(2):
@@ -36,7 +36,7 @@ def fused():
 @pytest.fixture(scope="module")
 def found(fused):
     _, frames, _, _ = fused
-    models = [sensor(name) for name in ("VLP-16", "VLP-16-Hi-Res", "HDL-32E", "PandarXT-32")]
+    models = [sensor(name) for name in ("VLP-16", "VLP-16-Hi-Res", "HDL-32E")]
     return discover(frames[:1], ["0"], models=models)
 
 
@@ -87,7 +87,7 @@ def test_what_was_found_is_a_rig_and_frames(fused, found, tmp_path: Path):
     np.testing.assert_array_equal(again.ring, rays.ring)
     on = again.sensor == 0
     assert again.column[on].min() >= 0
-    assert again.column[on].max() < 900
+    assert again.column[on].max() < 720
 
 
 def test_a_model_that_nobody_knows_is_measured(tmp_path: Path):

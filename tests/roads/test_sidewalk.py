@@ -41,3 +41,18 @@ def test_a_dual_carriageway_has_only_its_outer_sidewalk():
     against_on_the_right = shapely.LineString(EAST[::-1] - [0, 12.0])
     assert sidewalk_sides(tags, EAST, [against_on_the_right], side="left") == "left"
     assert sidewalk_sides(tags, EAST, [against_on_the_left], side="left") == "both"
+
+
+@pytest.mark.parametrize(
+    ("tags", "sides"),
+    [
+        ({"access": "private"}, "both"),
+        ({"foot": "use_sidepath"}, "both"),
+        ({"foot": "no"}, "no"),
+        ({"motorroad": "yes"}, "no"),
+    ],
+)
+def test_a_street_that_is_closed_to_through_traffic_has_its_sidewalks(tags, sides) -> None:
+    """People cross the mouth of a private street in Munich from one to the other."""
+    line = np.array([[0.0, 0.0], [50.0, 0.0]])
+    assert sidewalk_sides({"highway": "unclassified", **tags}, line, [], side="right") == sides

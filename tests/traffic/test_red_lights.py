@@ -54,7 +54,7 @@ def lights_passed(
     return found
 
 
-@pytest.mark.parametrize("place", ["perth_stretched_lights", "manchester-kingsway"])
+@pytest.mark.parametrize("place", ["manchester-kingsway"])
 def test_nobody_drives_over_a_red_light(
     real_drive: Callable[[str], tuple[Twin, Motion]], place: str
 ) -> None:

@@ -48,7 +48,7 @@ def sidewalk_sides(
         return explicit
     if (
         tags.get("highway") not in WITH_SIDEWALKS
-        or not (is_walked(tags) or tags.get("foot") == "use_sidepath")
+        or not _is_walked_beside(tags)
         or tags.get("tunnel") not in (None, "no", "building_passage")
     ):
         return "no"
@@ -58,6 +58,14 @@ def sidewalk_sides(
     if tags.get("oneway") in ("yes", "1", "true") and _has_twin(line, others, side):
         return side
     return "both"
+
+
+def _is_walked_beside(tags: Mapping[str, str]) -> bool:
+    """Return whether people may walk beside a street's lanes.
+
+    Also where the street is closed to those who pass through: its mouth is crossed all the same.
+    """
+    return tags.get("foot") == "use_sidepath" or is_walked({**tags, "access": "yes"})
 
 
 def _explicit(tags: Mapping[str, str]) -> str | None:

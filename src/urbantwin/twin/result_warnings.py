@@ -108,6 +108,7 @@ def _without_heads(roads: BuiltRoads) -> int:
         head.lane
         for head in network.signals
         if network.lane_by_id[head.lane].kind not in ("crossing", "walkingarea")
+        and network.lane_by_id[head.lane].allowed
     }
     shown = {strip for one in roads.model.signals if one.dynamic for strip in one.strip.split()}
     return len(stopped - shown) if shown else 0

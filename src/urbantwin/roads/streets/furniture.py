@@ -92,6 +92,9 @@ def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) ->
         if place is not None and place.road.junction < 0:
             signal = _at_stop_line(number, place, head)
             areas.append(_stop_line(first + len(areas), place))
+        elif lane.kind != "crossing" and not lane.allowed:
+            # Between two parts of a junction, where nobody may drive, nobody stops.
+            continue
         else:
             found = _within(number, model, junction, head, walkers=lane.kind == "crossing")
             if found is None:
