@@ -226,6 +226,24 @@ def test_who_waits_stands(actors: np.recarray) -> None:
     assert (rows.speed < 0.01).any()
 
 
+def test_nobody_is_in_anybody(motion: Motion, actors: np.recarray) -> None:
+    towed = towed_by(motion.actors)
+    for time_s in np.unique(actors.time_s)[::5]:
+        rows = actors[actors.time_s == time_s]
+        turned = np.exp(1j * rows.yaw)[:, None] / 2
+        sides = np.array([1 + 1j, 1 - 1j, -1 - 1j, -1 + 1j])
+        corners = (
+            sides.real * rows.length[:, None] + 1j * sides.imag * rows.width[:, None]
+        ) * turned
+        corners += (rows.x + 1j * rows.y)[:, None]
+        boxes = shapely.polygons(np.stack([corners.real, corners.imag], axis=-1))
+        one, other = shapely.STRtree(boxes).query(boxes, predicate="intersects")
+        whose = np.array([towed.get(track, track) for track in rows.track.tolist()])
+        pairs = whose[one] < whose[other]
+        one, other = one[pairs], other[pairs]
+        assert (shapely.area(shapely.intersection(boxes[one], boxes[other])) <= 0.05).all()
+
+
 def test_walkers_stay_upright(actors: np.recarray) -> None:
     walkers = actors[actors["class"] == "pedestrian"]
     assert (walkers.pitch == 0).all()

@@ -18,6 +18,8 @@ Who drives goes aside as far as its lane allows; the heavier, the less. People s
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,6 +41,9 @@ __all__ = ["Moving", "separated"]
 _BEFORE_S = 5.0
 #: The ways along which pairs part are found anew so often, at the most.
 _OUTER = 6
+#: Who is bent into something that stands, by more than this, metres, keeps to its way, and the
+#: others are bent anew: so often at the most.
+_TOUCH_M, _TRIES = 0.04, 3
 
 
 def separated(
@@ -72,16 +77,38 @@ def separated(
     if begin is not None:
         drives &= moving.boxes.step >= begin
     changed = _around(moving, meeting & drives, step_s) & drives
-    if not changed.any():
-        return xy, speed
+    already = np.zeros(len(xy)) if aside is None else aside
+    bent = xy, speed
+    for _ in range(_TRIES):
+        if not changed.any():
+            return xy, speed
+        bent = _parted(moving, changed, blocks, height, step_s, already)
+        into = _bent_into(moving, bent[0], changed, blocks, height)
+        if not into.any():
+            break
+        changed &= ~into
+    return bent
+
+
+def _parted(
+    moving: Moving,
+    changed: NDArray[np.bool_],
+    blocks: Blocks,
+    height: NDArray[np.float64],
+    step_s: float,
+    aside: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where actors are (N, 2), and their speeds (N,), some rows (N,) being changed."""
+    xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     # Whoever else comes near keeps its path, and so does everybody before and after.
     near = moving.pairs(2 * ASIDE_M, xy)
     there = changed | _within(changed, moving.actor, 2)
     there |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
     there[near[changed[near].any(axis=1)]] = True
     rows = np.flatnonzero(there)
-    already = np.zeros(len(rows)) if aside is None else aside[rows]
-    paths = PartingPaths(moving.take(rows), changed[rows], blocks, height[rows], step_s, already)
+    paths = PartingPaths(
+        moving.take(rows), changed[rows], blocks, height[rows], step_s, aside[rows]
+    )
     moved = np.zeros((len(rows), 2))
     for _ in range(_OUTER):
         before, moved = moved, paths.apart(moved)
@@ -90,6 +117,30 @@ def separated(
     xy[rows] = paths.place(moved)
     speed[rows] = paths.speeds(moved)
     return xy, speed
+
+
+def _bent_into(
+    moving: Moving,
+    xy: NDArray[np.float64],
+    changed: NDArray[np.bool_],
+    blocks: Blocks,
+    height: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Return the stretches of ways, as rows (N,), that are bent into something that stands.
+
+    Those are not that lead into something that stands as they were.
+    """
+    rows = np.flatnonzero(changed & (xy != moving.boxes.xy).any(axis=1))
+    own = moving.boxes.take(rows)
+    was, now = (
+        np.unique(blocks.beside(boxes, height[rows], -_TOUCH_M)[0])
+        for boxes in (own, replace(own, xy=xy[rows]))
+    )
+    stretch = np.cumsum(np.diff(changed, prepend=False) | (np.diff(moving.actor, prepend=-1) != 0))
+    into = np.zeros(int(stretch[-1]) + 1, np.bool_)
+    into[stretch[rows[now]]] = True
+    into[stretch[rows[was]]] = False
+    return np.asarray(into[stretch] & changed)
 
 
 def _meeting(moving: Moving, xy: NDArray[np.float64]) -> NDArray[np.int64]:
