@@ -104,7 +104,7 @@ def _cut(cuts: _Cuts, one: LaneLoad, share: float) -> None:
 def _without_room(
     junctions: Sequence[Signalised], near: Sequence[Feed], flows: Flows
 ) -> _Full | None:
-    """Return the lane between signals near each other that first does not empty, if there is one."""
+    """Return the lane between signals near each other that first does not empty, if any."""
     model = QueueModel(junctions, {item.program: item.phases for item in junctions}, near, flows)
     if not model.lanes or not np.isfinite(model.room_m).any():
         return None
