@@ -130,30 +130,35 @@ def scanned(
         middle = line[len(line) // 2, :2]
         if np.hypot(*middle) < 60.0:
             inside.append((line, np.hypot(*middle)))
-    line, _ = inside[generator.integers(len(inside))]
-    k = generator.integers(1, len(line))
-    along = line[k, :2] - line[k - 1, :2]
-    along /= max(np.hypot(*along), 1e-6)
-    place = line[k - 1, :2] + (line[k, :2] - line[k - 1, :2]) * generator.random()
-    if beside:
-        place = place + np.array([along[1], -along[0]]) * 4.5
-    spec = {
-        "rate_hz": 10,
-        "sensors": [
-            {
-                "name": "a",
-                "model": model,
-                "east_m": float(place[0]),
-                "north_m": float(place[1]),
-                "height_m": height,
-                "heading_deg": float(90 - np.degrees(np.arctan2(along[1], along[0]))),
-                "pitch_deg": float(generator.normal(0, 1.0)),
-                "roll_deg": float(generator.normal(0, 1.0)),
-            }
-        ],
-    }
-    world = LabelledMesh.concatenate([twin.mesh, clutter(twin, generator)])
-    rig = place_rig(RigSpec.model_validate(spec), twin.mesh)
+    world = None
+    while world is None:
+        line, _ = inside[generator.integers(len(inside))]
+        k = generator.integers(1, len(line))
+        along = line[k, :2] - line[k - 1, :2]
+        along /= max(np.hypot(*along), 1e-6)
+        place = line[k - 1, :2] + (line[k, :2] - line[k - 1, :2]) * generator.random()
+        if beside:
+            place = place + np.array([along[1], -along[0]]) * 4.5
+        spec = {
+            "rate_hz": 10,
+            "sensors": [
+                {
+                    "name": "a",
+                    "model": model,
+                    "east_m": float(place[0]),
+                    "north_m": float(place[1]),
+                    "height_m": height,
+                    "heading_deg": float(90 - np.degrees(np.arctan2(along[1], along[0]))),
+                    "pitch_deg": float(generator.normal(0, 1.0)),
+                    "roll_deg": float(generator.normal(0, 1.0)),
+                }
+            ],
+        }
+        try:
+            rig = place_rig(RigSpec.model_validate(spec), twin.mesh)
+        except InputError:  # a pole would stand in a house
+            continue
+        world = LabelledMesh.concatenate([twin.mesh, clutter(twin, generator)])
     found = Scanner(world, rig, 0, surface=twin.surface_materials).scan(0, [])
     frame = Frame(
         found.points[:, :3].astype(float),

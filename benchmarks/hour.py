@@ -5,6 +5,7 @@ its own (the pilots that find how many circulate are among them).
 
     python benchmarks/hour.py places/munich/twin
     python benchmarks/hour.py places/munich/twin --seconds 900 --seed 3
+    python benchmarks/hour.py places/munich/twin --share 0.66  # of its traffic
 """
 
 from __future__ import annotations
@@ -27,11 +28,16 @@ def main() -> None:
     parser.add_argument("twin", type=Path, help="a twin's folder")
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--share", type=float, default=1.0, help="of the traffic of the site")
     given = parser.parse_args()
     twin = ut.Twin.open(given.twin)
+    asked = twin.site["traffic"]["per_hour"]
+    fewer = {"per_hour": {name: count * given.share for name, count in asked.items()}}
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        motion = run_traffic(twin, Path(folder) / "motion", seconds=given.seconds, seed=given.seed)
+        motion = run_traffic(
+            twin, Path(folder) / "motion", seconds=given.seconds, seed=given.seed, changes=fewer
+        )
     took = time.perf_counter() - began
     own, sumo = (
         resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)

@@ -7,6 +7,10 @@ that really ended on the ground, and those lost between them, meet a plane of as
 comes back is judged in the same way: where bright patches alone return, they alone count.
 
     python benchmarks/real_roads.py kitti/training HDL-64E --frames 0 12
+    python benchmarks/real_roads.py pandaset Pandar64
+
+With `--chance` each figure has the middle 95 % of the real one when twelfths of the turn are drawn
+again, and a word: met, chance (it would be met of a real figure within that) or missed.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pandaset_frame import pandaset_frame
 from urbantwin.fidelity.objects.frame_rays import FrameRays, last_true, rays_of
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import Pose
@@ -31,6 +36,8 @@ EDGES_M = (3, 5, 8, 10, 15, 20, 30, 40, 60)
 #: The ground lies this near to a plane through its lowest points around the sensor, metres.
 NEAR_M, PER_M = 0.05, 0.012
 _CELL_M = 2.0
+#: Parts of a turn that are drawn again, and how often.
+SECTORS, DRAWS = 12, 100
 
 
 def ground_of(points: np.ndarray) -> tuple[np.ndarray, float]:
@@ -146,7 +153,7 @@ class Street:
         return Street(range_m, self.cosine, ground, code, before, after)
 
     def rows(self, rays: FrameRays, chosen: np.ndarray | None) -> np.ndarray:
-        """Rows of judged rays: expected range, lost, code, residual of the range."""
+        """Rows of judged rays: expected range, lost, code, residual of the range, sector."""
         judged, expected = self.between()
         near = (rays.direction[self.before] * rays.direction[self.after]).sum(axis=1)
         judged &= np.abs(near) > np.cos(0.05)
@@ -155,10 +162,12 @@ class Street:
         lost = ~np.isfinite(self.range_m)
         with np.errstate(invalid="ignore"):
             residual = np.where(lost, np.nan, self.range_m - expected)
-        return np.column_stack([expected, lost, self.code, residual])[judged]
+        turn = np.arctan2(rays.direction[:, 1], rays.direction[:, 0]) % (2 * np.pi)
+        sector = np.floor(turn / (2 * np.pi) * SECTORS)
+        return np.column_stack([expected, lost, self.code, residual, sector])[judged]
 
 
-def tables(sides: tuple[np.ndarray, np.ndarray]) -> list[dict]:
+def tables(sides: tuple[np.ndarray, np.ndarray], *, chance: bool = False) -> list[dict]:
     """Rows by range: real and simulated losses, codes and noise."""
     rows = []
     for low, high in pairwise(EDGES_M):
@@ -169,7 +178,39 @@ def tables(sides: tuple[np.ndarray, np.ndarray]) -> list[dict]:
                 {"range_m": [low, high], "rays": [len(one) for one in here]}
                 | {key: [one[key] for one in found] for key in found[0]}
             )
+            if chance:
+                for key, (least, most) in _intervals(here[0]).items():
+                    real, ours = rows[-1][key]
+                    word = "missed"
+                    if _met(key, real, real, ours):
+                        word = "met"
+                    elif _met(key, least, most, ours):
+                        word = "chance"
+                    rows[-1][key] = [real, ours, [least, most], word]
     return rows
+
+
+def _met(key: str, least: float, most: float, ours: float) -> bool:
+    """Whether ours is near enough to a real figure between two: 2 points, 25 %, 1.5 times."""
+    if key == "lost_%":
+        return least - 2 <= ours <= most + 2
+    times = 1.25 if key == "code_%" else 1.5
+    return least / times <= ours <= most * times
+
+
+def _intervals(real: np.ndarray) -> dict[str, tuple[float, float]]:
+    """The middle 95 % of each real figure, sectors of the turns drawn again."""
+    random = np.random.default_rng(0)
+    units, of = np.unique(real[:, 4], return_inverse=True)
+    parts = [real[of == k] for k in range(len(units))]
+    drawn = [
+        _figures(np.concatenate([parts[k] for k in random.integers(0, len(parts), len(parts))]))
+        for _ in range(DRAWS)
+    ]
+    return {
+        key: tuple(np.nanpercentile([one[key] for one in drawn], (2.5, 97.5)).round(2).tolist())
+        for key in drawn[0]
+    }
 
 
 def _sigma(residual: np.ndarray) -> float:
@@ -179,7 +220,7 @@ def _sigma(residual: np.ndarray) -> float:
 
 
 def _figures(found: np.ndarray) -> dict[str, float]:
-    _, lost, code, residual = found.T
+    _, lost, code, residual, _ = found.T
     apart = residual[lost == 0]
     if not len(apart):
         return dict.fromkeys(("lost_%", "code_%", "noise_mm"), float("nan"))
@@ -207,17 +248,19 @@ def main() -> None:
     parser.add_argument("--half", action="store_true", help="the file's numbers have 16 bits")
     parser.add_argument("--step", type=float, default=0.0, help="of the file's ranges, metres")
     parser.add_argument("--draws", type=int, default=8, help="simulated streets for a frame")
+    parser.add_argument("--chance", action="store_true", help="what chance does to each figure")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    recording = open_recording(given.real)
+    recording = None if given.real.name == "pandaset" else open_recording(given.real)
     effects = Effects(rolling_shutter=False)
     nowhere = Pose.from_ypr(np.zeros(3))
     unit = Calibration(light=given.light)
     mounted = MountedSensor("a", sensor(given.sensor), 1024, nowhere, effects, calibration=unit)
     model = ReturnModel(mounted)
     parts: tuple[list, list] = ([], [])
-    for number in range(given.frames[0], min(given.frames[1], len(recording))):
-        frame = recording.read(number)
+    count = len(recording) if recording else 1
+    for number in range(given.frames[0], min(given.frames[1], count)):
+        frame = recording.read(number) if recording else pandaset_frame()
         codes = None if frame.intensity is None else frame.intensity / given.scale
         for which, rays in enumerate(rays_of(frame)):
             if given.only in (None, which):
@@ -226,12 +269,14 @@ def main() -> None:
                     low, high = given.columns
                     chosen = (frame.column >= low) & (frame.column < high)
                 real = Street.of(rays, frame.points, codes)
-                parts[0].append(real.rows(rays, chosen))
+                found = real.rows(rays, chosen)
+                found[:, 4] += SECTORS * number
+                parts[0].append(found)
                 for draw in range(given.draws):
                     seed = number * given.draws + draw
                     ours = real.again(model, rays, seed, given.step, half=given.half)
                     parts[1].append(ours.rows(rays, chosen))
-    rows = tables((np.concatenate(parts[0]), np.concatenate(parts[1])))
+    rows = tables((np.concatenate(parts[0]), np.concatenate(parts[1])), chance=given.chance)
     print(json.dumps(rows) if given.json else "\n".join(map(str, rows)))
 
 

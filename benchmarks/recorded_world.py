@@ -1,14 +1,16 @@
-"""How near a twin built from a recording is to the place (docs/recording_source.md).
+"""How near a twin built from a recording is to the place (docs/hannover.md, recording_source.md).
 
-    python benchmarks/recorded_world.py crop dataset/ cropped/ 40 40 5
+    python benchmarks/recorded_world.py picture REAL DATASET sides.png
+    python benchmarks/recorded_world.py realism REAL DATASET [DATASET ...]
     python benchmarks/recorded_world.py judge DATASET REBUILT_DATASET TWIN REBUILT_TWIN RINGS
 
-`crop` cuts the points of a dataset to what a recording was cropped to, with their rays, for
-`urbantwin compare`. `judge` compares what one rig records in a true twin and in one that was
-rebuilt from another rig's recording of it, beam by beam, and the heights of their ground.
+`picture` draws the middle frame of each from above, side by side. `realism` is that of the
+challenge's protocol of all frames of each against all real ones, by ten draws of points in place of
+one. Both crop to the protocol's 40 x 40 x 5 m. `judge` compares what one rig records in a true twin
+and in one that was rebuilt from another rig's recording of it, beam by beam, and the heights of
+their ground.
 """
 
-import shutil
 import sys
 from pathlib import Path
 
@@ -16,25 +18,65 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import urbantwin as ut
+from urbantwin.fidelity.challenge import cropped, normalised
+from urbantwin.fidelity.challenge.realism import EMD_POINTS, POINTS, SEED
+from urbantwin.fidelity.chamfer import chamfer_squared
+from urbantwin.fidelity.earth_mover import earth_mover
+from urbantwin.fidelity.frechet import frechet_places
+from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
+from urbantwin.fidelity.nearest_point import nearest_distances
+from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.sampling import sampled
 from urbantwin.geometry import DownwardProbe
 from urbantwin.reconstruct.recording.recorded_world import read_recording
 from urbantwin.taxonomy import semantic_classes
 
 REACH_M = 45.0
 HALF_M, STEP_M = 35.0, 0.5
+DRAWS = 10
 
 
-def crop(dataset, out, *half_m):
-    """Write points and rays within so much of the frame's origin, as ``compare`` reads them."""
-    for part in ("points", "rays"):
-        (out / part).mkdir(parents=True)
-    for name in ("dataset.json", "sweeps.parquet"):
-        shutil.copy(dataset / name, out / name)
-    for file in sorted((dataset / "points").glob("*.npy")):
-        points = np.load(file)
-        kept = (np.abs(points[:, :3]) <= half_m).all(axis=1)
-        np.save(out / "points" / file.name, points[kept, :3])
-        np.save(out / "rays" / file.name, np.load(dataset / "rays" / file.name)[kept])
+def picture(real, dataset, out):
+    """Draw a real and a synthetic frame from above, colours by height."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(16, 8), facecolor="black")
+    for axis, path in zip(axes, (real, dataset), strict=True):
+        recording = open_recording(Path(path))
+        points = cropped(recording.read(len(recording) // 2).points)
+        points = points[np.argsort(points[:, 2])]
+        axis.scatter(*points[:, :2].T, s=0.15, c=points[:, 2], cmap="turbo", vmin=-2.4, vmax=2)
+        axis.set(xlim=(-40, 40), ylim=(-40, 40), aspect="equal")
+        axis.axis("off")
+    figure.subplots_adjust(0, 0, 1, 1, 0.01)
+    figure.savefig(out, dpi=80)
+
+
+def realism_of(real, datasets):
+    """Print mean and standard deviation of realism over draws, and the means of its parts."""
+
+    def cloud(path):
+        return np.concatenate([cropped(frame.points) for frame in open_recording(Path(path))])
+
+    truth = cloud(real)
+    for path in datasets:
+        other, rows = cloud(path), []
+        for draw in range(DRAWS):
+            a, b = (sampled(side, POINTS, SEED + draw) for side in (truth, other))
+            rows.append(
+                [
+                    chamfer_squared(nearest_distances(a, b)),
+                    mean_discrepancy(a, b, most=EMD_POINTS, seed=SEED + draw),
+                    earth_mover(a, b, most=EMD_POINTS, seed=SEED + draw),
+                    frechet_places(a, b),
+                ]
+            )
+        names = ("CD", "MMD", "EMD", "FPD")
+        score = [
+            np.mean([normalised(*one) for one in zip(names, row, strict=True)]) for row in rows
+        ]
+        parts = ", ".join(f"{n} {v:.3g}" for n, v in zip(names, np.mean(rows, axis=0), strict=True))
+        print(f"{path}: realism {np.mean(score):.3f} +- {np.std(score):.3f} ({parts})", flush=True)
 
 
 def frame_of(dataset):
@@ -86,8 +128,10 @@ def judge_ground(true, rebuilt, rings):
 
 if __name__ == "__main__":
     what, *given = sys.argv[1:]
-    if what == "crop":
-        crop(Path(given[0]), Path(given[1]), *map(float, given[2:5]))
+    if what == "picture":
+        picture(*given)
+    elif what == "realism":
+        realism_of(given[0], given[1:])
     else:
         truth, made, true_twin, made_twin, recorded = map(Path, given)
         judge_beams(truth, made)

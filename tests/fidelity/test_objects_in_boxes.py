@@ -9,11 +9,13 @@ import pytest
 import urbantwin as ut
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.objects import compare_in_boxes
-from urbantwin.fidelity.objects.bodies import PlacedBody, candidates, mended, mended_of, placed
+from urbantwin.fidelity.objects.bodies import PlacedBody, candidates, placed
 from urbantwin.fidelity.objects.frame_rays import rays_of
 from urbantwin.fidelity.objects.measure import compare_objects
+from urbantwin.fidelity.objects.mending import PassedBy, mended, mended_of
 from urbantwin.fidelity.readers import Recording
 from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.lidar import MountedSensor, PosedActor, Rig, Scanner, sensor
 from urbantwin.site.rig import Effects
 from urbantwin.taxonomy import material_id, semantic_id
@@ -64,7 +66,7 @@ def test_a_slack_box_is_mended_to_the_points() -> None:
     surface = surface_of(body, count=4000)
     slack = true + [0.1, -0.06, 0.03, 0.25, 0.1, 0.06, 0.02]
     x, y, z = (float(one) for one in slack[3:6] / true[3:6])
-    drawn = PlacedBody(body.asset, slack, scaled_mesh(body.mesh, (x, y, z)))
+    drawn = replace(body, box=slack, mesh=scaled_mesh(body.mesh, (x, y, z)))
     found = mended(drawn, surface).box
     before, after = np.abs(slack - true), np.abs(found - true)
     assert after[:2].max() < 0.5 * before[:2].max()
@@ -78,6 +80,42 @@ def surface_of(body: PlacedBody, seed: int = 2, count: int = 1500) -> np.ndarray
     corners = body.mesh.triangles()[draw.choice(len(area), count, p=area / area.sum())]
     weight = draw.dirichlet(np.ones(3), len(corners))
     return np.asarray(body.pose.apply((corners * weight[:, :, None]).sum(axis=1)))
+
+
+def test_rays_that_passed_over_a_roof_mend_its_height() -> None:
+    """Points of doors alone do not say how high a car is; what was seen behind it does."""
+    true = np.array([10.0, 0.0, 0.75, 4.4, 1.8, 1.5, np.pi / 2])
+    body = placed("car", true, 0)
+    outside = replace(body, mesh=body.mesh.select(body.outer))
+    points = surface_of(outside, count=4000)
+    points = points[(points[:, 2] < 0.6) & (points[:, 0] < true[0])][:60]
+    slack = true.copy()
+    slack[5] += 0.15
+    slack[2] += 0.075
+    drawn = replace(body, box=slack, mesh=scaled_mesh(body.mesh, (1.0, 1.0, 1.1)))
+    origin = np.array([0.0, 0.0, 1.9])
+    side, up = np.meshgrid(np.linspace(-0.3, 0.3, 61), np.arange(1.0, 2.2, 0.01))
+    target = np.column_stack([np.full(side.size, 10.0), 10.0 * side.ravel(), up.ravel()])
+    aim = (target - origin) / np.linalg.norm(target - origin, axis=1)[:, None]
+    local = body.pose.inverse()
+    scene = EmbreeScene(body.mesh.vertices, body.mesh.faces)
+    met = scene.cast(local.apply(origin[None])[0], (aim @ local.rotation.T).astype(np.float32))
+    range_m = np.where(met.face < 0, 40.0, met.range_m)
+    passed = PassedBy.of(slack, origin, aim, range_m)
+    assert 100 < len(passed.start) < (met.face < 0).sum()
+    without, found = mended(drawn, points), mended(drawn, points, passed)
+    assert abs(found.box[5] - true[5]) < 0.04
+    assert abs(without.box[5] - true[5]) > 2 * abs(found.box[5] - true[5])
+    assert len(PassedBy.of(slack, origin, aim, np.full(len(aim), np.inf)).start) == 0
+
+
+def test_what_stands_behind_panes_is_no_outer_surface() -> None:
+    body = placed("car", np.array([0.0, 0.0, 0.75, 4.4, 1.8, 1.5, 0.0]), 0)
+    middle, material = body.mesh.triangles().mean(axis=1), body.mesh.material
+    assert body.outer[material == material_id("glass-tinted")].mean() > 0.8
+    assert not body.outer[material == material_id("cloth")].any()  # seats
+    roof = (middle[:, 2] > 1.45) & (np.abs(middle[:, 1]) < 0.4)
+    assert body.outer[roof & (body.mesh.normals()[:, 2] > 0.5)].all()
 
 
 def test_a_box_that_is_far_off_is_found_and_its_body_told() -> None:

@@ -79,7 +79,7 @@ def test_detection_follows_the_stated_formula(os1, range_m, backscatter):
 
 
 def test_half_of_the_faintest_surface_returns_however_near(os1):
-    for range_m in (1.0, 3.0, 6.0):
+    for range_m in (0.7, 1.5, 3.0):
         assert level_shares(ReturnModel(os1), FAINTEST, range_m) == pytest.approx(0.5, abs=0.01)
     assert level_shares(ReturnModel(os1), 3 * FAINTEST, 3.0) > 0.99
 
@@ -106,7 +106,7 @@ def test_actors_swallow_single_beams_as_the_table_says():
     """The share is the material's, and it is the same beams of the same triangles every time."""
     beam = np.arange(200_000)
     face = np.full(len(beam), 7)
-    for name, share in (("paint-white", 0.045), ("cloth", 0.02), ("asphalt", 0.0)):
+    for name, share in (("paint-white", 0.06), ("cloth", 0.02), ("asphalt", 0.0)):
         kind = np.full(len(beam), material_id(name), np.uint8)
         left = scatter_of_materials(905.0, swallows=True).actor_grain(beam, face, kind)
         assert (left < 0.5).mean() == pytest.approx(share, abs=0.002)

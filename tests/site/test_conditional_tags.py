@@ -68,7 +68,14 @@ def test_what_is_not_understood_leaves_a_street_as_it_is_and_is_told(
 ) -> None:
     found, left = at_time(extract(access__conditional=rule), time)
     assert "access" not in found.ways[1].tags
-    assert left == [f"access:conditional={rule}"] * 2
+    assert left == [f"access:conditional={rule}"]
+
+
+def test_what_is_said_of_parking_is_no_restriction_of_turns() -> None:
+    """As three streets of Neukölln have it."""
+    made = extract(restriction__conditional="loading_only @ (Mo-Fr 07:00-17:00)")
+    assert at_time(made, "08:00")[0].ways[1].tags.get("restriction") is None
+    assert len(at_time(made, None)[1]) == 1, "the relation alone"
 
 
 def test_a_speed_at_night_is_no_restriction_to_tell_of() -> None:

@@ -47,8 +47,17 @@ def absent(
     tracks = actors["track"].to_numpy().astype(np.int64)
     led = np.array([(leads or {}).get(track, track) for track in tracks.tolist()], np.int64)
     standing = ACTOR_SCHEMA.empty_table() if parked is None else parked
+    # Of whole steps.
+    half = int(np.searchsorted(actors["time_s"].to_numpy(), 20 * STEP_S - 1e-6))
     found = absent_from(
-        actors, tracks, led, standing, obstacles, REGION, step_s=STEP_S, beside=beside
+        [actors.slice(0, half), actors.slice(half)],
+        tracks,
+        led,
+        standing,
+        obstacles,
+        REGION,
+        step_s=STEP_S,
+        beside=beside,
     )
     return actors.filter(pa.array(~found.rows)), found
 

@@ -69,7 +69,9 @@ def measure_matrix(
             up = np.degrees(up)
     if len(up) != len(ranges):
         raise InputError(
-            f"has {len(ranges)} rows for {len(up)} elevations", file=real, expected="as many"
+            f"has {len(ranges)} rows for {len(up)} elevations",
+            file=real,
+            expected="a matrix with as many, or a folder of frames",
         )
     apart = np.abs(beams.sensor.elevation_deg[:, None] - up[None, :])
     row = apart.argmin(axis=1)

@@ -44,9 +44,11 @@ def outcome_of_motion(motion: Motion) -> dict[str, Any]:
         counted["counts"] = [_side_by_side(row) for row in told["counts"]]
     if told.get("signals_timed_for_counts"):
         counted["signals_timed_for_counts"] = len(told["signals_timed_for_counts"])
+    jaywalks = told.get("jaywalks", {}).get("count")
     return {
         "actors": seen,
         **counted,
+        **({} if jaywalks is None else {"crossed_between_crossings": jaywalks}),
         **({} if carried is None else {"traffic_carried_of_asked": carried}),
         **({"left_out_lest_they_overlap": absent} if absent else {}),
         **({} if met is None else {"overlaps": met["actors"], "overlaps_with_scene": met["scene"]}),

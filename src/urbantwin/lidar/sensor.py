@@ -26,7 +26,7 @@ from urbantwin.lidar.scan_pattern import ScanPattern
 
 __all__ = ["Sensor"]
 
-_ASSUMED_RANGE_SIGMA_M = 0.02
+_ASSUMED_RANGE_SIGMA_M = 0.007
 _ASSUMED_RANGE_RESOLUTION_M = 0.001
 _ASSUMED_RANGE_MIN_M = 0.5
 _ASSUMED_RANGE_MAX_M = 100.0
@@ -193,10 +193,10 @@ class Sensor:
 
     @property
     def assumed_range_sigma_m(self) -> float:
-        """What was measured of units, else ``range_sigma_m``, else 2 cm.
+        """What was measured of units, else ``range_sigma_m``, else 7 mm.
 
         The centimetres that makers call accuracy hold what all ranges of a channel share, too.
-        Neighbouring rays on roads differ by 3 to 7 mm in every scan that is at hand.
+        Strong echoes of the four sensors that were measured scatter by 5 to 8 mm.
         """
         known = (self.measured_sigma_m, self.range_sigma_m, _ASSUMED_RANGE_SIGMA_M)
         return next(one for one in known if one is not None)

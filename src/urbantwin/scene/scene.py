@@ -22,6 +22,7 @@ from urbantwin.scene.clutter import assumed_features
 from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.map_objects import map_objects
+from urbantwin.scene.measured_curb import with_measured_curbs
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
@@ -102,6 +103,8 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     zones = ground_zones(
         network, region, features, waters, drivable, country, between(tell, 0.0, ZONES, "zones")
     )
+    if imported is not None and not imported.measured.is_empty:
+        zones = with_measured_curbs(zones, imported.measured, surface.height, elevation.raw_at)
     ground = surface_mesh(
         zones,
         road_height=surface.height,
@@ -140,7 +143,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         "buildings": (buildings.mesh, buildings.notes),
         **map_objects(
             beside,
-            heads,
+            heads if imported is None else _not_seen(heads, imported.measured),
             region=region,
             ground_height=ground_height,
             carriageway=carriageway,
@@ -173,6 +176,15 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     # Buildings come first.
     colours = buildings.colours.moved(FIRST_OBJECT)
     return Scene(LabelledMesh.concatenate(meshes), notes, colours)
+
+
+def _not_seen(heads: Sequence[Head], measured: shapely.Geometry) -> list[Head]:
+    """Return the signals and signs where no recording shows what stands: others would stand twice.
+
+    Where they are the lane model says; on which poles and arms they are mounted is assumed.
+    """
+    shapely.prepare(measured)
+    return [one for one in heads if not shapely.contains_xy(measured, one.x, one.y)]
 
 
 def _paved_when_unmapped(measured: shapely.Geometry) -> shapely.Geometry:

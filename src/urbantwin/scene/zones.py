@@ -66,16 +66,20 @@ class Zone:
         area: where it is, site frame.
         semantic: its semantic class.
         material: its material.
+        measured_step_m: its height above the carriageway, where that was measured, metres.
     """
 
     kind: str
     area: shapely.Geometry
     semantic: int
     material: int
+    measured_step_m: float | None = None
 
     @property
     def step(self) -> float | None:
         """Height above the carriageway, or None where the zone follows the terrain."""
+        if self.measured_step_m is not None:
+            return self.measured_step_m
         return {"carriageway": 0.0, "footway": CURB_HEIGHT_M, "island": CURB_HEIGHT_M}.get(
             self.kind
         )

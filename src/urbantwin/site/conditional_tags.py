@@ -9,17 +9,19 @@ not understood.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 
 from urbantwin.site.access import KEYS
 from urbantwin.site.extract import Extract
 
-__all__ = ["at_time", "is_conditional"]
+__all__ = ["at_time"]
 
 CONDITIONAL = ":conditional"
-#: Keys that are heeded: who may use a way, how fast, which way round, and which turns.
-HEEDED = frozenset((*KEYS, "maxspeed", "oneway", "restriction"))
+#: Keys of ways that are heeded: who may use one, how fast, and which way round. Of relations it is
+#: which turns are forbidden; ways have the same key for parking.
+HEEDED = frozenset((*KEYS, "maxspeed", "oneway"))
+OF_TURNS = frozenset({"restriction"})
 DAYS = ("Mo", "Tu", "We", "Th", "Fr", "Sa", "Su")
 WEDNESDAY = DAYS.index("We")
 #: A value and its condition, with or without parentheses.
@@ -28,11 +30,6 @@ _DAY = r"(?:Mo|Tu|We|Th|Fr|Sa|Su)"
 _CLOCK = r"(\d{1,2}):(\d{2})"
 _DAYS = re.compile(rf"{_DAY}(?:\s*-\s*{_DAY})?(?:\s*,\s*{_DAY}(?:\s*-\s*{_DAY})?)*")
 _HOURS = re.compile(rf"{_CLOCK}\s*-\s*{_CLOCK}")
-
-
-def is_conditional(key: str) -> bool:
-    """Return whether a key says what another that is heeded is at times."""
-    return key.endswith(CONDITIONAL) and key.split(":", maxsplit=1)[0] in HEEDED
 
 
 def at_time(extract: Extract, time: str | None) -> tuple[Extract, list[str]]:
@@ -44,14 +41,14 @@ def at_time(extract: Extract, time: str | None) -> tuple[Extract, list[str]]:
     """
     left: list[str] = []
     ways = {
-        identity: replace(way, tags=_tags_at(way.tags, time, left))
-        for identity, way in extract.ways.items()
-        if any(map(is_conditional, way.tags))
+        way.id: replace(way, tags=_tags_at(way.tags, keys, time, left))
+        for way in extract.highways()
+        if (keys := _conditional(way.tags, HEEDED))
     }
     relations = {
-        identity: replace(relation, tags=_tags_at(relation.tags, time, left))
+        identity: replace(relation, tags=_tags_at(relation.tags, keys, time, left))
         for identity, relation in extract.relations.items()
-        if any(map(is_conditional, relation.tags))
+        if (keys := _conditional(relation.tags, OF_TURNS))
     }
     if not (ways or relations):
         return extract, left
@@ -59,10 +56,18 @@ def at_time(extract: Extract, time: str | None) -> tuple[Extract, list[str]]:
     return replace(extract, ways=ways, relations=relations), left
 
 
-def _tags_at(tags: Mapping[str, str], time: str | None, left: list[str]) -> dict[str, str]:
+def _conditional(tags: Mapping[str, str], heeded: Set[str]) -> list[str]:
+    """Return the keys that say what another that is heeded is at times."""
+    known = (key for key in tags if key.endswith(CONDITIONAL))
+    return sorted(key for key in known if key.split(":", maxsplit=1)[0] in heeded)
+
+
+def _tags_at(
+    tags: Mapping[str, str], keys: Iterable[str], time: str | None, left: list[str]
+) -> dict[str, str]:
     """Return tags as they are at a time; append what was not heeded to ``left``."""
     found = dict(tags)
-    for key in sorted(filter(is_conditional, tags)):
+    for key in keys:
         value = None
         for told, condition in _rules(tags[key]):
             holds = None if time is None else _holds(condition, time)

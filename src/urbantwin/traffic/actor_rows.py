@@ -104,11 +104,9 @@ class KeptRows:
         self._folder = folder
         self._tables: list[pa.Table] = []
         self._files: list[Path] = []
-        self._driven: set[int] = set()
 
     def add(self, rows: pa.Table) -> None:
         """Keep the rows that follow, of `actor_rows`."""
-        self._driven |= set(np.unique(rows["track"].to_numpy()).tolist())
         if self._folder is None:
             self._tables.append(rows)
             return
@@ -117,38 +115,43 @@ class KeptRows:
             file.write_table(rows)
         self._files.append(path)
 
-    def table(
-        self, number: NDArray[np.integer] | None = None
-    ) -> tuple[pa.Table, NDArray[np.int32]]:
-        """Return all rows as the table of actors, and the trip of each (N,).
-
-        Args:
-            number: the track of each trip; 1, 2, 3, ... in the order of those who are there, where
-                not given.
-        """
-        driven = np.array(sorted(self._driven), np.int64)
-        parts, trips = [ACTOR_SCHEMA.empty_table()], [np.zeros(0, np.int32)]
-        for rows in self._rows():
-            trips.append(rows["track"].to_numpy().astype(np.int32))
-            parts.append(self._numbered(rows, driven, number))
-        return pa.concat_tables(parts), np.concatenate(trips)
-
-    def _rows(self) -> Iterator[pa.Table]:
+    def __iter__(self) -> Iterator[pa.Table]:
+        """Yield the rows that were added, as often as is asked for."""
         yield from self._tables
         for path in self._files:
             with pa.OSFile(str(path)) as file:
                 yield pa.ipc.open_file(file).read_all()
-            path.unlink()
 
-    @staticmethod
-    def _numbered(
-        rows: pa.Table, driven: NDArray[np.int64], number: NDArray[np.integer] | None
+    def trips(self) -> NDArray[np.int32]:
+        """Return the trip of each row (N,)."""
+        every = [rows["track"].to_numpy().astype(np.int32) for rows in self]
+        return np.concatenate([np.zeros(0, np.int32), *every])
+
+    def table(
+        self, trip: NDArray[np.int32], kept: NDArray[np.bool_], number: NDArray[np.integer] | None
     ) -> pa.Table:
-        trip = rows["track"].to_numpy()
-        track = np.searchsorted(driven, trip) + 1 if number is None else number[trip]
-        column = rows.schema.get_field_index("track")
-        rows = rows.set_column(column, "track", pa.array(track, pa.int32()))
-        return rows.cast(ACTOR_SCHEMA)
+        """Return the rows (N,) that are kept as the table of actors.
+
+        Args:
+            trip: of each row.
+            kept: which rows.
+            number: the track of each trip; 1, 2, 3, ... in the order of those who are there, where
+                not given.
+        """
+        if number is None:
+            driven = np.unique(trip[kept])
+            number = np.zeros(int(trip.max(initial=0)) + 1, np.int32)
+            number[driven] = np.arange(len(driven)) + 1
+        parts, begin = [ACTOR_SCHEMA.empty_table()], 0
+        for rows in self:
+            mine = slice(begin, begin + rows.num_rows)
+            begin = mine.stop
+            track = pa.array(number[trip[mine]], pa.int32())
+            rows = rows.set_column(rows.schema.get_field_index("track"), "track", track)  # noqa: PLW2901
+            if not kept[mine].all():
+                rows = rows.filter(pa.array(kept[mine]))  # noqa: PLW2901 - the same, fewer
+            parts.append(rows.cast(ACTOR_SCHEMA))
+        return pa.concat_tables(parts)
 
 
 def _texts(names: Sequence[str], index: NDArray[Any]) -> pa.Array:

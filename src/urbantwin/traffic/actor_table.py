@@ -175,27 +175,15 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
             outside += int(decided.sum()) - rows.num_rows
             kept.add(rows)
             del shows, rows
-        whose = parting.vehicles
+        whose = parting.vehicles.astype(np.int32)
         del parting
-        table, trip = kept.table(ways.who if by_trip else None)
-    absent = absent_from(
-        table, whose[trip], vehicles(ways.who)[trip], place.parked, place.obstacles,
-        place.region, step_s=step_s, beside=beside,
-    )  # fmt: skip
-    table = _there(table, absent, by_trip=by_trip)
+        trip = kept.trips()
+        absent = absent_from(
+            kept, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
+            place.obstacles, place.region, step_s=step_s, beside=beside,
+        )  # fmt: skip
+        table = kept.table(trip, ~absent.rows, ways.who if by_trip else None)
     return Tabled(table, outside, ways.rigid, tuple(poses), absent)
-
-
-def _there(table: pa.Table, absent: Absent, *, by_trip: bool) -> pa.Table:
-    """Return the rows of who is there, tracks numbered anew unless they are numbers of trips."""
-    if not absent.rows.any():
-        return table
-    table = table.filter(pa.array(~absent.rows))
-    if by_trip:
-        return table
-    _, track = np.unique(table["track"].to_numpy(), return_inverse=True)
-    column = table.schema.get_field_index("track")
-    return table.set_column(column, table.schema.field(column), pa.array(track + 1, pa.int32()))
 
 
 @contextmanager

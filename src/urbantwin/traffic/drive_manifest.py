@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import pyarrow as pa
@@ -20,6 +21,9 @@ from urbantwin.traffic.sumo.simulation import Simulated
 from urbantwin.twin import Twin
 
 __all__ = ["manifest_of_drive"]
+
+#: So many are told one by one.
+_TOLD = 20
 
 
 def manifest_of_drive(
@@ -64,6 +68,10 @@ def manifest_of_drive(
         "teleports": simulated.teleports,
         "collisions": simulated.collisions,
     }
+    if asked.get("jaywalking"):
+        duration_s = steps * step_s
+        seen = [asdict(one) for one in simulated.jaywalks if 0.0 <= one.time_s < duration_s]
+        manifest["jaywalks"] = {"count": len(seen), "each": seen[:_TOLD]}
     if demand.counted:
         manifest["counts"] = counted_report(
             asked["counts"],

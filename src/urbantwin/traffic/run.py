@@ -40,7 +40,9 @@ from urbantwin.traffic.parked import ParkedVehicles, park
 from urbantwin.traffic.paths.abreast import with_parties
 from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders
 from urbantwin.traffic.paths.at_stops import with_passengers_at_stops
+from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.footing import on_footways
+from urbantwin.traffic.paths.jaywalking import with_jaywalkers
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import Ground
 from urbantwin.traffic.paths.yielding import Before
@@ -133,7 +135,11 @@ def _driven(
 
     tell = between(told, 0.6, 0.85, "actors")
     drive = streets.tabled(
-        streets.drive(demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what)),
+        streets.drive(
+            demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what),
+            # Whoever crosses foresees gaps, and nobody foresees an event.
+            blocks=None if reacting else place.blocks.low,
+        ),
         demand, place, by_trip=bool(reacting), tell=tell,
     )  # fmt: skip
     if reacting:
@@ -231,8 +237,9 @@ class _Streets:
         demand: Demand,
         progress: Callable[[float, str], None] | None = None,
         staged: tuple[dict[str, Any], ...] = (),
+        blocks: PlanBoxes | None = None,
     ) -> Simulated:
-        """Let SUMO drive a demand."""
+        """Let SUMO drive a demand; people cross between crossings where blocks are given."""
         seen = simulate(
             self.net,
             demand,
@@ -246,6 +253,12 @@ class _Streets:
             scratch=self.scratch,
             progress=progress,
         )
+        share = float(self.asked.get("jaywalking", 0.0))
+        if share > 0 and blocks is not None:
+            seen = with_jaywalkers(
+                seen, demand, self.twin.roads, blocks, share=share, seed=self.asked["seed"],
+                step_s=self.step_s, asset=self.own.asset,
+            )  # fmt: skip
         return with_parties(seen, demand, self.twin.roads, self.step_s)
 
     def _on_the_map(self, simulated: Simulated) -> Simulated:

@@ -7,10 +7,9 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
-from urbantwin.fidelity.nearest_triangle import NearestTriangle
 from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.taxonomy import material_id
 from urbantwin.traffic.assets import (
     COATED_CLASSES,
@@ -23,35 +22,24 @@ from urbantwin.traffic.assets import (
     scaled_mesh,
 )
 
-__all__ = ["PlacedBody", "candidates", "mended", "mended_of", "placed"]
+__all__ = ["PlacedBody", "candidates", "placed"]
 
 #: Points lower than this over a box's underside may be of the ground, metres.
 GROUND_M = 0.25
-#: Standard deviations by which annotators are off: ahead, to the left (metres), heading (radians),
-#: and the logarithms of length, width and height.
-_TRUST = np.array([0.15, 0.1, 0.03, 0.07, 0.06, 0.06])
-#: How exactly a point lies on a body, metres; from how far on it counts less and less.
-_POINT_M, _OTHER_M = 0.05, 0.1
-#: So are at first farther points, so that a box that is far off is found at all.
-_GRADUATED_M = (0.3, _OTHER_M)
-#: So many bodies and postures are tried, and by how much, as the sum of the logarithms of three
-#: sides, another body's proportions are off.
-_TRIED, _TRIED_PEOPLE, _PROPORTIONS = 4, 10, 0.25
+#: So many bodies and postures are tried.
+_TRIED, _TRIED_PEOPLE = 8, 10
 #: Who pushes or sits is rare: tried only where the data calls it so.
 _CALLED = {
     "pedestrian-stroller": ("stroller",),
     "pedestrian-wheelchair": ("wheelchair", "wheeled", "sitting"),
 }
-#: A box with fewer points stays as it was annotated; of more than so many these are looked at.
-_FEWEST, _MOST = 15, 250
-#: Points say together as much as so many that are independent; nobody is off by more than so many
-#: standard deviations.
-_WORTH, _FARTHEST = 40, 2.5
 #: Points that far outside of an annotated box are still its object's, metres.
 AROUND_M = 0.15
 #: Two-wheelers that nobody rides, as data sets call them.
 _PARKED = ("bicycle", "motorcycle", "bike", "vehicle.bicycle", "vehicle.motorcycle")
 _RIDER = ("cloth", "skin")
+#: From where it is looked whether a face is seen: elevations, so many headings, so far off it.
+_UP_DEG, _AROUND, _OFF_M = (5.0, 30.0, 60.0), 12, 2e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +50,7 @@ class PlacedBody:
         asset: name of the body, with its coat.
         box: (7,) that it fills: centre, length, width, height, yaw.
         mesh: in its own frame: x ahead, z up from the ground.
+        outer: (F,) whether a face is seen from outside: not what stands behind panes.
         disproportion: how far its own sides are off those of the box as annotated, sum of the
             logarithms.
     """
@@ -69,6 +58,7 @@ class PlacedBody:
     asset: str
     box: NDArray[np.float64]
     mesh: LabelledMesh
+    outer: NDArray[np.bool_]
     disproportion: float = 0.0
 
     @property
@@ -128,88 +118,9 @@ def candidates(
             coated = coated_name(name, number, class_name)
             mesh = coated_mesh(mesh, AssetName.of(coated).coat)
         filling = scaled_mesh(mesh, (float(x), float(y), float(z)))
-        found.append(PlacedBody(coated, filled, filling, off[name, phase]))
+        outer = _outer(name, phase, riderless)
+        found.append(PlacedBody(coated, filled, filling, outer, off[name, phase]))
     return found
-
-
-def mended_of(bodies: list[PlacedBody], points: NDArray[np.float64]) -> PlacedBody:
-    """Mend bodies to the points of an object and return the one that then fits best.
-
-    A box says neither which body it holds nor in which posture. How far its proportions are off
-    counts as the box's own changes do.
-
-    Args:
-        bodies: in the box as annotated, the nearest first (`candidates`).
-        points: (N, 3) of the object, frame of the box.
-    """
-    tried = [_mend(body, points) for body in bodies]
-    misfit = [
-        cost + ((body.disproportion - bodies[0].disproportion) / _PROPORTIONS) ** 2
-        for (_, cost), body in zip(tried, bodies, strict=True)
-    ]
-    return tried[int(np.argmin(misfit))][0]
-
-
-def mended(body: PlacedBody, points: NDArray[np.float64]) -> PlacedBody:
-    """Move and stretch a body to the points of its object, as far as annotators are off.
-
-    Least squares of the distances of points to the body's surface and of what is changed by what
-    annotators are known to be off; it stands where it stood. Unseen sides stay.
-
-    Args:
-        body: in its box as annotated.
-        points: (N, 3) of the object, frame of the box.
-    """
-    return _mend(body, points)[0]
-
-
-def _mend(body: PlacedBody, points: NDArray[np.float64]) -> tuple[PlacedBody, float]:
-    """Return a body mended to points, and what is left: the sum of squares."""
-    local = body.pose.inverse().apply(points)
-    local = local[local[:, 2] > GROUND_M]
-    if len(local) < _FEWEST:
-        return body, 0.0
-    local = local[:: -(-len(local) // _MOST)]
-    surface = NearestTriangle(body.mesh.vertices, body.mesh.faces.astype(np.int64))
-    share = np.sqrt(min(len(local), _WORTH) / len(local)) / _POINT_M
-
-    def off(place: NDArray[np.float64], other: float) -> NDArray[np.float64]:
-        change = place - 1.0
-        back = _into(local, change * _TRUST)
-        distance = surface.distances(back) * share
-        # Points of something else pull no harder the farther they are.
-        distance = np.sqrt(np.log1p((distance / share / other) ** 2)) * other * share
-        return np.concatenate([distance, change])
-
-    # Steps of differences are relative to the start, which so is 1.
-    low, high = 1 - _FARTHEST, 1 + _FARTHEST
-    place, cost = np.ones(6), 0.0
-    for other in _GRADUATED_M:
-        start = np.clip(place, low + 1e-6, high - 1e-6)
-        solved = least_squares(
-            off, start, bounds=(low, high), diff_step=0.05, xtol=1e-3, ftol=1e-3, args=(other,)
-        )
-        place, cost = solved.x, 2 * float(solved.cost)
-    found = (place - 1.0) * _TRUST
-    ahead, left, turn = found[:3]
-    box = body.box.copy()
-    cos, sin = np.cos(box[6]), np.sin(box[6])
-    box[0] += cos * ahead - sin * left
-    box[1] += sin * ahead + cos * left
-    box[6] += turn
-    factors = np.exp(found[3:])
-    box[2] += box[5] * (factors[2] - 1) / 2
-    box[3:6] *= factors
-    x, y, z = (float(one) for one in factors)
-    return PlacedBody(body.asset, box, scaled_mesh(body.mesh, (x, y, z))), cost
-
-
-def _into(points: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points (N, 3) as they lie to the body before it was changed."""
-    cos, sin = np.cos(change[2]), np.sin(change[2])
-    x, y = points[:, 0] - change[0], points[:, 1] - change[1]
-    turned = np.column_stack([cos * x + sin * y, cos * y - sin * x, points[:, 2]])
-    return np.asarray(turned / np.exp(change[3:]))
 
 
 @cache
@@ -239,3 +150,22 @@ def _stood(name: str, phase: int, riderless: bool) -> LabelledMesh:
     middle = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     moved = mesh.vertices - middle
     return LabelledMesh(moved, mesh.faces, mesh.semantic, mesh.material, mesh.part)
+
+
+@cache
+def _outer(name: str, phase: int, riderless: bool) -> NDArray[np.bool_]:
+    """Return which faces (F,) of a body something around it sees, panes shut."""
+    mesh = _stood(name, phase, riderless)
+    scene = EmbreeScene(mesh.vertices, mesh.faces)
+    middle, normal = mesh.triangles().mean(axis=1), mesh.normals()
+    seen = np.zeros(len(mesh.faces), np.bool_)
+    for up in np.radians(_UP_DEG):
+        for turn in np.linspace(0, 2 * np.pi, _AROUND, endpoint=False):
+            aim = np.array([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)])
+            # Of thin sheets both sides are faces: the one turned away is behind the other.
+            side = np.sign(normal @ aim)[:, None]
+            rows = np.flatnonzero(~seen)
+            start = middle[rows] + _OFF_M * side[rows] * normal[rows]
+            aims = np.broadcast_to(aim, start.shape).astype(np.float32)
+            seen[rows] = ~np.isfinite(scene.cast(start, aims).range_m)
+    return seen

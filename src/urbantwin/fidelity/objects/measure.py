@@ -12,8 +12,9 @@ from scipy.ndimage import distance_transform_edt, median_filter
 from scipy.spatial import cKDTree
 
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.objects.bodies import AROUND_M, GROUND_M, PlacedBody, candidates, mended_of
+from urbantwin.fidelity.objects.bodies import AROUND_M, GROUND_M, PlacedBody, candidates
 from urbantwin.fidelity.objects.frame_rays import FrameRays, rays_of
+from urbantwin.fidelity.objects.mending import PassedBy, mended_of
 from urbantwin.fidelity.objects.scan_rays import SeenBodies, scan_rays
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.sensor import Sensor
@@ -148,7 +149,10 @@ def compare_objects(
         for k, n in enumerate(chosen)
     ]
     annotated = [bodies[0] for bodies in tried]
-    better = [mended_of(bodies, frame.points[of_points == k]) for k, bodies in enumerate(tried)]
+    better = [
+        mended_of(bodies, frame.points[of_points == k], _passed_by(bodies[0].box, sensors))
+        for k, bodies in enumerate(tried)
+    ]
     ground = _ground_of(frame, owner, boxes.box)
     looks = [_Look.of(rays, of_points, annotated, better) for rays in sensors]
     seen = {
@@ -191,6 +195,13 @@ def compare_objects(
                 RaysSeen(*(np.concatenate(parts) for parts in zip(*rays, strict=True))),
             )
         )
+    return found
+
+
+def _passed_by(box: NDArray[np.float64], sensors: list[FrameRays]) -> PassedBy:
+    found = PassedBy.none()
+    for rays in sensors:
+        found = found.joined(PassedBy.of(box, rays.origin, rays.direction, rays.range_m))
     return found
 
 

@@ -2,7 +2,7 @@
 
 Real bodies are not as plain as meshes: gaps between panels, trim, chrome, folds, spokes and edges
 send single beams elsewhere, and a glossy coat mirrors away what does not meet it squarely. Of rays
-at opaque parts of real vehicles 3 to 6 of 100 return nothing even where cars are bright and near,
+at opaque parts of real vehicles 4 to 10 of 100 return nothing even where cars are bright and near,
 one by one between neighbours that return; of rays at people 2 (KITTI and Argoverse 2, fitted:
 `docs/real_lidar.md`). Which beams it is depends on the beam and the triangle: a sensor that stands
 sees a standing car alike in every frame. Panes differ in their dirt by `DIRT`.
@@ -17,7 +17,8 @@ is missed. That is the receiver's, not the surface's (``measured_faintest`` of a
 where nobody measured it). An HDL-64E turns its lasers down where they meet something bright, in
 eight steps, and drops what lies below a fixed noise floor (User Manual 63-HDL64ES3, Laser Output
 Power, Noise Level Adjustment); a VLP-32C still sees black cars whose codes are all 0. With a
-threshold for each, one population of coats and panes gives what both lose of real cars.
+threshold for each, one population of coats and panes gives what both lose of real cars. A Pandar64
+(PandaSet) loses as little at panes as the VLP-32C, so that is what is believed of others.
 """
 
 from __future__ import annotations
@@ -35,13 +36,13 @@ from urbantwin.taxonomy import materials
 __all__ = ["DIRT", "FAINTEST", "GLANCING", "SWALLOWED", "actor_grain", "thrown_on"]
 
 #: Share of white of which half is missed next to a sensor of which it was not measured.
-FAINTEST = 0.003
+FAINTEST = 0.001
 #: Standard deviation of the logarithm of what dirt on panes scatters.
 DIRT = 1.0
 #: Share of beams that a material of actors swallows; 0 for those that are not named.
 SWALLOWED = {
-    **dict.fromkeys(("paint-white", "paint-grey", "paint-black", "metal-painted"), 0.045),
-    **dict.fromkeys(("metal-dark", "metal-bare", "plastic", "rubber", "retroreflector"), 0.045),
+    **dict.fromkeys(("paint-white", "paint-grey", "paint-black", "metal-painted"), 0.06),
+    **dict.fromkeys(("metal-dark", "metal-bare", "plastic", "rubber", "retroreflector"), 0.06),
     **dict.fromkeys(("cloth", "skin"), 0.02),
 }
 #: Share of ground that throws on what meets it squarely, the most, and how large its places are.

@@ -18,6 +18,8 @@ __all__ = ["RecordedFrame", "RecordedFrames", "RecordingSensor"]
 
 _EXPECTED = "frames with rings, as urbantwin discover --frames writes them"
 _MOST_METRES = 1e6
+#: Frames are read several times; so many bytes of them are kept, from the first on.
+_KEPT_BYTES = 1 << 30
 
 
 class RecordingSensor(Part):
@@ -100,6 +102,8 @@ class RecordedFrames:
             read_json(file, kind="discovery"), _Discovery, file=file, expected=_EXPECTED
         )
         self.folder = folder
+        self._kept: dict[int, RecordedFrame] = {}
+        self._room = _KEPT_BYTES
         self.sensors: tuple[RecordingSensor, ...] = tuple(told.sensors)
         self.names: tuple[str, ...] = tuple(
             sorted(path.stem for path in (folder / "points").glob("*.npy"))
@@ -120,11 +124,21 @@ class RecordedFrames:
         return [self.folder / "discovery.json", *parts]
 
     def read(self, number: int) -> RecordedFrame:
-        """Return a frame.
+        """Return a frame; its arrays are not to be changed.
 
         Raises:
             InputError: one of its files is missing, damaged, or does not belong to the other.
         """
+        if number in self._kept:
+            return self._kept[number]
+        frame = self._read(number)
+        size = sum(one.nbytes for one in (frame.points, frame.sensor, frame.ring, frame.column))
+        if size <= self._room:
+            self._room -= size
+            self._kept[number] = frame
+        return frame
+
+    def _read(self, number: int) -> RecordedFrame:
         name = self.names[number]
         file = self.folder / "points" / f"{name}.npy"
         points = read_array(file, _EXPECTED)

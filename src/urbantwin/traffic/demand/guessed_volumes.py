@@ -9,6 +9,7 @@ whose way leads over a lane that is full; everybody else comes.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,15 @@ LITTLE = 0.05
 _Cuts = dict[tuple[str, str], float]
 
 
+@dataclass(frozen=True)
+class _Full:
+    """A lane that more come to than pass, what lets no more through, and the share that passes."""
+
+    lane: LaneLoad
+    through: str
+    share: float
+
+
 def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation, Bound]:
     """Return who circulates of a guess, and how much of it that is.
 
@@ -51,21 +61,20 @@ def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation
     root = etree.parse(net).getroot()
     junctions = signalised_junctions(root)
     near = feeds(root, junctions, COORDINATED_M)
-    guessed, why = circulation, dict[str, tuple[LaneLoad, str]]()
+    guessed, why = circulation, dict[str, _Full]()
     for _ in range(ROUNDS):
         flows = circulation.flows()
         cuts: _Cuts = {}
         for one in _full(junctions, flows):
             through = f"its signal can let {one.capacity:.0f} through"
-            why.setdefault(one.lane, (one, through))
+            why.setdefault(one.lane, _Full(one, through, FULL / one.load))
             _cut(cuts, one, FULL / one.load)
         if not cuts:
             found = _without_room(junctions, near, flows)
             if found is None:
                 break
-            one, through, share = found
-            why.setdefault(one.lane, (one, through))
-            _cut(cuts, one, share)
+            why.setdefault(found.lane.lane, found)
+            _cut(cuts, found.lane, found.share)
         circulation = circulation.lowered(cuts, IN_CARS.keys())
     return circulation, Bound(share_of_motor(circulation, guessed), _reason(why.values()))
 
@@ -94,11 +103,8 @@ def _cut(cuts: _Cuts, one: LaneLoad, share: float) -> None:
 
 def _without_room(
     junctions: Sequence[Signalised], near: Sequence[Feed], flows: Flows
-) -> tuple[LaneLoad, str, float] | None:
-    """Return the lane that first does not empty between signals near each other, if any does not.
-
-    With why, and the share that would.
-    """
+) -> _Full | None:
+    """Return the lane between signals near each other that first does not empty, if any."""
     model = QueueModel(junctions, {item.program: item.phases for item in junctions}, near, flows)
     if not model.lanes or not np.isfinite(model.room_m).any():
         return None
@@ -116,16 +122,17 @@ def _without_room(
     if ahead is not None:
         onward = f"{model.room_m[ahead]:.0f} m to the signal on lane {model.lanes[ahead].lane}"
         through = f"the {onward} have room for {one.flow * fits:.0f}"
-    return one, through, min(FULL * fits, 1.0 - STEP)
+    return _Full(one, through, min(FULL * fits, 1.0 - STEP))
 
 
-def _reason(why: Iterable[tuple[LaneLoad, str]]) -> str:
-    """Return what holds up whom, of the lane that most come to."""
-    told = sorted(why, key=lambda pair: (-pair[0].flow, pair[0].lane))
+def _reason(why: Iterable[_Full]) -> str:
+    """Return what holds up whom, where most of them have to stay away."""
+    told = sorted(why, key=lambda one: (-one.lane.flow * (1.0 - one.share), one.lane.lane))
     if not told:
         return ""
-    more = f"; so it is at {len(told) - 1} more lanes" if len(told) > 1 else ""
-    return f"{_who(told[0][0])}, {told[0][1]}{more}"
+    others = len(told) - 1
+    more = f"; as on {others} more lane{'s' * (others > 1)}" if others else ""
+    return f"{_who(told[0].lane)}, {told[0].through}{more}"
 
 
 def _who(one: LaneLoad) -> str:

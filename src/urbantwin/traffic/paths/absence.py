@@ -9,6 +9,7 @@ Of two the one is left out whose absence costs less.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,9 +68,9 @@ class Absent:
 
 
 def absent_from(
-    actors: pa.Table,
-    whose: NDArray[np.int64],
-    leads: NDArray[np.int64],
+    actors: Iterable[pa.Table],
+    whose: NDArray[np.integer],
+    leads: NDArray[np.integer],
     parked: pa.Table,
     obstacles: Obstacles,
     region: shapely.Geometry,
@@ -80,7 +81,8 @@ def absent_from(
     """Return who has to be left out of a motion for no two boxes to overlap, and none the scene.
 
     Args:
-        actors: of the motion, by time and track.
+        actors: of the motion, by time and track, part by part, each of whole steps; gone through
+            several times.
         whose: (N,) the vehicle that each row is a body of.
         leads: (N,) the same, but of who is led the one who leads it.
         parked: who stands at every step.
@@ -89,12 +91,13 @@ def absent_from(
         step_s: time between steps.
         beside: of an event.
     """
-    step = np.round(actors["time_s"].to_numpy() / step_s).astype(np.int64)
-    xy = np.column_stack([actors["x"].to_numpy(), actors["y"].to_numpy()])
-    visit, begins, poses = _visits(whose, step, _inside(xy, region), _inside(xy, region, _BESIDE_M))
+    step, inside, near = _where(actors, region, step_s)
+    visit, begins, poses = _visits(whose, step, inside, near)
     pairs, hits, what = rows_that_overlap(actors, parked, step_s, obstacles, visit)
     count = len(begins)
-    kinds = np.array(actors["class"].take(_first_rows(visit, count)).to_pylist(), object)
+    first = _first_rows(visit, count)
+    rows, told = _told_of(actors, np.concatenate([first, pairs.ravel(), hits]))
+    kinds = told["class"][np.searchsorted(rows, first)]
     by_visit = np.zeros(count, np.int64)
     by_visit[visit] = whose
     staged = np.isin(by_visit, list(beside.own))
@@ -110,11 +113,11 @@ def absent_from(
     met = visit[pairs[~alone]]
     cost = np.array([_COSTS.get(kind, 1) for kind in kinds])
     _choose(met, gone, stays, cost, poses)
-    rows = gone[visit]
-    steps = np.unique(np.column_stack([whose, step])[rows], axis=0)
+    away = gone[visit]
+    steps = np.unique(np.column_stack([whose[away], step[away]]).astype(np.int64), axis=0)
     led = whose != leads
-    rows |= led & _among(leads, step, steps)
-    why = _reasons(actors, pairs, hits, what, visit, gone)
+    away |= led & _among(leads, step, steps)
+    why = _reasons(rows, told, pairs, hits, what, visit, gone)
     ends = np.zeros(count, np.int64)
     np.maximum.at(ends, visit, step)
     each = [
@@ -126,13 +129,41 @@ def absent_from(
         }
         for number in np.flatnonzero(gone).tolist()
     ]
-    told = {
+    counts = {
         "visits": len(each),
         "of": count,
         "actors": dict(sorted(Counter(str(one["class"]) for one in each).items())),
         "each": each[:_TOLD],
     }
-    return Absent(rows, steps, told)
+    return Absent(away, steps, counts)
+
+
+def _where(
+    actors: Iterable[pa.Table], region: shapely.Geometry, step_s: float
+) -> tuple[NDArray[np.int32], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the step of each row (N,), and whether it is in the region, or all but."""
+    steps, inside, near = [np.zeros(0, np.int32)], [np.zeros(0, np.bool_)], [np.zeros(0, np.bool_)]
+    for part in actors:
+        steps.append(np.round(part["time_s"].to_numpy() / step_s).astype(np.int32))
+        xy = np.column_stack([part["x"].to_numpy(), part["y"].to_numpy()])
+        inside.append(_inside(xy, region))
+        near.append(_inside(xy, region, _BESIDE_M))
+    return np.concatenate(steps), np.concatenate(inside), np.concatenate(near)
+
+
+def _told_of(
+    actors: Iterable[pa.Table], wanted: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
+    """Return rows (R,) that are wanted, ascending, and what they are: ``class``, when, where."""
+    rows = np.unique(wanted[wanted >= 0])
+    found: dict[str, list[NDArray[Any]]] = {name: [] for name in ("class", "time_s", "x", "y")}
+    begin = 0
+    for part in actors:
+        mine = rows[slice(*np.searchsorted(rows, [begin, begin + part.num_rows]))] - begin
+        for name, values in found.items():
+            values.append(np.array(part[name].take(pa.array(mine)).to_pylist(), object))
+        begin += part.num_rows
+    return rows, {name: np.concatenate(values) for name, values in found.items() if values}
 
 
 def _inside(
@@ -145,11 +176,11 @@ def _inside(
 
 
 def _visits(
-    whose: NDArray[np.int64],
-    step: NDArray[np.int64],
+    whose: NDArray[np.integer],
+    step: NDArray[np.integer],
     inside: NDArray[np.bool_],
     near: NDArray[np.bool_],
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.int32], NDArray[np.integer], NDArray[np.int64]]:
     """Return the visit of each row (N,), the step with which each begins (V,), and its poses (V,).
 
     A visit is how long one is there without coming into the region or leaving it. Whoever is near
@@ -170,12 +201,12 @@ def _visits(
     there = np.repeat(comes_in, np.diff(np.append(runs, len(first))))
     begun = broken | np.concatenate([[True], np.diff(there)])[: len(first)]
     of_cell = np.cumsum(begun) - 1
-    visit = np.empty(len(order), np.int64)
+    visit = np.empty(len(order), np.int32)
     visit[order] = of_cell[np.cumsum(new) - 1]
     return visit, when[begun], np.bincount(visit, minlength=int(begun.sum()))
 
 
-def _first_rows(visit: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+def _first_rows(visit: NDArray[np.integer], count: int) -> NDArray[np.int64]:
     """Return the first row of each visit (V,)."""
     found = np.zeros(count, np.int64)
     found[visit[::-1]] = np.arange(len(visit))[::-1]
@@ -183,7 +214,7 @@ def _first_rows(visit: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 
 def _among(
-    who: NDArray[np.int64], step: NDArray[np.int64], some: NDArray[np.int64]
+    who: NDArray[np.integer], step: NDArray[np.integer], some: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Return which of actors (N,) at steps (N,) are among some (K, 2)."""
     wide = np.int64(1) << 32
@@ -215,15 +246,27 @@ def _choose(
 
 
 def _reasons(
-    actors: pa.Table,
+    rows: NDArray[np.int64],
+    told: dict[str, NDArray[Any]],
     pairs: NDArray[np.int64],
     hits: NDArray[np.int64],
     what: NDArray[np.object_],
-    visit: NDArray[np.int64],
+    visit: NDArray[np.integer],
     gone: NDArray[np.bool_],
 ) -> dict[int, dict[str, Any]]:
-    """Return of each visit that is left out whom or what it would come into first."""
+    """Return of each visit that is left out whom or what it would come into first.
+
+    Args:
+        rows: of which is told (R,).
+        told: what (`_told_of`).
+        pairs: rows that overlap.
+        hits: rows that meet something static.
+        what: what that is.
+        visit: of all rows.
+        gone: which visits are left out.
+    """
     first: dict[int, tuple[int, str]] = {}
+    kinds = dict(zip(rows.tolist(), told.get("class", ()), strict=True))
 
     def note(row: int, other: str) -> None:
         number = int(visit[row])
@@ -236,14 +279,11 @@ def _reasons(
         if other < 0:
             note(one, "parked")
         else:
-            note(one, actors["class"][other].as_py())
-            note(other, actors["class"][one].as_py())
-    return {
-        number: {
-            "with": name,
-            "time_s": actors["time_s"][row].as_py(),
-            "x": round(actors["x"][row].as_py(), 1),
-            "y": round(actors["y"][row].as_py(), 1),
-        }
-        for number, (row, name) in first.items()
-    }
+            note(one, kinds[other])
+            note(other, kinds[one])
+    found = {}
+    for number, (row, name) in first.items():
+        at = np.searchsorted(rows, row)
+        place = {axis: round(told[axis][at], 1) for axis in ("x", "y")}
+        found[number] = {"with": name, "time_s": told["time_s"][at], **place}
+    return found

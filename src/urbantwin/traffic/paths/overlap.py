@@ -76,7 +76,7 @@ def overlaps_of(
 
 
 def rows_that_overlap(
-    actors: pa.Table,
+    actors: Iterable[pa.Table],
     parked: pa.Table,
     step_s: float,
     obstacles: Obstacles,
@@ -85,7 +85,7 @@ def rows_that_overlap(
     """Return the rows of actors that `overlaps_of` counts.
 
     Args:
-        actors: of a motion.
+        actors: of a motion, part by part, each of whole steps.
         parked: its parked vehicles.
         step_s: time between its steps.
         obstacles: of the static world.
@@ -100,14 +100,18 @@ def rows_that_overlap(
     tree = shapely.STRtree(standing.polygons)
     none = np.zeros(0, np.int64)
     pairs, hits, names = [none.reshape(0, 2)], [none], [none.astype(object)]
-    for first, part in _parts(actors):
-        moving = _columns(part)
-        boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
-        met, _, _ = _shared(moving, boxes, still, standing, tree)
-        pairs.append(np.where(met < part.num_rows, met + first, -1))
-        rows, what = _hit(moving, boxes, obstacles, who[first : first + part.num_rows])
-        hits.append(rows + first)
-        names.append(what)
+    begin = 0
+    for whole in actors:
+        for number, part in _parts(whole):
+            first = begin + number
+            moving = _columns(part)
+            boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
+            met, _, _ = _shared(moving, boxes, still, standing, tree)
+            pairs.append(np.where(met < part.num_rows, met + first, -1))
+            rows, what = _hit(moving, boxes, obstacles, who[first : first + part.num_rows])
+            hits.append(rows + first)
+            names.append(what)
+        begin += whole.num_rows
     return np.concatenate(pairs), np.concatenate(hits), np.concatenate(names)
 
 

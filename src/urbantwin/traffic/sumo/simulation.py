@@ -35,6 +35,7 @@ from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
 __all__ = [
     "STUCK_S",
+    "Jaywalk",
     "Observed",
     "Simulated",
     "curves_of",
@@ -95,6 +96,25 @@ class Observed:
     vehicle_halt_s: float = 0.0
 
 
+@dataclass(frozen=True)
+class Jaywalk:
+    """That somebody crosses a street between crossings.
+
+    Attributes:
+        trip: who.
+        time_s: when it sets out from the footway, seconds of the motion.
+        waited_s: how long it waited for a gap.
+        x: the middle of its way across, site frame, metres.
+        y: the same.
+    """
+
+    trip: int
+    time_s: float
+    waited_s: float
+    x: float
+    y: float
+
+
 #: What `Simulated` has of each row.
 ROWS = ("step", "trip", "front", "angle_deg", "speed", "lane")
 
@@ -120,6 +140,7 @@ class Simulated:
         staged: what became of each event that was staged (``staging.Staging.told``).
         boarded: seconds of the motion, ``waits``, ``boards`` or ``alights``, trip, stop, the trip
             of the vehicle, and the how manieth, of who takes a bus or a tram.
+        jaywalks: who crosses streets between crossings (`paths.jaywalking`), by time.
     """
 
     step: NDArray[np.int32]
@@ -137,6 +158,7 @@ class Simulated:
     observed: Observed
     staged: tuple[dict[str, Any], ...] = ()
     boarded: tuple[tuple[float, str, int, int, int, int], ...] = ()
+    jaywalks: tuple[Jaywalk, ...] = ()
 
     def only(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Simulated:
         """Return some of the rows: a mask (N,) or indices; all else stays."""

@@ -1,0 +1,169 @@
+"""Actors in real frames against ours in their boxes, with what chance does to each figure.
+
+    python benchmarks/real_objects.py [SET ...] [--json FILE]
+
+Sets are those of `docs/real_lidar.md`. Of shapes: medians over objects. Of losses and codes: all
+rays between neighbours that return from one object. Intervals are the middle 95 % of a bootstrap
+over objects.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from pandaset_frame import pandaset_frame
+from urbantwin.errors import InputError
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.histograms import full_scale
+from urbantwin.fidelity.objects.measure import ObjectSeen, compare_objects
+from urbantwin.fidelity.readers import open_recording
+from urbantwin.lidar import sensor
+
+DATA = Path(__file__).parents[1].parent / "shared/data"
+KITTI = DATA / "recordings/kitti-training"
+#: Recording, sensor, frames, and the sensor of several that is looked at.
+SETS = {
+    "kitti-fitted": ("kitti", "HDL-64E", (*range(12), *range(24, 37)), None),
+    "kitti-judged": ("kitti", "HDL-64E", (*range(12, 24), *range(37, 50)), None),
+    "argoverse-upper-fitted": ("argoverse", "VLP-32C", (0, 1), 0),
+    "argoverse-lower-judged": ("argoverse", "VLP-32C", (0, 1), 1),
+    "pandaset-judged": ("pandaset", "Pandar64", (0,), None),
+}
+SPANS_M = ((0, 80), *pairwise((0, 10, 20, 40)))
+DRAWS, FEWEST_RAYS, FEWEST_POINTS = 400, 100, 20
+
+
+def frames_of(name: str, numbers: tuple[int, ...], only: int | None) -> list[tuple[int, Frame]]:
+    """Return the frames of a set, with their numbers."""
+    if name == "pandaset":
+        return [(0, pandaset_frame())]
+    if name == "argoverse":
+        recording = open_recording(DATA / "lidar/argoverse2-pittsburgh")
+        return [(k, of_sensor(recording.read(k), only)) for k in numbers]
+    found = []
+    with TemporaryDirectory() as made:
+        # The cropped frames have a folder of their own, and the layout one name for it.
+        for part in ("velodyne", "velodyne_reduced"):
+            folder = Path(made) / part
+            folder.mkdir()
+            for one in ("calib", "label_2"):
+                (folder / one).symlink_to(KITTI / one)
+            (folder / "velodyne").symlink_to(KITTI / part)
+            recording = open_recording(folder)
+            for k, stem in enumerate(recording.names):
+                if int(stem) in numbers:
+                    found.append((int(stem), recording.read(k)))
+    return found
+
+
+def of_sensor(frame: Frame, only: int | None) -> Frame:
+    """Return a frame with the points of one of its sensors alone."""
+    if only is None or frame.sensor is None or frame.ring is None or frame.intensity is None:
+        return frame
+    mine = frame.sensor == only
+    return replace(
+        frame,
+        points=frame.points[mine],
+        intensity=frame.intensity[mine],
+        ring=frame.ring[mine],
+        time_s=None,
+        column=None,
+        sensor=None,
+        sensor_places=frame.sensor_places[only : only + 1],
+    )
+
+
+def seen_in(name: str) -> list[ObjectSeen]:
+    """Return the objects of a set."""
+    recording, model, numbers, only = SETS[name]
+    seen: list[ObjectSeen] = []
+    for number, frame in frames_of(recording, numbers, only):
+        scale = None if frame.intensity is None else full_scale(float(frame.intensity.max()))
+        try:
+            seen += compare_objects(frame, sensor(model), scale=scale, seed=number)
+        except InputError as error:
+            print(f"left out: {error}")
+    return seen
+
+
+def interval(values: list, figure) -> list[float]:
+    """Return the middle 95 % of a figure of objects drawn again."""
+    random = np.random.default_rng(0)
+    drawn = [
+        figure([values[k] for k in random.integers(0, len(values), len(values))])
+        for _ in range(DRAWS)
+    ]
+    return [round(float(one), 3) for one in np.nanpercentile(drawn, (2.5, 97.5))]
+
+
+def shapes(seen: list[ObjectSeen]) -> dict:
+    """Return Chamfer distances and ratios of points, of objects."""
+    both = [one.chamfer_m["both"] for one in seen if one.chamfer_m["both"] is not None]
+    ratio = [
+        one.counts["mended"] / one.counts["real"]
+        for one in seen
+        if one.counts["real"] >= FEWEST_POINTS
+    ]
+    row: dict = {"objects": len(seen)}
+    for key, values in (("chamfer_both_m", both), ("points", ratio)):
+        if values:
+            row[key] = [round(float(np.median(values)), 3), interval(values, np.median)]
+    return row
+
+
+def losses(seen: list[ObjectSeen]) -> dict:
+    """Return shares lost and median codes of real and ours, and the real ones' intervals."""
+    row: dict = {}
+    for key, pane in (("lost", None), ("lost_opaque", False), ("lost_panes", True)):
+        counted = []
+        for one in seen:
+            rays = one.rays
+            mine = rays.judged if pane is None else rays.judged & (rays.pane == pane)
+            counted.append((mine.sum(), rays.real_lost[mine].sum(), rays.lost[mine].sum()))
+        total, real, ours = np.sum(counted, axis=0)
+        if total >= FEWEST_RAYS:
+            share = interval(counted, lambda some: np.divide(*np.sum(some, axis=0)[[1, 0]]))
+            row[key] = [round(real / total, 3), round(ours / total, 3), share, int(total)]
+    both = [(one.real_codes, one.codes) for one in seen if len(one.real_codes)]
+    if both and sum(len(real) for real, _ in both) >= FEWEST_RAYS:
+        sides = [np.median(np.concatenate(side)) for side in zip(*both, strict=True)]
+        reals = interval([real for real, _ in both], lambda some: np.median(np.concatenate(some)))
+        row["code"] = [*(round(float(one), 3) for one in sides), reals]
+    through = np.array([(one.rays.real_far.sum(), one.counts["real"]) for one in seen]).sum(axis=0)
+    ours = np.array([(one.rays.far.sum(), one.counts["mended"]) for one in seen]).sum(axis=0)
+    row["through"] = [round(float(a / b), 3) for a, b in (through, ours)]
+    return row
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("sets", nargs="*", default=list(SETS))
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    rows = []
+    for name in given.sets:
+        seen = seen_in(name)
+        groups = {"all": seen}
+        for kind in sorted({one.class_name for one in seen}):
+            groups[kind] = [one for one in seen if one.class_name == kind]
+        for kind, mine in groups.items():
+            for low, high in SPANS_M:
+                here = [one for one in mine if low <= one.distance_m < high]
+                if here:
+                    row = {"set": name, "class": kind, "range_m": [low, high]}
+                    rows.append(row | shapes(here) | losses(here))
+                    print(json.dumps(rows[-1]), flush=True)
+    if given.json:
+        given.json.write_text(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    main()
