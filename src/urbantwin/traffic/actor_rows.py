@@ -10,7 +10,6 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from urbantwin.progress import Progress, between, each
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Trip
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
@@ -31,7 +30,6 @@ def actor_rows(
     *,
     step_s: float,
     asset: Callable[[str], Asset],
-    tell: Progress,
 ) -> pa.Table:
     """Return rows of the table of actors, where there is ground; tracks are numbers of trips.
 
@@ -42,16 +40,14 @@ def actor_rows(
         ground: what they stand on.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
-        tell: called with the fraction done (0..1) and what is being done.
     """
     names = np.array([trip.asset for trip in trips], object)
     trip = columns["trip"]
-    tell(0.0, "heights of their lanes")
     ceiling = ground.ceiling(columns["xy"], columns["lane"], lanes)
     z, pitch, roll = np.full((3, len(trip)), np.nan)
     phase = np.zeros(len(trip), np.int16)
     known, kind = np.unique(names.astype(str), return_inverse=True)
-    for name in each(sorted(set(names[trip])), between(tell, 0.05, 0.9), "on the ground"):
+    for name in sorted(set(names[trip])):
         rows = np.flatnonzero(kind[trip] == np.searchsorted(known, name))
         mesh = asset(name)
         xy, yaw = columns["xy"][rows], columns["yaw"][rows]
@@ -61,7 +57,6 @@ def actor_rows(
             cycles = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN
             moving = np.floor(cycles % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
         phase[rows] = np.where(columns["speed"][rows] < STANDING_MS, mesh.standing, moving)
-    tell(0.9, "in the order of time")
     order = np.lexsort([trip, columns["step"]])
     order = order[~np.isnan(z[order])]
     trip = trip[order]
@@ -104,6 +99,20 @@ class KeptRows:
         self._folder = folder
         self._tables: list[pa.Table] = []
         self._files: list[Path] = []
+
+    def stood(
+        self,
+        columns: dict[str, NDArray[Any]],
+        trips: Sequence[Trip],
+        lanes: tuple[str, ...],
+        ground: Ground,
+        step_s: float,
+        asset: Callable[[str], Asset],
+    ) -> int:
+        """Keep the rows that follow, see `actor_rows`; return how many are left out."""
+        rows = actor_rows(columns, trips, lanes, ground, step_s=step_s, asset=asset)
+        self.add(rows)
+        return len(columns["trip"]) - int(rows.num_rows)
 
     def add(self, rows: pa.Table) -> None:
         """Keep the rows that follow, of `actor_rows`."""

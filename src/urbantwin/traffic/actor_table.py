@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import LabelledMesh
 from urbantwin.progress import Progress, between, untold
 from urbantwin.roads import RoadNetwork
-from urbantwin.traffic.actor_rows import KeptRows, actor_rows
+from urbantwin.traffic.actor_rows import KeptRows
 from urbantwin.traffic.actor_ways import actor_ways
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
@@ -154,27 +155,30 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         lead = ways.who == vehicles(ways.who)
         left, outside, poses = None, 0, []
         kept = KeptRows(folder)
-        for n, stretch in enumerate(every):
-            telling = between(tell, 0.4 + 0.6 * n / len(every), 0.4 + 0.6 * (n + 1) / len(every))
-            crossings = Crossings.of(place.roads, lanes, shown, stretch.begin, stretch.seen)
-            was = before.stretch(n) if before else None
-            parted = parting.parted(stretch, left, was, crossings, between(telling, 0.0, 0.2))
-            left = LeftOff.of(parted, stretch.end)
-            if by_trip:
-                whose = lead[parted["trip"]]
-                poses.append({name: parted[name][whose] for name in ("trip", "step", "behind")})
-            decided = (parted["step"] >= max(stretch.begin, 0)) & (
-                parted["step"] < min(stretch.end, steps)
-            )
-            shows = {name: values[decided] for name, values in parted.items() if name in _SHOWN}
-            del parted
-            rows = actor_rows(
-                shows, ways.trips, lanes, ground, step_s=step_s, asset=asset,
-                tell=between(telling, 0.2, 1.0),
-            )  # fmt: skip
-            outside += int(decided.sum()) - rows.num_rows
-            kept.add(rows)
-            del shows, rows
+        # Rows of one stretch are made while the next one is parted.
+        with ThreadPoolExecutor(1) as beside_it:
+            made: list[Future[int]] = []
+            for n, stretch in enumerate(every):
+                telling = between(
+                    tell, 0.4 + 0.6 * n / len(every), 0.4 + 0.6 * (n + 1) / len(every)
+                )
+                crossings = Crossings.of(place.roads, lanes, shown, stretch.begin, stretch.seen)
+                was = before.stretch(n) if before else None
+                parted = parting.parted(stretch, left, was, crossings, telling)
+                left = LeftOff.of(parted, stretch.end)
+                if by_trip:
+                    whose = lead[parted["trip"]]
+                    poses.append({name: parted[name][whose] for name in ("trip", "step", "behind")})
+                decided = (parted["step"] >= max(stretch.begin, 0)) & (
+                    parted["step"] < min(stretch.end, steps)
+                )
+                shows = {name: parted[name][decided] for name in _SHOWN}
+                outside += sum(one.result() for one in made)
+                made = [
+                    beside_it.submit(kept.stood, shows, ways.trips, lanes, ground, step_s, asset)
+                ]
+                del parted, shows
+            outside += sum(one.result() for one in made)
         whose = parting.vehicles.astype(np.int32)
         del parting
         trip = kept.trips()

@@ -199,8 +199,11 @@ def _gives(r, now, joined, step_s):
 
 @njit(cache=True, nogil=True)
 def close_to(x, y, a, b, gap):
-    """Return whether two boxes may be nearer than a gap, their middles being so far apart."""
-    reach = math.hypot(a[4], a[5]) + math.hypot(b[4], b[5]) + gap
+    """Return whether two boxes may be nearer than a gap, their middles being so far apart.
+
+    Their seventh numbers are their radii.
+    """
+    reach = a[6] + b[6] + gap
     return x * x + y * y < reach * reach
 
 

@@ -64,8 +64,8 @@ def walked(
         rows: (R,) int64, the rows of people, by step.
         other_begins: (S + 1,) int64, where the rows of others of each step begin.
         others: (Q,) int64, the rows of all others, by step.
-        boxes: (N + B, 6) of actors, by actor and step, then of what stands at every step: x, y,
-            cosine and sine of the heading, half the length, half the width.
+        boxes: (N + B, 7) of actors, by actor and step, then of what stands at every step: x, y,
+            cosine and sine of the heading, half the length, half the width, half the diagonal.
         whose: (N,) int64, the number of the actor.
         level: (N,) int64, of their roads; what stands is on level 0.
         far: (N,) how far each went on its own way by each row.
@@ -84,7 +84,7 @@ def walked(
         blocked: (Y, X) uint8, cells: 1 where something stands, 2 where nobody walks, else 0.
         corner: (3,) west and south of these cells, and their size.
         step_s: time between steps.
-        now: (N + B, 6) boxes as they are, of people too; like what follows filled in here, step by
+        now: (N + B, 7) boxes as they are, of people too; like what follows filled in here, step by
             step, and given of who was there before: its last two rows are done.
         place: (N, 3) x, y and by how much the heading differs from that of the row that one has
             come to.

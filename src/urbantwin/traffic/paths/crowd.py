@@ -22,7 +22,7 @@ from urbantwin.traffic.compiled.crowd import FASTEST_MS, walked
 from urbantwin.traffic.paths.kerbs import NO_CROSSINGS, Crossings
 from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.stretches import LeftOff, far_at, no_walks
-from urbantwin.traffic.paths.walked_ground import WalkedGround
+from urbantwin.traffic.paths.walked_ground import WalkedGround, box_rows
 
 __all__ = ["crowd_walked"]
 
@@ -68,7 +68,7 @@ def crowd_walked(
     went = np.where(joined, np.hypot(*np.diff(xy, axis=0, prepend=xy[:1]).T), 0.0)
     far = np.cumsum(went)
     far -= far[first][part]
-    boxes = np.concatenate([np.column_stack([xy, np.cos(yaw), np.sin(yaw), half]), ground.boxes])
+    boxes = np.concatenate([box_rows(xy, yaw, half), ground.boxes])
     row = np.arange(len(step))
     now, at = boxes.copy(), far.copy()
     place, come = np.zeros((len(step), 3)), row.astype(np.float64)

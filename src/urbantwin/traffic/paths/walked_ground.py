@@ -14,7 +14,7 @@ from urbantwin.traffic.paths.footing import BODY_M
 from urbantwin.traffic.paths.solids import ROOM_M
 from urbantwin.traffic.paths.walked_cells import WalkedCells
 
-__all__ = ["WalkedGround"]
+__all__ = ["WalkedGround", "box_rows"]
 
 #: What stands is looked up in cells of this size, metres.
 _STILL_CELL_M = 2.0
@@ -26,7 +26,7 @@ class WalkedGround:
     """What people go between.
 
     Attributes:
-        boxes: (B, 6) what stands on the ground, see ``compiled.crowd.walked``, like what follows.
+        boxes: (B, 7) what stands on the ground, see ``compiled.crowd.walked``, like what follows.
         still: where the numbers of what stands begin of each cell.
         numbers: those numbers.
         within: those cells.
@@ -46,9 +46,7 @@ class WalkedGround:
         solids: NDArray[np.object_],
         footway: shapely.Geometry,
     ) -> None:
-        self.boxes = np.column_stack(
-            [blocks.xy, np.cos(blocks.yaw), np.sin(blocks.yaw), blocks.half]
-        )
+        self.boxes = box_rows(blocks.xy, blocks.yaw, blocks.half)
         points = xy if len(xy) else np.zeros((1, 2))
         self.still, self.numbers, self.within = _still_cells(points, blocks)
         inner = shapely.buffer(solids, _TIGHT_M - ROOM_M)
@@ -59,6 +57,13 @@ class WalkedGround:
     def on_footway(self, xy: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which points (K, 2) are on the footway, with room for a body."""
         return np.asarray(shapely.contains_xy(self._beside_road, *xy.T), np.bool_)
+
+
+def box_rows(
+    xy: NDArray[np.float64], yaw: NDArray[np.float64], half: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return boxes as rows (N, 7), see ``compiled.crowd.walked``."""
+    return np.column_stack([xy, np.cos(yaw), np.sin(yaw), half, np.hypot(*half.T)])
 
 
 def _still_cells(
