@@ -15,7 +15,8 @@ from urbantwin.traffic.paths.coupling import are_coupled, towed_by
 from urbantwin.traffic.paths.obstacles import Blocks, Obstacles
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import stand
-from urbantwin.traffic.sumo.simulation import Observed, Simulated
+from urbantwin.traffic.sumo.observed import Observed
+from urbantwin.traffic.sumo.simulation import Simulated
 
 BENDING = ("truck-semitrailer", "truck-road-train", "bus-articulated")
 STEP_S, SPEED_MS, RADIUS_M = 0.1, 6.0, 30.0

@@ -7,7 +7,8 @@ import shapely
 from urbantwin.roads.network import Lane, Road, RoadNetwork
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.paths.footing import BODY_M, on_footways
-from urbantwin.traffic.sumo.simulation import Observed, Simulated
+from urbantwin.traffic.sumo.observed import Observed
+from urbantwin.traffic.sumo.simulation import Simulated
 
 NONE = np.zeros((0, 0))
 

@@ -12,7 +12,8 @@ from urbantwin.traffic.assets import asset
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.jaywalking import with_jaywalkers
-from urbantwin.traffic.sumo.simulation import Observed, Simulated
+from urbantwin.traffic.sumo.observed import Observed
+from urbantwin.traffic.sumo.simulation import Simulated
 
 STEP_S, WALKS_MS = 0.1, 1.4
 NOBODY = Observed(*np.zeros((5, 0, 9)), longest_halt_s=0.0, stuck=())

@@ -8,7 +8,8 @@ import numpy as np
 
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.demand.demand import Demand
-from urbantwin.traffic.sumo.simulation import STUCK_S, Observed
+from urbantwin.traffic.sumo.observed import Observed
+from urbantwin.traffic.sumo.simulation import STUCK_S
 
 __all__ = ["circulation_report"]
 

@@ -19,7 +19,8 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.circulation import Circulation
 from urbantwin.traffic.demand.demand import Population
-from urbantwin.traffic.sumo.simulation import Observed, observe
+from urbantwin.traffic.sumo.observed import Observed
+from urbantwin.traffic.sumo.simulation import observe
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
 __all__ = ["SURE", "Calibrated", "calibrate"]

@@ -12,7 +12,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +31,12 @@ from urbantwin.traffic.demand.manners import IN_BENDS
 from urbantwin.traffic.demand.passengers import boarding_job
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 from urbantwin.traffic.sumo.halts import ends_of_halts, write_stops
+from urbantwin.traffic.sumo.observed import Observed
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
 __all__ = [
     "STUCK_S",
     "Jaywalk",
-    "Observed",
     "Simulated",
     "curves_of",
     "observe",
@@ -67,33 +67,6 @@ TRAM_DWELL_S = 20.0
 _LONG_S = 1e6  # waiting has no end but the bus
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
-
-
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """What was seen each second, by minute (M, from SUMO's start) and class (C).
-
-    Attributes:
-        least: (M, C) fewest actors at a time.
-        most: (M, C) most actors at a time.
-        samples: (M, C) actors seen, one each second.
-        metres: (M, C) sum of their speeds: the distance that they travelled.
-        entries: (M, C) how many came from an outer road into the region.
-        longest_halt_s: the longest halt of anybody.
-        vehicle_halt_s: the longest of a vehicle.
-        stuck: (trip, time, lane) of who halted for more than ``STUCK_S``.
-        queued: lane -> seconds that vehicles stood on it, all of them together.
-    """
-
-    least: NDArray[np.float64]
-    most: NDArray[np.float64]
-    samples: NDArray[np.float64]
-    metres: NDArray[np.float64]
-    entries: NDArray[np.float64]
-    longest_halt_s: float
-    stuck: tuple[tuple[int, float, str], ...]
-    queued: Mapping[str, float] = field(default_factory=dict)
-    vehicle_halt_s: float = 0.0
 
 
 @dataclass(frozen=True)
