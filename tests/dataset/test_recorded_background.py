@@ -12,6 +12,7 @@ from urbantwin.fidelity.background_estimation import measure_recording
 from urbantwin.fidelity.beam_assignment import beams_of_rig
 from urbantwin.lidar import place_rig
 from urbantwin.lidar.background_file import load_backgrounds, rig_with_backgrounds
+from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import semantic_id
 from urbantwin.traffic import Motion
 from urbantwin.traffic.motion import MOTION_VERSION
@@ -25,8 +26,10 @@ def bare(twin, tmp_path_factory):
     folder.mkdir()
     mesh = twin.mesh.select(twin.mesh.semantic == semantic_id("road"))
     mesh.save(folder / "scene.npz")
+    RoadNetwork("right", (), (), (), (), ()).save(folder / "roads.json")
     manifest = json.loads((twin.folder / "twin.json").read_text())
-    manifest["files"] = {"scene.npz": sha256_of(folder / "scene.npz")}
+    files = ("scene.npz", "roads.json")
+    manifest["files"] = {name: sha256_of(folder / name) for name in files}
     write_json(folder / "twin.json", manifest)
     return load_twin(folder)
 

@@ -20,7 +20,7 @@ def roads(
 ) -> Any:
     """What the roads of a build tell: lanes with signals, heads that stand, notes."""
     line, none = np.array([[0.0, 0, 0], [9, 0, 0]]), np.zeros((0, 2))
-    lanes = tuple(Lane(x, x, "driving", 3.0, 9.0, line, none, 0, (), (), "") for x in stopped)
+    lanes = tuple(Lane(x, x, "driving", 3.0, 9.0, line, none, 0, ("car",), (), "") for x in stopped)
     heads = tuple(SignalHead("p", (k,), x, 9.0, 0.0, 0.0) for k, x in enumerate(stopped))
     network = RoadNetwork("right", (), lanes, (), heads, ())
     standing = [SimpleNamespace(dynamic=True, strip=strips) for strips in shown]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity import histograms as bins
 from urbantwin.fidelity import rebuilt_surface
-from urbantwin.fidelity.foreground_objects import foreground_objects
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND
 from urbantwin.fidelity.missing import NEAR_M, SPACING_SHARE, MissingPlaces
@@ -18,7 +17,7 @@ from urbantwin.fidelity.object_statistics import object_differences
 from urbantwin.fidelity.pairs import MeasuredPair, Pairs
 from urbantwin.fidelity.point_to_mesh import MAX_POINTS
 from urbantwin.fidelity.report import Anchored, FrameFigures, Report, anchored
-from urbantwin.fidelity.sides import ANCHOR, Side
+from urbantwin.fidelity.sides import ANCHOR, MODEL, Side
 
 __all__ = ["Findings", "report_of"]
 
@@ -84,7 +83,7 @@ def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
         parts={part: one for part, one in parts.items() if one is not None},
         split_by=split_by,
         objects=_objects(sides),
-        foreground_objects=foreground_objects(sides, split_by),
+        foreground_objects=_foreground_objects(sides) if split_by == MODEL else None,
         missing=found.missing.places(),
         parameters=_parameters(found.pairs.origin),
         notes=_notes(found, doubts),
@@ -103,6 +102,12 @@ def _part(frames: list[FrameFigures], part: str) -> Anchored | None:
     if not any("twin" in row for row in rows):
         return None
     return anchored(*([row.get(side) for row in rows] for side in ("twin", "arbitrary", "real")))
+
+
+def _foreground_objects(sides: dict[str, Side]) -> dict[str, Any] | None:
+    from urbantwin.fidelity.foreground_objects import foreground_objects
+
+    return foreground_objects(sides)
 
 
 def _objects(sides: dict[str, Side]) -> dict[str, Any] | None:

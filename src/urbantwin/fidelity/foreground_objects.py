@@ -82,14 +82,12 @@ def object_divergences(
     return found
 
 
-def foreground_objects(sides: dict[str, Side], split_by: str | None) -> dict[str, Any] | None:
+def foreground_objects(sides: dict[str, Side]) -> dict[str, Any] | None:
     """Return objects a frame by side, and how sizes, shapes and points differ from the real ones.
 
     Real against real is between the real frames and the anchor's, or between their halves. None
-    where foreground is not separated by a background model.
+    where no frame could be separated by its background model.
     """
-    if split_by != MODEL:
-        return None
     ground = _ground(sides["real"])
     found = {
         name: [objects_of(frame.points[moves], ground) for frame, moves in _split(side)]

@@ -17,6 +17,7 @@ from urbantwin.progress import Progress, between, untold
 from urbantwin.result_warning import rows_of
 from urbantwin.traffic.actor_table import Place, actor_table
 from urbantwin.traffic.assets import OwnBodies
+from urbantwin.traffic.demand.counted_report import arrivals
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.demand.time_of_day import at_time_of_day
@@ -198,7 +199,7 @@ class _Drive:
 
     Attributes:
         demand: who set out.
-        simulated: what SUMO did, but where everybody was.
+        simulated: what SUMO did, but of where everybody was the `arrivals` alone.
         actors: the table of actors.
         outside: how many poses were left out because there is no ground.
         rigid: who would bend and has a rigid vehicle, as it would cut a corner into somebody.
@@ -279,7 +280,7 @@ class _Streets:
         beside: Bystanders = NOBODY,
     ) -> _Drive:
         """Make the table of what SUMO did."""
-        told = simulated.only(np.zeros(0, np.int64))
+        told = arrivals(simulated, demand)
         simulated = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
         rows = [
             with_passengers_at_stops(

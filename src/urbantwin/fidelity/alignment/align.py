@@ -29,7 +29,7 @@ _REACH_M = 50.0
 _THINNED_M, _SPARSE_M = 0.4, 0.7
 _LEAST_POINTS = 200
 #: A second place that is as likely as this share of the first makes it a guess.
-_AMBIGUOUS = 0.05
+_AMBIGUOUS = 0.1
 #: A place less certain than this is not found, metres and degrees (standard deviations).
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
 #: A frame that is likelier than chance by less than this (a logarithm) may fit by chance: some

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from urbantwin import __version__
-from urbantwin.artefact import passing_folder, replaced_folder, sha256_of, write_json
+from urbantwin.artefact import passing_folder, replaced_folder, sha256_of
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
-from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
 from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers
@@ -31,7 +30,7 @@ from urbantwin.traffic.calibration.passages import (
 )
 from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
 from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
-from urbantwin.traffic.calibration.site_document import built, dump, elsewhere
+from urbantwin.traffic.calibration.site_document import built, document_of, write_calibrated
 from urbantwin.traffic.recorded.read import files_of, read_recording
 from urbantwin.traffic.recorded.track import Recording
 from urbantwin.traffic.recorded.track_smoothing import smooth_track
@@ -93,8 +92,7 @@ def calibrate_traffic(
         seen = _smoothed(recording)
         end_s = recording.duration_s
         fit_s = end_s * fit_share
-        document = dict(read_document(site, kind="a site").value)
-        document = elsewhere(document, site.parent.resolve(), None)
+        document = document_of(site)
         middle = loaded.frame.lonlat_from_site(_middle(seen)[None])[0]
         if recording.signals is not None and loaded.roads is not None:
             _lit(document, middle)
@@ -153,10 +151,7 @@ def calibrate_traffic(
                 between(progress, 0.7, 1.0),
                 0.0 if timing is None else timing.cycle_s,
             )
-        document["traffic"] = {**dict(document.get("traffic") or {}), **traffic}
-        dump(folder / "site.yaml", elsewhere(document, site.parent.resolve(), out.resolve()))
-        dump(folder / "traffic.yaml", traffic)
-        write_json(folder / "calibration.json", report)
+        write_calibrated(folder, document, traffic, report, files=(site.parent, out))
     progress(1.0, "done")
     return report
 

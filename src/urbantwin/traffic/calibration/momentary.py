@@ -10,10 +10,9 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin import __version__
-from urbantwin.artefact import passing_folder, replaced_folder, sha256_of, write_json
+from urbantwin.artefact import passing_folder, replaced_folder, sha256_of
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
-from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.presence import (
     Presence,
@@ -24,7 +23,7 @@ from urbantwin.traffic.calibration.presence import (
     presence_of,
 )
 from urbantwin.traffic.calibration.simulated import simulated_tracks
-from urbantwin.traffic.calibration.site_document import built, dump, elsewhere
+from urbantwin.traffic.calibration.site_document import built, document_of, write_calibrated
 from urbantwin.traffic.observed import read_observation
 
 __all__ = ["calibrate_observation"]
@@ -66,8 +65,7 @@ def calibrate_observation(
         replaced_folder(out, kind="calibration", inputs=inputs) as folder,
         passing_folder("urbantwin-calibrate") as scratch,
     ):
-        document = dict(read_document(site, kind="a site").value)
-        document = elsewhere(document, site.parent.resolve(), None)
+        document = document_of(site)
         twin = built(document, scratch, between(progress, 0.0, 0.2))
         area = shapely.MultiPoint(tracks.xy).convex_hull.buffer(-_EDGE_M)
         arms = arms_of(twin.roads, area)
@@ -103,10 +101,7 @@ def calibrate_observation(
             "demand": _told(flows, recorded, last, max(1, round(span_s))),
         }
         traffic = {"per_hour": {name: flows.get(name, 0.0) for name in _TOLD}}
-        document["traffic"] = {**dict(document.get("traffic") or {}), **traffic}
-        dump(folder / "site.yaml", elsewhere(document, site.parent.resolve(), out.resolve()))
-        dump(folder / "traffic.yaml", traffic)
-        write_json(folder / "calibration.json", report)
+        write_calibrated(folder, document, traffic, report, files=(site.parent, out))
     progress(1.0, "done")
     return report
 

@@ -14,7 +14,7 @@ from urbantwin.traffic.demand.demand import CountedRow, Demand
 from urbantwin.traffic.flow.bottleneck import bottleneck
 from urbantwin.traffic.sumo.simulation import Simulated
 
-__all__ = ["SHORT", "counted_report"]
+__all__ = ["SHORT", "arrivals", "counted_report"]
 
 #: Who is short by more than this share is told why.
 SHORT = 0.1
@@ -38,7 +38,7 @@ def counted_report(
         counts: ``traffic.counts`` of the site.
         per_hour: by which motor traffic without a class is shared out.
         demand: the trips.
-        simulated: what SUMO saw of them.
+        simulated: what SUMO saw of them; their `arrivals` will do.
         roads: the lanes, with the programs that were shown.
         steps: how many steps the motion has.
         step_s: time between them.
@@ -68,6 +68,17 @@ def counted_report(
 
 #: What says where was counted.
 _WHERE = ("junction", "approach", "turn", "road", "crossing")
+
+
+def arrivals(simulated: Simulated, demand: Demand) -> Simulated:
+    """Return the rows in which who was counted comes onto each lane first, and no other."""
+    trips = [trip for planned in demand.counted for trip in planned.trips]
+    rows = np.flatnonzero(np.isin(simulated.trip, trips))
+    order = np.lexsort([simulated.step[rows], simulated.lane[rows], simulated.trip[rows]])
+    rows = rows[order]
+    new = np.diff(simulated.trip[rows], prepend=-1) != 0
+    new |= np.diff(simulated.lane[rows], prepend=-1) != 0
+    return simulated.only(np.sort(rows[new]))
 
 
 def _came(
