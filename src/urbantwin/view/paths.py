@@ -22,6 +22,8 @@ __all__ = ["paths_figure"]
 _MARGIN_M = 5.0
 #: A path is broken where an actor is this far from where it was, metres: it left and came again.
 _LEAP_M = 25.0
+#: So many classes fit into one row of the legend.
+_ROW = 6
 
 
 def paths_figure(
@@ -54,6 +56,8 @@ def paths_figure(
         if not len(mine):
             continue
         colour = tuple(style.actor_colour(name))
+        if any(one.get_color() == colour for one in handles):  # vans are cars to SemanticKITTI
+            colour = tuple((part + 1) / 2 for part in colour)
         mine = mine[np.argsort(tracks[mine], kind="stable")]
         apart = np.linalg.norm(np.diff(xy[mine], axis=0), axis=1) > _LEAP_M
         ends = np.flatnonzero(apart | (np.diff(tracks[mine]) != 0)) + 1
@@ -73,10 +77,11 @@ def paths_figure(
         figure.legend(
             handles=handles,
             loc="lower center",
-            bbox_to_anchor=(0.5, 0.02),
-            ncols=min(len(handles), 8),
+            bbox_to_anchor=(0.5, 0.02 if len(handles) <= _ROW else 0.014),
+            ncols=len(handles) if len(handles) <= _ROW else -(-len(handles) // 2),
+            borderpad=0.0,
             frameon=False,
-            fontsize=11,
+            fontsize=10,
             labelcolor=style.INK,
         )
     return figure
