@@ -50,7 +50,7 @@ def paths_figure(
     if twin is not None:
         draw_ground(axes, twin.region, twin.mesh, DARK)
         draw_surfaces(axes, twin.roads, twin.lane_model, DARK)
-    handles = []
+    handles: list[Line2D] = []
     for name in BOX_SEMANTICS:
         mine = np.flatnonzero(classes == name)
         if not len(mine):
