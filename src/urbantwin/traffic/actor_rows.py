@@ -103,14 +103,15 @@ class KeptRows:
     def stood(
         self,
         columns: dict[str, NDArray[Any]],
-        trips: Sequence[Trip],
-        lanes: tuple[str, ...],
-        ground: Ground,
-        step_s: float,
-        asset: Callable[[str], Asset],
+        rows_of: Callable[[dict[str, NDArray[Any]]], pa.Table],
     ) -> int:
-        """Keep the rows that follow, see `actor_rows`; return how many are left out."""
-        rows = actor_rows(columns, trips, lanes, ground, step_s=step_s, asset=asset)
+        """Keep the rows of poses that follow; return how many are left out.
+
+        Args:
+            columns: poses, as `actor_rows` takes them.
+            rows_of: makes the rows of them: `actor_rows` with all else that it takes.
+        """
+        rows = rows_of(columns)
         self.add(rows)
         return len(columns["trip"]) - int(rows.num_rows)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import LabelledMesh
 from urbantwin.progress import Progress, between, untold
 from urbantwin.roads import RoadNetwork
-from urbantwin.traffic.actor_rows import KeptRows
+from urbantwin.traffic.actor_rows import KeptRows, actor_rows
 from urbantwin.traffic.actor_ways import actor_ways
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
@@ -155,6 +156,9 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         lead = ways.who == vehicles(ways.who)
         left, outside, poses = None, 0, []
         kept = KeptRows(folder)
+        rows_of = partial(
+            actor_rows, trips=ways.trips, lanes=lanes, ground=ground, step_s=step_s, asset=asset
+        )
         # Rows of one stretch are made while the next one is parted.
         with ThreadPoolExecutor(1) as beside_it:
             made: list[Future[int]] = []
@@ -174,9 +178,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
                 )
                 shows = {name: parted[name][decided] for name in _SHOWN}
                 outside += sum(one.result() for one in made)
-                made = [
-                    beside_it.submit(kept.stood, shows, ways.trips, lanes, ground, step_s, asset)
-                ]
+                made = [beside_it.submit(kept.stood, shows, rows_of)]
                 del parted, shows
             outside += sum(one.result() for one in made)
         whose = parting.vehicles.astype(np.int32)
