@@ -83,7 +83,7 @@ def judge(site: Path, name: str, out: Path, seconds: float, seed: int) -> dict[s
     again = drive(twin, truth, seconds, seed + 1000, out / "again")
     links = JunctionLinks.of(twin.net_path, twin.roads)
 
-    def part(of: list[Any], begin_s: float, end_s: float) -> Any:  # noqa: ANN401
+    def part(of: list[Any], begin_s: float, end_s: float) -> Any:
         passages = passages_of(of, twin.roads, links)
         return measured(of, passages, twin.roads, begin_s, end_s)
 

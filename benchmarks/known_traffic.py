@@ -19,6 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment
 from urbantwin.traffic.calibration.passages import SeenTrack
@@ -157,29 +158,57 @@ def write_traffic(
     network = StreetNetwork(twin.net_path, twin.region)
     place = np.random.Generator(np.random.Philox(key=[7, 3000]))
     chance = np.random.Generator(np.random.Philox(key=[seed, 3001]))
+    lines, sizes = types_of(truth)
+    lines += vehicles(network, truth, WARMUP_S + seconds, place, chance)
+    lines += walkers(network, truth, WARMUP_S + seconds, place, chance)
+    with path.open("w") as file:
+        file.write("<routes>\n")
+        for number, (_, line) in enumerate(sorted(lines)):
+            kind = "person" if line.endswith("</person>") else "vehicle"
+            file.write(line if line.startswith("<") else f'<{kind} id="{number}" {line}')
+            file.write("\n")
+        file.write("</routes>\n")
+    return sizes
+
+
+def types_of(
+    truth: Truth,
+) -> tuple[list[tuple[float, str]], dict[str, tuple[str, tuple[float, float, float]]]]:
+    """Return SUMO's vehicle types, as lines, and type -> (class, size)."""
     lines, sizes = [], {}
+    of_class = {
+        "bicycle": {"maxSpeed": "5.5", "speedFactor": "normc(1,0.2,0.5,1.5)"},
+        "pedestrian": {"desiredMaxSpeed": "1.2", "speedFactor": "normc(1,0.15,0.6,1.5)"},
+        "truck": {**truth.drivers, "accel": "1.2"},
+        "bus": {**truth.drivers, "accel": "1.2"},
+    }
     for name, (vclass, every) in KINDS.items():
         for number, (length, width, height) in enumerate(every):
             kind = f"{name}{number}"
             sizes[kind] = name, (length, width, height)
             values = {"length": length, "width": width, "height": height}
-            more = truth.drivers if name not in ("bicycle", "pedestrian") else {}
-            if name == "bicycle":
-                more = {"maxSpeed": "5.5", "speedFactor": "normc(1,0.2,0.5,1.5)"}
-            if name == "pedestrian":
-                more = {"desiredMaxSpeed": "1.2", "speedFactor": "normc(1,0.15,0.6,1.5)"}
-            if name in ("truck", "bus"):
-                more = {**more, "accel": "1.2"}
-            told = " ".join(f"{k}={quoteattr(str(v))}" for k, v in {**values, **more}.items())
+            values |= of_class.get(name, truth.drivers)
+            told = " ".join(f"{k}={quoteattr(str(v))}" for k, v in values.items())
             lines.append((-1.0, f'<vType id="{kind}" vClass="{vclass}" {told}/>'))
-    whole = WARMUP_S + seconds
+    return lines, sizes
+
+
+def vehicles(
+    network: StreetNetwork,
+    truth: Truth,
+    whole: float,
+    place: np.random.Generator,
+    chance: np.random.Generator,
+) -> list[tuple[float, str]]:
+    """Return when each vehicle and bicycle sets out, and the rest of its line."""
+    lines = []
     mix = {"bicycle": truth.bicycles}
     mix |= {name: truth.per_hour * share for name, share in truth.shares.items()}
     usual: dict[str, float] = {}
     for name in (*truth.shares, "bicycle"):
         streets = network.driven_by(KINDS[name][0])
         routes = None if streets is None else Routes.between_gates(streets)
-        if streets is None or routes is None:
+        if routes is None:
             continue
         ways = [routes.drive(k) for k in range(len(routes.pairs))]
         weight = np.array(routes.weight, float)
@@ -198,25 +227,31 @@ def write_traffic(
             where = 'departLane="best" departSpeed="max"'
             route = f'<route edges="{" ".join(ways[way])}"/>'
             lines.append((at, f'type="{kind}" depart="{at:.2f}" {where}>{route}</vehicle>'))
+    return lines
+
+
+def walkers(
+    network: StreetNetwork,
+    truth: Truth,
+    whole: float,
+    place: np.random.Generator,
+    chance: np.random.Generator,
+) -> list[tuple[float, str]]:
+    """Return when each person sets out, and the rest of its line."""
     walked = network.walked()
     routes = None if walked is None else Routes.between_gates(walked)
-    if routes is not None and truth.people:
-        weight = routes.weight * np.exp(0.6 * place.standard_normal(len(routes.weight)))
-        count = chance.poisson(truth.people * whole / 3600)
-        for way in chance.choice(len(weight), count, p=weight / weight.sum()):
-            at = chance.random() * whole
-            edges, begin, end = routes.walk(int(way), 0.0, 0.0)
-            walk = f'<walk edges="{" ".join(edges)}" arrivalPos="{end:.2f}"/>'
-            told = f'type="pedestrian0" depart="{at:.2f}" departPos="{begin:.2f}">{walk}</person>'
-            lines.append((at, told))
-    with path.open("w") as file:
-        file.write("<routes>\n")
-        for number, (_, line) in enumerate(sorted(lines)):
-            kind = "person" if line.endswith("</person>") else "vehicle"
-            file.write(line if line.startswith("<") else f'<{kind} id="{number}" {line}')
-            file.write("\n")
-        file.write("</routes>\n")
-    return sizes
+    if routes is None or not truth.people:
+        return []
+    lines = []
+    weight = routes.weight * np.exp(0.6 * place.standard_normal(len(routes.weight)))
+    count = chance.poisson(truth.people * whole / 3600)
+    for way in chance.choice(len(weight), count, p=weight / weight.sum()):
+        at = chance.random() * whole
+        edges, begin, end = routes.walk(int(way), 0.0, 0.0)
+        walk = f'<walk edges="{" ".join(edges)}" arrivalPos="{end:.2f}"/>'
+        told = f'type="pedestrian0" depart="{at:.2f}" departPos="{begin:.2f}">{walk}</person>'
+        lines.append((at, told))
+    return lines
 
 
 def in_green(at: float, truth: Truth, phase: float, chance: np.random.Generator) -> float:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from urbantwin.errors import InputError
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.calibration.arrivals import platoons_of
 from urbantwin.traffic.calibration.measured import Measured
@@ -70,6 +71,8 @@ def test_who_is_counted_reaches_the_stop_line_in_platoons(crossing_twin: Twin) -
         assert {trip.edges for trip in mine} == {ways[row]}
         return (np.array([trip.depart_s for trip in mine]) + takes_s) % CYCLE_S
 
+    with pytest.raises(InputError, match=r"arrivals\[0\].approach: there is no road 'wx'.*wc"):
+        in_platoons(Demand(trips, ()), [{**platoon, "approach": "wx"}], network, drivers)
     departs = [trip.depart_s for trip in moved.trips]
     assert departs == sorted(departs)
     assert departs[0] >= 0

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.errors import InputError
 from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.site.yaml_document import nearest
 from urbantwin.traffic.demand.demand import Demand, Trip
 
 __all__ = ["in_platoons", "moved_into"]
@@ -45,6 +47,9 @@ def in_platoons(
         arrivals: ``traffic.arrivals`` of the site.
         network: its streets.
         drivers: ``traffic.drivers``: how fast who drives.
+
+    Raises:
+        InputError: there is no such approach.
     """
     if not arrivals:
         return demand
@@ -53,6 +58,13 @@ def in_platoons(
         str(edge.getID()): float(edge.getLength()) / max(float(edge.getSpeed()), 1.0)
         for edge in network.streets
     }
+    for number, one in enumerate(arrivals):
+        if one["approach"] not in seconds:
+            raise InputError(
+                f"there is no road {one['approach']!r:.60}",
+                place=f"traffic.arrivals[{number}].approach",
+                expected=f"a road's id: {nearest(one['approach'], list(seconds))}",
+            )
     trips = [_moved(trip, of_approach, seconds, drivers) for trip in demand.trips]
     order = sorted(range(len(trips)), key=lambda k: (trips[k].depart_s, k))
     place = {k: number for number, k in enumerate(order)}

@@ -17,10 +17,10 @@ __all__ = ["CARS", "TRUCKS", "at_time_of_day", "counts_from", "hour_factor"]
 #: TGw2_PKW and TGw_LKW). Who has no curve of its own comes as cars do.
 _CARS_NIGHT, _CARS_DAY = (0.8, 0.5, 0.4, 0.3, 0.4, 1.2), (4.5, 7.4, 6.6, 5.2, 5.0, 5.0)
 _CARS_NOON, _CARS_EVENING = (5.2, 5.3, 5.6, 6.7, 8.4, 8.6), (7.4, 5.0, 3.9, 3.0, 2.1, 1.6)
-CARS = (*_CARS_NIGHT, *_CARS_DAY, *_CARS_NOON, *_CARS_EVENING)
+CARS: tuple[float, ...] = (*_CARS_NIGHT, *_CARS_DAY, *_CARS_NOON, *_CARS_EVENING)
 _TRUCKS_NIGHT, _TRUCKS_DAY = (0.3, 0.4, 0.4, 0.6, 0.8, 2.0), (4.8, 7.5, 9.0, 8.7, 9.0, 9.0)
 _TRUCKS_NOON, _TRUCKS_EVENING = (7.5, 8.4, 7.8, 6.9, 5.4, 4.0), (2.7, 1.8, 1.2, 0.9, 0.6, 0.3)
-TRUCKS = (*_TRUCKS_NIGHT, *_TRUCKS_DAY, *_TRUCKS_NOON, *_TRUCKS_EVENING)
+TRUCKS: tuple[float, ...] = (*_TRUCKS_NIGHT, *_TRUCKS_DAY, *_TRUCKS_NOON, *_TRUCKS_EVENING)
 #: Guesses are those of these hours.
 _MIDDAY = slice(10, 15)
 

@@ -125,9 +125,9 @@ def _joined(parts: Sequence[RecordedTrack]) -> RecordedTrack:
     return RecordedTrack(
         parts[0].name,
         parts[0].actor_class,
-        *(
-            np.concatenate([getattr(one, field) for one in parts])
-            for field in ("time_s", "xy", "yaw", "z")
-        ),
+        np.concatenate([one.time_s for one in parts]),
+        np.concatenate([one.xy for one in parts]),
+        np.concatenate([one.yaw for one in parts]),
+        np.concatenate([one.z for one in parts]),
         size,
     )
