@@ -45,7 +45,7 @@ _STEP_S = 0.1
 #: Spans of a simulation that are compared with all of it, at most.
 _MOST_SPANS = 40
 #: Simulations that drivers are fitted in last so long,
-#: and up to three times as long, where what is fitted to is.
+#: and up to twice as long, where what is fitted to is.
 _TRIAL_S = 600.0
 
 
@@ -223,7 +223,7 @@ def _fitted(
     What the simulations tell of flows is learned meanwhile, and is in ``asked`` in the end.
     """
     area = seen_area(seen)
-    trial_s = float(np.clip(part.seconds, _TRIAL_S, 3 * _TRIAL_S))
+    trial_s = float(np.clip(part.seconds, _TRIAL_S, 2 * _TRIAL_S))
 
     def simulated(drivers: Mapping[str, float], turn: int) -> Measured:
         tell = between(progress, turn / ROUNDS, (turn + 1) / ROUNDS)
