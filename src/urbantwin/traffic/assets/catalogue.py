@@ -125,7 +125,7 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
 
 
 def bending_names() -> tuple[str, ...]:
-    """Return the names of the assets that bend: vehicles of several bodies, in rails or on roads."""
+    """Return the names of the assets that bend: of several bodies, on rails or on roads."""
     return tuple(
         name for name, entry in _entries().items() if entry["builder"] in ("tram", "coupled")
     )
