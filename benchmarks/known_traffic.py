@@ -27,6 +27,7 @@ from urbantwin.roads.netconvert import sumo_binary, sumo_environment
 from urbantwin.traffic.calibration.passages import SeenTrack
 from urbantwin.traffic.demand.counted_places import main_junction
 from urbantwin.traffic.demand.demand import Routes
+from urbantwin.traffic.demand.site_demand import outer_roads
 from urbantwin.traffic.recorded.track import RecordedTrack
 from urbantwin.twin import Twin
 
@@ -157,7 +158,8 @@ def write_traffic(
     Which ways are taken how much is the place's (drawn once, whatever the seed); who comes when is
     chance.
     """
-    network = StreetNetwork(twin.net_path, twin.region)
+    outer = outer_roads(twin) if twin.site.get("closed_loop") else frozenset()
+    network = StreetNetwork(twin.net_path, twin.region, without=outer)
     place = np.random.Generator(np.random.Philox(key=[7, 3000]))
     chance = np.random.Generator(np.random.Philox(key=[seed, 3001]))
     lines, sizes = types_of(truth)
