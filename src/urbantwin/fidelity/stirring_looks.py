@@ -32,6 +32,8 @@ _BEFORE_M = 0.25
 #: What hangs together, metres: looks 0.2 m apart come and go together with a correlation of 0.4,
 #: 0.6 m apart of 0.13 and 1.2 m apart of 0.03 (LUMPI, frames 1 to 12, higher than 0.5 m).
 _PATCH_M = 1.5
+#: Beams so near to each other look at one thing if it is about as far, radians.
+_BESIDE_RAD = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +107,7 @@ def stirring_before(sensors: Sequence[Looks], *, interval_s: float) -> list[Stir
     for mine, keeps in zip(stirs, of_sensor, strict=True):
         mine[mine] = keeps
     lasts_s = interval_s * _lasts(stirs)
-    middle = [_middles(mine, at[k]) for mine, at, k in zip(stirs, places, of_sensor, strict=True)]
+    middle = [_middles(one, mine) for one, mine in zip(sensors, stirs, strict=True)]
     cells = np.floor(np.concatenate(middle)[:, :2] / _PATCH_M).astype(np.int64)
     patch = np.unique(cells, axis=0, return_inverse=True)[1].astype(np.int32).ravel()
     of_beams = np.split(patch, np.cumsum([len(one) for one in middle])[:-1])
@@ -157,11 +159,24 @@ def _lasts(stirs: Sequence[NDArray[np.bool_]]) -> float:
     return 1 / (1 - min(max(same, 0.0), 0.99))
 
 
-def _middles(stirs: NDArray[np.bool_], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the middle (B, 3) of what stirs in each beam in which something does."""
-    beams, at = np.unique(np.nonzero(stirs)[1], return_inverse=True)
-    sums = np.stack([np.bincount(at, places[:, n], len(beams)) for n in range(3)], axis=1)
-    return sums / np.bincount(at, minlength=len(beams)).clip(1)[:, None]
+def _middles(one: Looks, stirs: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the middle (B, 3) of what stirs about each beam in which something does.
+
+    Few looks of one beam end anywhere within a plant: those of beams side by side tell more.
+    """
+    places = one.places(stirs)
+    at = np.unique(np.nonzero(stirs)[1], return_inverse=True)[1]
+    middle = _means(places, at)
+    far = np.round(np.log2(np.maximum(np.linalg.norm(middle, axis=1), 1e-3)))
+    around = np.floor(np.arctan2(middle[:, 1], middle[:, 0]) / _BESIDE_RAD)
+    beside = np.unique(np.column_stack([far, around]), axis=0, return_inverse=True)[1].ravel()
+    return one.beams.points_SE3_sensor.apply(_means(places, beside[at])[beside])
+
+
+def _means(places: NDArray[np.float64], group: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the mean (G, 3) of the places (K, 3) of each group (K,), numbered from 0."""
+    sums = np.stack([np.bincount(group, places[:, n]) for n in range(3)], axis=1)
+    return sums / np.bincount(group)[:, None]
 
 
 def _of_sensor(
