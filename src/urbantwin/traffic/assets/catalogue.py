@@ -75,6 +75,8 @@ class Asset:
             has a companion both.
         rigid: of a vehicle that bends on roads: who drives in its place where it cannot turn.
         hitch: of what is towed: where it hangs on what pulls it, metres ahead of its middle.
+        cab_m: of a truck: how far behind its nose its load begins, metres.
+        loaded: of a truck: whether it carries a load itself.
     """
 
     name: str
@@ -89,6 +91,8 @@ class Asset:
     bodies: tuple[Body, ...] = ()
     rigid: str = ""
     hitch: float | None = None
+    cab_m: float | None = None
+    loaded: bool = False
 
     @property
     def supports(self) -> NDArray[np.float64]:
@@ -139,6 +143,7 @@ def asset(name: str) -> Asset:
             contacts=usual.contacts * factors,
             stride_m=usual.stride_m * factors[2],
             hitch=None if usual.hitch is None else usual.hitch * factors[0],
+            cab_m=None if usual.cab_m is None else usual.cab_m * factors[0],
         )
     if parsed.coat and _has_coat(parsed.body):
         bare = asset(parsed.body)
@@ -185,6 +190,8 @@ def asset(name: str) -> Asset:
         bodies=bodies,
         rigid=entry.get("instead", ""),
         hitch=float(size[0]) / 2 - entry["hitch"] if "hitch" in entry else None,
+        cab_m=entry.get("trailer", entry["cab"]["size"][0]) if "cab" in entry else None,
+        loaded="cab" in entry and "trailer" not in entry,
     )
 
 
