@@ -277,7 +277,8 @@ def _frames_seen(stirring: Stirring, seed: int, turn: int, time_s: float) -> NDA
             draw(seed, _LOOKS, first + n, patches, Purpose.STIRRING).detection for n in (0, 1)
         )
         drawn = np.where(elapsed - first + ends < 1, now, then)
-    return drawn[stirring.patch].astype(np.int64) * len(stirring.range_m) // LEVELS
+    level: NDArray[np.int64] = drawn[stirring.patch].astype(np.int64)
+    return level * len(stirring.range_m) // LEVELS
 
 
 def _beside(
