@@ -225,7 +225,7 @@ class SeveralRanges:
             time_s: when it begins.
             draws: (N,) of the beams.
         """
-        which = (draws[self.beam] >= self.below[:-1]).sum(axis=0)
+        which: NDArray[np.int64] = (draws[self.beam] >= self.below[:-1]).sum(axis=0)
         if self.stirring is not None:
             at = np.searchsorted(self.beam, self.stirring.beam)
             other = len(self.below) + _frames_seen(self.stirring, seed, turn, time_s)
