@@ -148,7 +148,7 @@ def _without_traffic(one: BeamsOf, modes: RangeModes, waits: Waits) -> RangeMode
         place = aim[some] * modes.range_m[some, mode, None]
         share[some[waits(place)], mode] = 0
     # What is seen beyond it keeps its share of the looks, which nothing passing by obstructed.
-    gone = share.sum(axis=1) == 0
+    gone = (share.sum(axis=1) == 0) & (modes.share.sum(axis=1) > 0)
     order = np.argsort(-share, axis=1, kind="stable")
     images = {
         name: np.take_along_axis(values, order, axis=1)
