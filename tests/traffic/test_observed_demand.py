@@ -13,14 +13,14 @@ from urbantwin.traffic.calibration import calibrate_observation, momentary
 from urbantwin.traffic.calibration.simulated import simulated_tracks
 from urbantwin.twin import Twin
 
-ASKED, SECONDS = 1500.0, 60
+ASKED, SECONDS = 1500.0, 40
 SITE = Path(__file__).parents[2] / "examples/hannover/site.yaml"
 
 
 def test_as_many_drive_as_were_observed(
     crossing_twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A minute of a simulation with 1500 cars an hour, of which nothing but places is told."""
+    """Forty seconds of a simulation with 1500 cars an hour, of which nothing but places is told."""
     traffic = {**crossing_twin.site["traffic"], "warmup_s": 30.0, "seed": 7}
     truth = simulated_tracks(
         crossing_twin,
@@ -45,8 +45,8 @@ def test_as_many_drive_as_were_observed(
     # The site's streets are those of the crossing: what is built of a site is tested elsewhere.
     monkeypatch.setitem(crossing_twin.site["traffic"], "warmup_s", 30.0)
     monkeypatch.setattr(momentary, "built", lambda *_: crossing_twin)
-    monkeypatch.setattr(momentary, "_TRIAL_S", 60.0)
-    monkeypatch.setattr(momentary, "_ROUNDS", 2)
+    monkeypatch.setattr(momentary, "_TRIAL_S", 40.0)
+    monkeypatch.setattr(momentary, "_ROUNDS", 1)
     report = calibrate_observation(observed, SITE, tmp_path / "calibrated")
     written = yaml.safe_load((tmp_path / "calibrated/traffic.yaml").read_text())["per_hour"]
     assert {name for name, value in written.items() if value} == {"car"}
