@@ -29,8 +29,8 @@ _REACH_M = 50.0
 _THINNED_M, _SPARSE_M = 0.4, 0.7
 _LEAST_POINTS = 200
 #: A second place that is as likely as this share of the first makes it a guess; and so does one
-#: of a smaller share p that lies d away, if the root of p d^2 is more than may be uncertain.
-_AMBIGUOUS = 0.1
+#: of a smaller share p that lies d away, if the root of p d^2 is more than this, metres.
+_AMBIGUOUS, _MOST_ELSEWHERE_M = 0.1, 0.75
 #: A place less certain than this is not found, metres and degrees (standard deviations).
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
 #: A frame that is likelier than chance by less than this (a logarithm) may fit by chance: some
@@ -272,7 +272,7 @@ def _told_apart(
     """Refuse two places alike."""
     for share, other in others:
         apart = float(np.hypot(*(other.translation - pose.translation)[:2]))
-        if share <= _AMBIGUOUS and np.sqrt(share) * apart <= _MOST_SIGMA_M:
+        if share <= _AMBIGUOUS and np.sqrt(share) * apart <= _MOST_ELSEWHERE_M:
             continue
         places = [_of_frame(one, sensor).translation for one in (pose, other)]
         there = " and ".join(f"{east:.2f} m E, {north:.2f} m N" for east, north, _ in places)

@@ -158,7 +158,7 @@ def _solved(
         _, matrix, gradient = equations(residuals, offsets, pose.translation)
         if np.linalg.cond(matrix) > 1e12:
             return None
-        step = -np.linalg.solve(matrix, gradient)
+        step = np.asarray(-np.linalg.solve(matrix, gradient), np.float64)
         pose = turned_and_moved(pose, step)
         offsets = offsets + step[6:]
         if np.abs(step[3:6]).max() < 5e-4 and np.abs(step[:3]).max() < 3e-5:
