@@ -36,8 +36,8 @@ _AGREE = 0.8
 _HIDDEN = 0.5
 #: A material that fewer cells are made of is not fitted.
 LEAST_CELLS = 12
-#: Nearer than so many times the distance within which a sensor's codes fall short, they say little of
-#: surfaces: they have fallen by more than a fifth, by how much depends on the unit.
+#: Nearer than so many times the distance within which a sensor's codes fall short, they say little
+#: of surfaces: they have fallen by more than a fifth, by how much depends on the unit.
 _FOCUS = 1.4
 #: Added to intensities before their logarithm is taken: what is dark is dark.
 _DARK = 0.01
