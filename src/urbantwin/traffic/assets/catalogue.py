@@ -35,7 +35,7 @@ from urbantwin.traffic.assets.solid import Solid, fitted, labelled
 from urbantwin.traffic.assets.tram import tram_bodies, tram_entries, tram_section
 from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
 
-__all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
+__all__ = ["Asset", "asset", "asset_mesh", "asset_names", "bending_names"]
 
 #: Where the catalogue is written.
 _FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml", "things.yaml")
@@ -105,7 +105,7 @@ class Asset:
 def asset_names(actor_class: str) -> tuple[str, ...]:
     """Return the names of a class's assets, in the catalogue's order.
 
-    Who comes with a companion is one of them without it.
+    Who comes with a companion, or with a trailer behind a car, is one of them without it.
 
     Raises:
         InputError: there is no such class.
@@ -120,6 +120,14 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
         if entry["class"] == actor_class
         and "part_of" not in entry
         and entry["builder"] != "accompanied"
+        and "unlisted" not in entry
+    )
+
+
+def bending_names() -> tuple[str, ...]:
+    """Return the names of the assets that bend: of several bodies, on rails or on roads."""
+    return tuple(
+        name for name, entry in _entries().items() if entry["builder"] in ("tram", "coupled")
     )
 
 
