@@ -4,24 +4,22 @@ Reads ``../shared/data/statistics/tumtraf-s110-boxes.csv`` (or the file that is 
 of each side by class. Prints the table of ``docs/actors.md``: medians, ours and theirs, metres, and
 the width of the middle 90 % of both; what is within 5 % (medians) and 25 % (widths) is in bold.
 First true sizes (nothing of the fleet is chosen by the file), then those that annotators of TUMTraf
-would draw of them: what they draw is fitted to the file's quartiles and its middle 90 %
-(``benchmarks/annotators.py``), so only the medians judge.
+would draw of them: that is fitted to all of the file's quantiles (``benchmarks/annotators.py``, on
+other vehicles of the same fleet), so it judges nothing of the fleet.
 """
 
 import csv
 import sys
 from collections import defaultdict
 from collections.abc import Mapping
-from functools import cache
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import yaml
 
-from urbantwin.traffic.assets import Asset, AssetName, asset, asset_mesh
+from urbantwin.traffic.assets import asset
 from urbantwin.traffic.assets.annotators import drawn_size
 from urbantwin.traffic.assets.fleet import Fleet
+from urbantwin.traffic.assets.truck_parts import truck_parts
 from urbantwin.traffic.paths.track_box import track_size
 
 FILE = Path(__file__).parents[1].parent / "shared/data/statistics/tumtraf-s110-boxes.csv"
@@ -37,52 +35,24 @@ CLASSES = {
     "PEDESTRIAN": "pedestrian",
 }
 SIDES, DRAWN, WITHIN = ("length", "width", "height"), 2000, (0.05, 0.25)
-#: Behind a tractor's nose its trailer begins, metres (``articulated.yaml``).
-TOWED_M = 2.88
-Size = tuple[float, float, float]
 
 
-def drawn() -> dict[str, np.ndarray]:
+def drawn(seed: int) -> dict[str, np.ndarray]:
     """Return class -> sizes (N, 3) of bodies that are stiff, drawn for Germany, metres.
 
-    Vehicles that bend are several, and, as the instructions of TUMTraf's annotators have it
-    (proAnno), a cab is a truck and what it carries or pulls a trailer, be it a box, a tipper or a
-    mixer.
+    Vehicles that bend are several, and trucks are in two (`truck_parts`).
     """
-    fleet, found = Fleet("DE", seed=1), defaultdict(list)
+    fleet, found = Fleet("DE", seed=seed), defaultdict(list)
     for name in CLASSES.values():
         for number in range(DRAWN if name != "trailer" else 0):
             entire = asset(fleet.body(name, number))
             for one in [asset(body.asset) for body in entire.bodies] or [entire]:
-                if one.actor_class == "truck":
-                    for kind, size in zip(("truck", "trailer"), _cab_and_load(one), strict=False):
-                        found[kind].append(size)
-                else:
+                parts = truck_parts(one.name)
+                for part in parts:
+                    found[part.actor_class].append(part.size)
+                if not parts:
                     found[one.actor_class].append(track_size(one))
     return {name: np.array(sizes) for name, sizes in found.items()}
-
-
-def _cab_and_load(one: Asset) -> list[Size]:
-    """Return the sizes of a truck's cab and its load; of a tractor up to its trailer."""
-    body = AssetName.of(one.name).body
-    cab_m = _entries()[body]["cab"]["size"][0] * one.length / asset(body).length
-    corners = asset_mesh(one.name).vertices
-    behind = corners[:, 0].max() - corners[:, 0]
-    cab, load = corners[behind <= cab_m + 0.02], corners[behind > cab_m]
-    if body == "truck-tractor":
-        return [(TOWED_M, float(np.ptp(cab[:, 1])), float(cab[:, 2].max()))]
-    return [
-        (length, float(np.ptp(part[:, 1])), float(part[:, 2].max()))
-        for length, part in ((cab_m, cab), (one.length - cab_m, load))
-    ]
-
-
-@cache
-def _entries() -> dict:
-    found = {}
-    for name in ("assets.yaml", "articulated.yaml"):
-        found |= yaml.safe_load(files("urbantwin.traffic.assets").joinpath(name).read_text())
-    return found
 
 
 def table(every: Mapping[str, np.ndarray], rows: Mapping[str, Mapping[str, str]]) -> None:
@@ -113,7 +83,7 @@ def main() -> None:
     file = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
     with file.open() as opened:
         rows = {row["class"]: row for row in csv.DictReader(opened)}
-    true = drawn()
+    true = drawn(seed=2)
     table(true, rows)
     annotated = {
         name: np.array(

@@ -104,15 +104,18 @@ def interval(values: list, figure) -> list[float]:
 
 
 def shapes(seen: list[ObjectSeen]) -> dict:
-    """Return Chamfer distances and ratios of points, of objects."""
-    both = [one.chamfer_m["both"] for one in seen if one.chamfer_m["both"] is not None]
+    """Return Chamfer distances, of ours to ours drawn again too, and ratios of points."""
+    chamfer = {
+        f"chamfer_{key}_m": [one.chamfer_m[key] for one in seen if one.chamfer_m[key] is not None]
+        for key in ("both", "opaque", "again")
+    }
     ratio = [
         one.counts["mended"] / one.counts["real"]
         for one in seen
         if one.counts["real"] >= FEWEST_POINTS
     ]
     row: dict = {"objects": len(seen)}
-    for key, values in (("chamfer_both_m", both), ("points", ratio)):
+    for key, values in (chamfer | {"points": ratio}).items():
         if values:
             row[key] = [round(float(np.median(values)), 3), interval(values, np.median)]
     return row

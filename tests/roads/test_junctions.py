@@ -163,13 +163,16 @@ ARROWS = [
 
 
 @pytest.mark.parametrize(("tag", "expected"), ARROWS)
-@pytest.mark.parametrize("gap", [0, 14])
-def test_arrows_are_as_tagged(tag, expected, gap, build):
+@pytest.mark.parametrize("where", ["one street", "first carriageway", "second carriageway"])
+def test_arrows_are_as_tagged(tag, expected, where, build):
+    """The way with arrows ends at the middle of a street, or of one of its two carriageways."""
     lanes = {"lanes": str(len(expected)), "turn:lanes": tag}
-    if gap:
-        nodes, ways = carriageways(gap)
-        ways[1] = ([0, 50], ONE_WAY | lanes)
-        ways[5] = ([50, 51, 2], ONE_WAY)
+    if where != "one street":
+        nodes, ways = carriageways(14)
+        path = [0, 50, 51, 2]
+        end = 2 if where == "first carriageway" else 3
+        ways[1] = (path[:end], ONE_WAY | lanes)
+        ways[5] = (path[end - 1 :], ONE_WAY)
     else:
         nodes = {1: (-150, 0, {}), 2: (0, 0, SIGNAL), 3: (150, 0, {}), 4: (0, 150, {})}
         nodes[5] = (0, -150, {})

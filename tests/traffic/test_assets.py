@@ -125,14 +125,16 @@ def test_labels_are_those_of_the_class(name):
     assert has["skin"] == person
     assert has["glass"] or asset(name).actor_class in ("pedestrian", "bicycle", "animal")
     assert has["rubber"]
-    assert has["cloth"]
+    assert has["cloth"] or asset(name).actor_class == "trailer"
     assert (material_id("retroreflector") in mesh.material) == (not alive)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_size_in_triangles(name):
-    limits = (800, 2500) if name in (*WALKERS, *ANIMALS) else (1500, 7000)
-    assert limits[0] <= len(asset_mesh(name).faces) <= limits[1]
+    low, high = (800, 2500) if name in (*WALKERS, *ANIMALS) else (1500, 7000)
+    if asset(name).actor_class == "trailer":
+        low = 800
+    assert low <= len(asset_mesh(name).faces) <= high
 
 
 def test_the_same_mesh_is_built_again():

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.dataset.layout import frame_name
+from urbantwin.lidar.annotated import truck_of_load
 
 if TYPE_CHECKING:
     from urbantwin.traffic.motion import Motion
@@ -65,10 +66,15 @@ def write_boxes(
             "time_s": time_s,
             **box,
             "parked": box["track"] in parked,
-            "towed_by": pulls.get(box["track"]),
+            "towed_by": pulls.get(box["track"], _carries(box)),
         }
         for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
         for box in entry["boxes"]
     ]
     schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
     pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, compression="zstd")
+
+
+def _carries(box: Mapping[str, Any]) -> int | None:
+    """Return the track of the truck whose load is in a box."""
+    return truck_of_load(box["track"]) if box["class"] == "trailer" else None

@@ -64,6 +64,7 @@ class PosedActor:
         path: how it moves around the frame's time; ``None``: straight on with ``velocity``.
         size: length, width and height of its track's box, metres; ``None``: it has none, and its
             box is that of its mesh.
+        ahead_m: how far the middle of that box is ahead of its mesh's origin, metres.
     """
 
     track: int
@@ -74,6 +75,7 @@ class PosedActor:
     velocity: NDArray[np.float64]
     path: ActorPath | None = None
     size: tuple[float, float, float] | None = None
+    ahead_m: float = 0.0
 
     @property
     def way(self) -> ActorPath:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import shapely
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials
 from urbantwin.lidar.actor_path import ActorPath, Paths, PosedActor
+from urbantwin.lidar.annotated import LAST_TRACK, annotated_actors, annotated_size
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.casting.cast import cast_actors
@@ -34,8 +36,6 @@ from urbantwin.lidar.timing import sweeps_of
 from urbantwin.lidar.turn import Turn, observe
 
 __all__ = ["Scanner"]
-
-_MOST_TRACKS = 0xFFFF
 
 
 class Scanner:
@@ -68,12 +68,12 @@ class Scanner:
         region: shapely.Polygon | None = None,
         backend: str = "embree",
     ) -> None:
-        if meshes is None:
-            from urbantwin.traffic.assets import asset_mesh
+        from urbantwin.traffic.assets import asset_mesh
+        from urbantwin.traffic.assets.truck_parts import mesh_of_part
 
-            meshes = asset_mesh
+        meshes = asset_mesh if meshes is None else meshes
         self._tracer = tracer_on(backend)
-        self._shapes = ShapeTable(meshes)
+        self._shapes = ShapeTable(partial(mesh_of_part, meshes))
         self._rig = rig
         self._seed = seed
         self._borders = Borders(rig.sensors, region, rig.label_range_m)
@@ -111,9 +111,8 @@ class Scanner:
         """
         rig, seed, time_s = self._rig, self._seed, index / self._rig.rate_hz
         carrier = self._carrier(actors)
-        others = sorted(
-            (actor for actor in actors if actor.track != rig.carrier), key=lambda one: one.track
-        )
+        others = [actor for actor in actors if actor.track != rig.carrier]
+        others = sorted(annotated_actors(rig.boxes, others), key=lambda one: one.track)
         present = self._present(others)
         dataset_SE3_site = rig.dataset_pose(carrier)
         paths = [one.path(index, seed, carrier) for one in rig.sensors]
@@ -149,16 +148,9 @@ class Scanner:
         bordering = self._borders.of(time_s, poses, StandingActors.at(when_s, present))
         boxes = standing.boxes
         if rig.boxes != "tight":
-            boxes = track_boxes(standing, [self._box_size(one) for one in others])
+            sizes = [annotated_size(rig.boxes, one, seed) for one in others]
+            boxes = track_boxes(standing, sizes, [one.ahead_m for one in others])
         return labelled(seen, others, boxes, when_s, bordering, dataset_SE3_site)
-
-    def _box_size(self, actor: PosedActor) -> tuple[float, float, float] | None:
-        """Return the size of an actor's label; ``None``: that of its mesh."""
-        if self._rig.boxes == "track" or actor.size is None:
-            return actor.size
-        from urbantwin.traffic.assets.annotators import drawn_size
-
-        return drawn_size(self._rig.boxes, actor.actor_class, actor.size, actor.track, self._seed)
 
     def _carrier(self, actors: Sequence[PosedActor]) -> ActorPath | None:
         """Return the path of the actor that carries the rig."""
@@ -175,9 +167,9 @@ class Scanner:
     def _present(self, actors: Sequence[PosedActor]) -> PresentActors:
         """Return actors with their shapes, which are made when they are first met."""
         for actor in actors:
-            if not 0 < actor.track <= _MOST_TRACKS:
+            if not 0 < actor.track <= LAST_TRACK:
                 raise InputError(
-                    f"track {actor.track} does not fit a label", expected=f"1 to {_MOST_TRACKS}"
+                    f"track {actor.track} does not fit a label", expected=f"1 to {LAST_TRACK}"
                 )
         shape = [self._shapes.number(actor.asset, actor.phase) for actor in actors]
         paths = Paths.of([actor.way for actor in actors])

@@ -50,7 +50,9 @@ class ActorShape:
     """
 
     def __init__(self, mesh: LabelledMesh, *, with_hull: bool = True) -> None:
-        used = mesh.vertices[np.unique(mesh.faces)] if len(mesh.faces) else np.zeros((1, 3))
+        used = np.zeros((1, 3))
+        if len(mesh.faces):
+            used = mesh.vertices[np.flatnonzero(np.bincount(mesh.faces.ravel()))]
         self.scene = EmbreeScene(mesh.vertices, mesh.faces, many_rays=True)
         self.low, self.high = used.min(axis=0), used.max(axis=0)
         if with_hull:
@@ -116,43 +118,74 @@ class Shapes:
     @classmethod
     def of(cls, shapes: Sequence[ActorShape]) -> Shapes:
         """Put shapes end to end."""
-        count = [len(shape.material) for shape in shapes]
-        corners = [shape.hull.shape[1] for shape in shapes]
-        first = np.cumsum([0, *(len(shape.scene.vertices) for shape in shapes)])[:-1]
-        return cls(
-            tuple(shape.scene for shape in shapes),
-            _starts(count),
-            Triangles(
-                np.concatenate([np.zeros(0, PLANE), *(shape.planes for shape in shapes)]),
-                _joined([shape.scene.vertices for shape in shapes], (0, 3)),
-                _joined(
-                    [
-                        shape.scene.faces + np.int32(before)
-                        for shape, before in zip(shapes, first, strict=True)
-                    ],
-                    (0, 3),
-                    np.int32,
-                ),
-            ),
-            _joined([shape.material for shape in shapes], (0,), np.uint8),
-            np.concatenate([np.zeros((3, 0)), *(shape.hull for shape in shapes)], axis=1),
+        rows = _Rows()
+        for shape in shapes:
+            rows.append(shape)
+        return rows.shapes()
+
+
+class _Column:
+    """An array that grows at its end; what was handed out before stays as it was."""
+
+    def __init__(self, none: NDArray[Any]) -> None:
+        self._room = none
+        self.length = 0
+
+    def append(self, values: NDArray[Any]) -> None:
+        """Add rows."""
+        until = self.length + len(values)
+        if until > len(self._room):
+            room = np.empty((max(until, 2 * len(self._room)), *values.shape[1:]), self._room.dtype)
+            room[: self.length] = self._room[: self.length]
+            self._room = room
+        self._room[self.length : until] = values
+        self.length = until
+
+    def rows(self) -> NDArray[Any]:
+        """Return what it has."""
+        return self._room[: self.length]
+
+
+class _Rows:
+    """Shapes end to end, to which more are added: those that are there are not copied each time."""
+
+    def __init__(self) -> None:
+        self._shapes: list[ActorShape] = []
+        self._planes = _Column(np.zeros(0, PLANE))
+        self._vertices = _Column(np.zeros((0, 3)))
+        self._corners = _Column(np.zeros((0, 3), np.int32))
+        self._material = _Column(np.zeros(0, np.uint8))
+        self._hull = _Column(np.zeros((0, 3)))
+
+    def append(self, shape: ActorShape) -> None:
+        """Add a shape."""
+        self._shapes.append(shape)
+        self._corners.append(shape.scene.faces + np.int32(self._vertices.length))
+        self._planes.append(shape.planes)
+        self._vertices.append(shape.scene.vertices)
+        self._material.append(shape.material)
+        self._hull.append(shape.hull.T)
+
+    def shapes(self) -> Shapes:
+        """Return all that were added."""
+        corners = [shape.hull.shape[1] for shape in self._shapes]
+        planes, vertices = self._planes.rows(), self._vertices.rows()
+        return Shapes(
+            tuple(shape.scene for shape in self._shapes),
+            _starts([len(shape.material) for shape in self._shapes]),
+            Triangles(planes, vertices, self._corners.rows()),
+            self._material.rows(),
+            np.ascontiguousarray(self._hull.rows().T),
             _starts(corners),
             np.array(corners, np.int64),
-            np.array([shape.low for shape in shapes]).reshape(-1, 3),
-            np.array([shape.high for shape in shapes]).reshape(-1, 3),
+            np.array([shape.low for shape in self._shapes]).reshape(-1, 3),
+            np.array([shape.high for shape in self._shapes]).reshape(-1, 3),
         )
 
 
 def _starts(count: Sequence[int]) -> NDArray[np.int64]:
     """Return where each of several runs of values begins."""
     return np.cumsum([0, *count], dtype=np.int64)[:-1]
-
-
-def _joined(
-    parts: Sequence[NDArray[Any]], none: tuple[int, ...], kind: type[np.generic] = np.float64
-) -> NDArray[Any]:
-    """Return arrays end to end; without any, one of a shape and a type."""
-    return np.concatenate(parts) if parts else np.zeros(none, kind)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +229,7 @@ class ShapeTable:
         self._meshes = meshes
         self._number: dict[tuple[str, int], int] = {}
         self._shapes: list[ActorShape] = []
+        self._rows = _Rows()
         self._arrays: Shapes | None = None
         self._lock = Lock()
 
@@ -205,7 +239,9 @@ class ShapeTable:
         if key not in self._number:
             with self._lock:  # Frames may be scanned by several threads.
                 if key not in self._number:
-                    self._shapes.append(ActorShape(self._meshes(asset, phase)))
+                    shape = ActorShape(self._meshes(asset, phase))
+                    self._shapes.append(shape)
+                    self._rows.append(shape)
                     self._arrays = None
                     self._number[key] = len(self._shapes) - 1
         return self._number[key]
@@ -218,5 +254,5 @@ class ShapeTable:
         """All shapes end to end."""
         with self._lock:
             if self._arrays is None:
-                self._arrays = Shapes.of(self._shapes)
+                self._arrays = self._rows.shapes()
             return self._arrays

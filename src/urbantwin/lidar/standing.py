@@ -54,17 +54,19 @@ def standing_at(
 
 
 def track_boxes(
-    standing: Standing, sizes: Sequence[tuple[float, float, float] | None]
+    standing: Standing,
+    sizes: Sequence[tuple[float, float, float] | None],
+    ahead_m: Sequence[float],
 ) -> NDArray[np.float64]:
     """Return the boxes (A, 7) that actors have in all of their track, the tight one without a size.
 
-    A box of a size stands over the actor's origin, which is on the ground under its middle, and
-    turns with its heading; half its height goes the way that is up for the actor.
+    A box of a size stands over the actor's origin, which is on the ground, or so far ahead of it,
+    and turns with its heading; half its height goes the way that is up for the actor.
     """
     boxes = standing.boxes.copy()
-    for number, size in enumerate(sizes):
+    for number, (size, ahead) in enumerate(zip(sizes, ahead_m, strict=True)):
         if size is not None:
-            up = standing.rotation[number, :, 2]
-            boxes[number, :3] = standing.place[number] + up * (size[2] / 2)
+            middle = standing.rotation[number] @ [ahead, 0.0, size[2] / 2]
+            boxes[number, :3] = standing.place[number] + middle
             boxes[number, 3:6] = size
     return boxes

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Set
 from pathlib import Path
 
 import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from urbantwin.roads.cross_section import SignedTurns
 from urbantwin.roads.network import Junction, Lane, Road, RoadNetwork, SignalHead, SignalProgram
 
 __all__ = ["edges_of_pieces", "read_sumo_network"]
@@ -34,7 +35,7 @@ def read_sumo_network(
     driving_side: str,
     level_of_way: dict[int, int],
     origin: dict[int, int],
-    arrows: Mapping[str, Sequence[tuple[str, ...]]] | None = None,
+    arrows: SignedTurns | None = None,
 ) -> RoadNetwork:
     """Read ``.net.xml``; heights are left at zero.
 
@@ -43,7 +44,7 @@ def read_sumo_network(
         driving_side: ``right`` or ``left``.
         level_of_way: way -> level, for ways that cross over others.
         origin: id of a cut piece -> id of the way of the map.
-        arrows: edge -> the turns signed for each of its lanes.
+        arrows: turns that ways sign for their lanes.
     """
     root = etree.parse(path).getroot()
     levels = {
@@ -53,13 +54,15 @@ def read_sumo_network(
     }
     junction_level = _junction_levels(root, levels)
     successors, heads = _connections(root)
+    parts = {_last_part(edge) for edge in root.findall("edge")}
+    turns = {} if arrows is None else arrows.on(parts)
     lanes, roads = [], []
     for edge in root.findall("edge"):
         function = edge.get("function")
         inside = edge.get("id")[1:].rsplit("_", 1)[0] if function else ""
         level = junction_level.get(inside, 0) if function else levels[edge.get("id")]
         rows = [_lane(item, edge, function, level, inside) for item in edge.findall("lane")]
-        signed = (arrows or {}).get(_last_part(edge), ())
+        signed = turns.get(_last_part(edge), ())
         for index, row in enumerate(rows):
             row["successors"] = tuple(successors.get(str(row["id"]), ()))
             if len(signed) == len(rows):

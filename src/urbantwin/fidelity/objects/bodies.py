@@ -26,8 +26,12 @@ __all__ = ["PlacedBody", "candidates", "placed"]
 
 #: Points lower than this over a box's underside may be of the ground, metres.
 GROUND_M = 0.25
-#: So many bodies and postures are tried.
-_TRIED, _TRIED_PEOPLE = 8, 10
+#: So many bodies and postures are tried: those of wheels alone have no postures.
+_TRIED, _TRIED_POSED = 8, 10
+#: How many postures of a cycle are tried, beside that of who halts.
+_POSTURES = 4
+#: What data sets call a truck may be a large van: its bodies are tried too.
+_ALSO = {"truck": ("van",)}
 #: Who pushes or sits is rare: tried only where the data calls it so.
 _CALLED = {
     "pedestrian-stroller": ("stroller",),
@@ -103,7 +107,8 @@ def candidates(
         if one[0] not in _CALLED or any(word in called for word in _CALLED[one[0]])
     }
     off = {one: float(np.abs(np.log(size / extents[one])).sum()) for one in extents}
-    count = most or (_TRIED_PEOPLE if class_name == "pedestrian" else _TRIED)
+    posed = any(phase != asset(name).standing for name, phase in extents)
+    count = most or (_TRIED_POSED if posed else _TRIED)
     found = []
     for name, phase in sorted(extents, key=lambda one: (off[one], one))[:count]:
         mesh = _stood(name, phase, riderless)
@@ -115,7 +120,7 @@ def candidates(
         x, y, z = factors
         coated = name
         if class_name in COATED_CLASSES:
-            coated = coated_name(name, number, class_name)
+            coated = coated_name(name, number, asset(name).actor_class)
             mesh = coated_mesh(mesh, AssetName.of(coated).coat)
         filling = scaled_mesh(mesh, (float(x), float(y), float(z)))
         outer = _outer(name, phase, riderless)
@@ -127,11 +132,13 @@ def candidates(
 def _extents(class_name: str, riderless: bool) -> dict[tuple[str, int], NDArray[np.float64]]:
     """Return the size (3,) of each body of a class in each posture."""
     found = {}
-    for name in asset_names(class_name):
+    for name in (
+        one for kind in (class_name, *_ALSO.get(class_name, ())) for one in asset_names(kind)
+    ):
         entry = asset(name)
         phases = {entry.standing}
-        if class_name == "pedestrian":
-            phases |= set(range(0, entry.phases, max(1, entry.phases // 4)))
+        if entry.phases > 1 and not riderless:
+            phases |= set(range(0, entry.phases, max(1, entry.phases // _POSTURES)))
         for phase in sorted(phases):
             mesh = _stood(name, phase, riderless)
             found[name, phase] = np.asarray(np.ptp(mesh.vertices, axis=0))

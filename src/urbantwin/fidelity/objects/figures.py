@@ -26,6 +26,8 @@ FIGURES = {
     "chamfer_m": "median symmetric Chamfer distance along the same rays, boxes mended, metres",
     "chamfer_annotated_m": "the same in boxes as annotated",
     "chamfer_both_m": "the same in boxes mended, of rays that return from both: shape, not losses",
+    "chamfer_opaque_m": "the same of those that meet no pane of our body first",
+    "chamfer_again_m": "of all that return from both, our body to itself drawn again: the floor",
     "length_mended": "median of the mended over the annotated length",
     "width_mended": "the same of widths",
     "height_mended": "the same of heights",
@@ -67,6 +69,8 @@ def _figures(seen: Sequence[ObjectSeen]) -> dict[str, Any]:
         "chamfer_m": _chamfer(seen, "mended"),
         "chamfer_annotated_m": _chamfer(seen, "annotated"),
         "chamfer_both_m": _chamfer(seen, "both"),
+        "chamfer_opaque_m": _chamfer(seen, "opaque"),
+        "chamfer_again_m": _chamfer(seen, "again"),
         **{
             f"{side}_mended": round(float(np.median(sizes[:, axis])), 3)
             for axis, side in enumerate(("length", "width", "height"))

@@ -30,6 +30,8 @@ BEFORE_M = 0.4
 THROUGH_M = 0.3
 #: Objects farther away are left out, metres.
 _FARTHEST_M = 80.0
+#: Between the seeds of two draws of the same frame.
+_AGAIN = 1_000_003
 #: Cells of the ground, metres.
 _CELL_M = 1.0
 
@@ -72,8 +74,10 @@ class ObjectSeen:
         ours: (M, 3) our body's, in the mended box, along rays that nothing stood before.
         counts: points by side: ``real``, ``mended``, ``annotated``.
         chamfer_m: symmetric Chamfer distance to the real points by box: ``mended``, ``annotated``;
-            and ``both``: in the mended box, of rays that returned from the real object and from
-            ours: the error of shape without that of drop-out.
+            and in the mended box ``both``: of rays that returned from the real object and from
+            ours, the error of shape without that of drop-out; ``opaque``: of those that meet no
+            pane of ours first; ``again``: of all that returned from both, ours to ours in another
+            draw of noise and of what panes let through: the floor of ``both``.
         real_codes: (N,) intensity of the real points, 0 to 1; (0,): the data has none.
         codes: (M,) of ours.
         rays: ray by ray, in the mended box.
@@ -162,6 +166,10 @@ def compare_objects(
         ]
         for side, bodies in (("annotated", annotated), ("mended", better))
     }
+    again = [
+        scan_rays(sensor, look.rays.origin, look.direction, better, ground, seed + _AGAIN)
+        for look in looks
+    ]
     found = []
     for k, n in enumerate(chosen):
         real = np.flatnonzero(of_points == k)
@@ -189,7 +197,8 @@ def compare_objects(
                 ours[:, :3],
                 {"real": len(real)} | {side: len(one) for side, one in points.items()},
                 {side: _chamfer(frame.points[real], one[:, :3]) for side, one in points.items()}
-                | {"both": _of_both(frame.points, looks, seen["mended"], k, better)},
+                | _of_both(frame.points, looks, seen["mended"], k, better)
+                | {"again": _drawn_again(looks, seen["mended"], again, k, better)},
                 codes,
                 ours[:, 3],
                 RaysSeen(*(np.concatenate(parts) for parts in zip(*rays, strict=True))),
@@ -259,13 +268,33 @@ class _Look:
     def of_both(
         self, points: NDArray[np.float64], seen: SeenBodies, body: int, bodies: list[PlacedBody]
     ) -> NDArray[np.float64]:
-        """Return real points and ours (M, 6) along rays that returned from a body on both sides."""
+        """Return real points and ours along rays that returned from a body on both sides.
+
+        (M, 7): the real one, ours, and whether the ray meets a pane of ours first.
+        """
+        mine, ours = self._shared(seen, body, bodies)
+        real = points[self.rays.point[self.near[mine]]]
+        return np.asarray(np.column_stack([real, ours, seen.is_pane[mine]]))
+
+    def of_draws(
+        self, seen: SeenBodies, again: SeenBodies, body: int, bodies: list[PlacedBody]
+    ) -> NDArray[np.float64]:
+        """Return our points in two draws (M, 6), of those rays."""
+        mine, ours = self._shared(seen, body, bodies)
+        both = again.reported[mine] == body
+        mine, ours = mine[both], ours[both]
+        others = self.rays.origin + self.direction[mine] * again.range_m[mine, None]
+        return np.asarray(np.column_stack([ours, others]))
+
+    def _shared(
+        self, seen: SeenBodies, body: int, bodies: list[PlacedBody]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return which rays (M,) returned from a body on both sides, and our points (M, 3)."""
         mine = np.flatnonzero((seen.reported == body) & (self.owner == body))
         ours = self.rays.origin + self.direction[mine] * seen.range_m[mine, None]
         box = bodies[body].box
         above = ours[:, 2] > box[2] - box[5] / 2 + GROUND_M
-        real = points[self.rays.point[self.near[mine]]]
-        return np.asarray(np.column_stack([real, ours])[above])
+        return mine[above], ours[above]
 
     def outcome(self, seen: SeenBodies, body: int) -> tuple[NDArray[np.bool_], ...]:
         """Return what `RaysSeen` holds of a body."""
@@ -291,9 +320,29 @@ def _of_both(
     seen: list[SeenBodies],
     body: int,
     bodies: list[PlacedBody],
-) -> float | None:
-    """Return the Chamfer distance of the rays that returned from a body on both sides, metres."""
+) -> dict[str, float | None]:
+    """Return Chamfer distances of the rays that returned from a body on both sides, metres."""
     found = [look.of_both(points, one, body, bodies) for look, one in zip(looks, seen, strict=True)]
+    both = np.concatenate(found)
+    opaque = both[both[:, 6] == 0]
+    return {
+        "both": _chamfer(both[:, :3], both[:, 3:6]),
+        "opaque": _chamfer(opaque[:, :3], opaque[:, 3:6]),
+    }
+
+
+def _drawn_again(
+    looks: list[_Look],
+    seen: list[SeenBodies],
+    again: list[SeenBodies],
+    body: int,
+    bodies: list[PlacedBody],
+) -> float | None:
+    """Return the Chamfer distance of a body to itself in another draw, metres."""
+    found = [
+        look.of_draws(one, other, body, bodies)
+        for look, one, other in zip(looks, seen, again, strict=True)
+    ]
     both = np.concatenate(found)
     return _chamfer(both[:, :3], both[:, 3:])
 

@@ -27,6 +27,8 @@ _COLUMNS = {
     "chamfer_m": "Chamfer m, mended",
     "chamfer_annotated_m": "annotated",
     "chamfer_both_m": "where both return",
+    "chamfer_opaque_m": "beside panes",
+    "chamfer_again_m": "ours, drawn again",
     "code": "Code %",
     "code_p90": "P90",
     "code_zero": "Code 0 %",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import Pose
 from urbantwin.lidar.labels.field_of_view import FieldOfView
 from urbantwin.lidar.labels.frame import Whereabouts
-from urbantwin.lidar.labels.truncation import StandingActors, truncations
+from urbantwin.lidar.labels.truncation import Known, StandingActors, truncations
 from urbantwin.lidar.outage import dead_beams
 from urbantwin.lidar.rig import MountedSensor
 
@@ -53,6 +53,7 @@ class Borders:
             shapely.prepare(region)
         self._fields: list[tuple[NDArray[np.bool_] | None, FieldOfView] | None]
         self._fields = [None] * len(self._sensors)
+        self._known: list[Known] = [{} for _ in self._sensors]
 
     def of(self, time_s: float, poses: Sequence[Pose], actors: StandingActors) -> Bordering:
         """Return the truncation of actors and where they are; of several sensors the best counts.
@@ -67,7 +68,7 @@ class Borders:
         for number, pose in enumerate(poses):
             field = self._field(number, time_s)
             if field is not None:
-                share, beyond = truncations(field, pose, actors)
+                share, beyond = truncations(field, pose, actors, self._known[number])
                 least, far = np.minimum(least, share), far & beyond
         if self._range_m is not None:
             eyes = np.array([pose.translation[:2] for pose in poses]).reshape(-1, 1, 2)
@@ -95,5 +96,5 @@ class Borders:
         kept = self._fields[number]
         if kept is None or kept[0] is not dead:
             kept = (dead, FieldOfView.of(mounted, dead))
-            self._fields[number] = kept
+            self._fields[number], self._known[number] = kept, {}
         return kept[1]

@@ -22,7 +22,10 @@ from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.labels.field_of_view import FieldOfView
 from urbantwin.lidar.shapes import PresentActors
 
-__all__ = ["StandingActors", "truncations"]
+__all__ = ["Known", "StandingActors", "truncations"]
+
+#: What rays told of an actor that stood so: its truncation, and whether it is too far away.
+Known = dict[bytes, tuple[float, bool]]
 
 #: Rays at an actor: a car's share is right to 2 %, a bicycle's, which few of them hit, to 4 %.
 _RAYS = 500
@@ -59,7 +62,10 @@ class StandingActors(NamedTuple):
 
 
 def truncations(
-    field: FieldOfView, site_SE3_sensor: Pose, actors: StandingActors
+    field: FieldOfView,
+    site_SE3_sensor: Pose,
+    actors: StandingActors,
+    known: Known | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return how much of actors one sensor does not see, whatever stands before them.
 
@@ -67,6 +73,8 @@ def truncations(
         field: what the sensor sees.
         site_SE3_sensor: its pose.
         actors: where they stand.
+        known: of an earlier frame of the same field; it gets what this one says in its place.
+            Who is parked, or waits, is looked at once.
 
     Returns:
         (A,) truncation, 0..1, and (A,) whether all of it is farther than the sensor measures.
@@ -91,6 +99,9 @@ def truncations(
         & (away + radius <= far)
     )
     found = np.where(beyond, 1.0, 0.0)
+    known = {} if known is None else known
+    before = dict(known)
+    known.clear()
     for number in np.flatnonzero(~whole & ~beyond).tolist():
         asset_R_sensor = np.ascontiguousarray(actors.rotation[number].T @ site_SE3_sensor.rotation)
         offset = site_SE3_sensor.translation - actors.place[number]
@@ -103,6 +114,10 @@ def truncations(
         level = bounds[2] >= lowest and bounds[3] <= highest
         if level and nearest >= near and farthest <= far:
             continue
+        key = asset_R_sensor.tobytes() + origin.tobytes() + id(actors.scenes[number]).to_bytes(8)
+        if key in before:
+            known[key] = found[number], beyond[number] = before[key]
+            continue
         aims = _aims(bounds)
         local = (aims @ asset_R_sensor.T).astype(np.float32)
         hits = actors.scenes[number].cast(origin, local)
@@ -112,6 +127,7 @@ def truncations(
             aims, range_m = middle[[number]] / span[number], away[[number]]
         found[number] = 1.0 - field.sees(aims, range_m).mean()
         beyond[number] = bool((range_m > far).all())
+        known[key] = float(found[number]), bool(beyond[number])
     return found, beyond
 
 

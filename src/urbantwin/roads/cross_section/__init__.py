@@ -8,6 +8,7 @@ from urbantwin.roads.cross_section.section import (
     Parking,
     Roadside,
 )
+from urbantwin.roads.cross_section.signed_turns import SignedTurns
 from urbantwin.roads.cross_section.sumo_edges import write_sumo_edges
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "Parking",
     "PreparedWays",
     "Roadside",
+    "SignedTurns",
     "cross_section",
     "prepare_ways",
     "write_sumo_edges",

@@ -16,10 +16,10 @@ from urbantwin.roads.cross_section.from_tags import cross_section
 from urbantwin.roads.cross_section.layout import middles_of
 from urbantwin.roads.cross_section.section import CrossSection
 from urbantwin.roads.cross_section.segment import segments_of
+from urbantwin.roads.cross_section.signed_turns import SignedTurns, signed_turns
 from urbantwin.roads.cross_section.spacing import spaced
 from urbantwin.roads.cross_section.sumo_edges import (
     SumoEdge,
-    signed_turns,
     sumo_edges,
     sumo_tags,
 )
@@ -54,15 +54,14 @@ class PreparedWays:
         edges: the attributes of edges that netconvert is given.
         segments: the same segments with their cross sections.
         parts: piece that was given -> the segments that it was cut into.
-        arrows: edge -> the turns that are signed for each of its lanes from the kerb inwards, its
-            sidewalk among them; only edges that have any where their way ends.
+        arrows: the turns that are signed for lanes.
     """
 
     pieces: tuple[WayPiece, ...]
     edges: tuple[SumoEdge, ...]
     segments: tuple[MappedSegment, ...]
     parts: Mapping[int, tuple[WayPiece, ...]]
-    arrows: Mapping[str, tuple[tuple[str, ...], ...]]
+    arrows: SignedTurns
 
     def turns(self, forbidden: Iterable[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
         """Return forbidden turns (from piece, over node, to piece) as ones between segments."""
@@ -124,9 +123,7 @@ def prepare_ways(
     parts: dict[int, tuple[WayPiece, ...]] = defaultdict(tuple)
     for segment, piece in zip(segments, prepared, strict=True):
         parts[segment.origin] += (piece,)
-    arrows: dict[str, tuple[tuple[str, ...], ...]] = {}
-    for segment, section in zip(segments, sections, strict=True):
-        arrows |= signed_turns(segment, section)
+    arrows = signed_turns(segments, sections)
     return PreparedWays(tuple(prepared), tuple(edges), mapped, parts, arrows)
 
 

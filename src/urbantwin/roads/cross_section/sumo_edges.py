@@ -21,7 +21,7 @@ from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.segment import Segment
 from urbantwin.site.extract import WayPiece
 
-__all__ = ["SumoEdge", "signed_turns", "sumo_edges", "sumo_tags", "write_sumo_edges"]
+__all__ = ["SumoEdge", "sumo_edges", "sumo_tags", "write_sumo_edges"]
 
 #: Tags that do not speak of lanes and go to netconvert as they are.
 KEPT = ("name", "ref", "layer", "junction", "bridge")
@@ -136,23 +136,6 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
         shape = line if moved else np.zeros((0, 2))
         walkers = any("pedestrian" in lane.allowed for lane in lanes)
         found.append(SumoEdge(identity, tuple(lanes[::-1]), walk, walkers, shape, spread))
-    return found
-
-
-def signed_turns(segment: Segment, section: CrossSection) -> dict[str, tuple[tuple[str, ...], ...]]:
-    """Return edge -> the turns signed for its lanes, from the kerb inwards, the sidewalk first.
-
-    Only where the way ends with the segment: the arrows are for what comes there.
-    """
-    found = {}
-    for forward, ends in ((True, segment.last > 1 - 1e-9), (False, segment.first < 1e-9)):
-        lanes = section.lanes(forward=forward)
-        if ends and any(lane.turns for lane in lanes):
-            walk: tuple[tuple[str, ...], ...] = (
-                ((),) if section.side(forward=forward).sidewalk else ()
-            )
-            name = str(segment.piece.id) if forward else f"-{segment.piece.id}"
-            found[name] = (*walk, *(lane.turns for lane in lanes[::-1]))
     return found
 
 

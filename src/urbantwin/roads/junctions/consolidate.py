@@ -17,6 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import wrapped
+from urbantwin.roads.cross_section import SignedTurns
 from urbantwin.roads.junctions.cluster import (
     ROAD_M,
     Chain,
@@ -82,7 +83,7 @@ class _Cluster:
 def consolidated(
     plain: PlainNetwork,
     marks: Marks,
-    arrows: Arrows,
+    arrows: SignedTurns,
     *,
     apart: Collection[str],
     within: Collection[str] = (),
@@ -95,7 +96,7 @@ def consolidated(
     Args:
         plain: what netconvert read of the map.
         marks: the map's stop lines and crossings.
-        arrows: signed turns of lanes.
+        arrows: turns that ways sign for their lanes.
         apart: edges that lie in no junction.
         within: edges that lie in one, as the map says.
         forbidden: turn restrictions over several edges, as in `passages_of`.
@@ -137,6 +138,7 @@ def consolidated(
         and (not link.end or link.end in edges)
         and plain.edges[link.start].end not in home
     ]
+    signed = arrows.on(edges)
     reached = {node for edge in edges.values() for node in (edge.start, edge.end)}
     if not reached:
         return plain  # Streets lie nearer to each other than they are wide.
@@ -144,7 +146,7 @@ def consolidated(
         if cluster.id not in reached:
             continue
         nodes[cluster.id], found = _junction(
-            plain, cluster, edges, new_strips, arrows, forbidden, driving_side
+            plain, cluster, edges, new_strips, signed, forbidden, driving_side
         )
         links += found
     network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)

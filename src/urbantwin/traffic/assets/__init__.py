@@ -2,7 +2,7 @@
 
 from urbantwin.traffic.assets.asset_name import AssetName, sized_name
 from urbantwin.traffic.assets.body import Body
-from urbantwin.traffic.assets.catalogue import Asset, asset, asset_mesh, asset_names
+from urbantwin.traffic.assets.catalogue import Asset, asset, asset_mesh, asset_names, bending_names
 from urbantwin.traffic.assets.coat import COATED_CLASSES, COATS, coated_mesh, coated_name
 from urbantwin.traffic.assets.fleet import Fleet
 from urbantwin.traffic.assets.own import OwnBodies
@@ -19,6 +19,7 @@ __all__ = [
     "asset",
     "asset_mesh",
     "asset_names",
+    "bending_names",
     "coated_mesh",
     "coated_name",
     "mesh_among",

@@ -35,7 +35,7 @@ from urbantwin.traffic.assets.solid import Solid, fitted, labelled
 from urbantwin.traffic.assets.tram import tram_bodies, tram_entries, tram_section
 from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
 
-__all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
+__all__ = ["Asset", "asset", "asset_mesh", "asset_names", "bending_names"]
 
 #: Where the catalogue is written.
 _FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml", "things.yaml")
@@ -75,6 +75,8 @@ class Asset:
             has a companion both.
         rigid: of a vehicle that bends on roads: who drives in its place where it cannot turn.
         hitch: of what is towed: where it hangs on what pulls it, metres ahead of its middle.
+        cab_m: of a truck: how far behind its nose its load begins, metres.
+        loaded: of a truck: whether it carries a load itself.
     """
 
     name: str
@@ -89,6 +91,8 @@ class Asset:
     bodies: tuple[Body, ...] = ()
     rigid: str = ""
     hitch: float | None = None
+    cab_m: float | None = None
+    loaded: bool = False
 
     @property
     def supports(self) -> NDArray[np.float64]:
@@ -101,7 +105,7 @@ class Asset:
 def asset_names(actor_class: str) -> tuple[str, ...]:
     """Return the names of a class's assets, in the catalogue's order.
 
-    Who comes with a companion is one of them without it.
+    Who comes with a companion, or with a trailer behind a car, is one of them without it.
 
     Raises:
         InputError: there is no such class.
@@ -116,6 +120,14 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
         if entry["class"] == actor_class
         and "part_of" not in entry
         and entry["builder"] != "accompanied"
+        and "unlisted" not in entry
+    )
+
+
+def bending_names() -> tuple[str, ...]:
+    """Return the names of the assets that bend: of several bodies, on rails or on roads."""
+    return tuple(
+        name for name, entry in _entries().items() if entry["builder"] in ("tram", "coupled")
     )
 
 
@@ -139,6 +151,7 @@ def asset(name: str) -> Asset:
             contacts=usual.contacts * factors,
             stride_m=usual.stride_m * factors[2],
             hitch=None if usual.hitch is None else usual.hitch * factors[0],
+            cab_m=None if usual.cab_m is None else usual.cab_m * factors[0],
         )
     if parsed.coat and _has_coat(parsed.body):
         bare = asset(parsed.body)
@@ -185,6 +198,8 @@ def asset(name: str) -> Asset:
         bodies=bodies,
         rigid=entry.get("instead", ""),
         hitch=float(size[0]) / 2 - entry["hitch"] if "hitch" in entry else None,
+        cab_m=entry.get("trailer", entry["cab"]["size"][0]) if "cab" in entry else None,
+        loaded="cab" in entry and "trailer" not in entry,
     )
 
 

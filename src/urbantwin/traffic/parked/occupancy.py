@@ -199,7 +199,7 @@ def _vehicle(
     backwards = space.kerb == 0 and random.random() < BACKWARDS
     for attempt in range(TRIES):
         kind = "van" if random.random() < VANS else "car"
-        name = fleet.body(kind, 1_000_000 + number * TRIES + attempt)
+        name = fleet.body(kind, 1_000_000 + number * TRIES + attempt, bends=False)
         size = asset(name)
         if space.kerb:
             room = space.length - GAP_ALONG_M - size.length

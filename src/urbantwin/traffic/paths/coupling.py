@@ -11,8 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.assets import AssetName, asset, asset_names
+from urbantwin.traffic.assets import AssetName, asset, bending_names
 from urbantwin.traffic.motion_rows import ActorRows, as_rows
 
 __all__ = ["are_coupled", "towed_by"]
@@ -92,7 +91,7 @@ def _along(
 def _joints() -> dict[tuple[str, str], tuple[tuple[float, float], ...]]:
     """Return how far joints lie behind the middle of a body, and ahead of that of the next."""
     found: dict[tuple[str, str], set[tuple[float, float]]] = {}
-    for name in (name for kind in ACTOR_CLASSES for name in asset_names(kind)):
+    for name in bending_names():
         for one, other in pairwise(asset(name).bodies):
             joint_m = other.guides_m[0]
             places = joint_m - one.middle_m, other.middle_m - joint_m

@@ -31,6 +31,7 @@ from urbantwin.traffic.demand.manners import IN_BENDS
 from urbantwin.traffic.demand.passengers import boarding_job
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 from urbantwin.traffic.sumo.halts import ends_of_halts, write_stops
+from urbantwin.traffic.sumo.kept_runs import kept_run
 from urbantwin.traffic.sumo.observed import Observed
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
@@ -229,10 +230,11 @@ def observe(  # noqa: PLR0913 - the same
     steps = round(seconds * 1000 / step_ms)
     job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
     job["staged"] = []
-    return _worked(net_path, demand, asset, options, job, trams or {}, scratch, progress)
+    kept = not outputs
+    return _worked(net_path, demand, asset, options, job, trams or {}, scratch, progress, kept=kept)
 
 
-def _worked(
+def _worked(  # noqa: PLR0913 - the same
     net_path: Path,
     demand: Demand,
     asset: Callable[[str], Asset],
@@ -241,21 +243,19 @@ def _worked(
     trams: Mapping[str, Any],
     scratch: Path | None,
     progress: Callable[[float, str], None] | None,
+    *,
+    kept: bool = False,
 ) -> Simulated:
-    """Run a job in the worker process."""
+    """Run a job in the worker process, unless it is kept and was run before."""
     own = passing_folder("urbantwin-sumo") if scratch is None else _folder_in(scratch)
     with own as made:
         folder = made.resolve()
         routes = folder / "demand.rou.xml"
         write_routes(routes, demand, asset)
-        write_stops(folder / "stops.add.xml", demand)
+        stops = folder / "stops.add.xml"
+        write_stops(stops, demand)
         whole = {
             **job,
-            "options": _command_line(
-                net_path,
-                routes,
-                {**options, "additional-files": folder / "stops.add.xml"},
-            ),
             "classes": [
                 *(ACTOR_CLASSES.index(trip.actor_class) for trip in demand.trips),
                 *(number for row in job["staged"] for number in row.get("classes", ())),
@@ -267,11 +267,18 @@ def _worked(
             "curves": curves_of(net_path),
             "trams": trams,
             "boarding": boarding_job(demand.passengers),
-            "arrays": str(folder / "rows.npy"),
-            "texts": str(folder / "outcome.json"),
         }
-        (folder / "job.json").write_text(json.dumps(whole))
-        _run_worker(folder / "job.json", progress)
+
+        def run() -> None:
+            line = _command_line(net_path, routes, {**options, "additional-files": stops})
+            files = {"arrays": str(folder / "rows.npy"), "texts": str(folder / "outcome.json")}
+            (folder / "job.json").write_text(json.dumps({**whole, "options": line, **files}))
+            _run_worker(folder / "job.json", progress)
+
+        if kept:
+            kept_run({**whole, "options": options}, [net_path, routes, stops], run, folder)
+        else:
+            run()
         warmup_s = job["warmup_substeps"] * float(str(options["step-length"]))
         return _read(folder / "rows.npy", folder / "outcome.json", warmup_s)
 
