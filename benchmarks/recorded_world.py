@@ -2,13 +2,16 @@
 
     python benchmarks/recorded_world.py picture REAL DATASET sides.png
     python benchmarks/recorded_world.py realism REAL DATASET [DATASET ...]
+    python benchmarks/recorded_world.py windows REAL ANCHOR DATASET [DATASET ...]
     python benchmarks/recorded_world.py judge DATASET REBUILT_DATASET TWIN REBUILT_TWIN RINGS
 
 `picture` draws the middle frame of each from above, side by side. `realism` is that of the
 challenge's protocol of all frames of each against all real ones, by ten draws of points in place of
-one. Both crop to the protocol's 40 x 40 x 5 m. `judge` compares what one rig records in a true twin
-and in one that was rebuilt from another rig's recording of it, beam by beam, and the heights of
-their ground.
+one. `windows` holds several datasets, as of several times of one drive, against the same real
+frames, and says by how much one such draw of traffic scatters: background and objects, beside those
+of other real frames. These three crop to the protocol's 40 x 40 x 5 m. `judge` compares what one
+rig records in a true twin and in one that was rebuilt from another rig's recording of it, beam by
+beam, and the heights of their ground.
 """
 
 import sys
@@ -22,11 +25,17 @@ from urbantwin.fidelity.challenge import cropped, normalised
 from urbantwin.fidelity.challenge.realism import EMD_POINTS, POINTS, SEED
 from urbantwin.fidelity.chamfer import chamfer_squared
 from urbantwin.fidelity.earth_mover import earth_mover
+from urbantwin.fidelity.foreground_objects import ground_beneath, object_divergences, objects_of
 from urbantwin.fidelity.frechet import frechet_places
+from urbantwin.fidelity.hausdorff import P95Hausdorff
+from urbantwin.fidelity.histograms import divergences, histograms_of
 from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
-from urbantwin.fidelity.nearest_point import nearest_distances
+from urbantwin.fidelity.nearest_point import NearestDistances, nearest_distances
+from urbantwin.fidelity.point_to_mesh import RealSurface
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.readers.cropped import cropped_recording
 from urbantwin.fidelity.sampling import sampled
+from urbantwin.fidelity.sides import MODEL, Side, model_background
 from urbantwin.geometry import DownwardProbe
 from urbantwin.reconstruct.recording.recorded_world import read_recording
 from urbantwin.taxonomy import semantic_classes
@@ -34,6 +43,7 @@ from urbantwin.taxonomy import semantic_classes
 REACH_M = 45.0
 HALF_M, STEP_M = 35.0, 0.5
 DRAWS = 10
+CROP_M = (40.0, 40.0, 5.0)
 
 
 def picture(real, dataset, out):
@@ -77,6 +87,50 @@ def realism_of(real, datasets):
         ]
         parts = ", ".join(f"{n} {v:.3g}" for n, v in zip(names, np.mean(rows, axis=0), strict=True))
         print(f"{path}: realism {np.mean(score):.3f} +- {np.std(score):.3f} ({parts})", flush=True)
+
+
+def side_of(name, path):
+    recording = cropped_recording(open_recording(Path(path)), CROP_M)
+    side = Side(name, recording, len(recording))
+    model_background(side)
+    return side
+
+
+def windows(real, others):
+    """Print background and objects of datasets against real frames; the first is real itself."""
+    truth = side_of("real", real)
+    sides = [side_of("synthetic", path) for path in others]
+    ground = ground_beneath(truth)
+    origin = truth.read(0).sensor_places[0]
+    figures = [[] for _ in others]
+    found = [[] for _ in range(1 + len(others))]
+    for index in range(truth.count):
+        frame = truth.read(index)
+        moves = truth.foreground(frame, MODEL)
+        found[0].append(objects_of(frame.points[moves], ground))
+        surface = RealSurface(frame.points, origin)
+        still = histograms_of(frame.only(~moves).cloud, intensity_scale=None, origin=origin)
+        for side, rows, objects in zip(sides, figures, found[1:], strict=True):
+            other = side.read(index)
+            away = side.foreground(other, MODEL)
+            objects.append(objects_of(other.points[away], ground))
+            near = nearest_distances(frame.points, other.points)
+            mine = NearestDistances(near.real_to_synthetic[~moves], near.synthetic_to_real[~away])
+            some, mesh = surface.sampled_distances(other.points)
+            its = histograms_of(other.only(~away).cloud, intensity_scale=None, origin=origin)
+            js = divergences(still, its)["mean"]
+            rows.append([P95Hausdorff.of(mine).both, js, mesh[~away[some]].mean()])
+        print(f"frame {index + 1} of {truth.count}", flush=True)
+    every = []
+    for path, rows, objects in zip(others, figures, found[1:], strict=True):
+        between = object_divergences(np.concatenate(found[0]), np.concatenate(objects))
+        every.append([*np.mean(rows, axis=0), *between.values(), np.mean([*map(len, objects)])])
+        print(path, np.round(every[-1], 4))
+    names = ("P95 m", "JS", "point to mesh m", *between, "objects a frame")
+    for column, name in enumerate(names):
+        base, *rest = (row[column] for row in every)
+        print(f"{name}: real {base:.4g}, others {np.mean(rest):.4g} +- {np.std(rest):.2g}", end="")
+        print(f", {np.mean(rest) / base:.2f} +- {np.std(rest) / base:.2f} times")
 
 
 def frame_of(dataset):
@@ -130,6 +184,8 @@ if __name__ == "__main__":
     what, *given = sys.argv[1:]
     if what == "picture":
         picture(*given)
+    elif what == "windows":
+        windows(given[0], given[1:])
     elif what == "realism":
         realism_of(given[0], given[1:])
     else:

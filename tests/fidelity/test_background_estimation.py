@@ -92,7 +92,8 @@ def test_traffic_that_waited_all_the_time_is_no_background():
     rng = np.random.default_rng(4)
     # Half of the looks of each beam pass through what stands at 5 m, and meet 20 m.
     met = np.where(rng.random((LEAST_FRAMES, one.count)) < 0.5, 5.0, 20.0)
-    frames = looks_at(one, met, np.ones(met.shape, bool))
+    empty = np.arange(one.count) < 40  # Nothing ever came back from there.
+    frames = looks_at(one, met, np.broadcast_to(~empty, met.shape))
     (both,) = measured_backgrounds(frames, [one])
     (far,) = measured_backgrounds(
         frames, [one], waits=[lambda places: np.linalg.norm(places, axis=1) < 10]
@@ -103,7 +104,8 @@ def test_traffic_that_waited_all_the_time_is_no_background():
     assert ((far.share > 0).sum(axis=0)[kept] == 1).all()
     (none,) = measured_backgrounds(frames, [one], waits=[lambda places: np.ones(len(places), bool)])
     assert not none.known.any()
-    assert not none.looks.any()  # such a beam sees the twin
+    assert not none.looks.ravel()[~empty].any()  # such a beam sees the twin
+    assert (none.looks.ravel()[empty] == LEAST_FRAMES).all()  # a look that met nothing is one
 
 
 def test_frames_of_a_sensor_that_moved_are_refused():

@@ -2,7 +2,11 @@
 
 import numpy as np
 
-from urbantwin.fidelity.foreground_objects import object_divergences, objects_of
+from urbantwin.fidelity.foreground_objects import (
+    foreground_objects,
+    object_divergences,
+    objects_of,
+)
 from urbantwin.reconstruct.recording.recorded_ground import recorded_ground
 
 
@@ -48,3 +52,14 @@ def test_the_same_objects_differ_by_nothing_and_others_altogether():
     other = object_divergences(cars, people)
     assert other["size"] == other["points"] == 1.0
     assert object_divergences(cars, people[:0])["size"] is None
+
+
+def test_one_real_frame_has_no_halves_to_compare():
+    rng = np.random.default_rng(7)
+    rows = np.column_stack([rng.uniform(0.5, 5, (30, 3)), rng.random((30, 2)), np.full(30, 99.0)])
+    told = foreground_objects({"real": [rows], "synthetic": [rows[:10], rows[10:]]})
+    assert told["objects_per_frame"] == {"real": 30.0, "synthetic": 15.0}
+    assert told["js_twin"]["size"] == 0.0
+    assert told["js_real_against_real"]["size"] is None
+    assert told["ratio_to_real"]["size"] is None
+    assert foreground_objects({"real": [rows]}) is None

@@ -197,5 +197,5 @@ def test_what_overlaps_among_those_who_are_left_is_what_would_be_found_among_the
     told = overlaps_told(found.left, as_rows(there).parts(), parked)
     assert told == overlaps_of(there, parked, STEP_S, scene)
     assert told["actors"] > 5
-    assert told["scene"] > 1
+    assert told["scene"]
     assert any(91 in row["tracks"] or 90 in row["tracks"] for row in told["worst"])

@@ -25,7 +25,7 @@ def sides_seen(x, y, yaw, length, width, spacing=0.08):
 
 def seen(frame, x, y, yaw, length, width, top, moves=1.0):
     plan = sides_seen(x, y, yaw, length, width)
-    return SeenObject(frame, plan, top, 0.3, SENSOR, moves, fitted_yaw(plan))
+    return SeenObject(frame, plan, top, top, 0.3, SENSOR, moves, fitted_yaw(plan))
 
 
 @pytest.mark.parametrize("yaw_deg", [3, 20, 44, 71, 130, 259])
@@ -54,7 +54,8 @@ def test_a_car_is_where_it_drives_from_the_sides_that_one_sees():
 def test_what_is_hidden_of_a_car_is_away_from_the_sensor():
     # Only its rear is in sight: the usual length is completed forwards.
     rear = np.column_stack([np.full(20, 10.0), np.linspace(-0.9, 0.9, 20)])
-    moments = [SeenObject(k, rear + [2.0 * k, 0.0], 1.5, 0.3, SENSOR, 1.0, 0.0) for k in range(3)]
+    far = [rear + [2.0 * k, 0.0] for k in range(3)]
+    moments = [SeenObject(k, at, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(far)]
     found = observed_track(moments, None, 1.0)
     assert found.actor_class == "car"
     assert found.size[0] == pytest.approx(4.3)
@@ -90,5 +91,5 @@ def test_people_who_walk_together_are_counted_one_by_one():
 
 def test_posts_are_nobody():
     post = np.column_stack([np.full(12, 9.0), np.linspace(-0.1, 0.1, 12)])
-    still = [SeenObject(k, post, 2.0, 0.3, SENSOR, 0.1, 0.0) for k in range(4)]
+    still = [SeenObject(k, post, 2.0, 2.0, 0.3, SENSOR, 0.1, 0.0) for k in range(4)]
     assert observed_track(still, None, 1.0) is None

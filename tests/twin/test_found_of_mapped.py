@@ -100,5 +100,15 @@ def test_what_the_extract_declares_says_how_much_of_the_region_it_knows(extract:
         assert share_known(unknown, FRAME, REGION) == 1.0
 
 
+def test_a_download_without_bounds_says_where_it_ends(write_osm: Callable[..., Path]) -> None:
+    """Benches up to 60 m west of the middle, and a street that sticks out to the east."""
+    places = np.mgrid[-260:-59:20, -100:101:20].reshape(2, -1).T
+    nodes = {k + 10: (x, y, {"amenity": "bench"}) for k, (x, y) in enumerate(places)}
+    nodes |= {1: (-200, 0, {}), 2: (200, 0, {})}
+    half = read_extract(write_osm(nodes, {1: ([1, 2], ROAD)}))
+    assert share_known(half, FRAME, REGION) == pytest.approx(50 / 200, abs=0.01)  # a rim of 10 m
+    assert share_known(half, FRAME, shapely.box(-250.0, -100.0, -50.0, 100.0)) == 1.0
+
+
 def test_nothing_is_mapped_without_a_map() -> None:
     assert found_of_mapped(None, FRAME, REGION, network()) == {}

@@ -17,6 +17,7 @@ EXAMPLES = """
 urbantwin background real/ --sensor OS1-128 -o measured.npz
 urbantwin background real/ --sensor VLS-128 --columns 1800 --pose 0 0 0 0 5 0 -o measured.npz
 urbantwin background real/ --twin twin/ --rig rig.yaml -o measured.npz
+urbantwin background rings/ --twin twin/ --points-in site --interval 1 -o measured.npz
 urbantwin background real/ --twin twin/ --only corner --points-in level -o measured.npz
 urbantwin background matrix.mat --elevations beams.mat --sensor VLS-128 -o measured.npz
 urbantwin record twin/ motion/ --background measured.npz -o dataset/
@@ -68,6 +69,14 @@ def background(
     intensity_scale: Annotated[
         float | None, typer.Option(metavar="X", help="What the data call full scale of intensity.")
     ] = None,
+    interval: Annotated[
+        float | None,
+        typer.Option(
+            min=0.001,
+            metavar="S",
+            help="Seconds from frame to frame; a turn if not given. How long a bough stays so.",
+        ),
+    ] = None,
     traffic: Annotated[
         bool,
         typer.Option("--traffic", help="With --twin: keep what waited on its lanes all the time."),
@@ -89,6 +98,7 @@ def background(
         points_in=points_in,
         elevations=elevations,
         intensity_scale=intensity_scale,
+        interval=interval,
         traffic=traffic,
         progress=not quiet,
     )

@@ -16,7 +16,8 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.sampling import evenly
-from urbantwin.lidar.background import MeasuredBackground
+from urbantwin.fidelity.stirring_looks import MOST_FRAMES, Looks, stirring_before
+from urbantwin.lidar.background import MeasuredBackground, Stirring
 from urbantwin.lidar.background_file import save_backgrounds
 from urbantwin.progress import Progress, untold
 from urbantwin.reconstruct.recording.range_modes import RangeModes, range_modes
@@ -44,6 +45,7 @@ def measured_backgrounds(
     *,
     intensity_scale: float | None = None,
     waits: Sequence[Waits] = (),
+    interval_s: float | None = None,
     file: Path | None = None,
 ) -> list[MeasuredBackground]:
     """Return per-beam statistics of what stands still, for each sensor.
@@ -57,6 +59,7 @@ def measured_backgrounds(
         intensity_scale: what the data call full scale; guessed if not given.
         waits: of each sensor, what tells which places (N, 3) in its own frame are of traffic that
             waits: no background, however long it stood there.
+        interval_s: from one frame to the next; a turn of the sensors if not given.
         file: for errors.
 
     Raises:
@@ -91,8 +94,10 @@ def measured_backgrounds(
         )
     scale = full_scale(brightest) if intensity_scale is None else intensity_scale
     backgrounds: list[MeasuredBackground] = []
+    some, stirring = evenly(count, MOST_FRAMES), []
     for one in sensors:
         mine = looks.pop(0)
+        kept = [mine[number] for number in some]
         points = sum(len(beam) for beam, *_ in mine)
         modes = _modes(one, mine, count)
         still = float((modes.share.sum(axis=1) * modes.looks).sum()) / max(1, points)
@@ -103,10 +108,35 @@ def measured_backgrounds(
                 file=file,
                 expected="frames of a sensor that stands still, in its own frame",
             )
-        if waits:
-            modes = _without_traffic(one, modes, waits[len(backgrounds)])
+        its = waits[len(backgrounds)] if waits else None
+        if its is not None:
+            modes = _without_traffic(one, modes, its)
+        stirring.append(Looks.of(one, kept, modes, its))
         backgrounds.append(_background(one, modes, scale))
-    return backgrounds
+    interval_s = 1 / sensors[0].turns_per_second if interval_s is None else interval_s
+    spread = (count - 1) / (len(some) - 1)
+    stirs = stirring_before(stirring, interval_s=interval_s * spread)
+    return [
+        one if mine is None else _with_stirring(one, mine, scale)
+        for one, mine in zip(backgrounds, stirs, strict=True)
+    ]
+
+
+def _with_stirring(one: MeasuredBackground, stirring: Stirring, scale: float) -> MeasuredBackground:
+    """Return a background before which something stirs.
+
+    Of looks that do not end there a farther surface has its share; that which went past a nearer
+    one were counted against it.
+    """
+    bright = (stirring.intensity / np.float32(scale)).clip(0, 1)
+    nearest = np.where(one.share > 0, one.range_m, np.inf).min(axis=0).ravel()[stirring.beam]
+    past = (stirring.range_m > nearest).mean(axis=0)
+    share = one.share.reshape(len(one.share), -1).copy()
+    mine = share[:, stirring.beam]
+    share[:, stirring.beam] = mine / np.maximum(1 - past, np.maximum(mine.sum(axis=0), 1e-3))
+    return replace(
+        one, share=share.reshape(one.share.shape), stirring=replace(stirring, intensity=bright)
+    )
 
 
 def _without_traffic(one: BeamsOf, modes: RangeModes, waits: Waits) -> RangeModes:
@@ -118,7 +148,7 @@ def _without_traffic(one: BeamsOf, modes: RangeModes, waits: Waits) -> RangeMode
         place = aim[some] * modes.range_m[some, mode, None]
         share[some[waits(place)], mode] = 0
     # What is seen beyond it keeps its share of the looks, which nothing passing by obstructed.
-    gone = share.sum(axis=1) == 0
+    gone = (share.sum(axis=1) == 0) & (modes.share.sum(axis=1) > 0)
     order = np.argsort(-share, axis=1, kind="stable")
     images = {
         name: np.take_along_axis(values, order, axis=1)
@@ -139,6 +169,7 @@ def measure_recording(
     *,
     intensity_scale: float | None = None,
     waits: Sequence[Waits] = (),
+    interval_s: float | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Measure the static world from a recording and write it.
@@ -149,6 +180,7 @@ def measure_recording(
         out: the ``.npz`` to write.
         intensity_scale: what the data call full scale; guessed if not given.
         waits: see `measured_backgrounds`.
+        interval_s: see `measured_backgrounds`.
         progress: called with the fraction done and what is being done.
 
     Returns:
@@ -161,6 +193,8 @@ def measure_recording(
     if intensity_scale is not None and not intensity_scale > 0:
         raise InputError(f"the intensity scale is {intensity_scale:g}", expected="more than 0")
     recording = open_recording(real)
+    if interval_s is None:
+        interval_s = 1 / sensors[0].turns_per_second
     say = progress or untold
     most = max(1, _MOST_LOOKS // sum(one.count for one in sensors))
     used = evenly(len(recording), most)
@@ -177,7 +211,12 @@ def measure_recording(
                     raise
 
     found = measured_backgrounds(
-        frames(), sensors, intensity_scale=intensity_scale, waits=waits, file=real
+        frames(),
+        sensors,
+        intensity_scale=intensity_scale,
+        waits=waits,
+        interval_s=interval_s * max(1, len(recording) - 1) / max(1, len(used) - 1),
+        file=real,
     )
     save_backgrounds(out, found)
     say(1.0, "done")
@@ -201,6 +240,7 @@ def described(one: MeasuredBackground) -> dict[str, Any]:
         "with_background": int(known.sum()),
         "with_several_ranges": int(((one.share > 0).sum(axis=0) > 1).sum()),
         "returned": round(float(returned[told].mean()), 4) if told.any() else None,
+        "with_what_stirs": 0 if one.stirring is None else len(one.stirring.beam),
     }
 
 

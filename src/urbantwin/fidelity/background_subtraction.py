@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity.frame import Frame
 from urbantwin.reconstruct.recording import LEAST_FRAMES
-from urbantwin.reconstruct.recording.still_ranges import COLUMNS, StillRanges
+from urbantwin.reconstruct.recording.still_ranges import COLUMNS, StillRanges, moves_as_nearest
 
 __all__ = ["LEAST_FRAMES", "Background"]
 
@@ -43,9 +43,9 @@ class Background:
         columns = [int(one.column.max()) for one in known if one.column is not None]
         if self._rings and len(columns) == len(known):
             self._columns = 1 + max(columns)
-        placed = [self._placed(one) for one in known]
+        placed = [self._placed(one) for one in map(_on_beams, known)]
         cell, range_m = (np.concatenate(parts) for parts in zip(*placed, strict=True))
-        number = np.repeat(np.arange(len(known)), [len(one.points) for one in known])
+        number = np.repeat(np.arange(len(known)), [len(one) for one, _ in placed])
         self._still = StillRanges(
             cell,
             number,
@@ -58,10 +58,16 @@ class Background:
     def foreground(self, frame: Frame) -> NDArray[np.bool_]:
         """Return which points (N,) of a frame stand where nothing always does.
 
-        What lies beyond everything static in its direction is background: it was hidden.
+        What lies beyond everything static in its direction is background: it was hidden. Points
+        of which no ring is known do as those beside them.
         """
-        name, range_m = self._placed(frame)
-        return self._still.moving(name, range_m, frame.points)
+        on = _on_beam(frame)
+        some = frame if on.all() else frame.only(on)
+        name, range_m = self._placed(some)
+        moves = np.zeros(len(on), np.bool_)
+        moves[on] = self._still.moving(name, range_m, some.points)
+        moves_as_nearest(moves, frame.points, on)
+        return moves
 
     def _placed(self, frame: Frame) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return cell and range (N,) of each point."""
@@ -73,6 +79,18 @@ class Background:
         if self._rings and frame.ring is not None:
             row = frame.ring + 1
         return (sensor * COLUMNS + row) * COLUMNS + column, range_m
+
+
+def _on_beam(frame: Frame) -> NDArray[np.bool_]:
+    """Return which points (N,) have a ring, where others of the frame have."""
+    if frame.ring is None or not (frame.ring >= 0).any():
+        return np.ones(len(frame.points), np.bool_)
+    return np.asarray(frame.ring >= 0)
+
+
+def _on_beams(frame: Frame) -> Frame:
+    on = _on_beam(frame)
+    return frame if on.all() else frame.only(on)
 
 
 def _seen(

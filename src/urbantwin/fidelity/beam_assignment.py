@@ -77,36 +77,36 @@ class BeamsOf:
         """
         away = self.points_SE3_sensor.inverse().apply(frame.points)
         range_m: NDArray[np.float64] = np.linalg.norm(away, axis=1)
-        aim = away / np.maximum(range_m, 1e-9)[:, None]
-        channel = self._channels(frame, aim)
+        rows = np.arange(len(away))
+        if self.number is not None and frame.sensor is not None:
+            rows = np.flatnonzero(frame.sensor == self.number)
+        aim = away[rows] / np.maximum(range_m[rows], 1e-9)[:, None]
+        channel = None if frame.ring is None else self._channels(frame.ring[rows], aim)
         if channel is None:
             beam, on = self._nearest(aim)
+            rows, beam = rows[on], beam[on]
         else:
             first = beam_azimuths(self.sensor, self.columns, turns_per_second=self._turning)[:, 0]
             turned = np.arctan2(aim[:, 1], aim[:, 0]) - first[channel]
             if self.sensor.spin == "cw":
                 turned = -turned
             column = np.rint(turned * self.columns / (2 * np.pi)).astype(np.int64) % self.columns
-            beam, on = channel * self.columns + column, np.ones(len(aim), np.bool_)
-        if self.number is not None and frame.sensor is not None:
-            on = on & (frame.sensor == self.number)
-        rows = np.flatnonzero(on)
-        rows = rows[np.unique(beam[rows], return_index=True)[1]]
-        return rows, beam[rows], range_m
+            beam = channel * self.columns + column
+        once = np.unique(beam, return_index=True)[1]
+        return rows[once], beam[once], range_m
 
-    def _channels(self, frame: Frame, aim: NDArray[np.float64]) -> NDArray[np.int64] | None:
-        if frame.ring is None:
-            return None
+    def _channels(
+        self, ring: NDArray[np.integer], aim: NDArray[np.float64]
+    ) -> NDArray[np.int64] | None:
         table = self.sensor.elevation_deg
         rising = np.argsort(table, kind="stable")
-        least, most = int(frame.ring.min()), int(frame.ring.max())
-        if least < 0 or most >= len(table):
+        if not len(ring) or int(ring.min()) < 0 or int(ring.max()) >= len(table):
             return None
         up = np.degrees(np.arcsin(np.clip(aim[:, 2], -1, 1)))
         numbered = (np.arange(len(table)), rising, rising[::-1])
-        off = [float(np.percentile(np.abs(up - table[one[frame.ring]]), 90)) for one in numbered]
+        off = [float(np.percentile(np.abs(up - table[one[ring]]), 90)) for one in numbered]
         best = int(np.argmin(off))
-        return np.asarray(numbered[best][frame.ring]) if off[best] <= _UNIT_DEG else None
+        return np.asarray(numbered[best][ring]) if off[best] <= _UNIT_DEG else None
 
     def _nearest(self, aim: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         if "tree" not in self._found:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.errors import InputError, UrbanTwinError
 from urbantwin.fidelity.findings import Findings, report_of
+from urbantwin.fidelity.foreground_objects import ground_beneath
 from urbantwin.fidelity.pairs import MOST_ANCHORS, Pairs, measured_pairs
 from urbantwin.fidelity.readers import Recording
 from urbantwin.fidelity.readers.cropped import cropped_recording
@@ -99,7 +100,9 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
     opened = _Openers(columns, layout, None if within is None else _extents(within))
     with replaced_folder(out, kind="report", inputs=inputs) as folder:
         sides, lacking = _opened(real, synthetic, arbitrary, anchor, opened, folder, tell)
-        pairs = Pairs(sides, _origin(sides["real"], origin), _split(sides))
+        split_by = _split(sides)
+        ground = ground_beneath(sides["real"]) if split_by == MODEL else None
+        pairs = Pairs(sides, _origin(sides["real"], origin), split_by, ground)
         found = _measured(pairs, workers, tell)
         scored = None
         if protocol is not None:

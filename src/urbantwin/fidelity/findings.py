@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity import histograms as bins
 from urbantwin.fidelity import rebuilt_surface
+from urbantwin.fidelity.foreground_objects import foreground_objects
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND
 from urbantwin.fidelity.missing import NEAR_M, SPACING_SHARE, MissingPlaces
@@ -17,7 +18,7 @@ from urbantwin.fidelity.object_statistics import object_differences
 from urbantwin.fidelity.pairs import MeasuredPair, Pairs
 from urbantwin.fidelity.point_to_mesh import MAX_POINTS
 from urbantwin.fidelity.report import Anchored, FrameFigures, Report, anchored
-from urbantwin.fidelity.sides import ANCHOR, MODEL, Side
+from urbantwin.fidelity.sides import ANCHOR, Side
 
 __all__ = ["Findings", "report_of"]
 
@@ -33,6 +34,7 @@ class Findings:
         pooled: histograms summed over pairs, by side and name.
         sample: the frames of the first pair, by side.
         missing: where real points have nothing of the twin near them.
+        objects: what moves (K, 6) in each frame, by side.
     """
 
     pairs: Pairs
@@ -41,6 +43,7 @@ class Findings:
     pooled: dict[str, dict[str, NDArray[np.float64]]] = field(default_factory=dict)
     sample: dict[str, Frame] = field(default_factory=dict)
     missing: MissingPlaces = field(default_factory=MissingPlaces)
+    objects: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
 
     def add(self, one: MeasuredPair) -> None:
         """Add a pair, in the order of the pairs."""
@@ -52,6 +55,8 @@ class Findings:
             for name, counts in histograms.items():
                 mine[name] = mine.get(name, np.zeros_like(counts)) + counts
         self.missing.add(one.missing)
+        for side, rows in one.objects.items():
+            self.objects.setdefault(side, []).append(rows)
 
 
 def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
@@ -83,7 +88,7 @@ def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
         parts={part: one for part, one in parts.items() if one is not None},
         split_by=split_by,
         objects=_objects(sides),
-        foreground_objects=_foreground_objects(sides) if split_by == MODEL else None,
+        foreground_objects=foreground_objects(found.objects),
         missing=found.missing.places(),
         parameters=_parameters(found.pairs.origin),
         notes=_notes(found, doubts),
@@ -102,12 +107,6 @@ def _part(frames: list[FrameFigures], part: str) -> Anchored | None:
     if not any("twin" in row for row in rows):
         return None
     return anchored(*([row.get(side) for row in rows] for side in ("twin", "arbitrary", "real")))
-
-
-def _foreground_objects(sides: dict[str, Side]) -> dict[str, Any] | None:
-    from urbantwin.fidelity.foreground_objects import foreground_objects
-
-    return foreground_objects(sides)
 
 
 def _objects(sides: dict[str, Side]) -> dict[str, Any] | None:

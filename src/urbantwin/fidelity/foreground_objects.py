@@ -6,21 +6,20 @@ that a group of people or two vehicles that touch are one object on either.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.fidelity.divergence import jensen_shannon
-from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.sampling import sampled
 from urbantwin.fidelity.sides import ANCHOR, MODEL, Side
 from urbantwin.reconstruct.recording.recorded_ground import RecordedGround, recorded_ground
 from urbantwin.traffic.observed.box_fit import extents, fitted_yaw
 from urbantwin.traffic.observed.clusters import clusters
 
-__all__ = ["foreground_objects", "object_divergences", "objects_of"]
+__all__ = ["foreground_objects", "ground_beneath", "object_divergences", "objects_of"]
 
 #: Heights above the ground between which objects are looked for, metres.
 _LOW_M, _HIGH_M = 0.3, 4.5
@@ -82,26 +81,25 @@ def object_divergences(
     return found
 
 
-def foreground_objects(sides: dict[str, Side]) -> dict[str, Any] | None:
+def foreground_objects(
+    found: Mapping[str, Sequence[NDArray[np.float64]]],
+) -> dict[str, Any] | None:
     """Return objects a frame by side, and how sizes, shapes and points differ from the real ones.
 
-    Real against real is between the real frames and the anchor's, or between their halves. None
-    where no frame could be separated by its background model.
+    Real against real is between the real frames and the anchor's, or between their halves.
+
+    Args:
+        found: of "real", "synthetic" and, where there is one, the anchor, the objects (K, 6) of
+            each frame. None of a side: nothing is told.
     """
-    ground = _ground(sides["real"])
-    found = {
-        name: [objects_of(frame.points[moves], ground) for frame, moves in _split(side)]
-        for name, side in sides.items()
-        if name in ("real", "synthetic", ANCHOR)
-    }
-    if not all(found.values()):
+    if not {"real", "synthetic"} <= found.keys():
         return None
     real = found["real"]
     first, second = (real[: len(real) // 2], real[len(real) // 2 :])
     if ANCHOR in found:
         first, second = real, found[ANCHOR]
-    again = object_divergences(np.concatenate(first), np.concatenate(second))
-    twin = object_divergences(np.concatenate(real), np.concatenate(found["synthetic"]))
+    again = object_divergences(_joined(first), _joined(second))
+    twin = object_divergences(_joined(real), _joined(found["synthetic"]))
     return {
         "objects_per_frame": {
             name: sum(map(len, rows)) / len(rows) for name, rows in found.items()
@@ -112,22 +110,22 @@ def foreground_objects(sides: dict[str, Side]) -> dict[str, Any] | None:
     }
 
 
+def _joined(frames: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    return np.concatenate([np.zeros((0, 6)), *frames])
+
+
 def _ratio(twin: float | None, real: float | None) -> float | None:
     return None if twin is None or not real else twin / real
 
 
-def _split(side: Side) -> Iterator[tuple[Frame, NDArray[np.bool_]]]:
-    for index in range(side.count):
-        frame = side.read(index)
-        mask = None if frame is None else side.foreground(frame, MODEL)
-        if frame is not None and mask is not None:
-            yield frame, mask
-
-
-def _ground(side: Side) -> RecordedGround:
+def ground_beneath(real: Side) -> RecordedGround | None:
+    """Return the ground of the real frames, of a few of them; None where none can be separated."""
     parts = []
-    for number, (frame, moves) in enumerate(_split(side)):
-        if number == _GROUND_FRAMES:
+    for index in range(real.count):
+        frame = real.read(index)
+        moves = None if frame is None else real.foreground(frame, MODEL)
+        if frame is not None and moves is not None:
+            parts.append(sampled(frame.points[~moves], _GROUND_POINTS))
+        if len(parts) == _GROUND_FRAMES:
             break
-        parts.append(sampled(frame.points[~moves], _GROUND_POINTS))
-    return recorded_ground(np.concatenate(parts))
+    return recorded_ground(np.concatenate(parts)) if parts else None

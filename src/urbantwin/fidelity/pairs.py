@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
+from urbantwin.fidelity.foreground_objects import objects_of
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND, Measured, RealFrame
 from urbantwin.fidelity.missing import without_surface
@@ -18,6 +19,7 @@ from urbantwin.fidelity.report import FrameFigures
 from urbantwin.fidelity.sampling import evenly
 from urbantwin.fidelity.sides import ANCHOR, Side
 from urbantwin.processes import usable_processors, worker_pool
+from urbantwin.reconstruct.recording.recorded_ground import RecordedGround
 
 __all__ = ["MOST_ANCHORS", "MeasuredPair", "Pairs", "measured_pairs"]
 
@@ -36,12 +38,15 @@ class MeasuredPair:
         figures: its figures.
         binned: histograms by side ("real", "synthetic", "arbitrary") and name.
         missing: (K, 4) real points without a surface of the twin (`missing.without_surface`).
+        objects: what moves (K, 6) by side ("real", "synthetic", "anchor"), see
+            `foreground_objects.objects_of`.
     """
 
     index: int
     figures: FrameFigures
     binned: dict[str, dict[str, NDArray[np.float64]]]
     missing: NDArray[np.float64]
+    objects: dict[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +58,13 @@ class Pairs:
             of neighbours, "anchor".
         origin: (3,) the sensor's place in the frame of the points, metres.
         split_by: how foreground is separated from background (`Side.foreground`).
+        ground: what objects stand on, where they are looked for in the foreground.
     """
 
     sides: dict[str, Side]
     origin: NDArray[np.float64]
     split_by: str | None
+    ground: RecordedGround | None = None
 
     def __len__(self) -> int:
         """Return how many there are."""
@@ -97,10 +104,13 @@ class Pairs:
             frames["real"], foreground=actors, intensity_scale=real.scale, origin=self.origin
         )
 
+        objects: dict[str, NDArray[np.float64]] = {}
+
         def against(side: Side, other: Frame | None) -> Measured | None:
             if other is None:
                 return None
             mask = side.foreground(other, self.split_by)
+            self._look_for_objects(objects, side.name, other, mask)
             return frame.measure(other, foreground=mask, intensity_scale=side.scale)
 
         twin = against(self.sides["synthetic"], frames["synthetic"])
@@ -111,6 +121,7 @@ class Pairs:
             else None,
             "real": against(*self._real_again(index)) if index in self.anchors else None,
         }
+        self._look_for_objects(objects, real.name, frames["real"], actors)
         binned = {"real": frame.histograms.binned}
         for side, name in (("synthetic", "twin"), ("arbitrary", "arbitrary")):
             one = measured[name]
@@ -120,7 +131,17 @@ class Pairs:
         missing = without_surface(
             frames["real"].points, twin.missing, self.origin, actors, frames["synthetic"].points
         )
-        return MeasuredPair(index, _figures(frame, frames, measured), binned, missing)
+        return MeasuredPair(index, _figures(frame, frames, measured), binned, missing, objects)
+
+    def _look_for_objects(
+        self,
+        found: dict[str, NDArray[np.float64]],
+        side: str,
+        frame: Frame,
+        actors: NDArray[np.bool_] | None,
+    ) -> None:
+        if self.ground is not None and actors is not None and side != "arbitrary":
+            found[side] = objects_of(frame.points[actors], self.ground)
 
 
 def measured_pairs(pairs: Pairs, workers: int | None) -> Iterator[MeasuredPair | None]:

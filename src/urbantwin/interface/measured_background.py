@@ -83,6 +83,7 @@ def background(  # noqa: PLR0913 - the options of the command
     points_in: str | None = None,
     elevations: AnyPath | None = None,
     intensity_scale: float | None = None,
+    interval: float | None = None,
     traffic: bool = False,
     progress: ShowProgress = True,
 ) -> Background:
@@ -103,6 +104,8 @@ def background(  # noqa: PLR0913 - the options of the command
         points_in: with ``twin``: ``sensor``, ``level`` or ``site``; as the rig says if not given.
         elevations: a file with those of a matrix's rows, degrees or radians.
         intensity_scale: what the data call full scale of intensity; guessed if not given.
+        interval: seconds from one frame to the next; a turn if not given. How long what stirs
+            stays as it is, is told by it.
         traffic: with ``twin``: keep what waited on its lanes in all frames.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -146,6 +149,7 @@ def background(  # noqa: PLR0913 - the options of the command
                 target,
                 intensity_scale=intensity_scale,
                 waits=waits,
+                interval_s=interval,
                 progress=tell,
             )
     return Background(target, told)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["IMAGES", "MeasuredBackground"]
+__all__ = ["IMAGES", "MeasuredBackground", "Stirring"]
 
 #: The images of a background by their names.
 IMAGES = ("range_m", "sigma_m", "share", "intensity")
@@ -16,6 +16,29 @@ IMAGES = ("range_m", "sigma_m", "share", "intensity")
 
 def _no_looks() -> NDArray[np.int32]:
     return np.zeros((0, 0), np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Stirring:
+    """At which ranges B beams met matter that stirs, in Q of the frames that measured it.
+
+    What hangs together moves together: all beams of a patch, of whichever sensor, see what they saw
+    in one of these frames, and another patch what it was in another (a bootstrap by blocks).
+
+    Attributes:
+        beam: (B,) int32, ascending.
+        patch: (B,) int32, the part of the world that it meets there, from 0; the same numbers for
+            all sensors of a recording.
+        range_m: (Q, B) float32, metres; 0: the beam met nothing that stirs.
+        intensity: (Q, B) float32, 0 to 1; nan: not known.
+        lasts_s: how long a patch stays as it is, seconds; 0: a turn of the sensor.
+    """
+
+    beam: NDArray[np.int32]
+    patch: NDArray[np.int32]
+    range_m: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    lasts_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +58,7 @@ class MeasuredBackground:
         turns_per_second: of it; nan: not known.
         name: of the sensor in its rig.
         fused: beams without a measured range see the modelled scene, in place of nothing.
+        stirring: what stirs before it; ``None``: nothing does.
     """
 
     range_m: NDArray[np.float32]
@@ -46,6 +70,7 @@ class MeasuredBackground:
     turns_per_second: float = float("nan")
     name: str = ""
     fused: bool = False
+    stirring: Stirring | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -58,6 +83,10 @@ class MeasuredBackground:
         digest = hashlib.sha256(repr((self.range_m.shape, self.fused)).encode())
         for name in (*IMAGES, "looks"):
             digest.update(np.ascontiguousarray(getattr(self, name)).tobytes())
+        if self.stirring is not None:
+            for part in fields(self.stirring):
+                value = np.ascontiguousarray(getattr(self.stirring, part.name))
+                digest.update(repr(value.shape).encode() + value.tobytes())
         return digest.hexdigest()
 
     @property

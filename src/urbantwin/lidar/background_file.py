@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from urbantwin.artefact import replaced_file
-from urbantwin.artefact.arrays import read_arrays
+from urbantwin.artefact.arrays import ArrayOf, checked_arrays, read_arrays
 from urbantwin.artefact.document import json_value
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.errors import InputError
-from urbantwin.lidar.background import IMAGES, MeasuredBackground
+from urbantwin.lidar.background import IMAGES, MeasuredBackground, Stirring
 from urbantwin.lidar.rig import MountedSensor, Rig
 
 __all__ = [
@@ -30,6 +31,8 @@ __all__ = [
 _EXPECTED = "a background that urbantwin measured"
 _FORMAT = 1
 _MOST = {"range_m": 2000.0, "sigma_m": 100.0, "share": 1.0, "intensity": 1.0}
+#: What stirs before a sensor of so many beams; an intensity of -1 is not known.
+_MOST_PATCHES = 1_000_000
 #: Rates that differ by less are one.
 _SAME_RATE_HZ = 0.01
 
@@ -38,6 +41,7 @@ class _Sensor(Part):
     name: str
     model: str
     turns_per_second: Annotated[float, Field(gt=0, le=10_000)] | None
+    stirring_lasts_s: Annotated[float, Field(ge=0, le=1e6)] | None = None
 
 
 class _About(Part):
@@ -49,8 +53,9 @@ class _About(Part):
 def save_backgrounds(path: Path, measured: Iterable[MeasuredBackground]) -> None:
     """Write them as an ``.npz``; the file appears whole or not at all.
 
-    ``about`` is JSON: the sensors' names, models, channels, columns and turns per second. The
-    images of the n-th are ``n.range_m`` and so on.
+    ``about`` is JSON: the sensors' names, models, channels, columns and turns per second, and how
+    long lasts what stirs. The images of the n-th are ``n.range_m`` and so on; what stirs is
+    ``n.stirring.beam``, ``.patch``, ``.range_m`` and ``.intensity``.
     """
     arrays, about = {}, []
     for number, one in enumerate(measured):
@@ -66,6 +71,12 @@ def save_backgrounds(path: Path, measured: Iterable[MeasuredBackground]) -> None
         )
         for name in (*IMAGES, "looks"):
             arrays[f"{number}.{name}"] = getattr(one, name)
+        if one.stirring is not None:
+            about[-1]["stirring_lasts_s"] = one.stirring.lasts_s
+            for name in _stirring_of(one):
+                arrays[f"{number}.stirring.{name}"] = np.nan_to_num(
+                    getattr(one.stirring, name), nan=-1
+                )
     told = {"kind": "background", "format": _FORMAT, "sensors": about}
     with replaced_file(path) as scratch, scratch.open("wb") as stream:
         np.savez_compressed(stream, about=np.array(json.dumps(told)), **arrays)
@@ -107,8 +118,40 @@ def load_backgrounds(path: Path) -> list[MeasuredBackground]:
                 one.name,
             )
         _check(background, path)
+        if one.stirring_lasts_s is not None:
+            stirring = _stirring(background, arrays, f"{number}.stirring.", path)
+            stirring = replace(stirring, lasts_s=one.stirring_lasts_s)
+            background = replace(background, stirring=stirring)
         found.append(background)
     return found
+
+
+def _stirring_of(one: MeasuredBackground) -> dict[str, ArrayOf]:
+    return {
+        "beam": ArrayOf("i4", ("beams",), most=float(np.prod(one.shape)) - 1, least=0),
+        "patch": ArrayOf("i4", ("beams",), least=0, most=_MOST_PATCHES),
+        "range_m": ArrayOf("f4", ("frames", "beams"), least=0, most=_MOST["range_m"]),
+        "intensity": ArrayOf("f4", ("frames", "beams"), least=-1, most=1),
+    }
+
+
+def _stirring(
+    one: MeasuredBackground, arrays: Mapping[str, NDArray[Any]], within: str, path: Path
+) -> Stirring:
+    form = _stirring_of(one)
+    mine = {name: arrays[within + name] for name in form if within + name in arrays}
+    checked_arrays(mine, form, file=path, expected=_EXPECTED, within=within)
+    beam, patch, range_m, intensity = (
+        np.asarray(mine[name], kind.kind) for name, kind in form.items()
+    )
+    if not len(range_m) or (np.diff(beam) <= 0).any():
+        raise InputError(
+            "are not ascending beams in one frame or more",
+            file=path,
+            place=f"{within}beam",
+            expected=_EXPECTED,
+        )
+    return Stirring(beam, patch, range_m, np.where(intensity < 0, np.nan, intensity))
 
 
 def _check(one: MeasuredBackground, path: Path) -> None:

@@ -73,16 +73,28 @@ class StaticView:
     measured: NDArray[np.bool_] | None = None
     several: SeveralRanges | None = None
 
-    def drawn(self, draws: NDArray[np.uint16]) -> StaticView:
+    def drawn(
+        self, seed: int, turn: int, time_s: float, draws: NDArray[np.uint16]
+    ) -> tuple[StaticView, NDArray[np.int64]]:
         """Return what is seen in one turn, in which chance chooses among surfaces.
 
         Args:
+            seed: of all random numbers.
+            turn: its number.
+            time_s: when it begins.
             draws: (N,) of the beams.
+
+        Returns:
+            That view, and the beams that what stirs surely sends something back to.
         """
-        if self.several is None:
-            return self
-        layers, first = self.several.drawn(draws, self.layers, self.answers.first)
-        return replace(self, layers=layers, answers=self.answers._replace(first=first))
+        if self.several is None or self.measured is None:
+            return self, np.zeros(0, np.int64)
+        which = self.several.drawn(seed, turn, time_s, draws)
+        layers, first, stirred = self.several.seen(which, self.layers, self.answers.first)
+        measured = self.measured.copy()
+        measured[stirred] = True
+        answers = self.answers._replace(first=first)
+        return replace(self, layers=layers, answers=answers, measured=measured), stirred
 
     def as_measured(self, echoes: Echoes) -> None:
         """Give echoes of measured surfaces beside or before actors what was measured of them."""
@@ -131,7 +143,7 @@ class StaticView:
             level = None
             if measured.fused:
                 level = _strongest_levels(static_echoes(layers, share, model, mounted.returns))
-            layers = measured_layers(measured, layers, model, len(share), level)
+            layers = measured_layers(measured, layers, model, len(share), level, several)
         echoes = static_echoes(layers, share, model, mounted.returns)
         first, has = np.maximum(echoes.first, 0), echoes.first >= 0
         answers = _answers(echoes, layers, first, has)

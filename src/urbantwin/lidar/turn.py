@@ -111,8 +111,13 @@ class Turn:
         """Return what random numbers are drawn with: seed, sensor, turn and number of beams."""
         return seed, self.mounted.number, self.sweep.turn % _TURNS, len(self.view.beams.directions)
 
-    def draws(self, seed: int) -> TurnDraws:
-        """Return what chance decides of the beams."""
+    def draws(self, seed: int, sure: NDArray[np.int64]) -> TurnDraws:
+        """Return what chance decides of the beams.
+
+        Args:
+            seed: of all random numbers.
+            sure: beams none of which the sensor loses by chance.
+        """
         key, response, dead = self.key(seed), self.model.response, self.dead
         # What is certain, and exact, needs no draws.
         certain = not response.dropout and response.sigma_m == 0
@@ -120,6 +125,7 @@ class Turn:
         second = draw(*key, Purpose.SECOND_ECHO) if self.mounted.returns == "dual" else first
         if self.mounted.missing > 0:
             lost = draw(*key, Purpose.MISSING).detection < round(self.mounted.missing * LEVELS)
+            lost[sure] = False
             dead = dead | lost if len(dead) else lost
         return TurnDraws(first, second, dead, standard_quantiles())
 
@@ -137,11 +143,12 @@ def observe(
         seed: of all random numbers.
     """
     mounted, model, firing, key = turn.mounted, turn.model, turn.firing, turn.key(seed)
-    draws = turn.draws(seed)
     # What the static world answers along all beams is known; a measured one changes by chance.
-    view = turn.view
+    view, sure = turn.view, np.zeros(0, np.int64)
     if view.several is not None:
-        view = view.drawn(draw(*key, Purpose.MEASURED).detection)
+        number, chance = turn.sweep.turn % _TURNS, draw(*key, Purpose.MEASURED).detection
+        view, sure = view.drawn(seed, number, number / mounted.turns_per_second, chance)
+    draws = turn.draws(seed, sure)
     # Along the beams that touch actors, echoes of both worlds are combined.
     share = view.beams.footprint.share
     echoes, alone = combined(view.layers, actors, met, share, model, mounted.returns)

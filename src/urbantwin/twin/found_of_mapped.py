@@ -15,7 +15,7 @@ from urbantwin.roads.build import NETWORK_CLASSES
 from urbantwin.roads.network import CARRIAGEWAY_KINDS
 from urbantwin.site import Extract
 from urbantwin.site.extract import Way
-from urbantwin.site.extract_coverage import mapped_area
+from urbantwin.site.extract_coverage import mapped_area, small_features
 
 __all__ = ["FoundOfMapped", "found_of_mapped", "share_known"]
 
@@ -30,6 +30,8 @@ SIGNAL_M, JUNCTION_M = 15.0, 30.0
 #: A way is a street of the region from this length on; its lanes lie along so much of it, no
 #: further beside it, metres.
 LONG_M, ALONG, BESIDE_M = 20.0, 0.8, 3.0
+#: A map with fewer small things is drawn by hand; one that knows less of a region hardly knows it.
+MANY, HARDLY = 100, 1 / 3
 _PATHS = ("footway", "path", "cycleway")
 
 
@@ -105,13 +107,18 @@ def found_of_mapped(
 
 
 def share_known(extract: Extract | None, frame: SiteFrame, region: shapely.Polygon) -> float:
-    """Return the share of a region that lies in the bounds that an extract declares.
+    """Return the share of a region that an extract knows.
 
-    1 where it declares none: an area without anything mapped looks like one beyond the extract.
+    It is what lies in the bounds that it declares. A download that declares none knows what lies
+    around the small things in it, if that is less than a third of the region: more says little,
+    since parks and water look like what lies beyond it.
     """
-    if extract is None or extract.bounds is None:
+    if extract is None:
         return 1.0
-    return float(mapped_area(extract, frame).intersection(region).area / region.area)
+    share = float(mapped_area(extract, frame).intersection(region).area / region.area)
+    if extract.bounds is not None:
+        return share
+    return share if share < HARDLY and len(small_features(extract, frame)) >= MANY else 1.0
 
 
 def _is_near(tree: shapely.STRtree, point: shapely.Point, reach_m: float) -> bool:

@@ -41,6 +41,7 @@ class Purpose(IntEnum):
     ADDED = 5
     MISSING = 6
     MEASURED = 7
+    STIRRING = 8
 
 
 class Draws(NamedTuple):

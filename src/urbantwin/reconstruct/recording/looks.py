@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress, each, untold
@@ -15,15 +14,13 @@ from urbantwin.reconstruct.recording.recorded_frames import (
     RecordedFrames,
     RecordingSensor,
 )
-from urbantwin.reconstruct.recording.still_ranges import COLUMNS, StillRanges
+from urbantwin.reconstruct.recording.still_ranges import COLUMNS, StillRanges, moves_as_nearest
 
 __all__ = ["LEAST_FRAMES", "Looks", "moving_points"]
 
 #: Fewer frames tell nothing apart: of what moves, some see what is behind it, and of what stands,
 #: two agree.
 LEAST_FRAMES = 5
-#: A point on no ring moves or stands as the nearest of the others within this, metres.
-_BESIDE_M = 1.0
 
 
 class Looks:
@@ -81,13 +78,7 @@ class Looks:
         found = np.zeros(len(frame.points), bool)
         for still, (rows, cell, range_m) in zip(self.still, self._of(frame), strict=True):
             found[rows] = still.moving(cell, range_m, frame.points[rows])
-        lost, known = np.flatnonzero(frame.sensor < 0), np.flatnonzero(frame.sensor >= 0)
-        if len(lost) and len(known):
-            away, nearest = cKDTree(frame.points[known]).query(
-                frame.points[lost], distance_upper_bound=_BESIDE_M
-            )
-            near = np.isfinite(away)
-            found[lost[near]] = found[known[nearest[near]]]
+        moves_as_nearest(found, frame.points, frame.sensor >= 0)
         return found
 
     def _of(

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MOST_MODES", "RangeModes", "range_modes"]
+__all__ = ["ALTERNATES", "MOST_MODES", "RangeModes", "range_modes"]
 
 #: The edge of a pole before a fence before a house: a direction has so many ranges at most.
 MOST_MODES = 3
@@ -22,7 +22,7 @@ _LEAST_LOOKS, _LEAST_SHARE = 2, 0.05
 #: What stands before something else has this share: in the same lane, cars come by at one range.
 _LEAST_BEFORE = 0.3
 #: What comes and goes at random alternates this often, of what independent looks would.
-_ALTERNATES = 0.7
+ALTERNATES = 0.7
 #: Candidates that are looked at in one direction.
 _TRIES = 6
 _UNSEEN, _NEARER, _BEYOND, _HIT = 0, 1, 2, 3
@@ -131,7 +131,7 @@ def _stands(state: Any) -> Any:  # noqa: ANN401
     if hits < _LEAST_LOOKS or hits < _LEAST_SHARE * total:
         return False, 0.0
     share = hits / total
-    if changes >= _ALTERNATES * 2.0 * hits * missed / total:
+    if changes >= ALTERNATES * 2.0 * hits * missed / total:
         return share >= _LEAST_BEFORE or beyond < lost, share
     return beyond < max(_LEAST_LOOKS, _LEAST_SHARE * total) and share >= 0.5, share
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from urbantwin.reconstruct.compiled.static_points import stand_still
 from urbantwin.reconstruct.recording.range_modes import RangeModes, range_modes
 
-__all__ = ["COLUMNS", "StillRanges"]
+__all__ = ["COLUMNS", "StillRanges", "moves_as_nearest"]
 
 #: A cell of directions is called row times this, and column.
 COLUMNS = 1 << 16
@@ -19,6 +19,8 @@ COLUMNS = 1 << 16
 _NEAR_M, _NEAR_SHARE = 0.2, 0.003
 #: A point that moves has another within this and a share of its range: else it is noise.
 _ALONE_M, _ALONE_SHARE = 0.5, 0.01
+#: What is on no beam does as the nearest point that is, within this, metres; else it stands still.
+_BESIDE_M = 1.0
 
 
 class StillRanges:
@@ -89,3 +91,20 @@ class StillRanges:
             away = cKDTree(points[moves]).query(points[moves], k=2)[0][:, 1]
             still[moves[away > _ALONE_M + _ALONE_SHARE * range_m[moves]]] = True
         return np.asarray(~still)
+
+
+def moves_as_nearest(
+    moves: NDArray[np.bool_], points: NDArray[np.float64], known: NDArray[np.bool_]
+) -> None:
+    """Write which points (N,) on no beam of a sensor move: those beside others that do.
+
+    Args:
+        moves: (N,) of the points on beams; of the others false, to be written.
+        points: (N, 3) metres.
+        known: (N,) which points are on beams.
+    """
+    lost, on = np.flatnonzero(~known), np.flatnonzero(known)
+    if len(lost) and len(on):
+        away, nearest = cKDTree(points[on]).query(points[lost], distance_upper_bound=_BESIDE_M)
+        near = np.isfinite(away)
+        moves[lost[near]] = moves[on[nearest[near]]]

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SeenObject", "extents", "fitted_yaw"]
+__all__ = ["SeenObject", "extents", "fitted_yaw", "highest"]
 
 #: Steps of the heading, radians; points nearer to a side than this count the same, metres.
 STEP, NEAR_M = np.radians(2.0), 0.05
@@ -28,7 +28,8 @@ class SeenObject:
     Attributes:
         frame: number of the frame.
         points: (N, 2) from above, metres.
-        top: metres above the ground.
+        top: metres above the ground; two points in a hundred are higher.
+        highest: metres above the ground, of all but points that may be off.
         bottom: metres above the ground.
         sensor: (2,) the place of the sensor that saw most of it.
         moves: share of its points that move.
@@ -38,6 +39,7 @@ class SeenObject:
     frame: int
     points: NDArray[np.float64]
     top: float
+    highest: float
     bottom: float
     sensor: NDArray[np.float64]
     moves: float
@@ -73,6 +75,11 @@ def extents(
     if len(points) > MOST:
         return np.quantile(turned, 0.005, axis=0), np.quantile(turned, 0.995, axis=0)
     return turned.min(axis=0), turned.max(axis=0)
+
+
+def highest(above: NDArray[np.float64]) -> float:
+    """Return the greatest height (N,) of an object's points, as `extents` its sides."""
+    return float(np.quantile(above, 0.995) if len(above) > MOST else above.max())
 
 
 def fitted_yaw(

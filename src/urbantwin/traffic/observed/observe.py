@@ -17,7 +17,7 @@ from urbantwin.reconstruct.recording import Looks, RecordedFrame, RecordedFrames
 from urbantwin.reconstruct.recording.recorded_ground import RecordedGround, recorded_ground
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.observed.association import tracks_of
-from urbantwin.traffic.observed.box_fit import SeenObject, fitted_yaw
+from urbantwin.traffic.observed.box_fit import SeenObject, fitted_yaw, highest
 from urbantwin.traffic.observed.clusters import clusters
 from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
 from urbantwin.traffic.observed.observed_track import ObservedTrack, observed_track
@@ -124,6 +124,7 @@ def _objects(
                 number,
                 plan,
                 top,
+                highest(above[rows]),
                 float(np.quantile(above[rows], 0.02)),
                 sensors[int(of.argmax())],
                 share,
