@@ -26,6 +26,8 @@ from urbantwin.traffic.paths.track_box import track_size
 
 __all__ = ["KeptRows", "actor_rows"]
 
+#: So many rows become those of a motion at a time.
+_ROWS = 1 << 16
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
 
 
@@ -173,7 +175,8 @@ class KeptRows:
     def _numbered(self, track: NDArray[np.integer], kept: NDArray[np.bool_]) -> Iterator[pa.Table]:
         """Yield the rows that are kept, with their tracks, part by part."""
         begin = 0
-        for rows in self:
+        some = (rows.slice(k, _ROWS) for rows in self for k in range(0, rows.num_rows, _ROWS))
+        for rows in some:
             mine = slice(begin, begin + rows.num_rows)
             begin = mine.stop
             tracks = pa.array(track[mine], pa.int32())

@@ -204,10 +204,9 @@ def _some_actors(simulated: Simulated) -> Iterator[NDArray[np.int64]]:
 
 def _some_steps(kept: KeptColumns, steps: tuple[int, int]) -> Iterator[Columns]:
     """Yield the rows of some steps after the other."""
+    step = kept.opened()["step"]
     for first in range(*steps, _STEPS):
-        columns = kept.opened()  # anew: what was read stays in memory until it is let go
-        rows = np.flatnonzero((columns["step"] >= first) & (columns["step"] < first + _STEPS))
-        yield {name: np.asarray(values[rows]) for name, values in columns.items()}
+        yield kept.rows(np.flatnonzero((step >= first) & (step < first + _STEPS)))
 
 
 def _of_trips(simulated: Simulated, numbers: frozenset[int]) -> Simulated:
