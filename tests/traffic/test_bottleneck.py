@@ -27,14 +27,16 @@ def network(make_net: Callable[..., Path], tmp_path_factory: pytest.TempPathFact
 def test_a_queue_is_followed_to_the_signal_that_it_begins_at(network) -> None:
     # 15 vehicles of the 20 that have room stand on either street all the time.
     told = bottleneck(network, {"ab_0": 15.0, "bc_0": 14.0, "nc_0": 1.0}).because
-    assert told.startswith("the queue on Second begins at a signal that is green for ")
+    assert told.startswith(
+        "the queue on Second from the west begins at a signal that is green for "
+    )
     (program,) = network.programs
     assert told.endswith(f"of {sum(seconds for seconds, _ in program.phases):.0f} s")
 
 
 def test_a_queue_without_another_ahead_begins_where_it_stands(network) -> None:
     told = bottleneck(network, {"ab_0": 15.0, "bc_0": 0.1}).because
-    assert told == "the queue on First begins where it gives way"
+    assert told == "the queue on First from the west begins where it gives way"
 
 
 def test_without_queues_there_is_nothing_to_say(network) -> None:

@@ -1,5 +1,6 @@
 """Counts that see the same actors several times: at junctions, by detectors, on crossings."""
 
+import re
 import subprocess
 from collections import Counter
 from itertools import pairwise
@@ -12,6 +13,7 @@ from urbantwin.errors import InputError
 from urbantwin.exports.sumo import write_sumo
 from urbantwin.roads import sumo_binary
 from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.roads.netconvert import sumo_home
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.demand.counted_report import counted_report
 from urbantwin.traffic.demand.counted_routes import fitted_volumes
@@ -19,7 +21,7 @@ from urbantwin.traffic.demand.counts import counted_demand
 from urbantwin.traffic.demand.counts_table import read_counts
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.site_demand import demand_of
-from urbantwin.traffic.demand.time_of_day import HOURS, counts_from, hour_factor
+from urbantwin.traffic.demand.time_of_day import CARS, TRUCKS, counts_from, hour_factor
 from urbantwin.traffic.sumo.counted_signals import net_for_counts, timing_told
 from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.twin import Twin
@@ -245,10 +247,16 @@ def test_signals_serve_those_who_were_counted(crossing_twin: Twin, tmp_path: Pat
 
 
 def test_a_time_of_day_picks_the_quarter_of_an_hour() -> None:
-    assert sum(HOURS) == pytest.approx(1.0)
+    # SUMO's own tool for sampling routes has the same days, of the same source.
+    tool = (sumo_home() / "tools/routeSampler.py").read_text()
+    for name, day in (("TGw2_PKW", CARS), ("TGw_LKW", TRUCKS)):
+        (told,) = re.findall(rf'"{name}":\s*"([\d.,]+)"', tool)
+        assert [float(one) for one in told.split(",")] == list(day)
+        assert sum(day) == pytest.approx(100.0, abs=0.6)
     assert hour_factor("12:00") == pytest.approx(1.0, abs=0.1)
     assert hour_factor("03:30") < 0.1
     assert hour_factor("17:00") > 1.2
+    assert hour_factor("17:00", "truck") < 0.6
     row = {"road": "a", "begin": "07:00", "per_quarter": [1.0, 2.0, 3.0], "row": "x.csv line 2"}
     (found,) = counts_from([row], "07:20")
     assert found["per_quarter"] == [2.0, 3.0]

@@ -112,6 +112,25 @@ class CountSpec(Strict):
         return self
 
 
+class ArrivalSpec(Strict):
+    """Platoons from a signal upstream, by an approach that was counted.
+
+    Attributes:
+        approach: id of the road.
+        cycle_s: the cycle in which they come, seconds.
+        shares: of who comes, how many would reach the approach's end in each equal part of the
+            cycle if nobody held them up; relative numbers. The first part begins when the warm-up
+            does, as a signal's program without an offset.
+    """
+
+    approach: str
+    cycle_s: Annotated[float, Field(ge=10.0, le=600.0, allow_inf_nan=False)]
+    shares: Annotated[
+        list[Annotated[float, Field(gt=0.0, allow_inf_nan=False)]],
+        Field(min_length=2, max_length=120),
+    ]
+
+
 class DriverSpec(Strict):
     """How the drivers of a class drive, where it is not as usual.
 
@@ -185,6 +204,8 @@ class TrafficSpec(Strict):
         size: by class, how large its actors are against the catalogue's.
         counts: what was counted, way by way. Classes that are counted come as the counts say, pass
             through and leave, and ``per_hour`` says nothing of them.
+        arrivals: by approach, in which part of a cycle upstream who is counted comes; evenly where
+            nothing is said.
         time_of_day: when the motion begins, ``08:00``. Counts that say when they begin are taken
             from then on; guessed volumes, which are those of midday, are scaled by the hour.
         drivers: by class, how its drivers drive.
@@ -209,6 +230,7 @@ class TrafficSpec(Strict):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
     counts: list[CountSpec] = Field(default_factory=list)
+    arrivals: list[ArrivalSpec] = Field(default_factory=list)
     time_of_day: TimeOfDay | None = None
     drivers: dict[ActorClass, DriverSpec] = Field(default_factory=dict)
     parked: ParkedSpec = Field(default_factory=ParkedSpec)

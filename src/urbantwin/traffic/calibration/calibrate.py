@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
+from urbantwin.traffic.calibration.arrivals import arrivals_of, platoons_of
 from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers
 from urbantwin.traffic.calibration.gap_acceptance import conflicts_of, decisions_of
 from urbantwin.traffic.calibration.measured import Measured, joined, measured
@@ -31,8 +32,10 @@ from urbantwin.traffic.calibration.passages import (
 from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
 from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
 from urbantwin.traffic.calibration.site_document import built, document_of, write_calibrated
+from urbantwin.traffic.calibration.uncounted import UncountedFlows
 from urbantwin.traffic.recorded.read import files_of, read_recording
-from urbantwin.traffic.recorded.track import Recording
+from urbantwin.traffic.recorded.rejoined import rejoined
+from urbantwin.traffic.recorded.track import RecordedTrack
 from urbantwin.traffic.recorded.track_smoothing import smooth_track
 from urbantwin.twin import Twin
 
@@ -42,7 +45,7 @@ _STEP_S = 0.1
 #: Spans of a simulation that are compared with all of it, at most.
 _MOST_SPANS = 40
 #: Simulations that drivers are fitted in last so long,
-#: and up to three times as long, where what is fitted to is.
+#: and up to twice as long, where what is fitted to is.
 _TRIAL_S = 600.0
 
 
@@ -89,7 +92,8 @@ def calibrate_traffic(
     ):
         progress(0.0, "reading tracks")
         recording = read_recording(tracks, loaded.frame)
-        seen = _smoothed(recording)
+        whole, mended = rejoined(recording.tracks)
+        seen = _smoothed(whole)
         end_s = recording.duration_s
         fit_s = end_s * fit_share
         document = document_of(site)
@@ -113,29 +117,29 @@ def calibrate_traffic(
                 file=recording.file,
                 expected="motor vehicles that are seen on an approach and an exit, or between them",
             )
-        sizes: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
-        for one in seen:
-            if one.time_s[0] < fit_s:
-                sizes[one.track.actor_class].append(one.track.size)
-        traffic, missing = traffic_of(
-            part, passages, {name: np.array(found) for name, found in sizes.items()}, 0.0
-        )
+        traffic, missing = traffic_of(part, passages, _sizes(seen, fit_s), 0.0)
+        own_cycle_s = 0.0 if timing is None else timing.cycle_s
+        traffic["arrivals"] = _platoons(part, passages, twin, own_cycle_s)
         asked = {**twin.site["traffic"], **traffic, "seed": seed}
         asked["per_hour"] = {name: traffic["per_hour"].get(name, 0.0) for name in ACTOR_CLASSES}
         told: list[dict[str, Any]] = []
         if seconds > 0:
             tell = between(progress, 0.4, 0.7)
-            drivers, told, untold = _fitted(twin, asked, part, seen, scratch, tell)
+            uncounted = UncountedFlows(part)
+            drivers, told, untold = _fitted(twin, asked, part, uncounted, seen, scratch, tell)
             traffic["drivers"] = asked["drivers"] = _of_all(drivers, part)
-            missing += untold
+            traffic["per_hour"] |= uncounted.per_hour
+            missing += untold + uncounted.untold()
         report: dict[str, Any] = {
             "kind": "calibration",
             "urbantwin": __version__,
             "tracks": [{"name": x.name, "sha256": sha256_of(x)} for x in files_of(tracks)],
             "recorded_s": round(end_s, 3),
+            "tracks_rejoined": mended,
             "fitted_s": [0.0, round(fit_s, 3)],
             "measured": _told(part),
             "signals": _signals_told(timing),
+            "platoons": traffic["arrivals"],
             "not_told": missing,
             "drivers": told,
         }
@@ -149,16 +153,34 @@ def calibrate_traffic(
                 seconds,
                 scratch,
                 between(progress, 0.7, 1.0),
-                0.0 if timing is None else timing.cycle_s,
+                own_cycle_s,
             )
         write_calibrated(folder, document, traffic, report, files=(site.parent, out))
     progress(1.0, "done")
     return report
 
 
-def _smoothed(recording: Recording) -> list[SeenTrack]:
+def _platoons(
+    part: Measured, passages: Sequence[Passage], twin: Twin, cycle_s: float
+) -> list[dict[str, Any]]:
+    """Return in which platoons who came in the part that is fitted to."""
+    factor = float(np.median(part.cruising)) if part.cruising else 1.0
+    came = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
+    return platoons_of(came, part.seconds, cycle_s)
+
+
+def _sizes(seen: Sequence[SeenTrack], until_s: float) -> dict[str, np.ndarray[Any, Any]]:
+    """Return class -> (N, 3) sizes of those who came until then, metres."""
+    sizes: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
+    for one in seen:
+        if one.time_s[0] < until_s:
+            sizes[one.track.actor_class].append(one.track.size)
+    return {name: np.array(found) for name, found in sizes.items()}
+
+
+def _smoothed(tracks: Sequence[RecordedTrack]) -> list[SeenTrack]:
     found = []
-    for track in recording.tracks:
+    for track in tracks:
         one = smooth_track(track, _STEP_S)
         if one is not None:
             found.append(SeenTrack(track, one.time_s, one.xy, one.yaw, one.speed))
@@ -191,13 +213,17 @@ def _fitted(
     twin: Twin,
     asked: dict[str, Any],
     part: Measured,
+    uncounted: UncountedFlows,
     seen: list[SeenTrack],
     scratch: Path,
     progress: Progress,
 ) -> tuple[dict[str, float], list[dict[str, Any]], list[str]]:
-    """Return drivers for whom simulations show what the recording does (``fitted_drivers``)."""
+    """Return drivers for whom simulations show what the recording does (``fitted_drivers``).
+
+    What the simulations tell of flows is learned meanwhile, and is in ``asked`` in the end.
+    """
     area = seen_area(seen)
-    trial_s = float(np.clip(part.seconds, _TRIAL_S, 3 * _TRIAL_S))
+    trial_s = float(np.clip(part.seconds, _TRIAL_S, 2 * _TRIAL_S))
 
     def simulated(drivers: Mapping[str, float], turn: int) -> Measured:
         tell = between(progress, turn / ROUNDS, (turn + 1) / ROUNDS)
@@ -209,9 +235,15 @@ def _fitted(
             scratch=scratch,
             told=partial(_tell_trial, tell, f"simulating what is compared, {turn + 1}"),
         )
-        return _measured(twin, tracks, *_passed(twin, tracks))(0.0, trial_s)
+        found = _measured(twin, tracks, *_passed(twin, tracks))(0.0, trial_s)
+        uncounted.learn(asked["per_hour"], found)
+        asked["per_hour"] = {**asked["per_hour"], **uncounted.per_hour}
+        return found
 
-    return fitted_drivers(part, simulated)
+    found = fitted_drivers(part, simulated)
+    if not found[1] and uncounted.per_hour:  # no drivers to simulate for
+        simulated({}, 0)
+    return found
 
 
 def _of_all(drivers: Mapping[str, float], part: Measured) -> dict[str, dict[str, float]]:

@@ -27,6 +27,8 @@ _FEWEST = 5
 #: Where there is another figure for the same, of fewer than this.
 _MANY = 10
 _DRAWN_AGAIN = 200
+#: A figure that differs by no more is the same.
+_SAME = 0.02
 #: At a stop line, who comes so soon after another follows, seconds.
 _FOLLOWS_S = 4.0
 #: A parameter moves by so much of the difference, less from round to round.
@@ -163,6 +165,7 @@ def fitted_drivers(
         if one.field not in first
     ]
     wanted = {one.field: one.figure(one.sample(recorded)) for one in known}
+    error = {one.field: _error(one, recorded) for one in known}
     drivers = {one.field: one.usual for one in known}
     best: tuple[float, dict[str, float], dict[str, float]] = (np.inf, dict(drivers), {})
     for turn in range(rounds if known else 0):
@@ -176,6 +179,11 @@ def fitted_drivers(
         off += len(known) - len(shown)
         if off < best[0]:
             best = off, dict(drivers), shown
+        if all(
+            name in shown and abs(shown[name] - told) <= max(error[name], _SAME * told)
+            for name, told in wanted.items()
+        ):
+            break  # nearer than the recording itself tells
         step = _STEPS[min(turn, len(_STEPS) - 1)]
         for one in known:
             if one.field not in shown:
@@ -194,7 +202,7 @@ def fitted_drivers(
             "value": drivers[one.field],
             "of": one.what,
             "recorded": round(wanted[one.field], 3),
-            "standard_error": round(_error(one, recorded), 3),
+            "standard_error": round(error[one.field], 3),
             "simulated": round(shown[one.field], 3) if one.field in shown else None,
             "count": len(one.sample(recorded)),
         }

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from urbantwin.traffic.assets import asset, asset_names
 from urbantwin.traffic.calibration.measured import Measured
@@ -15,6 +16,8 @@ __all__ = ["traffic_of"]
 
 _QUARTER_S = 900.0
 _FEWEST = 5
+#: Volumes that differ so by chance in fewer cases are not the same.
+_CHANCE = 0.01
 _SIZE = (0.5, 2.0)
 _SAME_M = 0.01
 
@@ -56,29 +59,54 @@ def _counts(
 ) -> list[dict[str, Any]]:
     """Return rows of counts: way by way and class by class, by quarter of an hour."""
     end_s = begin_s + part.seconds
+    by_quarter = _differ(passages, begin_s, part.seconds)
     rows = []
     for approach, leaving in sorted(part.turns):
         mine = [one for one in passages if (one.approach, one.leaving) == (approach, leaving)]
         for name in MOTORS:
-            at = np.array(
-                [
-                    float(np.nan_to_num(one.passed_s, nan=one.seen.time_s[0]))
-                    for one in mine
-                    if one.seen.track.actor_class == name
-                ]
-            )
+            at = _times([one for one in mine if one.seen.track.actor_class == name])
             at = at[(at >= begin_s) & (at < end_s)]
             if not len(at):
                 continue
             row: dict[str, Any] = {"approach": approach, "turn": leaving, "actor_class": name}
-            if part.seconds >= 2 * _QUARTER_S:
-                quarters = int(part.seconds // _QUARTER_S)
-                edges = begin_s + _QUARTER_S * np.arange(quarters + 1)
+            if by_quarter:
+                edges = _edges(begin_s, part.seconds)
                 row["per_quarter"] = [float(count) for count in np.histogram(at, edges)[0]]
             else:
                 row["per_hour"] = round(len(at) / hours, 1)
             rows.append(row)
     return rows
+
+
+def _times(passages: Sequence[Passage]) -> np.ndarray[Any, Any]:
+    """Return when each passed the stop line, or was seen first, seconds."""
+    return np.array([np.nan_to_num(one.passed_s, nan=one.seen.time_s[0]) for one in passages])
+
+
+def _edges(begin_s: float, seconds: float) -> np.ndarray[Any, Any]:
+    """Return when the whole quarters of an hour begin and end, seconds."""
+    return begin_s + _QUARTER_S * np.arange(int(seconds // _QUARTER_S) + 1)
+
+
+def _differ(passages: Sequence[Passage], begin_s: float, seconds: float) -> bool:
+    """Return whether volumes of quarters of an hour differ by more than chance.
+
+    Else one volume for all the time is known better: Pearson's test, approach by approach.
+    """
+    edges = _edges(begin_s, seconds)
+    if len(edges) < 3:
+        return False
+    approaches = sorted({one.approach for one in passages})
+    table = np.array(
+        [
+            np.histogram(_times([one for one in passages if one.approach == name]), edges)[0]
+            for name in approaches
+        ]
+    )
+    table = table[table.mean(axis=1) >= _FEWEST]
+    mean = table.mean(axis=1, keepdims=True)
+    off = float(((table - mean) ** 2 / mean).sum())
+    return bool(len(table)) and float(chi2.sf(off, table.size - len(table))) < _CHANCE
 
 
 def _size(name: str, every: np.ndarray[Any, Any]) -> dict[str, float] | str:
@@ -100,7 +128,8 @@ def _size(name: str, every: np.ndarray[Any, Any]) -> dict[str, float] | str:
         return f"sizes of {name}: all {len(every)} are {told} m, a template and no measurement"
     if len(every) < _FEWEST:
         return f"sizes of {name}: {len(every)} tracks are too few"
-    factors = np.nanmedian(every, axis=0) / usual
+    factors = np.full(3, np.nan)
+    factors[known] = np.nanmedian(every[:, known], axis=0) / usual[known]
     return {
         side: round(float(np.clip(factor, *_SIZE)), 3)
         for side, factor, told in zip(("length", "width", "height"), factors, known, strict=True)

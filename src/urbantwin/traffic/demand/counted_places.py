@@ -13,6 +13,7 @@ from urbantwin.roads import Lane, Road, RoadNetwork
 
 __all__ = [
     "Way",
+    "arm_of",
     "crossing_of",
     "main_junction",
     "ridden_along",
@@ -88,7 +89,7 @@ def _one(
     name: str, among: list[Road], roads: RoadNetwork, *, at_end: bool, place: str, what: str
 ) -> Road:
     """Return the road of a junction that a name or an arm means."""
-    arms = {road.id: _arm(roads, road, at_end=at_end) for road in among}
+    arms = {road.id: arm_of(roads, road, at_end=at_end) for road in among}
     found = [road for road in among if name in (arms[road.id], road.name)]
     if len(found) == 1:
         return found[0]
@@ -130,7 +131,7 @@ def _direction(roads: RoadNetwork, road: Road, *, at_end: bool) -> float:
     return float(np.arctan2(step[1], step[0]))
 
 
-def _arm(roads: RoadNetwork, road: Road, *, at_end: bool) -> str:
+def arm_of(roads: RoadNetwork, road: Road, *, at_end: bool) -> str:
     """Return on which side of the junction a road lies."""
     bearing = _direction(roads, road, at_end=at_end) + (np.pi if at_end else 0.0)
     return _ARMS[round(float(np.degrees(bearing)) % 360 / 45) % 8]
@@ -183,15 +184,15 @@ def crossing_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Lane:
         and "car" in roads.lane_by_id[road.lanes[-1]].allowed
     ]
     here = [lane for lane in crossings if lane.junction == junction] if arms else []
-    arm_of: dict[str, str] = {}
+    arm: dict[str, str] = {}
     for lane in here:
         middle = lane.centre[:, :2].mean(axis=0)
         _, road, at_end = min(arms, key=lambda arm: float(np.linalg.norm(arm[0] - middle)))
-        arm_of[lane.id] = _arm(roads, road, at_end=at_end)
-    found = [lane for lane in here if arm_of[lane.id] == name]
+        arm[lane.id] = arm_of(roads, road, at_end=at_end)
+    found = [lane for lane in here if arm[lane.id] == name]
     if found:
         return max(found, key=lambda lane: lane.length)
-    told = ", ".join(f"{lane.id} ({arm_of[lane.id]})" for lane in here)
+    told = ", ".join(f"{lane.id} ({arm[lane.id]})" for lane in here)
     raise InputError(
         f"the crossing {name[:60]!r} is not there",
         place=place,

@@ -15,6 +15,7 @@ from urbantwin.traffic.demand.demand import Bound, Demand, plan_demand, together
 from urbantwin.traffic.demand.guessed_volumes import bounded_by_signals
 from urbantwin.traffic.demand.manners import manners_of
 from urbantwin.traffic.demand.passengers import with_passengers
+from urbantwin.traffic.demand.platoons import in_platoons
 from urbantwin.traffic.demand.time_of_day import at_time_of_day
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.flow.bottleneck import bottleneck
@@ -143,6 +144,7 @@ def _counted(
         seed=seed,
         body=body,
     )
+    counted = in_platoons(counted, asked.get("arrivals", ()), network, asked.get("drivers", {}))
     others = plan_demand(
         network,
         {name: rate for name, rate in per_hour.items() if not is_counted(name, counts)},

@@ -8,16 +8,21 @@ from typing import Any
 from urbantwin.errors import InputError
 from urbantwin.traffic.demand.counted_volumes import QUARTER_S
 
-__all__ = ["at_time_of_day", "counts_from", "hour_factor"]
+__all__ = ["CARS", "TRUCKS", "at_time_of_day", "counts_from", "hour_factor"]
 
-#: Share of a weekday's traffic in each hour on urban streets (US EPA, Population and Activity of
-#: On-road Vehicles in MOVES2014, EPA-420-R-16-003a, 2016: default hourVMTFraction).
-_NIGHT = (0.00986, 0.00627, 0.00506, 0.00467, 0.00699, 0.01849, 0.04596, 0.06964)
-_DAY = (0.06083, 0.05029, 0.04994, 0.05437, 0.05765, 0.05803, 0.06226, 0.07100)
-_EVENING = (0.07697, 0.07743, 0.05978, 0.04439, 0.03545, 0.03182, 0.02494, 0.01791)
-HOURS = (*_NIGHT, *_DAY, *_EVENING)
+#: Percentages of the traffic of a Tuesday to Thursday in each hour, streets at the border of inner
+#: cities: G. Schmidt, B. Thomas, Hochrechnungsfaktoren für manuelle und automatische
+#: Kurzzeitzählungen im Innerortsbereich (BMV, Forschung Straßenbau und Straßenverkehrstechnik 732,
+#: 1996), cars p. 95, trucks p. 98; as SUMO's documentation quotes them (Importing O/D Matrices,
+#: TGw2_PKW and TGw_LKW). Who has no curve of its own comes as cars do.
+_CARS_NIGHT, _CARS_DAY = (0.8, 0.5, 0.4, 0.3, 0.4, 1.2), (4.5, 7.4, 6.6, 5.2, 5.0, 5.0)
+_CARS_NOON, _CARS_EVENING = (5.2, 5.3, 5.6, 6.7, 8.4, 8.6), (7.4, 5.0, 3.9, 3.0, 2.1, 1.6)
+CARS: tuple[float, ...] = (*_CARS_NIGHT, *_CARS_DAY, *_CARS_NOON, *_CARS_EVENING)
+_TRUCKS_NIGHT, _TRUCKS_DAY = (0.3, 0.4, 0.4, 0.6, 0.8, 2.0), (4.8, 7.5, 9.0, 8.7, 9.0, 9.0)
+_TRUCKS_NOON, _TRUCKS_EVENING = (7.5, 8.4, 7.8, 6.9, 5.4, 4.0), (2.7, 1.8, 1.2, 0.9, 0.6, 0.3)
+TRUCKS: tuple[float, ...] = (*_TRUCKS_NIGHT, *_TRUCKS_DAY, *_TRUCKS_NOON, *_TRUCKS_EVENING)
 #: Guesses are those of these hours.
-MIDDAY = HOURS[10:15]
+_MIDDAY = slice(10, 15)
 
 
 def at_time_of_day(asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -33,14 +38,17 @@ def at_time_of_day(asked: Mapping[str, Any]) -> dict[str, Any]:
     found["time_of_day"] = None
     found["counts"] = counts_from(asked.get("counts", ()), time)
     if asked.get("guessed"):
-        factor = hour_factor(time)
-        found["per_hour"] = {name: n * factor for name, n in asked["per_hour"].items()}
+        found["per_hour"] = {
+            name: n * hour_factor(time, name) for name, n in asked["per_hour"].items()
+        }
     return found
 
 
-def hour_factor(time: str) -> float:
-    """Return how much traffic there is at a time (``08:00``) against midday."""
-    return HOURS[int(time[:2])] * len(MIDDAY) / sum(MIDDAY)
+def hour_factor(time: str, actor_class: str = "car") -> float:
+    """Return how many of a class there are at a time (``08:00``) against midday."""
+    day = TRUCKS if actor_class == "truck" else CARS
+    midday = day[_MIDDAY]
+    return day[int(time[:2])] * len(midday) / sum(midday)
 
 
 def counts_from(counts: Sequence[Mapping[str, Any]], time: str) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.network import Lane
+from urbantwin.traffic.demand.counted_places import arm_of
 
 __all__ = ["Bottleneck", "bottleneck"]
 
@@ -56,7 +57,7 @@ def bottleneck(
             locked = f"queues on {_street(network, name)} lock each other up"
             return Bottleneck(known[name].road, locked)
         passed.add(known[name].road)
-    begins = f"the queue on {_street(network, name)} begins {_cause(network, name)}"
+    begins = f"the queue on {_approach(network, name)} begins {_cause(network, name)}"
     return Bottleneck(known[name].road, begins)
 
 
@@ -80,6 +81,12 @@ def _street(network: RoadNetwork, name: str) -> str:
     if road.name:
         return road.name
     return f"way {road.ways[0]}" if road.ways else "a road beyond the region"
+
+
+def _approach(network: RoadNetwork, name: str) -> str:
+    """Return a street and from where one comes: both of its directions are called the same."""
+    road = next(road for road in network.roads if road.id == network.lane_by_id[name].road)
+    return f"{_street(network, name)} from the {arm_of(network, road, at_end=True)}"
 
 
 def _cause(network: RoadNetwork, name: str) -> str:

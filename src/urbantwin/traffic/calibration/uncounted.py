@@ -1,0 +1,59 @@
+"""Flows of who is counted nowhere: people, bicycles; so many set out that as many are seen.
+
+A demand says how many come into the whole region; a recording tells how many come into view. How
+many of those who set out are seen, simulations tell.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+
+from urbantwin.traffic.calibration.measured import Measured
+from urbantwin.traffic.calibration.passages import MOTORS
+
+__all__ = ["UncountedFlows"]
+
+#: No more set out for one that is seen than this: the others have other ways.
+_MOST_FOR_ONE = 20.0
+
+
+class UncountedFlows:
+    """Flows per hour of classes that no row of counts is for, from simulation to simulation.
+
+    Args:
+        recorded: who came into view.
+    """
+
+    def __init__(self, recorded: Measured) -> None:
+        hours = recorded.seconds / 3600
+        self._wanted = {
+            name: count / hours
+            for name, count in recorded.new.items()
+            if name not in MOTORS and count
+        }
+        self._planned: dict[str, float] = defaultdict(float)
+        self._seen: dict[str, int] = defaultdict(int)
+        self.per_hour = dict(self._wanted)
+
+    def learn(self, asked: Mapping[str, float], simulated: Measured) -> None:
+        """Correct the flows by a simulation of some.
+
+        What is seen is in proportion to what sets out, so that all simulations count together.
+        """
+        hours = simulated.seconds / 3600
+        for name, wanted in self._wanted.items():
+            self._planned[name] += asked.get(name, 0.0) * hours
+            self._seen[name] += simulated.new.get(name, 0)
+            if self._seen[name]:
+                share = self._seen[name] / max(self._planned[name], 1e-9)
+                self.per_hour[name] = round(wanted / max(share, 1 / _MOST_FOR_ONE), 1)
+
+    def untold(self) -> list[str]:
+        """Return which classes are seen and have no ways on the map."""
+        return [
+            f"{name}: {self._wanted[name]:.0f} an hour are recorded, and none of "
+            f"{planned:.0f} simulated is seen there: the map has no ways for them"
+            for name, planned in self._planned.items()
+            if planned >= 1 and not self._seen[name]
+        ]

@@ -1,0 +1,100 @@
+"""Arrivals in platoons: who was held by a signal upstream comes when that was green.
+
+Told for an approach as shares of a cycle in which vehicles would be at its end if nobody held them
+up. Nobody comes more or less often for it: within each cycle, times are moved so that their density
+is that of the shares, and their order stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.site.yaml_document import nearest
+from urbantwin.traffic.demand.demand import Demand, Trip
+
+__all__ = ["in_platoons", "moved_into"]
+
+_ON_FOOT = ("pedestrian", "animal", "bicycle")
+
+
+def moved_into(
+    times_s: NDArray[np.float64], cycle_s: float, shares: Sequence[float]
+) -> NDArray[np.float64]:
+    """Return even times (N,) as unevenly within their cycles as shares of it say, seconds."""
+    whole, part = np.divmod(times_s, cycle_s)
+    reached = np.concatenate([[0.0], np.cumsum(np.asarray(shares, np.float64))])
+    at = np.linspace(0.0, cycle_s, len(reached))
+    return np.asarray(whole * cycle_s + np.interp(part / cycle_s, reached / reached[-1], at))
+
+
+def in_platoons(
+    demand: Demand,
+    arrivals: Sequence[Mapping[str, Any]],
+    network: StreetNetwork,
+    drivers: Mapping[str, Mapping[str, Any]],
+) -> Demand:
+    """Return a demand whose motor traffic sets out so that it arrives in platoons.
+
+    Args:
+        demand: of counts; nobody circulates or walks in company.
+        arrivals: ``traffic.arrivals`` of the site.
+        network: its streets.
+        drivers: ``traffic.drivers``: how fast who drives.
+
+    Raises:
+        InputError: there is no such approach.
+    """
+    if not arrivals:
+        return demand
+    of_approach = {one["approach"]: one for one in arrivals}
+    seconds = {
+        str(edge.getID()): float(edge.getLength()) / max(float(edge.getSpeed()), 1.0)
+        for edge in network.streets
+    }
+    for number, one in enumerate(arrivals):
+        if one["approach"] not in seconds:
+            raise InputError(
+                f"there is no road {one['approach']!r:.60}",
+                place=f"traffic.arrivals[{number}].approach",
+                expected=f"a road's id: {nearest(one['approach'], list(seconds))}",
+            )
+    trips = [_moved(trip, of_approach, seconds, drivers) for trip in demand.trips]
+    order = sorted(range(len(trips)), key=lambda k: (trips[k].depart_s, k))
+    place = {k: number for number, k in enumerate(order)}
+    return replace(
+        demand,
+        trips=tuple(trips[k] for k in order),
+        counted=tuple(
+            replace(row, trips=tuple(sorted(place[k] for k in row.trips))) for row in demand.counted
+        ),
+    )
+
+
+def _moved(
+    trip: Trip,
+    of_approach: Mapping[str, Mapping[str, Any]],
+    seconds: Mapping[str, float],
+    drivers: Mapping[str, Mapping[str, Any]],
+) -> Trip:
+    """Return a trip that sets out when it has to."""
+    if trip.actor_class in _ON_FOOT:
+        return trip
+    met = next((k for k, edge in enumerate(trip.edges) if edge in of_approach), None)
+    if met is None:
+        return trip
+    factor = float(drivers.get(trip.actor_class, {}).get("speed_factor") or 1.0)
+    takes_s = sum(seconds.get(edge, 0.0) for edge in trip.edges[: met + 1]) / factor
+    one = of_approach[trip.edges[met]]
+    # Even times stay even when they are moved by the time that the way takes.
+    at = moved_into(np.array([trip.depart_s]), float(one["cycle_s"]), one["shares"])[0]
+    depart = at - takes_s
+    while depart < 0:
+        depart += float(one["cycle_s"])
+    return replace(trip, depart_s=round(float(depart), 2))

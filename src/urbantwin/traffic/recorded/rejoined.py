@@ -1,0 +1,133 @@
+"""Tracks that a tracker broke in two, joined again.
+
+Who is lost for a moment behind another comes back under a new name. An end and a beginning belong
+together where the way between them is that of the mean of both velocities (right for whoever
+speeds up, brakes or turns steadily), and these differ no more than anybody could change them
+meanwhile. Pairs are made so that the errors are least in all (the assignment problem).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from urbantwin.traffic.recorded.track import RecordedTrack
+from urbantwin.traffic.recorded.track_smoothing import LONGEST_FILLED_S
+
+__all__ = ["rejoined"]
+
+#: Velocities at an end are those of so long, seconds, and of so many moments at least.
+_OF_S, _OF = 0.8, 4
+#: The way is right to within this, and this much more for each second squared, metres.
+_OFF_M, _OFF_MS2 = 0.8, 0.5
+#: Velocities are told to within this, m/s, and change by no more than this, m/s2.
+_OFF_MS, _CHANGES_MS2 = 1.0, 5.0
+#: Who is thought to be much longer or shorter is somebody else.
+_SAME_SIZE = 1.35
+
+
+@dataclass(frozen=True)
+class _End:
+    """Where a track ends, or begins, and how fast it goes there."""
+
+    number: int
+    time_s: float
+    xy: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+
+
+def rejoined(tracks: Sequence[RecordedTrack]) -> tuple[tuple[RecordedTrack, ...], int]:
+    """Return tracks with those of one actor joined, and how many breaks were mended.
+
+    Nothing is filled: what is missing in between is a gap, no longer than such as are filled.
+    """
+    by_class: dict[str, list[int]] = defaultdict(list)
+    for number, one in enumerate(tracks):
+        if len(one.time_s) >= _OF:
+            by_class[one.actor_class].append(number)
+    after: dict[int, int] = {}
+    for numbers in by_class.values():
+        ends = [_end(k, tracks[k], slice(None, None, -1)) for k in numbers]
+        starts = [_end(k, tracks[k], slice(None)) for k in numbers]
+        starts.sort(key=lambda one: one.time_s)
+        after |= _pairs(ends, starts, tracks)
+    followers = set(after.values())
+    found = []
+    for number, one in enumerate(tracks):
+        if number in followers:
+            continue
+        chain = [number]
+        while chain[-1] in after:
+            chain.append(after[chain[-1]])
+        found.append(one if len(chain) == 1 else _joined([tracks[k] for k in chain]))
+    return tuple(found), len(after)
+
+
+def _end(number: int, track: RecordedTrack, order: slice) -> _End:
+    """Return the first moments in an order: of the beginning, or, from behind, of the end."""
+    times, xy = track.time_s[order], track.xy[order]
+    count = max(int((np.abs(times - times[0]) <= _OF_S).sum()), _OF)
+    fitted = np.polynomial.polynomial.polyfit(np.abs(times[:count] - times[0]), xy[:count], 1)
+    return _End(number, float(times[0]), fitted[0], fitted[1])
+
+
+def _pairs(
+    ends: Sequence[_End], starts: Sequence[_End], tracks: Sequence[RecordedTrack]
+) -> dict[int, int]:
+    """Return which track goes on as which."""
+    begins = np.array([one.time_s for one in starts])
+    rows: list[tuple[int, int, float]] = []
+    for k, end in enumerate(ends):
+        first, last = np.searchsorted(begins, [end.time_s + 1e-6, end.time_s + LONGEST_FILLED_S])
+        for j in range(int(first), int(last)):
+            off = _off(end, starts[j], tracks)
+            if off is not None:
+                rows.append((k, j, off))
+    if not rows:
+        return {}
+    # Only those that may be paired with anybody: the matrix stays small.
+    left, right = (sorted({row[side] for row in rows}) for side in (0, 1))
+    price = np.full((len(left), len(right)), 10.0)
+    for k, j, off in rows:
+        price[left.index(k), right.index(j)] = off
+    return {
+        ends[left[a]].number: starts[right[b]].number
+        for a, b in zip(*linear_sum_assignment(price), strict=True)
+        if price[a, b] <= 1.0
+    }
+
+
+def _off(end: _End, start: _End, tracks: Sequence[RecordedTrack]) -> float | None:
+    """Return how far an end and a beginning miss each other, 1 at the most; else nothing."""
+    passed = start.time_s - end.time_s
+    before = -end.velocity  # its time runs backwards
+    missed = float(np.linalg.norm((before + start.velocity) / 2 * passed - (start.xy - end.xy)))
+    changed = float(np.linalg.norm(start.velocity - before))
+    share = max(
+        missed / (_OFF_M + _OFF_MS2 * passed**2), changed / (_OFF_MS + _CHANGES_MS2 * passed)
+    )
+    one, other = (tracks[x.number].size[0] for x in (end, start))
+    if share > 1.0 or (one > 0 and other > 0 and not 1 / _SAME_SIZE < one / other < _SAME_SIZE):
+        return None
+    return share
+
+
+def _joined(parts: Sequence[RecordedTrack]) -> RecordedTrack:
+    sizes = np.array([one.size for one in parts])
+    known = np.isfinite(sizes).any(axis=0)
+    size = np.full(3, np.nan)
+    size[known] = np.nanmedian(sizes[:, known], axis=0)
+    return RecordedTrack(
+        parts[0].name,
+        parts[0].actor_class,
+        np.concatenate([one.time_s for one in parts]),
+        np.concatenate([one.xy for one in parts]),
+        np.concatenate([one.yaw for one in parts]),
+        np.concatenate([one.z for one in parts]),
+        size,
+    )
