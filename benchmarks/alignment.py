@@ -235,6 +235,9 @@ def main() -> None:
     parser.add_argument("twins", type=Path, nargs="+", help="folders of twins")
     parser.add_argument("--places", type=int, default=2, help="of each sensor on each site")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--within", type=float, choices=[near for near, _ in SPANS], help="guesses so far off alone"
+    )
     parser.add_argument("--json", type=Path, help="a file for every case, a line each")
     given = parser.parse_args()
     rows = []
@@ -250,6 +253,8 @@ def main() -> None:
                     paint = generator.random() < 0.5
                     surface = twin.surface_materials if paint else SurfaceMaterials()
                     for within in SPANS:
+                        if given.within not in {None, within[0]}:
+                            continue
                         case = Case(site, sensor[0], kind, place, *within)
                         rows.append(tried(case, frame, true, map_, surface, generator))
                         print(json.dumps(rows[-1]), file=sys.stderr, flush=True)

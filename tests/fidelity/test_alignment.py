@@ -22,6 +22,7 @@ from urbantwin.fidelity.alignment import (
 from urbantwin.fidelity.alignment.curbs import curbs_of
 from urbantwin.fidelity.alignment.lane_markings import bright_spots_of, mark_lines
 from urbantwin.fidelity.alignment.pose_average import averaged
+from urbantwin.fidelity.alignment.pose_deviation import sandwich
 from urbantwin.fidelity.alignment.road_edges import road_edges
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import LabelledMesh, MaterialLayer, Pose, SurfaceMaterials
@@ -136,6 +137,19 @@ def test_standing_proud_of_what_is_there_moves_no_sensor(points):
 def test_a_bare_plane_holds_no_place():
     with pytest.raises(InputError):
         align(Frame(seen(slope(), TRUE)), slope(), guess=Guess(3.0, -3.5, 70.0))
+
+
+def test_the_scatter_of_poses_is_that_of_the_errors_over_the_curvature_that_is_left():
+    """Least squares of which each error pulls as the matrix says, and half of it pulls back."""
+    generator = np.random.default_rng(3)
+    root = generator.normal(size=(8, 8)) + 3 * np.eye(8)
+    matrix = root @ root.T
+    pulls = generator.multivariate_normal(np.zeros(8), matrix, 40_000)
+    for left in (0.5, 1.0):
+        poses = np.linalg.solve(left * matrix, pulls.T).T
+        assert sandwich(matrix, left * matrix) == pytest.approx(poses.var(axis=0)[:6], rel=0.05)
+    # A curvature that was measured larger than it can be makes nothing surer.
+    assert sandwich(matrix, 3.0 * matrix) == pytest.approx(np.diag(np.linalg.inv(matrix))[:6])
 
 
 def test_two_places_that_look_alike_are_said():

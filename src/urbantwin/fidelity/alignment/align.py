@@ -28,8 +28,9 @@ _REACH_M = 50.0
 #: The points that decide, and those that only tell candidates apart: one per cell, metres.
 _THINNED_M, _SPARSE_M = 0.4, 0.7
 _LEAST_POINTS = 200
-#: A second place that is as likely as this share of the first makes it a guess.
-_AMBIGUOUS = 0.1
+#: A second place that is as likely as this share of the first makes it a guess; and so does one
+#: of a smaller share p that lies d away, if the root of p d^2 is more than this, metres.
+_AMBIGUOUS, _MOST_ELSEWHERE_M = 0.1, 0.75
 #: A place less certain than this is not found, metres and degrees (standard deviations).
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
 #: A frame that is likelier than chance by less than this (a logarithm) may fit by chance: some
@@ -155,7 +156,7 @@ def align(
 
     Raises:
         InputError: no ground in the frame, or at the guess in the twin; nothing that holds the
-            place (a bare plane looks alike everywhere); or two places that are nearly as good.
+            place (a bare plane looks alike everywhere); or another place may be it as well.
     """
     tell = progress or untold
     moving = frame.foreground(margin=0.1)
@@ -209,7 +210,9 @@ def align(
     raised = found.explained * features.thinned(_THINNED_M).raised.sum()
     _held(found.curbs_explained * len(features.curbs), raised, file)
     _certain(found, likely, file)
-    share = _told_apart(found.pose, told, sensor, guess, file)
+    others = _elsewhere(found.pose, told, sensor, guess)
+    _told_apart(found.pose, others, sensor, file)
+    share = others[0][0] if others else 0.0
     pose = _of_frame(found.pose, sensor)
     _bounded(pose, guess, file)
     start = None if guess is None else _of_frame(search.standing(span.middle, span.yaw), sensor)
@@ -245,37 +248,40 @@ def _certain(found: Registered, likely: Belief, file: str | None) -> None:
         )
 
 
-def _told_apart(
+def _elsewhere(
     pose: Pose,
     told: list[tuple[Belief, Pose]],
     sensor: NDArray[np.float64],
     guess: Guess | None,
-    file: str | None,
-) -> float:
-    """Return how likely the next place is, as a share of the first; refuse two alike.
+) -> list[tuple[float, Pose]]:
+    """Return how likely the other places are, as shares of the best, and where they are.
 
     Where the guess cannot be is no place, although the search looks there: sensors stand beside
     the middle of the frame that a guess is of.
     """
-    others = [
-        (belief, other)
+    return [
+        (belief.share / max(told[0][0].share, 1e-9), other)
         for belief, other in told[1:]
         if not _same(pose, other) and _off(_of_frame(other, sensor), guess) <= 0
     ]
-    if not others:
-        return 0.0
-    share = others[0][0].share / max(told[0][0].share, 1e-9)
-    if share > _AMBIGUOUS:
-        places = [_of_frame(one, sensor).translation for one in (pose, others[0][1])]
-        apart = np.hypot(*(places[1] - places[0])[:2])
+
+
+def _told_apart(
+    pose: Pose, others: list[tuple[float, Pose]], sensor: NDArray[np.float64], file: str | None
+) -> None:
+    """Refuse two places alike."""
+    for share, other in others:
+        apart = float(np.hypot(*(other.translation - pose.translation)[:2]))
+        if share <= _AMBIGUOUS and np.sqrt(share) * apart <= _MOST_ELSEWHERE_M:
+            continue
+        places = [_of_frame(one, sensor).translation for one in (pose, other)]
         there = " and ".join(f"{east:.2f} m E, {north:.2f} m N" for east, north, _ in places)
         raise InputError(
-            f"fits two places {apart:.1f} m apart nearly as well ({there}; the second is "
+            f"fits two places {apart:.1f} m apart ({there}; the second is "
             f"{share:.0%} as likely as the first)",
             file=file,
             expected="a guess nearer to the right one",
         )
-    return share
 
 
 def _bounded(pose: Pose, guess: Guess | None, file: str | None) -> None:

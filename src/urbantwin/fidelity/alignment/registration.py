@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from urbantwin.fidelity.alignment.correspondences import (
     EDGES,
@@ -17,6 +16,11 @@ from urbantwin.fidelity.alignment.correspondences import (
     Residuals,
 )
 from urbantwin.fidelity.alignment.frame_features import FrameFeatures
+from urbantwin.fidelity.alignment.pose_deviation import (
+    equations,
+    pose_deviation,
+    turned_and_moved,
+)
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
 from urbantwin.geometry import Pose
 
@@ -37,17 +41,7 @@ _STEPS = 40
 #: ones and meshes centimetres.
 _WRONG_M, _BELIEF = (0.25, 0.05, 0.15, 0.12), 1.5
 _LEAST_WRONG_M = 0.01
-#: Registration is wrong by so much more than the errors measured make likely: some of what is near
-#: is of something else. Fitted so that twice the deviation holds on five made streets
-#: (`benchmarks/alignment.py`), and judged on five others (docs/alignment.md).
-_TOO_SURE = 1.6
-#: What is wrong in the scene everywhere alike nobody sees: metres, and degrees.
-_ALL_ALIKE_M, _ALL_ALIKE_DEG = 0.03, 0.1
 _LEAST_POINTS = 50
-#: Belief that nothing stands proud, and that edges are where curbs are: standard deviation, metres.
-_OFFSET_SIGMA_M = 0.3
-#: Parts of the surroundings that are left out in turn, to see what hangs on each.
-_SECTORS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +91,7 @@ def registered(
     Outlines of buildings include their eaves, and meshes of cars fill their boxes; without that
     number, such a scene pushes the sensor to the side where it is emptier.
 
-    Standard deviations are the larger of two: of the delete-a-group jackknife over sectors around
-    the sensor (what hangs on one part of the surroundings, where the scene is wrong in one piece),
-    and what the normal equations say with the errors measured.
+    Standard deviations: `pose_deviation`; none of a rough one.
 
     Args:
         scene: the static world as points.
@@ -122,12 +114,11 @@ def registered(
             if solved is None:
                 return None
             pose, offsets, residuals = solved.pose, solved.offsets, solved.residuals
-            wrong = _wrong(residuals)
+            weighed, wrong = wrong, _wrong(residuals)
     assert solved is not None
-    matrix, spread = solved.matrix, _jackknife(solved)
-    sigma = _TOO_SURE * np.sqrt(np.maximum(np.diag(np.linalg.inv(matrix))[:6], spread))
-    sigma[3:] = np.hypot(sigma[3:], _ALL_ALIKE_M)
-    sigma[:3] = np.hypot(sigma[:3], np.radians(_ALL_ALIKE_DEG))
+    sigma = np.full(6, np.nan)
+    if not rough:
+        sigma = pose_deviation(correspondences, pose, offsets, weighed, scale)
     surfaces = residuals.kind <= GROUND
     return Registered(
         pose=pose,
@@ -145,13 +136,11 @@ def registered(
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """Where a frame came to rest: its pose, the offsets, and the last step's equations."""
+    """Where a frame came to rest: its pose, the offsets, and what they leave."""
 
     pose: Pose
     offsets: NDArray[np.float64]
     residuals: Residuals
-    jacobian: NDArray[np.float64]
-    matrix: NDArray[np.float64]
 
 
 def _solved(
@@ -166,29 +155,15 @@ def _solved(
         residuals = correspondences.residuals(pose, offsets, wrong, scale)
         if len(residuals.at) < _LEAST_POINTS:
             return None
-        jacobian = np.column_stack(
-            [
-                np.cross(residuals.at - pose.translation, residuals.aim),
-                residuals.aim,
-                -1.0 * (residuals.kind == RAISED),
-                -1.0 * (residuals.kind == EDGES),
-            ]
-        )
-        weighted = jacobian * residuals.weight[:, None]
-        matrix, gradient = weighted.T @ jacobian, weighted.T @ residuals.error
-        matrix[[6, 7], [6, 7]] += _OFFSET_SIGMA_M**-2
-        gradient[6:] += offsets * _OFFSET_SIGMA_M**-2
+        _, matrix, gradient = equations(residuals, offsets, pose.translation)
         if np.linalg.cond(matrix) > 1e12:
             return None
-        step = -np.linalg.solve(matrix, gradient)
-        pose = Pose(
-            Rotation.from_rotvec(step[:3]).as_matrix() @ pose.rotation,
-            pose.translation + step[3:6],
-        )
+        step = np.asarray(-np.linalg.solve(matrix, gradient), np.float64)
+        pose = turned_and_moved(pose, step)
         offsets = offsets + step[6:]
         if np.abs(step[3:6]).max() < 5e-4 and np.abs(step[:3]).max() < 3e-5:
             break
-    return _Solved(pose, offsets, residuals, jacobian, matrix)
+    return _Solved(pose, offsets, residuals)
 
 
 def _wrong(residuals: Residuals) -> NDArray[np.float64]:
@@ -214,32 +189,6 @@ def _wrong(residuals: Residuals) -> NDArray[np.float64]:
         pooled = (_BELIEF * found[kind] ** 2 + count * scatter**2) / (_BELIEF + count)
         found[kind] = max(_LEAST_WRONG_M, float(np.sqrt(pooled)))
     return found
-
-
-def _jackknife(solved: _Solved) -> NDArray[np.float64]:
-    """Return the variances (6,) of turns and place by leaving out sectors in turn.
-
-    One step from the solution with the correspondences as they are.
-    """
-    residuals, jacobian, matrix, pose = (
-        solved.residuals,
-        solved.jacobian,
-        solved.matrix,
-        solved.pose,
-    )
-    x, y = (residuals.at - pose.translation)[:, :2].T
-    sector = np.floor((np.arctan2(y, x) / (2 * np.pi)) % 1.0 * _SECTORS)
-    moved = []
-    for number in np.unique(sector):
-        mine = sector == number
-        weighted = jacobian[mine] * residuals.weight[mine, None]
-        rest = matrix - weighted.T @ jacobian[mine]
-        if np.linalg.cond(rest) > 1e12:
-            return np.full(6, np.inf)
-        moved.append(np.linalg.solve(rest, weighted.T @ residuals.error[mine])[:6])
-    places = np.array(moved)
-    count = len(places)
-    return np.asarray((count - 1) / count * ((places - places.mean(axis=0)) ** 2).sum(axis=0))
 
 
 def _share(residuals: Residuals, kind: int, within: float, of: int) -> float:

@@ -36,6 +36,9 @@ _AGREE = 0.8
 _HIDDEN = 0.5
 #: A material that fewer cells are made of is not fitted.
 LEAST_CELLS = 12
+#: Nearer than so many times the distance within which a sensor's codes fall short, they say little
+#: of surfaces: they have fallen by more than a fifth, by how much depends on the unit.
+_FOCUS = 1.4
 #: Added to intensities before their logarithm is taken: what is dark is dark.
 _DARK = 0.01
 #: How much a factor of reflectivity or intensity costs, against all materials' loss of 1: only the
@@ -56,6 +59,7 @@ class _Cells:
         scatter: (C,) pooled variance of the ranges, m^2; NaN where it is not known.
         freedom: (C,) degrees of freedom of that.
         intensity: (C,) mean of the returns, 0..1; NaN without.
+        in_focus: (C,) whether the sensor's codes are of its surface: nearer, units differ.
     """
 
     beams: NDArray[np.int64]
@@ -66,6 +70,7 @@ class _Cells:
     scatter: NDArray[np.float64]
     freedom: NDArray[np.float64]
     intensity: NDArray[np.float64]
+    in_focus: NDArray[np.bool_]
 
 
 class ReturnTerms:
@@ -156,7 +161,7 @@ class ReturnTerms:
             model = (answers.intensity.reshape(shape) * weight).sum(axis=1) / weight.sum(axis=1)
             number = {name: k for k, name in enumerate(materials())}
             known = np.array([number[name] for name in self.materials], np.int64)
-            fit = np.isfinite(cells.intensity) & np.isin(cells.material, known)
+            fit = np.isfinite(cells.intensity) & np.isin(cells.material, known) & cells.in_focus
             losses.append(np.abs(np.log((cells.intensity + _DARK) / (model + _DARK)))[fit])
             weights.append(cells.material[fit].astype(np.float64))
             sectors.append(cells.sector[fit])
@@ -246,6 +251,7 @@ def _cells_of(
         scatter[good],
         freedom[good],
         intensity[good],
+        view.range_m[beams].min(axis=1)[good] >= _FOCUS * (view.mounted.sensor.overlap_m or 0.0),
     )
 
 
