@@ -43,13 +43,14 @@ def main() -> None:
         resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     )
     ours, theirs = own.ru_utime + own.ru_stime, sumo.ru_utime + sumo.ru_stime
-    rows = motion.actors.num_rows
+    rows = motion.rows.num_rows
     at_once = rows / motion.manifest["steps"]
     print(f"{rows} poses, {at_once:.0f} actors at a time, {took:.0f} s on this machine")
     print(
         f"SUMO {theirs:.0f} s of processor time, the rest {ours:.0f} s: {ours / theirs:.2f} of it"
     )
-    print(f"memory at most {own.ru_maxrss / 1e6:.2f} GB, SUMO {sumo.ru_maxrss / 1e6:.2f} GB")
+    most, most_of_sumo = (one.ru_maxrss * 1024 / 1e9 for one in (own, sumo))  # kibibytes
+    print(f"memory at most {most:.2f} GB, SUMO {most_of_sumo:.2f} GB")
     told = motion.manifest["overlaps"]
     print(f"pairs in each other {told['between']}, with the scene {told['with']}")
 

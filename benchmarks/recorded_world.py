@@ -124,7 +124,8 @@ def windows(real, others):
     every = []
     for path, rows, objects in zip(others, figures, found[1:], strict=True):
         between = object_divergences(np.concatenate(found[0]), np.concatenate(objects))
-        every.append([*np.mean(rows, axis=0), *between.values(), np.mean([*map(len, objects)])])
+        told = [np.nan if one is None else one for one in between.values()]
+        every.append([*np.mean(rows, axis=0), *told, np.mean([*map(len, objects)])])
         print(path, np.round(every[-1], 4))
     names = ("P95 m", "JS", "point to mesh m", *between, "objects a frame")
     for column, name in enumerate(names):

@@ -77,7 +77,8 @@ def test_what_drives_through_or_waits_does_not_stir():
     assert found.stirring is None
 
 
-def recorded(background, number):
+def recorded(background, numbers):
+    """Return the ranges (F, N) that a sensor before this background records; 0: none."""
     level = LabelledMesh.build(
         [[-60, -60, -9], [60, -60, -9], [60, 60, -9], [-60, 60, -9]],
         [[0, 1, 2], [0, 2, 3]],
@@ -87,10 +88,11 @@ def recorded(background, number):
     mounted = {"name": "a", "model": "VLP-16", "columns": COLUMNS, "east_m": 0, "north_m": 0}
     rig = RigSpec.model_validate({"frame": "sensor", "sensors": [{**mounted, "height_m": 9}]})
     scanner = Scanner(level, with_background(place_rig(rig, level), background), 3)
-    seen = scanner.scan(number, [])
-    far = np.zeros(16 * COLUMNS)
-    beam = seen.ring.astype(int) * COLUMNS + seen.column
-    far[beam] = np.linalg.norm(seen.points[:, :3], axis=1)
+    far = np.zeros((len(numbers), 16 * COLUMNS))
+    for row, number in zip(far, numbers, strict=True):
+        seen = scanner.scan(number, [])
+        beam = seen.ring.astype(int) * COLUMNS + seen.column
+        row[beam] = np.linalg.norm(seen.points[:, :3], axis=1)
     return far
 
 
@@ -101,7 +103,7 @@ def test_recorded_again_a_bush_stirs_as_it_did_part_by_part(measured, tmp_path):
     background = replace(background, turns_per_second=float("nan"))
     leaves = measured[1]
     # A turn lasts as long as what stirs does.
-    far = np.array([recorded(background, number) for number in range(0, 24, 2)])
+    far = recorded(background, range(0, 24, 2))
     stirs = (far > 0) & (far < WALL_M - 2)
     assert not stirs[:, ~leaves].any()
     assert stirs[:, leaves].mean() == pytest.approx(0.5, abs=0.1)
@@ -113,8 +115,8 @@ def test_recorded_again_a_bush_stirs_as_it_did_part_by_part(measured, tmp_path):
     assert together[0, 1] > 0.5
     assert abs(apart[0, 1]) < 0.3
     # The same numbers whatever was recorded before.
-    np.testing.assert_array_equal(recorded(background, 6), far[3])
-    still = recorded(replace(background, stirring=None), 0)
+    np.testing.assert_array_equal(recorded(background, [6])[0], far[3])
+    (still,) = recorded(replace(background, stirring=None), [0])
     assert (still[~leaves] > WALL_M - 1).all()
 
 
@@ -122,7 +124,7 @@ def test_what_stirs_for_long_stays_for_so_long(measured):
     slow = replace(measured[0].stirring, lasts_s=1e4)
     background = replace(measured[0], stirring=slow)
     leaf = slow.beam
-    first, second = (recorded(background, number)[leaf] for number in (0, 5))
+    first, second = recorded(background, [0, 5])[:, leaf]
     same = (first < 12) == (second < 12)
     assert same.mean() > 0.9
 

@@ -57,7 +57,7 @@ def moved(motion: Motion, track: int, from_s: float, metres: float) -> Motion:
     for row in rows:
         if row["track"] == track and row["time_s"] >= from_s:
             row["y"] += metres
-    return replace(motion, actors=pa.Table.from_pylist(rows, schema=motion.actors.schema))
+    return replace(motion, rows=pa.Table.from_pylist(rows, schema=motion.actors.schema))
 
 
 @pytest.mark.parametrize(("metres", "change"), [(0.25, "moved"), (1e-12, "turned")])
@@ -81,7 +81,7 @@ def test_who_is_gone_and_added_is_said(line: Line) -> None:
     motion = line.motion
     track = motion.actors["track"][0].as_py()
     without = motion.actors.filter(pa.array(motion.actors["track"].to_numpy() != track))
-    prints = MotionPrint.of(motion), MotionPrint.of(replace(motion, actors=without))
+    prints = MotionPrint.of(motion), MotionPrint.of(replace(motion, rows=without))
     for (before, after), change in ((prints, "gone"), (prints[::-1], "added")):
         (row,) = changes_between(before, after)["actors"]
         assert (row["track"], row["change"]) == (track, change)

@@ -11,8 +11,10 @@ import shapely
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic.motion import ACTOR_SCHEMA
+from urbantwin.traffic.motion_rows import as_rows
 from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders, absent_from
 from urbantwin.traffic.paths.obstacles import Obstacles
+from urbantwin.traffic.paths.overlap import overlaps_of, overlaps_told
 
 STEP_S = 0.1
 REGION = shapely.Point(0, 0).buffer(50.0)
@@ -177,3 +179,23 @@ def test_actors_of_an_event_stay_and_before_it_everybody_is_as_without_it(own: i
     # One was not there without it, and stays away.
     known = replace(late, absent=found.steps[found.steps[:, 1] < 5])
     assert set(absent(rows, beside=known)[0]["track"].to_pylist()) == {1}
+
+
+def test_what_overlaps_among_those_who_are_left_is_what_would_be_found_among_them() -> None:
+    random = np.random.default_rng(3)
+    rows = []
+    for track in range(1, 25):
+        ends = random.uniform(-30, 30, (2, 2))
+        kind = ("pedestrian", "car")[track % 2]
+        rows += passing(track, kind, tuple(ends[0]), tuple(ends[1]))
+    corners = np.array([[0, 0, 0], [6, 0, 3], [0, 6, 3.0]])
+    scene = LabelledMesh.build(corners, [[0, 1, 2]], semantic_id("fence"), material_id("concrete"))
+    parked = table([(0, 90, "car", 9.0, 9.0, 0.3), (0, 91, "bus", -9.0, -9.0, 1.3)])
+    event = Bystanders(frozenset(range(1, 19)), 0, NOBODY.absent)
+    there, found = absent(rows, obstacles=Obstacles(scene), parked=parked, beside=event)
+    assert found.rows.any()
+    told = overlaps_told(found.left, as_rows(there).parts(), parked)
+    assert told == overlaps_of(there, parked, STEP_S, scene)
+    assert told["actors"] > 5
+    assert told["scene"]
+    assert any(91 in row["tracks"] or 90 in row["tracks"] for row in told["worst"])

@@ -92,7 +92,7 @@ def table_of(names, *ways, blocks=None):
     made = actor_table(
         seen(*ways), Demand(trips, ()), place, steps=steps, step_s=STEP_S, asset=asset
     )
-    return made.actors, made.outside, made.rigid
+    return made.actors.table(), made.outside, made.rigid
 
 
 @pytest.mark.parametrize("name", ["truck-semitrailer", "bus-articulated", "car-with-caravan"])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
@@ -14,7 +15,9 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import SignalHead
 from urbantwin.traffic import Motion, describe
 from urbantwin.traffic.assets import asset_mesh
+from urbantwin.traffic.fingerprint import table_sha256
 from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION
+from urbantwin.traffic.motion_rows import RowsInFile
 from urbantwin.traffic.signals import SIGNAL_SCHEMA, signal_table
 
 
@@ -113,6 +116,63 @@ def test_a_description_counts_actors(motion: Motion, tmp_path: Path) -> None:
     assert described["poses"] == 4
     assert described["signal_links"] == 2
     json.dumps(described)
+
+
+@pytest.fixture
+def crowd() -> pa.Table:
+    """Forty steps, of 0 to 12 actors each, every fifth without anybody."""
+    counts = [0 if n % 5 == 4 else 3 * (n % 5) + n % 4 for n in range(40)]
+    return pa.Table.from_pylist(
+        [
+            {**actor(round(n * 0.1, 9), k, ("car", "bus")[k % 2]), "x": n + k / 100, "phase": n % 3}
+            for n, count in enumerate(counts)
+            for k in range(count)
+        ],
+        ACTOR_SCHEMA,
+    )
+
+
+def test_rows_in_a_file_are_those_in_memory(crowd: pa.Table, tmp_path: Path) -> None:
+    """Groups of seven rows, so that steps lie in two of them."""
+    pq.write_table(crowd, tmp_path / "a.parquet", row_group_size=7)
+    rows = RowsInFile(tmp_path / "a.parquet")
+    assert rows.num_rows == crowd.num_rows > 100
+    assert rows.table().equals(crowd)
+    assert rows.table(["lane", "x"]).equals(crowd.select(["lane", "x"]))
+    parts = list(rows.parts(["x", "track"]))
+    assert len(parts) > 10
+    assert pa.concat_tables(parts).combine_chunks().equals(crowd.select(["x", "track"]))
+    steps = [set(part["time_s"].to_pylist()) for part in rows.parts()]
+    assert sum(map(len, steps)) == len(set.union(*steps))  # each in one part
+    times = crowd["time_s"].to_numpy()
+    for first, last in ((0.0, 0.35), (0.4, 0.4), (1.1, 2.6), (3.8, 9.0)):
+        there = crowd.filter(pa.array((times >= first) & (times <= last)))
+        assert rows.between(first, last).combine_chunks().equals(there)
+    assert (
+        rows.where("track", [2, 5])
+        .combine_chunks()
+        .equals(crowd.filter(pc.is_in(crowd["track"], pa.array([2, 5], pa.int32()))))
+    )
+    told = {tuple(row.values()) for row in crowd.select(["class", "phase"]).to_pylist()}
+    found = rows.distinct(["class", "phase"]).to_pylist()
+    assert {tuple(row.values()) for row in found} == told
+    assert len(found) == len(told)
+
+
+def test_a_motion_is_the_same_from_a_file(crowd: pa.Table, motion: Motion, tmp_path: Path) -> None:
+    pq.write_table(crowd, tmp_path / "a.parquet", row_group_size=7)
+    manifest = {**motion.manifest, "steps": 40}
+    whole = Motion(manifest, crowd, motion.signals)
+    parts = Motion(manifest, RowsInFile(tmp_path / "a.parquet"), motion.signals)
+    assert parts.sha256() == whole.sha256()
+    assert table_sha256(parts.rows) == table_sha256(crowd)
+    for time_s in whole.times():
+        np.testing.assert_array_equal(parts.at(time_s), whole.at(time_s))
+    parts.save(tmp_path / "m")
+    whole.save(tmp_path / "n")
+    one, other = ((tmp_path / name / "actors.parquet").read_bytes() for name in "mn")
+    assert one == other
+    assert Motion.load(tmp_path / "m").actors.equals(crowd)
 
 
 def spoil_kind(folder: Path) -> None:

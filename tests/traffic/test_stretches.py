@@ -109,3 +109,16 @@ def test_whoever_is_late_or_beside_its_way_when_a_stretch_ends_goes_on_from_ther
     assert aside[:2].max() > 1.0
     assert aside[2:4].max() > 0.05
     assert aside[4:].min() > 0.05
+
+
+def test_rows_of_ways_on_disk_are_those_in_memory(tmp_path: Path) -> None:
+    kept, known = KeptColumns(tmp_path), KeptColumns(None)
+    for columns in (kept, known):
+        columns.add(ways())
+        columns.add(ways())
+    count = len(known.opened()["trip"])
+    for rows in ([0], [3, 4, 5, 900, 901, 7, 8, 2], range(count), [count - 1, 0], []):
+        some, same = (one.rows(np.array(rows, np.int64)) for one in (kept, known))
+        for name, values in same.items():
+            assert some[name].dtype == values.dtype
+            np.testing.assert_array_equal(some[name], values)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from urbantwin.errors import InputError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["check_finite", "columns_of", "read_feather", "read_parquet"]
+__all__ = ["ParquetGroups", "check_finite", "columns_of", "read_feather", "read_parquet"]
 
 
 def read_parquet(
@@ -33,13 +33,37 @@ def read_parquet(
     Raises:
         InputError: missing, damaged, larger than its size allows, or with other columns.
     """
-    import pyarrow.parquet as pq
+    with ParquetGroups(path, expected, schema) as file:
+        wanted = None if columns is None else [one for one in columns if one in file.column_names]
+        return file.read(wanted)
 
-    try:
-        size = path.stat().st_size
-        # Not mapped: a page that a damaged disk cannot read would end the process.
-        with pq.ParquetFile(path, memory_map=False) as file:
-            told = file.metadata
+
+class ParquetGroups:
+    """A Parquet file of which groups of rows are read, each checked when it is.
+
+    Args:
+        path: the file.
+        expected: what it should be, for errors.
+        schema: what it must have, column for column; then no value may be missing, and no number
+            may be other than finite.
+
+    Attributes:
+        count: how many groups of rows it has.
+        num_rows: how many rows.
+        column_names: its columns.
+
+    Raises:
+        InputError: missing, damaged, larger than its size allows, or with other columns.
+    """
+
+    def __init__(self, path: Path, expected: str, schema: pa.Schema = None) -> None:
+        import pyarrow.parquet as pq
+
+        self._path, self._expected, self._schema = path, expected, schema
+        try:
+            # Not mapped: a page that a damaged disk cannot read would end the process.
+            self._file = pq.ParquetFile(path, memory_map=False)
+            told, size = self._file.metadata, path.stat().st_size
             groups = [told.row_group(k) for k in range(told.num_row_groups)]
             rows = sum(group.num_rows for group in groups)
             unpacked = sum(group.total_byte_size for group in groups)
@@ -51,22 +75,46 @@ def read_parquet(
                 raise InputError(
                     "does not have the rows that its header says", file=path, expected=expected
                 )
-            found = file.schema_arrow
+            found = self._file.schema_arrow
             if schema is not None and not found.equals(schema, check_metadata=False):
                 raise InputError(
                     "has other columns",
                     file=path,
                     expected=", ".join(f"{one.name} ({one.type})" for one in schema),
                 )
-            wanted = None if columns is None else [one for one in columns if one in found.names]
-            table = file.read(columns=wanted)
-        return _whole(table, path, expected, schema)
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=expected) from None
-    except Exception as error:  # Arrow's, and UnicodeError, OverflowError, MemoryError of its names
-        raise _damaged(error, path, expected) from None
+            self.count, self.num_rows = len(groups), rows
+            self.column_names: tuple[str, ...] = tuple(found.names)
+        except InputError:
+            raise
+        # Arrow's, and UnicodeError, OverflowError, MemoryError of its names
+        except Exception as error:
+            raise _damaged(error, path, expected) from None
+
+    def read(self, columns: Sequence[str] | None = None, *, group: int | None = None) -> pa.Table:
+        """Return all rows, or those of a group; of some columns alone where they are given.
+
+        Raises:
+            InputError: they are damaged.
+        """
+        wanted = None if columns is None else list(columns)
+        try:
+            if group is None:
+                table = self._file.read(columns=wanted)
+            else:
+                table = self._file.read_row_group(group, columns=wanted)
+            whole = _whole(table, self._path, self._expected, self._schema)
+            return whole if wanted is None else whole.select(wanted)
+        except InputError:
+            raise
+        except Exception as error:  # see above
+            raise _damaged(error, self._path, self._expected) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self._file.close()
 
 
 def read_feather(path: Path, expected: str) -> pa.Table:
@@ -81,8 +129,6 @@ def read_feather(path: Path, expected: str) -> pa.Table:
         return _whole(feather.read_table(path, memory_map=False), path, expected, None)
     except InputError:
         raise
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=expected) from None
     except Exception as error:  # see above
         raise _damaged(error, path, expected) from None
 
@@ -152,6 +198,8 @@ def _whole(table: pa.Table, path: Path, expected: str, schema: pa.Schema) -> pa.
 
 
 def _damaged(error: Exception, path: Path, expected: str) -> InputError:
+    if isinstance(error, FileNotFoundError):
+        return InputError("not found", file=path, expected=expected)
     if isinstance(error, MemoryError):
         return InputError("needs more memory than there is", file=path, expected=expected)
     return InputError(f"is not readable ({one_line(error)})", file=path, expected=expected)

@@ -59,7 +59,7 @@ def write_boxes(
 
     from urbantwin.traffic.paths.coupling import towed_by
 
-    parked, pulls = frozenset(motion.parked["track"].to_pylist()), towed_by(motion.actors)
+    parked, pulls = frozenset(motion.parked["track"].to_pylist()), towed_by(motion.rows)
     rows = [
         {
             "frame": frame_name(index),

@@ -98,7 +98,7 @@ def recipe_of(
         "region_m": twin.manifest["region_m"],
         "scene_sha256": mesh_sha256(twin.mesh),
         "surface_sha256": twin.manifest.get("files", {}).get("surface_material.npz"),
-        "motion_sha256": table_sha256(motion.actors),
+        "motion_sha256": table_sha256(motion.rows),
         "meshes_sha256": meshes_sha256(motion.meshes),
         "inputs": twin.manifest["inputs"],
         "made_from": {

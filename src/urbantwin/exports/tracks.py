@@ -12,6 +12,7 @@ from pyarrow import csv
 
 from urbantwin.artefact import replaced_file
 from urbantwin.traffic import Motion
+from urbantwin.traffic.motion_rows import ACTOR_SCHEMA
 
 __all__ = ["write_openlabel", "write_tracks"]
 
@@ -36,16 +37,18 @@ def write_tracks(motion: Motion, path: Path) -> None:
 
     x and y are the middle of the bounds, z is the ground. ``urbantwin replay`` reads it.
     """
-    columns = {}
-    for name, written in _COLUMNS.items():
-        column = motion.actors[name]
-        if pa.types.is_floating(column.type):
-            column = pa.array(np.round(column.to_numpy(), _PLACES))
-        columns[written] = column
-    stream = pa.BufferOutputStream()
-    csv.write_csv(pa.table(columns), stream, csv.WriteOptions(quoting_style="none"))
-    with replaced_file(path) as scratch:
-        scratch.write_bytes(stream.getvalue().to_pybytes())
+    kinds = pa.schema([(to, ACTOR_SCHEMA.field(name).type) for name, to in _COLUMNS.items()])
+    how = csv.WriteOptions(quoting_style="none")
+    with replaced_file(path) as scratch, csv.CSVWriter(scratch, kinds, write_options=how) as file:
+        for part in motion.rows.parts(list(_COLUMNS)):
+            file.write_table(pa.table([_rounded(x) for x in part.columns], kinds))
+
+
+def _rounded(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Return a column of numbers as they are written."""
+    if not pa.types.is_floating(column.type):
+        return column
+    return pa.chunked_array([np.round(column.to_numpy(), _PLACES)])
 
 
 def write_openlabel(motion: Motion, path: Path) -> None:

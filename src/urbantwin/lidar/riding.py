@@ -105,14 +105,8 @@ def _spans(
     motion: Motion, track: int | None, actor_class: str | None, fastest_m_s: float
 ) -> list[_Span]:
     """Return when the actors that may carry a rig are there, by track and time."""
-    import pyarrow.compute as pc
-
-    table = motion.actors
-    chosen = table.filter(
-        pc.equal(table["track"], track)
-        if track is not None
-        else pc.equal(table["class"], actor_class)
-    )
+    name, wanted = ("class", actor_class) if track is None else ("track", track)
+    chosen = motion.rows.where(name, [wanted])
     if not chosen.num_rows:
         return []
     column: Mapping[str, NDArray[np.float64]] = {
@@ -147,7 +141,7 @@ def _spans(
 def _nobody(rig: Rig, motion: Motion, file: str | None) -> InputError:
     assert rig.ride is not None
     if rig.ride.track is not None:
-        tracks = motion.actors["track"].to_numpy()
+        tracks = motion.rows["track"].to_numpy()
         least, most = (int(tracks.min()), int(tracks.max())) if len(tracks) else (0, 0)
         return InputError(
             f"the motion has no track {rig.ride.track}",
@@ -155,7 +149,7 @@ def _nobody(rig: Rig, motion: Motion, file: str | None) -> InputError:
             place="ride.track",
             expected=f"one of its tracks, {least} to {most}" if most else "a motion with traffic",
         )
-    classes = sorted(set(motion.actors["class"].to_pylist()))
+    classes = sorted(motion.rows.distinct(["class"])["class"].to_pylist())
     return InputError(
         f"the motion has no {rig.ride.actor_class}",
         file=file,

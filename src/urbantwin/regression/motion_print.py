@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.traffic import Motion
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
+from urbantwin.traffic.motion_rows import ACTOR_SCHEMA, ActorRows
 
 __all__ = ["MotionPrint"]
 
@@ -50,7 +51,7 @@ class MotionPrint:
     @classmethod
     def of(cls, motion: Motion) -> MotionPrint:
         """Return what is kept of a motion."""
-        table = motion.actors
+        table = motion.rows
         rows = pa.table(
             {
                 "step": np.round(table["time_s"].to_numpy() / motion.step_s).astype(np.int32),
@@ -64,7 +65,7 @@ class MotionPrint:
         )
         told = {
             "step_s": motion.step_s,
-            "actors": table_sha256(motion.actors),
+            "actors": table_sha256(motion.rows),
             "signals": table_sha256(motion.signals),
             "parked": table_sha256(motion.parked),
             "meshes": meshes_sha256(motion.meshes),
@@ -86,10 +87,10 @@ class MotionPrint:
         return cls(read_parquet(path, "what was accepted of a motion", schema=_SCHEMA), told)
 
 
-def _hashes(table: pa.Table) -> NDArray[np.uint32]:
+def _hashes(table: ActorRows) -> NDArray[np.uint32]:
     """Return a hash (N,) of each row's values, of all their bits."""
     mixed = np.zeros(table.num_rows, np.uint64)
-    for field in table.schema:
+    for field in ACTOR_SCHEMA:
         column = table[field.name]
         if pa.types.is_string(field.type):
             coded = column.combine_chunks().dictionary_encode()

@@ -12,13 +12,22 @@ from numpy.typing import NDArray
 
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Trip
-from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
+from urbantwin.traffic.motion import step_times
+from urbantwin.traffic.motion_rows import (
+    ACTOR_SCHEMA,
+    ActorRows,
+    RowsInFile,
+    RowsInMemory,
+    write_rows,
+)
 from urbantwin.traffic.paths.apart import STANDING_MS
 from urbantwin.traffic.paths.placement import Ground, stand
 from urbantwin.traffic.paths.track_box import track_size
 
 __all__ = ["KeptRows", "actor_rows"]
 
+#: So many rows become those of a motion at a time.
+_ROWS = 1 << 16
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
 
 
@@ -137,31 +146,44 @@ class KeptRows:
         every = [rows["track"].to_numpy().astype(np.int32) for rows in self]
         return np.concatenate([np.zeros(0, np.int32), *every])
 
-    def table(
-        self, trip: NDArray[np.int32], kept: NDArray[np.bool_], number: NDArray[np.integer] | None
-    ) -> pa.Table:
-        """Return the rows (N,) that are kept as the table of actors.
+    def rows(
+        self,
+        trip: NDArray[np.int32],
+        kept: NDArray[np.bool_],
+        number: NDArray[np.integer] | None,
+        file: Path | None,
+    ) -> ActorRows:
+        """Return the rows (N,) that are kept as those of a motion.
 
         Args:
             trip: of each row.
             kept: which rows.
             number: the track of each trip; 1, 2, 3, ... in the order of those who are there, where
                 not given.
+            file: where they are written to; in memory, where not given.
         """
         if number is None:
             driven = np.unique(trip[kept])
             number = np.zeros(int(trip.max(initial=0)) + 1, np.int32)
             number[driven] = np.arange(len(driven)) + 1
-        parts, begin = [ACTOR_SCHEMA.empty_table()], 0
-        for rows in self:
+        parts = self._numbered(number[trip], kept)
+        if file is None:
+            return RowsInMemory(pa.concat_tables([ACTOR_SCHEMA.empty_table(), *parts]))
+        write_rows(parts, file)
+        return RowsInFile(file)
+
+    def _numbered(self, track: NDArray[np.integer], kept: NDArray[np.bool_]) -> Iterator[pa.Table]:
+        """Yield the rows that are kept, with their tracks, part by part."""
+        begin = 0
+        some = (rows.slice(k, _ROWS) for rows in self for k in range(0, rows.num_rows, _ROWS))
+        for rows in some:
             mine = slice(begin, begin + rows.num_rows)
             begin = mine.stop
-            track = pa.array(number[trip[mine]], pa.int32())
-            rows = rows.set_column(rows.schema.get_field_index("track"), "track", track)  # noqa: PLW2901
+            tracks = pa.array(track[mine], pa.int32())
+            part = rows.set_column(rows.schema.get_field_index("track"), "track", tracks)
             if not kept[mine].all():
-                rows = rows.filter(pa.array(kept[mine]))  # noqa: PLW2901 - the same, fewer
-            parts.append(rows.cast(ACTOR_SCHEMA))
-        return pa.concat_tables(parts)
+                part = part.filter(pa.array(kept[mine]))
+            yield part.cast(ACTOR_SCHEMA)
 
 
 def _texts(names: Sequence[str], index: NDArray[Any]) -> pa.Array:

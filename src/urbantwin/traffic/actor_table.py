@@ -23,12 +23,14 @@ from urbantwin.traffic.actor_rows import KeptRows, actor_rows
 from urbantwin.traffic.actor_ways import actor_ways
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.motion_rows import ActorRows
 from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders, absent_from
 from urbantwin.traffic.paths.apart import Parted
 from urbantwin.traffic.paths.bending import vehicles
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.kerbs import Crossings
 from urbantwin.traffic.paths.obstacles import Blocks, Obstacles
+from urbantwin.traffic.paths.overlap import overlaps_told
 from urbantwin.traffic.paths.placement import Ground
 from urbantwin.traffic.paths.solids import Solids
 from urbantwin.traffic.paths.stretches import LeftOff, stretches
@@ -91,19 +93,21 @@ class Tabled:
     """What became of what SUMO saw.
 
     Attributes:
-        actors: the table of actors.
+        actors: their rows.
         outside: how many poses were left out because there is no ground.
         rigid: who does not bend though its trip says so, by the numbers of their trips.
         poses: how far each trip is behind at each step, stretch by stretch, see `yielding.Before`;
             where tracks are numbers of trips.
         absent: who is left out, as it would pass through somebody; of rows before it was.
+        overlaps: who overlaps whom or what even so.
     """
 
-    actors: pa.Table
+    actors: ActorRows
     outside: int
     rigid: frozenset[int]
     poses: tuple[Columns, ...]
     absent: Absent
+    overlaps: dict[str, Any]
 
 
 def actor_table(  # noqa: PLR0913 - of a drive there is much to say
@@ -118,6 +122,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     before: Before | None = None,
     beside: Bystanders = NOBODY,
     scratch: Path | None = None,
+    file: Path | None = None,
     tell: Progress = untold,
 ) -> Tabled:
     """Return the table of actors, and who of them is not as its trip says.
@@ -135,7 +140,8 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         by_trip: let a track's number be that of its trip, whoever else is there.
         before: how the same traffic went until something changed.
         beside: who is there, or not, whomever it comes into.
-        scratch: a folder for rows of long motions; the system's when not given.
+        scratch: a folder for what takes memory of long motions; the system's when not given.
+        file: where the rows of a long motion are written to; in memory, where not given.
         tell: called with the fraction done (0..1) and what is being done.
     """
     solids = _solids(simulated, demand, place)
@@ -188,8 +194,10 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
             kept, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
             place.obstacles, place.region, step_s=step_s, beside=beside,
         )  # fmt: skip
-        table = kept.table(trip, ~absent.rows, ways.who if by_trip else None)
-    return Tabled(table, outside, ways.rigid, tuple(poses), absent)
+        number = ways.who if by_trip else None
+        rows = kept.rows(trip, ~absent.rows, number, file if folder else None)
+    overlaps = overlaps_told(absent.left, rows.parts(), place.parked)
+    return Tabled(rows, outside, ways.rigid, tuple(poses), absent, overlaps)
 
 
 @contextmanager

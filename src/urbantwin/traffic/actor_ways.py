@@ -179,7 +179,7 @@ def actor_ways(  # noqa: PLR0913 - all that they go between
     trips, who = tuple(every), np.array(number, np.int64)
     if rigid is None:
         rigid = frozenset().union(
-            *(way.cutters(some, trips, who) for some in _some_steps(kept.opened(), steps))
+            *(way.cutters(some, trips, who) for some in _some_steps(kept, steps))
         )
     gone: frozenset[int] = frozenset()
     if rigid:
@@ -202,11 +202,11 @@ def _some_actors(simulated: Simulated) -> Iterator[NDArray[np.int64]]:
         first = last
 
 
-def _some_steps(columns: Columns, steps: tuple[int, int]) -> Iterator[Columns]:
+def _some_steps(kept: KeptColumns, steps: tuple[int, int]) -> Iterator[Columns]:
     """Yield the rows of some steps after the other."""
+    step = kept.opened()["step"]
     for first in range(*steps, _STEPS):
-        rows = np.flatnonzero((columns["step"] >= first) & (columns["step"] < first + _STEPS))
-        yield {name: np.asarray(values[rows]) for name, values in columns.items()}
+        yield kept.rows(np.flatnonzero((step >= first) & (step < first + _STEPS)))
 
 
 def _of_trips(simulated: Simulated, numbers: frozenset[int]) -> Simulated:

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-import pyarrow as pa
-
 from urbantwin import __version__
 from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
@@ -17,6 +15,7 @@ from urbantwin.traffic.demand.counted_report import counted_report
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.flow.circulation_report import circulation_report
 from urbantwin.traffic.motion import MOTION_VERSION
+from urbantwin.traffic.motion_rows import ActorRows
 from urbantwin.traffic.sumo.simulation import Simulated
 from urbantwin.twin import Twin
 
@@ -31,7 +30,7 @@ def manifest_of_drive(
     asked: Mapping[str, Any],
     demand: Demand,
     simulated: Simulated,
-    actors: pa.Table,
+    actors: ActorRows,
     roads: RoadNetwork,
     *,
     steps: int,
@@ -43,7 +42,7 @@ def manifest_of_drive(
         asked: ``traffic`` of the site, as it was asked for.
         demand: who set out.
         simulated: what SUMO did.
-        actors: the table of actors.
+        actors: who is seen.
         roads: the lanes, with the programs that were shown.
         steps: how many steps the motion has.
     """
@@ -112,10 +111,10 @@ def _passengers(demand: Demand, simulated: Simulated, duration_s: float) -> list
 
 
 def _counts(
-    per_hour: Mapping[str, float], demand: Demand, simulated: Simulated, actors: pa.Table
+    per_hour: Mapping[str, float], demand: Demand, simulated: Simulated, actors: ActorRows
 ) -> dict[str, dict[str, float | int]]:
     """Return, for each class, how many were asked for, came in, and are seen in the motion."""
-    tracks = actors.group_by(["track", "class", "asset"]).aggregate([])
+    tracks = actors.distinct(["track", "class", "asset"])
     behind = {
         body.asset
         for kind in ACTOR_CLASSES

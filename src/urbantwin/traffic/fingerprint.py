@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.traffic.motion_rows import ActorRows
 
 __all__ = ["mesh_sha256", "meshes_sha256", "table_sha256"]
 
@@ -31,19 +32,29 @@ def meshes_sha256(meshes: Mapping[tuple[str, int], LabelledMesh]) -> str:
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
-def table_sha256(table: pa.Table) -> str:
+def table_sha256(table: pa.Table | ActorRows) -> str:
     """Return the SHA-256 of a table's values, which does not depend on how a file packs them."""
     digest = hashlib.sha256()
-    for name in table.column_names:
-        column = table[name]
-        digest.update(f"{name} {column.type} {len(column)}".encode())
-        parts = column.chunks
-        if str(column.type) == "string":
-            # Chunk by chunk: a whole column of texts would take hundreds of megabytes once more.
-            parts = column.dictionary_encode().unify_dictionaries().chunks
-            texts = parts[0].dictionary.to_pylist() if parts else []
+    for field in table.schema:
+        digest.update(f"{field.name} {field.type} {table.num_rows}".encode())
+        if str(field.type) == "string":
+            texts, parts = _coded(table, field.name)
             digest.update(json.dumps(texts).encode())
-            parts = [one.indices for one in parts]
+        else:
+            parts = table[field.name].chunks
         for part in parts:
             digest.update(np.ascontiguousarray(part.to_numpy(zero_copy_only=False)).data)
     return digest.hexdigest()
+
+
+def _coded(table: pa.Table | ActorRows, name: str) -> tuple[list[str], list[pa.Array]]:
+    """Return the texts of a column in the order in which they come, and their numbers in it.
+
+    Part by part: a whole column of texts would take hundreds of megabytes once more.
+    """
+    parts = table.parts([name]) if isinstance(table, ActorRows) else [table]
+    found = [one for part in parts for one in part[name].dictionary_encode().chunks]
+    chunks = pa.chunked_array(found, pa.dictionary(pa.int32(), pa.string()))
+    chunks = chunks.unify_dictionaries().chunks
+    texts = chunks[0].dictionary.to_pylist() if chunks else []
+    return texts, [one.indices for one in chunks]

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from urbantwin.traffic.motion import Motion
+from urbantwin.traffic.motion_rows import as_rows
 from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface, prescribed_table
 
 __all__ = ["inserted"]
@@ -64,9 +65,9 @@ def inserted(
     manifest["poses_outside_ground"] = manifest.get("poses_outside_ground", 0) + outside
     manifest["classes"] = _counted(manifest.get("classes", {}), rows)
     added = Motion(manifest, rows, motion.signals, motion.meshes).with_meshes().meshes
-    actors = both.take(order).combine_chunks()
+    both = both.take(order).combine_chunks()
     meshes = {**added, **motion.meshes}
-    return replace(motion, manifest=manifest, actors=actors, meshes=meshes), tracks
+    return replace(motion, manifest=manifest, rows=as_rows(both), meshes=meshes), tracks
 
 
 def _counted(classes: dict[str, dict[str, float]], rows: pa.Table) -> dict[str, dict[str, float]]:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from urbantwin.artefact import read_json, replaced_folder, write_json
@@ -25,6 +24,13 @@ from urbantwin.geometry.mesh import MESH_FORM
 from urbantwin.progress import Progress, each, untold
 from urbantwin.result_warning import ResultWarning, warnings_of
 from urbantwin.traffic.assets import AssetName, asset_mesh, mesh_among
+from urbantwin.traffic.motion_rows import (
+    ACTOR_SCHEMA,
+    ActorRows,
+    as_rows,
+    read_rows,
+    write_rows,
+)
 from urbantwin.traffic.motion_validity import (
     MeshKey,
     MotionManifest,
@@ -40,29 +46,6 @@ __all__ = ["ACTOR_SCHEMA", "MOTION_VERSION", "Motion", "describe"]
 MOTION_VERSION = 1
 
 _TABLE, _PARKED = "a table of the motion", "parked.parquet"
-#: So many rows are written together: all of an hour would take hundreds of megabytes once more.
-_GROUP = 1 << 18
-
-ACTOR_SCHEMA = pa.schema(
-    [
-        ("time_s", pa.float64()),
-        ("track", pa.int32()),
-        ("class", pa.string()),
-        ("asset", pa.string()),
-        ("phase", pa.int16()),
-        ("x", pa.float64()),
-        ("y", pa.float64()),
-        ("z", pa.float64()),
-        ("yaw", pa.float64()),
-        ("pitch", pa.float64()),
-        ("roll", pa.float64()),
-        ("length", pa.float64()),
-        ("width", pa.float64()),
-        ("height", pa.float64()),
-        ("speed", pa.float64()),
-        ("lane", pa.string()),
-    ]
-)
 
 _ROW = np.dtype(
     [
@@ -78,7 +61,8 @@ class Motion:
 
     Attributes:
         manifest: ``motion.json``: seed, step, duration, counts per class, teleports, collisions.
-        actors: ``actors.parquet``, columns of ``ACTOR_SCHEMA``, sorted by time, then track.
+        rows: ``actors.parquet``, columns of ``ACTOR_SCHEMA``, sorted by time, then track: a table,
+            or the `ActorRows` of a file, of which a long motion reads a part at a time.
         signals: ``signals.parquet``, columns of ``signals.SIGNAL_SCHEMA``.
         meshes: ``meshes.npz``: mesh of each asset and phase that the actors show. With them a
             motion stays what it is when the catalogue of actors changes, and recording need not
@@ -88,10 +72,19 @@ class Motion:
     """
 
     manifest: dict[str, Any]
-    actors: pa.Table
+    rows: ActorRows
     signals: pa.Table
     meshes: Mapping[MeshKey, LabelledMesh] = field(default_factory=dict)
     parked: pa.Table = field(default_factory=ACTOR_SCHEMA.empty_table, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Take a table for its rows."""
+        object.__setattr__(self, "rows", as_rows(self.rows))
+
+    @cached_property
+    def actors(self) -> pa.Table:
+        """All rows as one table: of an hour with a hundred actors half a gigabyte."""
+        return self.rows.table()
 
     @property
     def step_s(self) -> float:
@@ -122,9 +115,7 @@ class Motion:
                 f"the motion has no step at {time_s:g} s",
                 expected=f"a multiple of {self.step_s:g} s from 0 to {float(times[-1]):g} s",
             )
-        column = self._time
-        first, last = np.searchsorted(column, times[nearest] + np.array([-1e-6, 1e-6]))
-        rows = _rows_of(self.actors.slice(int(first), int(last - first)))
+        rows = _structured(self.rows.between(*(times[nearest] + np.array([-1e-6, 1e-6])).tolist()))
         if not self.parked.num_rows:
             return rows
         standing = self._standing.copy()
@@ -134,18 +125,17 @@ class Motion:
 
     @cached_property
     def _standing(self) -> NDArray[np.void]:
-        return _rows_of(self.parked)
-
-    @property
-    def _time(self) -> NDArray[np.float64]:
-        return np.asarray(self.actors["time_s"].to_numpy())
+        return _structured(self.parked)
 
     def sha256(self) -> str:
         """Return a hash of everything that the motion holds, in hexadecimal."""
         digest = hashlib.sha256(json.dumps(self.manifest, sort_keys=True).encode())
-        for table in (self.actors, self.signals, self.parked):
+        stream = pa.BufferOutputStream()
+        self.rows.write(stream)
+        digest.update(stream.getvalue())
+        for table in (self.signals, self.parked):
             stream = pa.BufferOutputStream()
-            _write_table(table, stream)
+            write_rows([table], stream, table.schema)
             digest.update(stream.getvalue())
         for key, mesh in sorted(self.meshes.items()):
             digest.update(repr(key).encode())
@@ -167,12 +157,11 @@ class Motion:
         Args:
             tell: called with the fraction done (0..1) and what is being done.
         """
-        both = pa.concat_tables(
-            [one.select(["asset", "phase"]) for one in (self.actors, self.parked)]
-        )
-        shown = both.group_by(["asset", "phase"]).aggregate([])
-        pairs = zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True)
-        keys = {(AssetName.of(asset).unsized, phase) for asset, phase in pairs}
+        keys = set()
+        for rows in (self.rows, as_rows(self.parked)):
+            shown = rows.distinct(["asset", "phase"])
+            pairs = zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True)
+            keys |= {(AssetName.of(asset).unsized, phase) for asset, phase in pairs}
         # Phase 0 sizes the others.
         keys |= {(asset, 0) for asset, _ in keys}
         meshes = {key: self.mesh(*key) for key in each(sorted(keys), tell, "meshes of the actors")}
@@ -189,10 +178,10 @@ class Motion:
 
     def write(self, folder: Path) -> None:
         """Write the files of a motion into a folder that is there."""
-        _write_table(self.actors, folder / "actors.parquet")
-        _write_table(self.signals, folder / "signals.parquet")
+        self.rows.write(folder / "actors.parquet")
+        write_rows([self.signals], folder / "signals.parquet", SIGNAL_SCHEMA)
         if self.parked.num_rows:
-            _write_table(self.parked, folder / _PARKED)
+            write_rows([self.parked], folder / _PARKED)
         _write_meshes(folder / "meshes.npz", self.meshes)
         write_json(folder / "motion.json", self.manifest)
 
@@ -218,12 +207,12 @@ class Motion:
         told = validated(manifest, MotionManifest, file=path, expected="a motion's manifest")
         motion = cls(
             manifest,
-            read_parquet(folder / "actors.parquet", _TABLE, schema=ACTOR_SCHEMA),
+            read_rows(folder / "actors.parquet"),
             read_parquet(folder / "signals.parquet", _TABLE, schema=SIGNAL_SCHEMA),
             read_meshes(folder / "meshes.npz"),
             **_read_parked(folder / _PARKED),
         )
-        check_motion(motion.actors, motion.signals, told.steps * told.step_s, folder)
+        check_motion(motion.rows, motion.signals, told.steps * told.step_s, folder)
         if motion.parked.num_rows:
             check_actors(motion.parked, folder / _PARKED)
         return motion
@@ -243,8 +232,7 @@ def describe(folder: Path) -> dict[str, Any]:
     motion = Motion.load(folder)
     file = folder / "motion.json"
     validated(motion.manifest, MotionReport, file=file, expected="a motion's manifest")
-    tracks = motion.actors.select(["track", "class"]).group_by(["track", "class"]).aggregate([])
-    counts = Counter(tracks["class"].to_pylist())
+    counts = Counter(motion.rows.distinct(["track", "class"])["class"].to_pylist())
     return {
         "kind": "motion",
         "version": motion.manifest["version"],
@@ -254,7 +242,7 @@ def describe(folder: Path) -> dict[str, Any]:
         "duration_s": motion.manifest["duration_s"],
         "actors": {name: counts[name] for name in sorted(counts)},
         "parked": motion.parked.num_rows,
-        "poses": motion.actors.num_rows,
+        "poses": motion.rows.num_rows,
         "signal_links": len(
             motion.signals.select(["signal", "link"]).group_by(["signal", "link"]).aggregate([])
         ),
@@ -264,7 +252,7 @@ def describe(folder: Path) -> dict[str, Any]:
     }
 
 
-def _rows_of(table: pa.Table) -> NDArray[np.void]:
+def _structured(table: pa.Table) -> NDArray[np.void]:
     """Return a table of actors as a structured array."""
     rows = np.empty(table.num_rows, _ROW)
     for kind in ACTOR_SCHEMA:
@@ -291,10 +279,3 @@ def _write_meshes(path: Path, meshes: Mapping[MeshKey, LabelledMesh]) -> None:
             for name in MESH_FORM
         },
     )
-
-
-def _write_table(table: pa.Table, to: Path | pa.NativeFile) -> None:
-    """Write a table as Parquet, group of rows by group; the same rows give the same bytes."""
-    with pq.ParquetWriter(to, table.schema, compression="zstd") as writer:
-        for first in range(0, max(table.num_rows, 1), _GROUP):
-            writer.write_table(table.slice(first, _GROUP).combine_chunks())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,6 +18,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.mesh import MESH_FORM, checked_mesh
 from urbantwin.taxonomy import BOX_SEMANTICS
+from urbantwin.traffic.motion_rows import ActorRows
 
 __all__ = [
     "MeshKey",
@@ -83,11 +85,11 @@ class MotionReport(MotionManifest):
     collisions: _Count
 
 
-def check_motion(actors: pa.Table, signals: pa.Table, until_s: float, folder: Path) -> None:
+def check_motion(actors: ActorRows, signals: pa.Table, until_s: float, folder: Path) -> None:
     """Refuse tables that are not sorted, or with actors that cannot be.
 
     Args:
-        actors: by their schema, nothing missing, all finite.
+        actors: nothing missing, all finite.
         signals: the same.
         until_s: no step is later, seconds.
         folder: the motion's, for errors.
@@ -95,16 +97,25 @@ def check_motion(actors: pa.Table, signals: pa.Table, until_s: float, folder: Pa
     Raises:
         InputError: a row is wrong; the file and the column are named.
     """
+    _check_times([signals], until_s, folder / "signals.parquet")
     file = folder / "actors.parquet"
-    for table, path in ((actors, file), (signals, folder / "signals.parquet")):
-        times = table["time_s"].to_numpy()
-        if (np.diff(times) < 0).any():
-            raise InputError("is not sorted", file=path, place="time_s", expected="ascending times")
-        if len(times) and not -1e-6 <= times[0] <= times[-1] <= until_s + 1e-6:
-            problem = f"goes from {times[0]:g} to {times[-1]:g} s"
-            expected = f"0 to {until_s:g} s, as motion.json says"
-            raise InputError(problem, file=path, place="time_s", expected=expected)
-    check_actors(actors, file)
+    _check_times(actors.parts(["time_s"]), until_s, file)
+    for part in actors.parts():
+        check_actors(part, file)
+
+
+def _check_times(parts: Iterable[pa.Table], until_s: float, file: Path) -> None:
+    """Refuse tables that follow each other whose times go back, or leave the motion."""
+    ends: list[float] = []
+    for part in parts:
+        times = part["time_s"].to_numpy()
+        if (np.diff(np.concatenate([ends[-1:], times])) < 0).any():
+            raise InputError("is not sorted", file=file, place="time_s", expected="ascending times")
+        ends += times[[0, -1]].tolist() if len(times) else []
+    if ends and not -1e-6 <= ends[0] <= ends[-1] <= until_s + 1e-6:
+        problem = f"goes from {ends[0]:g} to {ends[-1]:g} s"
+        expected = f"0 to {until_s:g} s, as motion.json says"
+        raise InputError(problem, file=file, place="time_s", expected=expected)
 
 
 def check_actors(actors: pa.Table, file: Path) -> None:

@@ -149,7 +149,7 @@ def _replayed(
     warned = _warnings(recording, strange, outside, actors.num_rows, without_place)
     manifest["warnings"] = rows_of(warned)
     motion = Motion(manifest, actors, signals).with_meshes(between(tell, 0.9, 1.0))
-    made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
+    made = {"actors": table_sha256(motion.rows), "meshes": meshes_sha256(motion.meshes)}
     return replace(motion, manifest={**manifest, "made": made})
 
 

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from urbantwin.traffic.assets import AssetName, sized_name
 from urbantwin.traffic.motion import Motion
+from urbantwin.traffic.motion_rows import as_rows
 
 __all__ = ["resized"]
 
@@ -32,7 +33,7 @@ def resized(motion: Motion, size: Mapping[str, Mapping[str, float]]) -> Motion:
     return replace(
         motion,
         manifest=manifest,
-        actors=_stretched(motion.actors, factors),
+        rows=as_rows(_stretched(motion.actors, factors)),
         parked=_stretched(motion.parked, factors),
     ).with_meshes()
 

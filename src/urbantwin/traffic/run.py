@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
@@ -36,7 +35,8 @@ from urbantwin.traffic.events.reacting import (
 from urbantwin.traffic.events.scenario import PlacedEvent, scenario_events
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
-from urbantwin.traffic.motion import ACTOR_SCHEMA, Motion
+from urbantwin.traffic.motion import Motion
+from urbantwin.traffic.motion_rows import ACTOR_SCHEMA, ActorRows, as_rows
 from urbantwin.traffic.parked import ParkedVehicles, park
 from urbantwin.traffic.paths.abreast import with_parties
 from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders
@@ -165,13 +165,14 @@ def _driven(
     if scenario:
         manifest["events"] = []
     driven = Motion(manifest, drive.actors, signals, streets.own.meshes, parked=standing)
-    staged = drive.staged
+    size = asked.get("size", {})
+    staged, overlaps = drive.staged, None if size or scenario else drive.overlaps
     del drive  # an hour of it takes hundreds of megabytes
-    motion = resized(driven.with_meshes(between(told, 0.85, 0.93)), asked.get("size", {}))
+    motion = resized(driven.with_meshes(between(told, 0.85, 0.93)), size)
     if scenario:
         motion = with_events(motion, twin, scenario, staged)
     told(0.93, "who passes through whom")
-    return _told(motion, twin)
+    return _told(motion, twin, overlaps)
 
 
 def with_more(twin: Twin, motion: Motion, told: Sequence[Mapping[str, Any]]) -> Motion:
@@ -190,7 +191,7 @@ def with_more(twin: Twin, motion: Motion, told: Sequence[Mapping[str, Any]]) -> 
     for name in ("overlaps", "warnings", "made"):
         manifest.pop(name, None)
     scenario = list(enumerate(scenario_events(told)))
-    return _told(with_events(replace(motion, manifest=manifest), twin, scenario, ()), twin)
+    return _told(with_events(replace(motion, manifest=manifest), twin, scenario, ()), twin, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,21 +201,23 @@ class _Drive:
     Attributes:
         demand: who set out.
         simulated: what SUMO did, but of where everybody was the `arrivals` alone.
-        actors: the table of actors.
+        actors: their rows.
         outside: how many poses were left out because there is no ground.
         rigid: who would bend and has a rigid vehicle, as it would cut a corner into somebody.
         poses: everybody's, as ``yielding`` has them.
         absent: who is left out, as it would pass through somebody.
+        overlaps: who overlaps whom or what even so; not counted where anything came of it later.
         staged: events that others reacted to.
     """
 
     demand: Demand
     simulated: Simulated
-    actors: pa.Table
+    actors: ActorRows
     outside: int
     rigid: frozenset[int]
     poses: tuple[dict[str, Any], ...]
     absent: Absent
+    overlaps: dict[str, Any] | None
     staged: list[StagedEvent] = field(default_factory=list)
 
 
@@ -299,9 +302,10 @@ class _Streets:
             before=before,
             beside=beside,
             scratch=self.scratch,
+            file=None if by_trip else self.scratch / "actors.parquet",
             tell=tell,
         )
-        return _Drive(demand, told, made.actors, made.outside, made.rigid, made.poses, made.absent)
+        return _Drive(demand, told, **vars(made))
 
     def with_reactions(
         self, without: _Drive, events: list[tuple[int, PlacedEvent]], place: Place
@@ -311,7 +315,7 @@ class _Streets:
         Raises:
             NotStagedError: one cannot be staged at any of the places that are tried.
         """
-        places = {n: places_that_serve(one, self.twin, without.actors) for n, one in events}
+        places = {n: places_that_serve(one, self.twin, without.actors.table()) for n, one in events}
         taken = dict.fromkeys(places, 0)
         while True:
             chosen = {n: places[n][taken[n]] for n in places}
@@ -355,8 +359,8 @@ class _Streets:
             simulated, demand, place, by_trip=True, tell=untold, before=before,
             beside=Bystanders(own, until, gone[gone[:, 1] < until]),
         )  # fmt: skip
-        actors, staged = staged_table(without.actors, drive.actors, found, events)
-        return replace(drive, actors=actors, staged=staged)
+        actors, staged = staged_table(without.actors.table(), drive.actors.table(), found, events)
+        return replace(drive, actors=as_rows(actors), overlaps=None, staged=staged)
 
 
 def _parked(twin: Twin, asked: Mapping[str, Any], ground: Ground) -> ParkedVehicles:
@@ -367,13 +371,14 @@ def _parked(twin: Twin, asked: Mapping[str, Any], ground: Ground) -> ParkedVehic
     return park(twin.roads, twin.mesh, ground, spaces, fleet=fleet, asset=own.asset)
 
 
-def _told(motion: Motion, twin: Twin) -> Motion:
+def _told(motion: Motion, twin: Twin, overlaps: dict[str, Any] | None) -> Motion:
     """Return a motion whose manifest says what is wrong with it, and what it was made to."""
-    overlaps = overlaps_of(motion.actors, motion.parked, motion.step_s, twin.mesh)
+    if overlaps is None:
+        overlaps = overlaps_of(motion.rows, motion.parked, motion.step_s, twin.mesh)
     manifest = {**motion.manifest, "overlaps": overlaps}
     manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     manifest["made"] = {
-        "actors": table_sha256(motion.actors),
+        "actors": table_sha256(motion.rows),
         "meshes": meshes_sha256(motion.meshes),
     }
     return replace(motion, manifest=manifest)

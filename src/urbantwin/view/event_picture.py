@@ -53,10 +53,9 @@ def event_figure(
     marked = set(event["tracks"]) | ({nearest["track"]} if "track" in nearest else set())
     for row in rows_at(motion, moment):
         _draw_box(axes, row, marked=int(row["track"]) in marked)
-    times = motion.actors["time_s"].to_numpy()
-    near = np.abs(times - moment) <= _WAY_S
-    tracks = motion.actors["track"].to_numpy()[near]
-    xy = np.column_stack([motion.actors[name].to_numpy()[near] for name in ("x", "y")])
+    near = motion.rows.between(moment - _WAY_S, moment + _WAY_S)
+    tracks = near["track"].to_numpy()
+    xy = np.column_stack([near[name].to_numpy() for name in ("x", "y")])
     for track in sorted(marked):
         way = xy[tracks == track]
         if len(way):

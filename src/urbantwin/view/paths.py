@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+import pyarrow.compute as pc
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -22,6 +23,8 @@ __all__ = ["paths_figure"]
 _MARGIN_M = 5.0
 #: A path is broken where an actor is this far from where it was, metres: it left and came again.
 _LEAP_M = 25.0
+#: Of a way a place is drawn every so often, metres.
+_FINE_M = 0.25
 #: So many classes fit into one row of the legend.
 _ROW = 6
 
@@ -39,9 +42,9 @@ def paths_figure(
     figure = style.new_figure(12.0, 12.9)
     axes = figure.add_axes((0.02, 0.06, 0.96, 0.87))
     style.bare(axes)
-    tracks = np.asarray(motion.actors["track"].to_numpy())
-    xy = np.column_stack([motion.actors[name].to_numpy() for name in ("x", "y")]).reshape(-1, 2)
-    classes = np.asarray(motion.actors["class"].to_numpy(zero_copy_only=False), str)
+    tracks = np.asarray(motion.rows["track"].to_numpy())
+    xy = np.column_stack([motion.rows[name].to_numpy() for name in ("x", "y")]).reshape(-1, 2)
+    classes = motion.rows["class"]
     x0, y0, x1, y1 = _shown(xy, twin)
     width = 1.04 * max(x1 - x0, y1 - y0)
     axes.set_xlim((x0 + x1 - width) / 2, (x0 + x1 + width) / 2)
@@ -52,16 +55,18 @@ def paths_figure(
         draw_surfaces(axes, twin.roads, twin.lane_model, DARK)
     handles: list[Line2D] = []
     for name in BOX_SEMANTICS:
-        mine = np.flatnonzero(classes == name)
+        mine = np.flatnonzero(pc.equal(classes, name).to_numpy())
         if not len(mine):
             continue
         colour = tuple(style.actor_colour(name))
         if any(one.get_color() == colour for one in handles):  # vans are cars to SemanticKITTI
             colour = tuple((part + 1) / 2 for part in colour)
         mine = mine[np.argsort(tracks[mine], kind="stable")]
-        apart = np.linalg.norm(np.diff(xy[mine], axis=0), axis=1) > _LEAP_M
-        ends = np.flatnonzero(apart | (np.diff(tracks[mine]) != 0)) + 1
-        ways = np.split(xy[mine], ends)
+        moved = np.linalg.norm(np.diff(xy[mine], axis=0), axis=1)
+        ends = np.flatnonzero((moved > _LEAP_M) | (np.diff(tracks[mine]) != 0)) + 1
+        drawn = np.diff(np.concatenate([[0.0], np.cumsum(moved)]) // _FINE_M, prepend=-1.0) != 0
+        drawn[ends] = drawn[ends - 1] = drawn[-1] = True
+        ways = np.split(xy[mine[drawn]], (np.cumsum(drawn) - 1)[ends])
         axes.add_collection(
             LineCollection(ways, colors=[colour], linewidths=1.1, alpha=0.65, zorder=40)
         )

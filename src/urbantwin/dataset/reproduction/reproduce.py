@@ -121,7 +121,7 @@ def plan_of(
         raise InputError("has another scene", file=twin, expected="the twin of the dataset")
     if motion is not None:
         taken = Motion.load(motion)
-        made = (table_sha256(taken.actors), meshes_sha256(taken.meshes))
+        made = (table_sha256(taken.rows), meshes_sha256(taken.meshes))
         if made != (source.dataset.motion_sha256, source.dataset.meshes_sha256):
             raise InputError(
                 "has other actors", file=motion, expected="the motion of the dataset, as it was"

@@ -27,9 +27,9 @@ __all__ = ["PlacedBody", "candidates", "placed"]
 #: Points lower than this over a box's underside may be of the ground, metres.
 GROUND_M = 0.25
 #: So many bodies and postures are tried: those of wheels alone have no postures.
-_TRIED, _TRIED_POSED = 8, 10
+_TRIED, _TRIED_POSED = 8, 30
 #: How many postures of a cycle are tried, beside that of who halts.
-_POSTURES = 4
+_POSTURES = 6
 #: What data sets call a truck may be a large van: its bodies are tried too.
 _ALSO = {"truck": ("van",)}
 #: Who pushes or sits is rare: tried only where the data calls it so.

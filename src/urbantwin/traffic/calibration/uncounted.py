@@ -28,7 +28,7 @@ class UncountedFlows:
     def __init__(self, recorded: Measured) -> None:
         hours = recorded.seconds / 3600
         self._wanted = {
-            name: count / hours
+            name: round(count / hours, 1)
             for name, count in recorded.new.items()
             if name not in MOTORS and count
         }

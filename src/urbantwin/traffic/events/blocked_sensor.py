@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError, StageError
-from urbantwin.geometry import DownwardProbe, rotation_from_ypr
+from urbantwin.geometry import rotation_from_ypr
 from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.traffic.assets import asset, asset_mesh, asset_names
 from urbantwin.traffic.events.scenario import BlockedSensor
@@ -21,6 +21,8 @@ __all__ = ["blocked_sensor"]
 
 #: A truck may stand so near to a sensor, and so far from it, metres.
 _NEAREST_M, _FARTHEST_M = 2.0, 18.0
+#: A lane whose edge is no farther from the kerb is the outermost, metres.
+_BESIDE_M = 1.0
 #: The streets within this distance of the anchor are what a sensor is to see, metres.
 _JUNCTION_M = 35.0
 #: Where no lane is free as long as asked for, so large a part of it does; times that are tried lie
@@ -31,8 +33,8 @@ _SHORTEST, _EVERY_S = 0.25, 5.0
 def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     """Let a truck stand where it hides most of the junction from the sensor.
 
-    Places are the lanes that trucks use around the sensor; what is hidden is found by rays to the
-    streets around the anchor that nothing else hides.
+    Places are the lanes that trucks use around the sensor, and the kerbs beside them; what is
+    hidden is found by rays to the streets around the anchor that nothing else hides.
     """
     twin = setting.twin
     standing = {name: (east, north) for name, east, north in twin.rig_spec().standing()}
@@ -44,12 +46,9 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
             expected=", ".join(standing) or "a rig that stands",
         )
     spec = next(one for one in twin.rig_spec().sensors if one.name == name)
-    probe = DownwardProbe(twin.ground_mesh)
-    top = float(twin.mesh.vertices[:, 2].max()) + 1.0
-    east, north = standing[name]
-    ground = float(probe.height_below(np.array([[east, north, top]]))[0])
-    eye = np.array([east, north, (ground if np.isfinite(ground) else 0.0) + (spec.height_m or 5.0)])
-    seen = _seen_places(setting, eye, probe, top)
+    foot, above_m = np.array(standing[name]), spec.height_m or 5.0
+    eye = np.array([*foot, np.nan_to_num(setting.solid.ground(foot[None]))[0] + above_m])
+    seen = _seen_places(setting, eye)
     if not len(seen):
         raise StageError(f"blocked_sensor: {name} sees nothing of the junction as it is")
     tried = []
@@ -57,11 +56,14 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
         if asset(truck).bodies:
             continue  # one stiff truck hides enough
         scene = EmbreeScene(asset_mesh(truck).vertices, asset_mesh(truck).faces)
-        for at, yaw in _stands(setting, eye[:2]):
-            height = float(probe.height_below(np.array([[*at, top]]))[0])
-            if np.isfinite(height):
-                hidden = _hidden(scene, eye, seen, np.array([*at, height]), yaw)
-                tried.append((-round(hidden, 6), truck, tuple(at.tolist()), yaw))
+        for xy, yaw in _stands(setting, truck, eye):
+            hidden = _hidden(scene, eye, seen, xy, yaw)
+            tried.append((-round(hidden, 6), truck, tuple(xy[:2].tolist()), yaw))
+    if not tried:
+        raise StageError(
+            f"blocked_sensor at {event.at_s:g} s cannot be staged: within {_FARTHEST_M:g} m of "
+            f"{name} is no lane that trucks use, nor a kerb beside one: name another sensor"
+        )
     hiding = [one for one in sorted(tried) if -one[0] >= event.least_share]
     for from_s, until_s in _spans(event, setting.until_s):
         for minus, truck, (x, y), yaw in hiding:
@@ -77,12 +79,19 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
             if other is None or other.gap_m >= CLEAR_M:
                 told = {"sensor": name, "share_of_junction_hidden": -minus}
                 return Scripted((path,), from_s, until_s, told=told)
-    most = -min(tried)[0] if tried else 0.0
+    most = -min(tried)[0]
+    said = f"blocked_sensor at {event.at_s:g} s cannot be staged: "
+    if not hiding:
+        raise StageError(
+            f"{said}a truck beside {name}, {above_m:.1f} m above the ground, hides "
+            f"{most:.1%} of the junction at the most, and {event.least_share:.1%} are asked for: "
+            f"least_share: {np.floor(most * 1000) / 1000:.3f}, or a sensor that hangs lower"
+        )
     raise StageError(
-        f"blocked_sensor at {event.at_s:g} s cannot be staged: a truck on a lane that is free for "
-        f"{event.lasts_s * _SHORTEST:g} s within {event.within_s:g} s of it beside {name} hides "
-        f"less than {event.least_share:.1%} of the junction (at best {most:.1%}, were all lanes "
-        "free): the sensor stands too high or too far from lanes"
+        f"{said}none of the {len(hiding)} places beside {name} where a truck hides "
+        f"{event.least_share:.1%} of the junction or more ({most:.1%} at the most) is free for "
+        f"{event.lasts_s * _SHORTEST:g} s within {event.within_s:g} s of it: a longer within_s, a "
+        "shorter lasts_s, or another at_s"
     )
 
 
@@ -97,16 +106,14 @@ def _spans(event: BlockedSensor, until_s: float) -> Iterator[tuple[float, float]
             yield from_s, min(from_s + part * event.lasts_s, until_s)
 
 
-def _seen_places(
-    setting: Setting, eye: NDArray[np.float64], probe: DownwardProbe, top: float
-) -> NDArray[np.float64]:
+def _seen_places(setting: Setting, eye: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return places (N, 3) on the streets of the junction that the sensor sees."""
     spread = np.arange(-_JUNCTION_M, _JUNCTION_M + 1, 2.0)
     x, y = (grid.ravel() for grid in np.meshgrid(spread, spread))
     on_road = shapely.contains_xy(setting.twin.roads.carriageway(0), x, y)
     on_road &= np.hypot(x, y) <= _JUNCTION_M
     xy = np.column_stack([x[on_road], y[on_road]])
-    z = probe.height_below(np.column_stack([xy, np.full(len(xy), top)])) + 0.8
+    z = setting.solid.ground(xy) + 0.8
     places = np.column_stack([xy, z])[np.isfinite(z)]
     mesh = setting.twin.mesh
     way = places - eye
@@ -117,22 +124,50 @@ def _seen_places(
     return np.asarray(places[hit.range_m > reach - 0.3])
 
 
-def _stands(setting: Setting, at: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], float]]:
-    """Return where trucks could stand around a sensor, and their headings."""
-    found = []
-    for lane in setting.twin.roads.lanes:
-        parks = lane.kind == "parking"
-        if not parks and (lane.kind not in ("driving", "bus") or "truck" not in lane.allowed):
+def _stands(
+    setting: Setting, truck: str, eye: NDArray[np.float64]
+) -> list[tuple[NDArray[np.float64], float]]:
+    """Return where a truck could stand around a sensor, (3,) metres, and its headings.
+
+    On lanes, and beside them at the kerb, half or all on the sidewalk, as those who deliver do:
+    where there is ground, and nothing stands.
+    """
+    twin, kerb = setting.twin, setting.twin.roads.carriageway(0)
+    side = -1.0 if twin.roads.driving_side == "right" else 1.0
+    body = asset(truck)
+    found, yaws = [], []
+    for lane in twin.roads.lanes:
+        parks, turns = lane.kind == "parking", lane.kind == "connection"
+        drives = turns or lane.kind in ("driving", "bus")
+        if not parks and not (drives and "truck" in lane.allowed):
             continue
         line = shapely.LineString(lane.centre[:, :2])
         for along in np.arange(3.0, line.length - 3.0, 2.0):
             ends = [
                 shapely.get_coordinates(line.interpolate(along + way))[0] for way in (-1.0, 0, 1.0)
             ]
-            away = float(np.hypot(*(ends[1] - at)))
-            if _NEAREST_M < away < _FARTHEST_M:
-                found.append((ends[1], float(np.arctan2(*(ends[2] - ends[0])[::-1]))))
-    return found
+            if np.hypot(*(ends[1] - eye[:2])) > _FARTHEST_M + _BESIDE_M:
+                continue
+            ahead = (ends[2] - ends[0]) / np.hypot(*(ends[2] - ends[0]))
+            out = side * np.array([-ahead[1], ahead[0]])
+            places = [] if turns else [ends[1]]  # nobody stands still in a junction
+            across = shapely.LineString([ends[1], ends[1] + 2 * lane.width * out])
+            paved = shapely.get_parts(shapely.intersection(across, kerb))
+            paved = paved[shapely.distance(paved, shapely.Point(ends[1])) < _BESIDE_M / 2]
+            kerb_m = float(shapely.length(paved).max(initial=0.0)) or np.inf
+            if kerb_m < lane.width / 2 + _BESIDE_M:
+                shares = (0, 1) if turns else (-1, 0, 1)
+                places += [ends[1] + (kerb_m + k * body.width / 2) * out for k in shares]
+            found += places
+            yaws += [float(np.arctan2(*ahead[::-1]))] * len(places)
+    xy, yaw = np.array(found).reshape(-1, 2), np.array(yaws)
+    away = np.hypot(*(xy - eye[:2]).T)
+    near = (away > _NEAREST_M) & (away < _FARTHEST_M)
+    xy, yaw = xy[near], yaw[near]
+    z = setting.solid.ground(xy)
+    size = body.length, body.width, body.height
+    free = np.isfinite(z) & ~setting.solid.met(xy, yaw, size)
+    return list(zip(np.column_stack([xy, z])[free], yaw[free].tolist(), strict=True))
 
 
 def _hidden(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,10 @@ _VEHICLES = ("car", "van", "truck", "bus", "motorcycle")
 #: Who crosses comes from so far and goes so far, metres.
 _BEFORE_M = {"pedestrian": 6.0, "bicycle": 25.0}
 _BEYOND_M = {"pedestrian": 6.0, "bicycle": 20.0}
+#: A way is looked at every so often for what stands in it, metres.
+_LOOKED_AT_M = 0.5
+#: Or a part of it, where something stands in the way.
+_SHARES = {"pedestrian": (1.0,), "bicycle": (1.0, 0.5, 0.3)}
 _FAR_M = 45.0
 #: Nobody brakes harder, m/s2: dry asphalt.
 _HARDEST, _GENTLEST = 9.0, 0.5
@@ -111,6 +116,12 @@ def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scri
     refused = ""
     for way in _ways_across(event, setting, at, yaw):
         place_m = way.station_of(at)
+        if _is_blocked(way, mesh, setting):
+            refused = refused or (
+                f"near_miss at {event.at_s:g} s cannot be staged: something that stands is in the "
+                f"way of the {event.actor}"
+            )
+            continue
         try:
             if event.pet_s is not None:
                 path = _passing(event, setting, way, place_m, meets_s, speed, mesh, track)
@@ -265,6 +276,15 @@ def _parked(
     return cars, out_m + widest / 2 + 0.5
 
 
+def _is_blocked(way: Way, mesh: str, setting: Setting) -> bool:
+    """Return whether a body that goes along a way comes into anything that stands."""
+    stations = np.linspace(0.0, way.length, int(way.length / _LOOKED_AT_M) + 2)
+    yaw = np.array([way.heading(float(one)) for one in stations])
+    body = asset(mesh)
+    size = body.length, body.width, body.height
+    return bool(setting.solid.met(way.at(stations), yaw, size).any())
+
+
 def _ways_across(
     event: NearMiss, setting: Setting, at: NDArray[np.float64], yaw: float
 ) -> list[Way]:
@@ -273,8 +293,8 @@ def _ways_across(
         return _lanes_across(event.actor, setting, at, yaw)
     kerb = -1.0 if setting.twin.roads.driving_side == "right" else 1.0
     ways = []
-    for side in (kerb, -kerb):
-        across = side * np.array([-np.sin(yaw), np.cos(yaw)])
+    for share, side in product(_SHARES[event.actor], (kerb, -kerb)):
+        across = share * side * np.array([-np.sin(yaw), np.cos(yaw)])
         ends = at + across * _BEFORE_M[event.actor], at - across * _BEYOND_M[event.actor]
         ways.append(Way(np.linspace(*ends, 60)))
     return ways

@@ -24,6 +24,7 @@ from urbantwin.traffic.events.scripted import (
     trajectory,
     wrong_way,
 )
+from urbantwin.traffic.events.solid import Solid
 from urbantwin.traffic.events.surroundings import Surroundings
 from urbantwin.traffic.events.things import debris, work_zone
 from urbantwin.traffic.events.u_turn import u_turn
@@ -110,13 +111,13 @@ def with_events(
     Raises:
         StageError: an event cannot be staged; it says what is missing.
     """
-    surface = TwinSurface(twin)
+    surface, solid = TwinSurface(twin), Solid(twin)
     rows: dict[int, dict[str, Any]] = {}
     for one in staged:
         rows[one.reaction.number], motion = _row_of(one, motion, twin, surface)
     for number, event in events:
         if event.event in PUT_IN:
-            rows[number], motion = _put_in(event, number, motion, twin, surface)
+            rows[number], motion = _put_in(event, number, motion, solid, surface)
     return replace(motion, manifest={**motion.manifest, "events": [rows[n] for n in sorted(rows)]})
 
 
@@ -157,11 +158,12 @@ def _bodies_of(reaction: Reaction, twin: Twin) -> list[PrescribedPath]:
 
 
 def _put_in(
-    event: Event, number: int, motion: Motion, twin: Twin, surface: TwinSurface
+    event: Event, number: int, motion: Motion, solid: Solid, surface: TwinSurface
 ) -> tuple[dict[str, Any], Motion]:
     """Return the row of an event whose actors are put in, and the motion with them."""
     others = Surroundings(motion)
-    setting = Setting(twin, others, int(motion.manifest["seed"]), number)
+    twin = solid.twin
+    setting = Setting(twin, others, int(motion.manifest["seed"]), number, solid)
     stage = PUT_IN[event.event]
     told: dict[str, Any] = {}
     try:

@@ -23,6 +23,7 @@ from urbantwin.traffic.events.scenario import (
     Trajectory,
     WrongWay,
 )
+from urbantwin.traffic.events.solid import Solid
 from urbantwin.traffic.events.surroundings import Surroundings, passage_of_path
 from urbantwin.traffic.events.way_signals import WaySignals
 from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
@@ -61,12 +62,14 @@ class Setting:
         others: who is there.
         seed: of random choices of this event.
         number: of the event, which chooses its meshes.
+        solid: what stands there.
     """
 
     twin: Twin
     others: Surroundings
     seed: int
     number: int
+    solid: Solid
 
     @property
     def until_s(self) -> float:

@@ -10,6 +10,7 @@ import pyarrow as pa
 from urbantwin.taxonomy import material_id
 from urbantwin.traffic.assets.asset_name import AssetName
 from urbantwin.traffic.motion import Motion
+from urbantwin.traffic.motion_rows import as_rows
 
 __all__ = ["unlit"]
 
@@ -43,6 +44,6 @@ def unlit(motion: Motion, track: int) -> Motion:
     used = {AssetName.of(name).unsized for name in shown}
     return replace(
         motion,
-        actors=changed,
+        rows=as_rows(changed),
         meshes={key: mesh for key, mesh in sorted(meshes.items()) if key[0] in used},
     )

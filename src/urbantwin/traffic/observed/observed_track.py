@@ -25,8 +25,6 @@ USUAL = {
 }  # fmt: skip
 #: Wider or longer than this is no person and no bicycle, metres.
 WIDE_M, LONG_M = 1.3, 2.3
-#: Nobody on foot is longer or wider, arms and bags included, metres.
-PERSON_M = 0.9
 #: Shorter than this is a person on foot, metres.
 RIDDEN_M = 1.35
 #: What stands must be this long and wide to be a vehicle that waits, metres.
@@ -110,9 +108,7 @@ def observed_track(
     usual = USUAL[name]
     height = float(np.quantile([one.highest for one in seen], 0.75))
     size = (max(float(length), usual[0]), max(float(width), usual[1]), height)
-    if name == "pedestrian":
-        size = (min(size[0], PERSON_M), min(size[1], PERSON_M), height)
-    if name == "bicycle":
+    if name in SMALL:
         size = (usual[0], usual[1], height)
     boxes = np.array([_completed(one, yaw, size) for one, yaw in zip(seen, yaws, strict=True)])
     return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)

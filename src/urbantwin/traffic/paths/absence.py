@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.traffic.paths.obstacles import Obstacles
-from urbantwin.traffic.paths.overlap import rows_that_overlap
+from urbantwin.traffic.paths.overlap import Overlapping, rows_that_overlap, told_of
 
 __all__ = ["NOBODY", "Absent", "Bystanders", "absent_from"]
 
@@ -60,11 +60,13 @@ class Absent:
         steps: (K, 2) actor and step of the same.
         told: for `motion.json`: ``visits`` that are left out, and ``of`` how many; ``actors``, by
             class; ``each``: class, from when until when, with whom or what, when and where.
+        left: who overlaps even so, among those who are there.
     """
 
     rows: NDArray[np.bool_]
     steps: NDArray[np.int64]
     told: dict[str, Any]
+    left: Overlapping
 
 
 def absent_from(
@@ -93,21 +95,23 @@ def absent_from(
     """
     step, inside, near = _where(actors, region, step_s)
     visit, begins, poses = _visits(whose, step, inside, near)
-    pairs, hits, what = rows_that_overlap(actors, parked, step_s, obstacles, visit)
+    overlapping = rows_that_overlap(actors, parked, step_s, obstacles, visit)
+    pairs, hits = overlapping.pairs, overlapping.hits
     count = len(begins)
     first = _first_rows(visit, count)
-    rows, told = _told_of(actors, np.concatenate([first, pairs.ravel(), hits]))
+    wanted = np.concatenate([first, pairs.ravel(), hits])
+    rows, told = told_of(actors, wanted, ("class", "time_s", "x", "y"))
     kinds = told["class"][np.searchsorted(rows, first)]
     by_visit = np.zeros(count, np.int64)
     by_visit[visit] = whose
     staged = np.isin(by_visit, list(beside.own))
     stays = staged | (begins < beside.until)
     gone = np.zeros(count, np.bool_)
-    early = step < beside.until
-    gone[visit[early & _among(whose, step, beside.absent)]] = True
+    early = np.flatnonzero(step < beside.until)
+    gone[visit[early[_among(whose[early], step[early], beside.absent)]]] = True
     gone &= ~staged
     # Whoever meets what stands, or a body of its own, does so whoever else is there.
-    alone = (pairs[:, 1] < 0) | (visit[pairs[:, 0]] == visit[pairs[:, 1]])
+    alone = (pairs[:, 1] < 0) | (visit[pairs[:, 0]] == visit[np.maximum(pairs[:, 1], 0)])
     meets = visit[np.concatenate([hits, pairs[alone, 0]])]
     gone[meets] |= ~stays[meets]
     met = visit[pairs[~alone]]
@@ -115,9 +119,9 @@ def absent_from(
     _choose(met, gone, stays, cost, poses)
     away = gone[visit]
     steps = np.unique(np.column_stack([whose[away], step[away]]).astype(np.int64), axis=0)
-    led = whose != leads
-    away |= led & _among(leads, step, steps)
-    why = _reasons(rows, told, pairs, hits, what, visit, gone)
+    led = np.flatnonzero(whose != leads)
+    away[led] |= _among(leads[led], step[led], steps)
+    why = _reasons(rows, told, overlapping, visit, gone)
     ends = np.zeros(count, np.int64)
     np.maximum.at(ends, visit, step)
     each = [
@@ -135,7 +139,7 @@ def absent_from(
         "actors": dict(sorted(Counter(str(one["class"]) for one in each).items())),
         "each": each[:_TOLD],
     }
-    return Absent(away, steps, counts)
+    return Absent(away, steps, counts, overlapping.among(~away))
 
 
 def _where(
@@ -149,21 +153,6 @@ def _where(
         inside.append(_inside(xy, region))
         near.append(_inside(xy, region, _BESIDE_M))
     return np.concatenate(steps), np.concatenate(inside), np.concatenate(near)
-
-
-def _told_of(
-    actors: Iterable[pa.Table], wanted: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
-    """Return rows (R,) that are wanted, ascending, and what they are: ``class``, when, where."""
-    rows = np.unique(wanted[wanted >= 0])
-    found: dict[str, list[NDArray[Any]]] = {name: [] for name in ("class", "time_s", "x", "y")}
-    begin = 0
-    for part in actors:
-        mine = rows[slice(*np.searchsorted(rows, [begin, begin + part.num_rows]))] - begin
-        for name, values in found.items():
-            values.append(np.array(part[name].take(pa.array(mine)).to_pylist(), object))
-        begin += part.num_rows
-    return rows, {name: np.concatenate(values) for name, values in found.items() if values}
 
 
 def _inside(
@@ -186,10 +175,11 @@ def _visits(
     A visit is how long one is there without coming into the region or leaving it. Whoever is near
     the region, but not in it, is in it if it comes in before it goes farther away, or came.
     """
-    order = np.lexsort([step, whose])
+    # Of millions of rows each column counts.
+    order = np.lexsort([step, whose]).astype(np.int32)
     who, when = whose[order], step[order]
     new = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) != 0)])[: len(order)]
-    first = np.flatnonzero(new)
+    first = np.flatnonzero(new).astype(np.int32)
     who, when = who[first], when[first]
     # Of a vehicle that bends any body counts.
     within, beside = (
@@ -200,16 +190,16 @@ def _visits(
     comes_in = np.logical_or.reduceat(within, runs) if len(runs) else within
     there = np.repeat(comes_in, np.diff(np.append(runs, len(first))))
     begun = broken | np.concatenate([[True], np.diff(there)])[: len(first)]
-    of_cell = np.cumsum(begun) - 1
+    of_cell = np.cumsum(begun, dtype=np.int32) - 1
     visit = np.empty(len(order), np.int32)
-    visit[order] = of_cell[np.cumsum(new) - 1]
+    visit[order] = of_cell[np.cumsum(new, dtype=np.int32) - 1]
     return visit, when[begun], np.bincount(visit, minlength=int(begun.sum()))
 
 
 def _first_rows(visit: NDArray[np.integer], count: int) -> NDArray[np.int64]:
     """Return the first row of each visit (V,)."""
     found = np.zeros(count, np.int64)
-    found[visit[::-1]] = np.arange(len(visit))[::-1]
+    found[visit[::-1]] = np.arange(len(visit), dtype=np.int32)[::-1]
     return found
 
 
@@ -248,9 +238,7 @@ def _choose(
 def _reasons(
     rows: NDArray[np.int64],
     told: dict[str, NDArray[Any]],
-    pairs: NDArray[np.int64],
-    hits: NDArray[np.int64],
-    what: NDArray[np.object_],
+    overlapping: Overlapping,
     visit: NDArray[np.integer],
     gone: NDArray[np.bool_],
 ) -> dict[int, dict[str, Any]]:
@@ -258,24 +246,22 @@ def _reasons(
 
     Args:
         rows: of which is told (R,).
-        told: what (`_told_of`).
-        pairs: rows that overlap.
-        hits: rows that meet something static.
-        what: what that is.
+        told: what.
+        overlapping: rows that overlap.
         visit: of all rows.
         gone: which visits are left out.
     """
     first: dict[int, tuple[int, str]] = {}
-    kinds = dict(zip(rows.tolist(), told.get("class", ()), strict=True))
+    kinds = dict(zip(rows.tolist(), told["class"], strict=True))
 
     def note(row: int, other: str) -> None:
         number = int(visit[row])
         if gone[number] and row <= first.get(number, (row, ""))[0]:
             first[number] = row, other
 
-    for row, name in zip(hits.tolist(), what.tolist(), strict=True):
+    for row, name in zip(overlapping.hits.tolist(), overlapping.what.tolist(), strict=True):
         note(row, name)
-    for one, other in pairs.tolist():
+    for one, other in overlapping.pairs.tolist():
         if other < 0:
             note(one, "parked")
         else:

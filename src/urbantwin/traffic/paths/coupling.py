@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from urbantwin.traffic.assets import AssetName, asset, bending_names
+from urbantwin.traffic.motion_rows import ActorRows, as_rows
 
 __all__ = ["are_coupled", "towed_by"]
 
@@ -30,17 +30,17 @@ def are_coupled(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -
     return _hangs(columns, pairs) | _hangs(columns, pairs[:, ::-1])
 
 
-def towed_by(actors: pa.Table) -> dict[int, int]:
+def towed_by(actors: pa.Table | ActorRows) -> dict[int, int]:
     """Return the track of each further body of a vehicle that bends -> that of the body ahead.
 
     Args:
-        actors: of a motion, sorted by time.
+        actors: of a motion.
     """
     ahead = {one for one, _ in _joints()}
     behind = {other for _, other in _joints()}
-    names = pc.unique(actors["asset"]).to_pylist()
-    kept = [name for name in names if AssetName.of(name).body in ahead | behind]
-    rows = actors.filter(pc.is_in(actors["asset"], pa.array(kept, pa.string())))
+    every = as_rows(actors)
+    names = every.distinct(["asset"])["asset"].to_pylist()
+    rows = every.where("asset", [x for x in names if AssetName.of(x).body in ahead | behind])
     columns = {
         name: np.asarray(rows[name].to_numpy())
         for name in ("time_s", "track", "asset", "x", "y", "yaw")

@@ -52,6 +52,25 @@ class KeptColumns:
             self._parts = [{x: np.concatenate([one[x] for one in self._parts]) for x in names}]
         return self._parts[0]
 
+    def rows(self, rows: NDArray[np.integer]) -> Columns:
+        """Return some rows; of those on disk no others come into memory."""
+        if self._folder is None:
+            return {name: values[rows] for name, values in self.opened().items()}
+        begins = np.flatnonzero(np.diff(rows, prepend=-2) != 1)
+        runs = list(zip(rows[begins].tolist(), np.diff(begins, append=len(rows)), strict=True))
+        found = {}
+        for name, (kind, shape) in self._kinds.items():
+            values = np.empty((len(rows), *shape), kind)
+            each, done = int(np.prod(shape, dtype=np.int64)), 0
+            with self._file(name).open("rb") as file:
+                for first, count in runs:
+                    file.seek(first * each * kind.itemsize)
+                    part = np.fromfile(file, kind, count * each)
+                    values[done : done + count] = part.reshape(-1, *shape)
+                    done += count
+            found[name] = values
+        return found
+
     def _file(self, name: str) -> Path:
         assert self._folder is not None
         return self._folder / f"{name}.bin"

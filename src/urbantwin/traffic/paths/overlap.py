@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,19 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.traffic.motion_rows import ActorRows, as_rows
 from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, rows_beside, shared_areas
 from urbantwin.traffic.paths.coupling import are_coupled
 from urbantwin.traffic.paths.obstacles import Obstacles
 
-__all__ = ["OVERLAP_M2", "overlaps_of", "rows_that_overlap"]
+__all__ = [
+    "OVERLAP_M2",
+    "Overlapping",
+    "overlaps_of",
+    "overlaps_told",
+    "rows_that_overlap",
+    "told_of",
+]
 
 #: Boxes overlap that share more than this in plan, square metres, on one level, metres.
 OVERLAP_M2, LEVEL_M = 0.05, 2.0
@@ -25,22 +34,62 @@ TOUCH_M = 0.05
 #: So many are told one by one.
 _TOLD = 20
 #: Rows that are looked at together.
-_ROWS = 200_000
-_COLUMNS = ("time_s", "track", "class", "asset", "x", "y", "z", "yaw", "length", "width", "height")
-#: Two tracks -> how much they share at most, and what is told of it.
-_Met = dict[tuple[int, int], tuple[float, dict[str, Any]]]
+_ROWS = 50_000
+_COLUMNS = ("time_s", "asset", "x", "y", "z", "yaw", "length", "width", "height")
+
+
+@dataclass(frozen=True, eq=False)
+class Overlapping:
+    """Rows of actors that overlap.
+
+    Attributes:
+        pairs: (P, 2) rows; the second is -1 - k where it is the k-th parked vehicle.
+        area: (P,) how much they share in plan, square metres.
+        hits: (H,) rows that meet something static, ascending.
+        what: (H,) what that is.
+    """
+
+    pairs: NDArray[np.int64]
+    area: NDArray[np.float64]
+    hits: NDArray[np.int64]
+    what: NDArray[np.object_]
+
+    def among(self, kept: NDArray[np.bool_]) -> Overlapping:
+        """Return what is left of it among some of the rows (N,), as numbers among these."""
+        number = np.cumsum(kept) - 1
+        stands = self.pairs < 0
+        there = (kept[self.pairs] | stands).all(axis=1)
+        pairs = np.where(stands, self.pairs, number[self.pairs])[there]
+        hit = kept[self.hits]
+        return Overlapping(pairs, self.area[there], number[self.hits[hit]], self.what[hit])
 
 
 def overlaps_of(
-    actors: pa.Table, parked: pa.Table, step_s: float, scene: LabelledMesh
+    actors: pa.Table | ActorRows, parked: pa.Table, step_s: float, scene: LabelledMesh
 ) -> dict[str, Any]:
-    """Return who overlaps whom or what at any step, each pair once.
+    """Return who overlaps whom or what at any step, each pair once; see `overlaps_told`.
 
     Args:
         actors: of a motion.
         parked: its parked vehicles, which stand at every step.
         step_s: time between its steps.
         scene: the static world.
+    """
+    rows = as_rows(actors)
+    who = np.asarray(rows["track"].to_numpy())
+    found = rows_that_overlap(rows.parts(), parked, step_s, Obstacles(scene), who)
+    return overlaps_told(found, rows.parts(), parked)
+
+
+def overlaps_told(
+    found: Overlapping, actors: Iterable[pa.Table], parked: pa.Table
+) -> dict[str, Any]:
+    """Return who overlaps whom or what at any step, each pair once.
+
+    Args:
+        found: the rows that overlap.
+        actors: the rows, part by part.
+        parked: who stands at every step.
 
     Returns:
         ``actors``: pairs of actors whose boxes share more than ``OVERLAP_M2`` in plan at any step,
@@ -50,19 +99,40 @@ def overlaps_of(
         ``worst``: the pairs that share most, with when, where and how much. ``hits``: who meets
         something static, and what, when and where first.
     """
-    still = _columns(parked)
-    standing = _boxes(still, np.zeros(parked.num_rows, np.int64))
-    tree, obstacles = shapely.STRtree(standing.polygons), Obstacles(scene)
-    met: _Met = {}
+    columns = ("track", "class", "time_s", "x", "y")
+    rows, told = told_of(actors, np.concatenate([found.pairs.ravel(), found.hits]), columns)
+    still = {name: np.array(parked[name].to_pylist(), object) for name in columns}
+
+    def of(row: int, name: str) -> Any:  # noqa: ANN401 - of any column
+        return still[name][-1 - row] if row < 0 else told[name][np.searchsorted(rows, row)]
+
+    met: dict[tuple[int, int], tuple[float, dict[str, Any]]] = {}
+    for pair, area in zip(found.pairs.tolist(), found.area.tolist(), strict=True):
+        one, other = sorted(int(of(row, "track")) for row in pair)
+        if (one, other) in met and area <= met[one, other][0]:
+            continue
+        in_order = sorted(pair, key=lambda row: (row < 0, row))
+        middle = {axis: np.mean([of(row, axis) for row in pair]) for axis in ("x", "y")}
+        met[one, other] = area, {
+            "tracks": [one, other],
+            "classes": [str(of(row, "class")) for row in in_order],
+            "time_s": float(of(pair[0], "time_s")),
+            **{axis: round(float(at), 1) for axis, at in middle.items()},
+            "area_m2": round(area, 2),
+        }  # fmt: skip
+    worst = [row for _, (_, row) in sorted(met.items(), key=lambda one: (-one[1][0], one[0]))]
+    kinds = Counter(" and ".join(sorted(row["classes"])) for row in worst)
     hits: dict[int, dict[str, Any]] = {}
-    for _, part in _parts(actors):
-        moving = _columns(part)
-        boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
-        _note(met, _meetings(moving, boxes, still, standing, tree))
-        for track, row in _scene_hits(moving, boxes, obstacles).items():
-            hits.setdefault(track, row)
-    worst = [row for _, row in sorted(met.items(), key=lambda one: (-one[1][0], one[0]))]
-    kinds = Counter(" and ".join(sorted(row["classes"])) for _, row in worst)
+    for row, name in zip(found.hits.tolist(), found.what.tolist(), strict=True):
+        track = int(of(row, "track"))
+        if track not in hits:
+            hits[track] = {
+                "track": track,
+                "class": str(of(row, "class")),
+                "with": name,
+                "time_s": float(of(row, "time_s")),
+                **{axis: round(float(of(row, axis)), 1) for axis in ("x", "y")},
+            }
     return {
         "actors": len(worst),
         "between": dict(sorted(kinds.items())),
@@ -70,7 +140,7 @@ def overlaps_of(
         "with": dict(
             sorted(Counter(f"{row['class']} and {row['with']}" for row in hits.values()).items())
         ),
-        "worst": [row for _, row in worst[:_TOLD]],
+        "worst": worst[:_TOLD],
         "hits": [hits[track] for track in sorted(hits)[:_TOLD]],
     }
 
@@ -81,8 +151,8 @@ def rows_that_overlap(
     step_s: float,
     obstacles: Obstacles,
     who: NDArray[np.integer],
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.object_]]:
-    """Return the rows of actors that `overlaps_of` counts.
+) -> Overlapping:
+    """Return the rows of actors that overlap anybody or anything.
 
     Args:
         actors: of a motion, part by part, each of whole steps.
@@ -90,29 +160,49 @@ def rows_that_overlap(
         step_s: time between its steps.
         obstacles: of the static world.
         who: (N,) of whom rows are: who stands still meets something static in one row at least.
-
-    Returns:
-        Pairs (P, 2), the second of which is -1 for a parked vehicle; rows (H,) that meet something
-        static, and what (H,).
     """
     still = _columns(parked)
     standing = _boxes(still, np.zeros(parked.num_rows, np.int64))
     tree = shapely.STRtree(standing.polygons)
     none = np.zeros(0, np.int64)
-    pairs, hits, names = [none.reshape(0, 2)], [none], [none.astype(object)]
+    pairs, areas = [none.reshape(0, 2)], [np.zeros(0)]
+    hits, names = [none], [none.astype(object)]
     begin = 0
     for whole in actors:
         for number, part in _parts(whole):
             first = begin + number
             moving = _columns(part)
             boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
-            met, _, _ = _shared(moving, boxes, still, standing, tree)
-            pairs.append(np.where(met < part.num_rows, met + first, -1))
+            met, area = _shared(moving, boxes, still, standing, tree)
+            pairs.append(np.where(met < part.num_rows, met + first, part.num_rows - 1 - met))
+            areas.append(area)
             rows, what = _hit(moving, boxes, obstacles, who[first : first + part.num_rows])
             hits.append(rows + first)
             names.append(what)
         begin += whole.num_rows
-    return np.concatenate(pairs), np.concatenate(hits), np.concatenate(names)
+    return Overlapping(*(np.concatenate(parts) for parts in (pairs, areas, hits, names)))
+
+
+def told_of(
+    actors: Iterable[pa.Table], wanted: NDArray[np.int64], columns: Sequence[str]
+) -> tuple[NDArray[np.int64], dict[str, NDArray[np.object_]]]:
+    """Return rows (R,) that are wanted, ascending, and what they have in some columns.
+
+    Args:
+        actors: part by part.
+        wanted: rows; below 0 is none.
+        columns: their names.
+    """
+    rows = np.unique(wanted[wanted >= 0])
+    found: dict[str, list[NDArray[np.object_]]] = {name: [] for name in columns}
+    begin = 0
+    for part in actors if len(rows) else ():
+        mine = rows[slice(*np.searchsorted(rows, [begin, begin + part.num_rows]))] - begin
+        for name, values in found.items():
+            values.append(np.array(part[name].take(pa.array(mine)).to_pylist(), object))
+        begin += part.num_rows
+    none = np.zeros(0, object)
+    return rows, {name: np.concatenate([none, *values]) for name, values in found.items()}
 
 
 def _parts(actors: pa.Table) -> Iterator[tuple[int, pa.Table]]:
@@ -143,8 +233,8 @@ def _shared(
     still: Mapping[str, NDArray[Any]],
     standing: PlanBoxes,
     tree: shapely.STRtree,
-) -> tuple[NDArray[np.int64], NDArray[np.float64], dict[str, NDArray[Any]]]:
-    """Return pairs (P, 2) of rows that overlap, how much they share (P,), and the columns.
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return pairs (P, 2) of rows that overlap, and how much they share (P,).
 
     Rows of who stands follow after those of who moves.
     """
@@ -158,57 +248,7 @@ def _shared(
     area = shared_areas(PlanBoxes.joined([boxes, standing]), pairs)
     pairs, area = pairs[area > OVERLAP_M2], area[area > OVERLAP_M2]
     apart = ~are_coupled(columns, pairs)
-    return pairs[apart], area[apart], columns
-
-
-def _meetings(
-    moving: Mapping[str, NDArray[Any]],
-    boxes: PlanBoxes,
-    still: Mapping[str, NDArray[Any]],
-    standing: PlanBoxes,
-    tree: shapely.STRtree,
-) -> Iterator[tuple[float, dict[str, Any]]]:
-    """Yield how much two share, and who, when and where, of each two that overlap at a step."""
-    pairs, area, columns = _shared(moving, boxes, still, standing, tree)
-    for rows, shared in zip(pairs, area.tolist(), strict=True):
-        yield (
-            shared,
-            {
-                "tracks": sorted(columns["track"][rows].tolist()),
-                "classes": [str(columns["class"][row]) for row in sorted(rows.tolist())],
-                "time_s": float(columns["time_s"][rows[0]]),
-                "x": round(float(columns["x"][rows].mean()), 1),
-                "y": round(float(columns["y"][rows].mean()), 1),
-                "area_m2": round(shared, 2),
-            },
-        )
-
-
-def _note(met: _Met, found: Iterable[tuple[float, dict[str, Any]]]) -> None:
-    """Keep of each pair of tracks where it shares most."""
-    for area, row in found:
-        key = (row["tracks"][0], row["tracks"][1])
-        if key not in met or area > met[key][0]:
-            met[key] = (area, row)
-
-
-def _scene_hits(
-    columns: Mapping[str, NDArray[Any]], boxes: PlanBoxes, obstacles: Obstacles
-) -> dict[int, dict[str, Any]]:
-    """Return of each track that meets anything what it meets first, when and where."""
-    hits: dict[int, dict[str, Any]] = {}
-    for row, name in zip(*_hit(columns, boxes, obstacles, columns["track"]), strict=True):
-        track = int(columns["track"][row])
-        if track not in hits:
-            hits[track] = {
-                "track": track,
-                "class": str(columns["class"][row]),
-                "with": name,
-                "time_s": float(columns["time_s"][row]),
-                "x": round(float(columns["x"][row]), 1),
-                "y": round(float(columns["y"][row]), 1),
-            }
-    return hits
+    return pairs[apart], area[apart]
 
 
 def _hit(

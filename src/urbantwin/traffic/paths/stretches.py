@@ -206,8 +206,7 @@ class Ways:
         return {name: values[order] for name, values in found.items()}
 
     def _rows(self, rows: NDArray[np.int64]) -> Columns:
-        found = {name: np.asarray(values[rows]) for name, values in self.columns.items()}
-        return found | {"aside": np.zeros(len(rows))}
+        return self._kept.rows(rows) | {"aside": np.zeros(len(rows))}
 
     def _driven_on(
         self, group: list[tuple[int, int]], stretch: Stretch, left: LeftOff

@@ -145,7 +145,7 @@ def film_pictures(
         wide = plan.width - side if both else plan.width
         size = (wide, side if both else wide * 9 // 16 // 2 * 2)
         views.append(FromCorner(twin, motion, corner_camera(twin, plan.middle), size))
-    classes = set(motion.actors["class"].unique().to_pylist())
+    classes = set(motion.rows.distinct(["class"])["class"].to_pylist())
     strip = _strip(plan.width, [name for name in BOX_SEMANTICS if name in classes], attribution)
 
     def picture(time_s: float) -> NDArray[np.uint8]:

@@ -1,0 +1,60 @@
+"""What stands in the way of who is put in: walls, posts, furniture of the scene."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import DownwardProbe
+from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.obstacles import Obstacles
+from urbantwin.traffic.paths.overlap import TOUCH_M
+from urbantwin.twin import Twin
+
+__all__ = ["Solid"]
+
+
+class Solid:
+    """What stands in a twin, and the ground beside it.
+
+    Args:
+        twin: the twin.
+    """
+
+    def __init__(self, twin: Twin) -> None:
+        self.twin = twin
+
+    @cached_property
+    def _obstacles(self) -> Obstacles:
+        return Obstacles(self.twin.mesh)
+
+    @cached_property
+    def _ground(self) -> DownwardProbe:
+        return DownwardProbe(self.twin.ground_mesh)
+
+    def ground(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height (N,) of the highest ground at places (N, 2); nan where is none."""
+        top = float(self.twin.mesh.vertices[:, 2].max()) + 1.0
+        return self._ground.height_below(np.column_stack([xy, np.full(len(xy), top)]))
+
+    def met(
+        self,
+        xy: NDArray[np.float64],
+        yaw: NDArray[np.float64],
+        size: tuple[float, float, float],
+    ) -> NDArray[np.bool_]:
+        """Return whether a body comes into anything that stands, at places (N, 2).
+
+        Args:
+            xy: its middle, metres.
+            yaw: (N,) its headings, rad.
+            size: length, width and height, metres.
+        """
+        half = np.maximum(np.array(size[:2]) / 2 - TOUCH_M, 0.01)
+        boxes = PlanBoxes(np.zeros(len(xy), np.int64), xy, yaw, np.tile(half, (len(xy), 1)))
+        found = np.zeros(len(xy), np.bool_)
+        z, height = np.nan_to_num(self.ground(xy)), np.full(len(xy), size[2])
+        found[self._obstacles.beside(boxes, z, height)[:, 0]] = True
+        return found

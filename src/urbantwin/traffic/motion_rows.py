@@ -1,0 +1,230 @@
+"""Rows of a motion's actors: in memory, or, of a long motion, in its file, read part by part."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from urbantwin.artefact.tables import ParquetGroups
+
+__all__ = [
+    "ACTOR_SCHEMA",
+    "ActorRows",
+    "RowsInFile",
+    "RowsInMemory",
+    "as_rows",
+    "read_rows",
+    "write_rows",
+]
+
+ACTOR_SCHEMA = pa.schema(
+    [
+        ("time_s", pa.float64()),
+        ("track", pa.int32()),
+        ("class", pa.string()),
+        ("asset", pa.string()),
+        ("phase", pa.int16()),
+        ("x", pa.float64()),
+        ("y", pa.float64()),
+        ("z", pa.float64()),
+        ("yaw", pa.float64()),
+        ("pitch", pa.float64()),
+        ("roll", pa.float64()),
+        ("length", pa.float64()),
+        ("width", pa.float64()),
+        ("height", pa.float64()),
+        ("speed", pa.float64()),
+        ("lane", pa.string()),
+    ]
+)
+
+#: So many rows are written, and read, together: all of an hour would take hundreds of megabytes.
+_GROUP = 1 << 18
+#: A file of more rows is read part by part.
+_MANY = 1 << 20
+#: So many groups that were read are kept: a frame needs the steps on both sides of its time.
+_KEPT = 2
+_EXPECTED = "a table of the motion"
+
+
+class ActorRows(ABC):
+    """Rows of a motion's actors, columns of ``ACTOR_SCHEMA``, by time, then track.
+
+    Attributes:
+        num_rows: how many.
+        schema: ``ACTOR_SCHEMA``.
+    """
+
+    num_rows: int
+    schema: pa.Schema = ACTOR_SCHEMA
+
+    @abstractmethod
+    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return all rows; of some columns alone where they are given."""
+
+    @abstractmethod
+    def between(self, from_s: float, until_s: float) -> pa.Table:
+        """Return the rows of the steps from a time to another, both included."""
+
+    @abstractmethod
+    def _groups(self, columns: Sequence[str] | None) -> Iterator[pa.Table]:
+        """Yield some rows after the other."""
+
+    def __getitem__(self, column: str) -> pa.ChunkedArray:
+        """Return a column of all rows."""
+        return self.table([column])[column]
+
+    def parts(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Yield some rows after the other, each time those of whole steps."""
+        wanted = None if columns is None else list(dict.fromkeys([*columns, "time_s"]))
+        for part in _whole_steps(self._groups(wanted)):
+            yield part if columns is None else part.select(list(columns))
+
+    def distinct(self, columns: Sequence[str]) -> pa.Table:
+        """Return which values of some columns go together, each once, in no order."""
+        names = list(columns)
+        every = [one.group_by(names).aggregate([]) for one in self._groups(names)]
+        empty = pa.schema([ACTOR_SCHEMA.field(name) for name in names]).empty_table()
+        return pa.concat_tables([empty, *every]).group_by(names).aggregate([])
+
+    def where(self, column: str, values: Sequence[Any]) -> pa.Table:
+        """Return the rows whose column has one of some values."""
+        some = pa.array(list(values), ACTOR_SCHEMA.field(column).type)
+        found = [one.filter(pc.is_in(one[column], some)) for one in self._groups(None)]
+        return pa.concat_tables([ACTOR_SCHEMA.empty_table(), *found])
+
+    def write(self, to: Path | pa.NativeFile) -> None:
+        """Write a Parquet file; the same rows give the same bytes."""
+        write_rows(self._groups(None), to)
+
+
+class RowsInMemory(ActorRows):
+    """Rows of actors in memory.
+
+    Args:
+        table: of ``ACTOR_SCHEMA``, by time, then track.
+    """
+
+    def __init__(self, table: pa.Table) -> None:
+        self._table = table
+        self.num_rows = int(table.num_rows)
+
+    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return all rows; of some columns alone where they are given."""
+        return self._table if columns is None else self._table.select(list(columns))
+
+    def between(self, from_s: float, until_s: float) -> pa.Table:
+        """Return the rows of the steps from a time to another, both included."""
+        return _between(self._table, from_s, until_s)
+
+    def _groups(self, columns: Sequence[str] | None) -> Iterator[pa.Table]:
+        table = self.table(columns)
+        for first in range(0, self.num_rows, _GROUP):
+            yield table.slice(first, _GROUP)
+
+
+class RowsInFile(ActorRows):
+    """Rows of actors in a Parquet file, of which a group of rows at a time is in memory.
+
+    The file stays open: one that is moved or deleted meanwhile is read all the same.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: it is missing, damaged, or has other columns.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = ParquetGroups(path, _EXPECTED, ACTOR_SCHEMA)
+        self._stat = path.stat()
+        self._read: dict[int, pa.Table] = {}
+        self.num_rows = self._file.num_rows
+        times = [one["time_s"].to_numpy() for one in self._groups(["time_s"])]
+        ends = [(one[0], one[-1]) if len(one) else (np.inf, -np.inf) for one in times]
+        self._ends = np.array(ends, np.float64).reshape(-1, 2)
+
+    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
+        """Return all rows; of some columns alone where they are given."""
+        return self._file.read(columns)
+
+    def between(self, from_s: float, until_s: float) -> pa.Table:
+        """Return the rows of the steps from a time to another, both included."""
+        meets = (self._ends[:, 1] >= from_s) & (self._ends[:, 0] <= until_s)
+        parts = [ACTOR_SCHEMA.empty_table()]
+        for number in np.flatnonzero(meets).tolist():
+            if number not in self._read:
+                for old in list(self._read)[: 1 - _KEPT]:
+                    del self._read[old]
+                self._read[number] = self._file.read(group=number)
+            parts.append(_between(self._read[number], from_s, until_s))
+        return pa.concat_tables(parts)
+
+    def write(self, to: Path | pa.NativeFile) -> None:
+        """Write a Parquet file, unless it is their own; the same rows give the same bytes."""
+        own = isinstance(to, Path) and to.exists() and os.path.samestat(to.stat(), self._stat)
+        if not own:
+            super().write(to)
+
+    def _groups(self, columns: Sequence[str] | None) -> Iterator[pa.Table]:
+        for number in range(self._file.count):
+            yield self._file.read(columns, group=number)
+
+
+def as_rows(table: pa.Table | ActorRows) -> ActorRows:
+    """Return the rows of a table."""
+    return RowsInMemory(table) if isinstance(table, pa.Table) else table
+
+
+def read_rows(path: Path) -> ActorRows:
+    """Read the rows of a file: at once, or, of a long motion, whenever they are asked for.
+
+    Raises:
+        InputError: it is missing, damaged, or has other columns.
+    """
+    rows = RowsInFile(path)
+    return rows if rows.num_rows > _MANY else RowsInMemory(rows.table())
+
+
+def write_rows(
+    parts: Iterable[pa.Table], to: Path | pa.NativeFile, schema: pa.Schema = ACTOR_SCHEMA
+) -> None:
+    """Write the rows of tables that follow each other as Parquet, group of rows by group."""
+    with pq.ParquetWriter(to, schema, compression="zstd") as writer:
+        left, written = schema.empty_table(), 0
+        for part in parts:
+            left = pa.concat_tables([left, part])
+            while left.num_rows >= _GROUP:
+                writer.write_table(left.slice(0, _GROUP).combine_chunks())
+                left, written = left.slice(_GROUP), written + _GROUP
+        if left.num_rows or not written:
+            writer.write_table(left.combine_chunks())
+
+
+def _whole_steps(groups: Iterable[pa.Table]) -> Iterator[pa.Table]:
+    """Yield the rows of groups that follow each other, cut between steps."""
+    left = None
+    for group in groups:
+        both = group if left is None else pa.concat_tables([left, group])
+        times = both["time_s"].to_numpy()
+        cut = int(np.searchsorted(times, times[-1])) if len(times) else 0
+        if cut:
+            yield both.slice(0, cut)
+        left = both.slice(cut)
+    if left is not None and left.num_rows:
+        yield left
+
+
+def _between(table: pa.Table, from_s: float, until_s: float) -> pa.Table:
+    times = table["time_s"].to_numpy()
+    first = int(np.searchsorted(times, from_s))
+    last = int(np.searchsorted(times, until_s, side="right"))
+    return table.slice(first, last - first)
