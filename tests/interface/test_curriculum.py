@@ -55,7 +55,8 @@ def test_what_is_measured_is_what_the_boxes_say(graded: ut.Curriculum) -> None:
     boxes = everything.boxes.to_pandas()
     boxes = boxes[~boxes.ignored.isin(["outside", "far"])]
     assert told["per_frame"] == pytest.approx(len(boxes) / 3, abs=1e-3)
-    alone = boxes[boxes.num_points_alone > 0]
+    assert told["points"] == boxes[boxes.num_points > 0].num_points.median()
+    alone = boxes[boxes.num_points_alone >= 10]
     assert told["occlusion"] == pytest.approx(alone.occlusion.mean(), abs=1e-3)
     assert told["hidden"] == pytest.approx((alone.num_points == 0).mean(), abs=1e-3)
     sparse, _, every = graded.summary()["grades"]

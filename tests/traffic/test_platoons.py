@@ -9,12 +9,14 @@ from urbantwin.errors import InputError
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.calibration.arrivals import platoons_of
 from urbantwin.traffic.calibration.measured import Measured
-from urbantwin.traffic.calibration.uncounted import UncountedFlows
+from urbantwin.traffic.calibration.passages import JunctionLinks
+from urbantwin.traffic.calibration.uncounted import UncountedFlows, ways_missed
 from urbantwin.traffic.demand.demand import CountedRow, Demand, Trip
 from urbantwin.traffic.demand.platoons import in_platoons, moved_into
 from urbantwin.twin import Twin
 
 CYCLE_S, GREEN = 72.0, 0.3
+NOBODY = np.zeros((0, 0), np.bool_)
 
 
 def came(seed: int, count: int, seconds: float, share: float) -> np.ndarray[Any, Any]:
@@ -94,3 +96,18 @@ def test_as_many_are_seen_as_were_though_more_set_out() -> None:
     flows.learn(flows.per_hour, trial)
     assert flows.per_hour == {"pedestrian": 360.0, "bicycle": 80.0}
     assert [one.split(":")[0] for one in flows.untold()] == ["bicycle"]
+
+
+def test_vehicles_that_nobody_drives_are_named() -> None:
+    links = JunctionLinks("c", {":c_0_0": ("w_0", "e"), ":c_1_0": ("n_1", "s")}, {}, None, NOBODY)
+
+    def came(turns: dict[tuple[str, str], int]) -> list[str]:
+        counts = {"car": 100, "pedestrian": 50}
+        return ways_missed(
+            Measured(600.0, counts, counts, turns, (), {}, *([] for _ in range(8))), links
+        )
+
+    assert came({("w", "e"): 60, ("n", "s"): 35}) == []
+    no_way, elsewhere = came({("w", "e"): 60, ("n", "e"): 5})
+    assert no_way.startswith("5 vehicles from road n to e: the map has no way")
+    assert elsewhere.startswith("35 of 100 motor vehicles")

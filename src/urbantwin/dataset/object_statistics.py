@@ -11,6 +11,10 @@ from urbantwin.dataset.result_warnings import BEYOND
 
 __all__ = ["object_statistics"]
 
+#: Occlusion is told of objects with so many points alone. Of one far away that might have three, it
+#: is chance which it keeps, and higher sensors see more of such: they would count as hidden more.
+_TELLING = 10
+
 
 def object_statistics(
     entries: Sequence[Mapping[str, Any]],
@@ -18,15 +22,16 @@ def object_statistics(
 ) -> dict[str, Any]:
     """Return what ``dataset.json`` says of all objects in the region and in reach.
 
-    ``per_frame``: how many there are; ``occlusion``: its mean, of those that would have a point
-    alone, and ``hidden``, the share that has none; ``distance_m``: in plan, from the nearest
-    sensor, of those with points: ``median``, ``p90``. Null where there are none.
+    ``per_frame``: how many there are; ``occlusion``: its mean, of those that would have ten points
+    alone, and ``hidden``, the share of them that has none; ``points``, the median of those that
+    have any; ``distance_m``: in plan, from the nearest sensor, of those with points: ``median``,
+    ``p90``. Null where there are none.
 
     Args:
         entries: what ``layout.write_frame`` returned for each frame.
         dataset_SE3_site: (4, 4) rows, of a rig that stands; entries of one that rides have theirs.
     """
-    count, distances, occlusions, hidden = 0, [], [], []
+    count, points, distances, occlusions, hidden = 0, [], [], [], []
     for entry in entries:
         frame = np.array(entry.get("dataset_SE3_site", dataset_SE3_site), np.float64)
         eyes = np.array(
@@ -37,9 +42,11 @@ def object_statistics(
             if box["ignored"] in BEYOND:
                 continue
             count += 1
-            if box["num_points_alone"]:
+            if box["num_points_alone"] >= _TELLING:
                 occlusions.append(float(box["occlusion"]))
                 hidden.append(not box["num_points"])
+            if box["num_points"]:
+                points.append(box["num_points"])
             if box["num_points"] and len(places):
                 away = np.hypot(*(places - [box["x"], box["y"]]).T)
                 distances.append(float(away.min()))
@@ -47,6 +54,7 @@ def object_statistics(
         "per_frame": round(count / max(len(entries), 1), 3),
         "occlusion": round(float(np.mean(occlusions)), 4) if occlusions else None,
         "hidden": round(float(np.mean(hidden)), 4) if hidden else None,
+        "points": round(float(np.median(points)), 1) if points else None,
         "distance_m": {
             "median": round(float(np.median(distances)), 2),
             "p90": round(float(np.percentile(distances, 90)), 2),

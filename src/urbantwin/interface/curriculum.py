@@ -54,6 +54,7 @@ class Curriculum:
             {
                 "grade": row["name"],
                 "objects_per_frame": row["measured"]["per_frame"],
+                "points_per_object": row["measured"]["points"],
                 "occlusion": row["measured"]["occlusion"],
                 "hidden": row["measured"]["hidden"],
                 "distance_p90_m": (row["measured"]["distance_m"] or {}).get("p90"),

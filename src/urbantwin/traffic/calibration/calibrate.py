@@ -32,7 +32,7 @@ from urbantwin.traffic.calibration.passages import (
 from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
 from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
 from urbantwin.traffic.calibration.site_document import built, document_of, write_calibrated
-from urbantwin.traffic.calibration.uncounted import UncountedFlows
+from urbantwin.traffic.calibration.uncounted import UncountedFlows, ways_missed
 from urbantwin.traffic.recorded.read import files_of, read_recording
 from urbantwin.traffic.recorded.rejoined import rejoined
 from urbantwin.traffic.recorded.track import RecordedTrack
@@ -118,6 +118,7 @@ def calibrate_traffic(
                 expected="motor vehicles that are seen on an approach and an exit, or between them",
             )
         traffic, missing = traffic_of(part, passages, _sizes(seen, fit_s), 0.0)
+        missing += ways_missed(part, links)
         own_cycle_s = 0.0 if timing is None else timing.cycle_s
         traffic["arrivals"] = _platoons(part, passages, twin, own_cycle_s)
         asked = {**twin.site["traffic"], **traffic, "seed": seed}

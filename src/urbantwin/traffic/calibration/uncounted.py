@@ -1,7 +1,8 @@
-"""Flows of who is counted nowhere: people, bicycles; so many set out that as many are seen.
+"""Who is counted nowhere: people and bicycles, of whom so many set out that as many are seen.
 
-A demand says how many come into the whole region; a recording tells how many come into view. How
-many of those who set out are seen, simulations tell.
+And vehicles that nobody drives: whose way the map does not have, or who pass elsewhere. A demand
+says how many come into the whole region; a recording tells how many come into view. How many of
+those who set out are seen, simulations tell.
 """
 
 from __future__ import annotations
@@ -10,9 +11,12 @@ from collections import defaultdict
 from collections.abc import Mapping
 
 from urbantwin.traffic.calibration.measured import Measured
-from urbantwin.traffic.calibration.passages import MOTORS
+from urbantwin.traffic.calibration.passages import MOTORS, JunctionLinks
 
-__all__ = ["UncountedFlows"]
+__all__ = ["UncountedFlows", "ways_missed"]
+
+#: So many of the vehicles in view may pass elsewhere, or in part, before it is told.
+_ELSEWHERE = 0.1
 
 #: No more set out for one that is seen than this: the others have other ways.
 _MOST_FOR_ONE = 20.0
@@ -28,7 +32,7 @@ class UncountedFlows:
     def __init__(self, recorded: Measured) -> None:
         hours = recorded.seconds / 3600
         self._wanted = {
-            name: count / hours
+            name: round(count / hours, 1)
             for name, count in recorded.new.items()
             if name not in MOTORS and count
         }
@@ -57,3 +61,21 @@ class UncountedFlows:
             for name, planned in self._planned.items()
             if planned >= 1 and not self._seen[name]
         ]
+
+
+def ways_missed(recorded: Measured, links: JunctionLinks) -> list[str]:
+    """Return what is recorded of motor traffic and not simulated, for want of a way or a count."""
+    there = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}
+    told = [
+        f"{count} vehicles from road {way[0]} to {way[1]}: the map has no way there"
+        for way, count in sorted(recorded.turns.items())
+        if way not in there
+    ]
+    came = sum(recorded.new.get(name, 0) for name in MOTORS)
+    passed = sum(recorded.turns.values())
+    if came - passed > _ELSEWHERE * came:
+        told.append(
+            f"{came - passed} of {came} motor vehicles that come into view do not pass the main "
+            "junction: nobody is simulated in their place, and shares and speeds are without them"
+        )
+    return told
