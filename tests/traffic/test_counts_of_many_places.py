@@ -15,6 +15,10 @@ from urbantwin.roads import sumo_binary
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.netconvert import sumo_home
 from urbantwin.traffic.assets import asset
+from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
+from urbantwin.traffic.calibration.measured import measured
+from urbantwin.traffic.calibration.parameters import traffic_of
+from urbantwin.traffic.calibration.passages import JunctionLinks, SeenTrack, passages_of
 from urbantwin.traffic.demand.counted_report import counted_report
 from urbantwin.traffic.demand.counted_routes import fitted_volumes
 from urbantwin.traffic.demand.counts import counted_demand
@@ -22,6 +26,7 @@ from urbantwin.traffic.demand.counts_table import read_counts
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.demand.time_of_day import CARS, TRUCKS, counts_from, hour_factor
+from urbantwin.traffic.recorded.track import RecordedTrack
 from urbantwin.traffic.sumo.counted_signals import net_for_counts, timing_told
 from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.twin import Twin
@@ -300,3 +305,54 @@ def test_a_wrong_file_of_detectors_is_told(text: str, told: str, tmp_path: Path)
     (tmp_path / "loops.xml").write_text(text)
     with pytest.raises(InputError, match=told):
         read_counts(tmp_path / "loops.xml")
+
+
+def seen_on(twin: Twin, per_hour: dict[tuple[str, str], int], seconds: float) -> list[SeenTrack]:
+    """Cars that drive at 10 m/s along the middle of their lanes; every third is lost between."""
+    found = []
+    for (start, end), rate in per_hour.items():
+        lines = [twin.roads.lane_by_id[f"{edge}_0"].centre[:, :2] for edge in way(start, end)]
+        line = np.concatenate(lines)
+        length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        time_s = np.arange(0, length[-1] / 10, 0.2)
+        xy = np.column_stack([np.interp(10 * time_s, length, side) for side in line.T])
+        step = np.gradient(xy, axis=0)
+        yaw, speed = np.arctan2(step[:, 1], step[:, 0]), np.full(len(time_s), 10.0)
+        for number in range(round(rate * seconds / 3600)):
+            at = 1.0 + number * 3600 / rate + time_s
+            there = (np.abs(xy) < 110).all(axis=1) & ((number % 3 > 0) | (np.abs(xy[:, 0]) > 8))
+            kept = np.flatnonzero(there)
+            for part in np.split(kept, np.flatnonzero(np.diff(kept) > 1) + 1):
+                name, nothing = f"{start}{end}{number}.{part[0]}", np.full(len(part), np.nan)
+                size = np.array([4.0, 2.0, 1.5])
+                track = RecordedTrack(name, "car", at[part], xy[part], yaw[part], nothing, size)
+                found.append(SeenTrack(track, at[part], xy[part], yaw[part], speed[part]))
+    return found
+
+
+def test_who_passes_only_another_junction_is_driven_too(street_twin: Twin) -> None:
+    # 80 more turn at the second junction alone, and only who goes through passes both.
+    seconds, true = 720.0, {**TRUE, ("bs", "e"): 80}
+    links = JunctionLinks.of(street_twin.net_path, street_twin.roads)
+    tracks = seen_on(street_twin, true, seconds)
+    passages = passages_of(tracks, street_twin.roads, links)
+    part = measured(tracks, passages, street_twin.roads, 0.0, seconds)
+    elsewhere = counted_elsewhere(tracks, street_twin.roads, links.junction)
+    traffic, _ = traffic_of(part, passages, {}, 0.0, elsewhere)
+    found = turns(
+        dict(Counter(trip.edges for trip in planned(street_twin, traffic["counts"]).trips))
+    )
+    wanted = turns({way(*ends): rate for ends, rate in true.items()})
+    assert {one: found[one] for one in wanted} == pytest.approx(wanted, abs=8)
+    assert sum(found.values()) == pytest.approx(sum(wanted.values()), abs=20)
+
+
+def test_a_junction_that_is_seen_in_part_is_not_counted(street_twin: Twin) -> None:
+    tracks = []
+    for one in seen_on(street_twin, TRUE, 720.0):
+        part = one.xy[:, 0] < 58  # up to the middle of the second junction
+        if part.sum() > 3:
+            values = one.time_s[part], one.xy[part], one.yaw[part], one.speed[part]
+            tracks.append(SeenTrack(one.track, *values))
+    first = JunctionLinks.of(street_twin.net_path, street_twin.roads).junction
+    assert not counted_elsewhere(tracks, street_twin.roads, first).times

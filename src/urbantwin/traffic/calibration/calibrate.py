@@ -19,6 +19,7 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
 from urbantwin.traffic.calibration.arrivals import arrivals_of, platoons_of
 from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers
+from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
 from urbantwin.traffic.calibration.gap_acceptance import conflicts_of, decisions_of
 from urbantwin.traffic.calibration.measured import Measured, joined, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
@@ -117,8 +118,9 @@ def calibrate_traffic(
                 file=recording.file,
                 expected="motor vehicles that are seen on an approach and an exit, or between them",
             )
-        traffic, missing = traffic_of(part, passages, _sizes(seen, fit_s), 0.0)
-        missing += ways_missed(part, links)
+        elsewhere = counted_elsewhere(seen, twin.roads, links.junction)
+        traffic, missing = traffic_of(part, passages, _sizes(seen, fit_s), 0.0, elsewhere)
+        missing += ways_missed(part, links, elsewhere.besides(passages, fit_s))
         own_cycle_s = 0.0 if timing is None else timing.cycle_s
         traffic["arrivals"] = _platoons(part, passages, twin, own_cycle_s)
         asked = {**twin.site["traffic"], **traffic, "seed": seed}

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.calibration.elsewhere import CountedElsewhere, Spot
 from urbantwin.traffic.calibration.measured import Measured
 from urbantwin.traffic.calibration.passages import MOTORS, Passage
 
@@ -27,6 +28,7 @@ def traffic_of(
     passages: Sequence[Passage],
     sizes: dict[str, np.ndarray[Any, Any]],
     begin_s: float,
+    elsewhere: CountedElsewhere | None = None,
 ) -> tuple[dict[str, Any], list[str]]:
     """Return fields of ``traffic:`` and what could not be told.
 
@@ -35,12 +37,13 @@ def traffic_of(
         passages: of the whole recording.
         sizes: class -> (N, 3) sizes of its tracks, nan where nothing was told.
         begin_s: when the part begins, seconds.
+        elsewhere: who was counted beside the main junction, in the whole recording.
     """
     untold: list[str] = []
     hours = part.seconds / 3600
     traffic: dict[str, Any] = {
         "per_hour": {name: round(count / hours, 1) for name, count in part.new.items()},
-        "counts": _counts(part, passages, begin_s, hours),
+        "counts": _counts(part, passages, begin_s, elsewhere),
     }
     size = {}
     for name, every in sizes.items():
@@ -55,27 +58,52 @@ def traffic_of(
 
 
 def _counts(
-    part: Measured, passages: Sequence[Passage], begin_s: float, hours: float
+    part: Measured,
+    passages: Sequence[Passage],
+    begin_s: float,
+    elsewhere: CountedElsewhere | None,
 ) -> list[dict[str, Any]]:
-    """Return rows of counts: way by way and class by class, by quarter of an hour."""
+    """Return rows of counts: way by way and class by class, by quarter of an hour.
+
+    Where is counted elsewhere, too, rows say also of which class nobody came: volumes of ways are
+    fitted to all rows, and would be shared out to where none is.
+    """
     end_s = begin_s + part.seconds
-    by_quarter = _differ(passages, begin_s, part.seconds)
-    rows = []
+    edges = _edges(begin_s, part.seconds) if _differ(passages, begin_s, part.seconds) else None
+    at: dict[Spot, dict[str, np.ndarray[Any, Any]]] = {}
     for approach, leaving in sorted(part.turns):
         mine = [one for one in passages if (one.approach, one.leaving) == (approach, leaving)]
-        for name in MOTORS:
-            at = _times([one for one in mine if one.seen.track.actor_class == name])
-            at = at[(at >= begin_s) & (at < end_s)]
-            if not len(at):
+        at[("approach", approach), ("turn", leaving)] = {
+            name: _times([one for one in mine if one.seen.track.actor_class == name])
+            for name in MOTORS
+        }
+    beside = {} if elsewhere is None else elsewhere.times
+    at |= {
+        spot: {name: np.array(times.get(name, [])) for name in MOTORS}
+        for spot, times in beside.items()
+    }
+    rows: list[dict[str, Any]] = []
+    counted: set[str] = set()
+    for spot, times in at.items():
+        for name, passed in times.items():
+            here = passed[(passed >= begin_s) & (passed < end_s)]
+            if len(here):
+                counted.add(name)
+            if not len(here) and not beside:
                 continue
-            row: dict[str, Any] = {"approach": approach, "turn": leaving, "actor_class": name}
-            if by_quarter:
-                edges = _edges(begin_s, part.seconds)
-                row["per_quarter"] = [float(count) for count in np.histogram(at, edges)[0]]
+            row: dict[str, Any] = {**dict(spot), "actor_class": name}
+            if edges is not None:
+                row["per_quarter"] = [float(count) for count in np.histogram(here, edges)[0]]
             else:
-                row["per_hour"] = round(len(at) / hours, 1)
+                row["per_hour"] = round(float(len(here) / part.seconds * 3600), 1)
             rows.append(row)
-    return rows
+    if elsewhere is not None and beside:
+        rows += [
+            {"road": road, "actor_class": name, "per_hour": 0.0}
+            for road in elsewhere.empty
+            for name in MOTORS
+        ]
+    return [row for row in rows if row["actor_class"] in counted]
 
 
 def _times(passages: Sequence[Passage]) -> np.ndarray[Any, Any]:

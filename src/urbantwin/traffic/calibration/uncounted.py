@@ -63,8 +63,14 @@ class UncountedFlows:
         ]
 
 
-def ways_missed(recorded: Measured, links: JunctionLinks) -> list[str]:
-    """Return what is recorded of motor traffic and not simulated, for want of a way or a count."""
+def ways_missed(recorded: Measured, links: JunctionLinks, beside: int = 0) -> list[str]:
+    """Return what is recorded of motor traffic and not simulated, for want of a way or a count.
+
+    Args:
+        recorded: who came into view and passed the main junction.
+        links: the ways over it.
+        beside: how many others came into view and were counted elsewhere.
+    """
     there = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}
     told = [
         f"{count} vehicles from road {way[0]} to {way[1]}: the map has no way there"
@@ -72,10 +78,11 @@ def ways_missed(recorded: Measured, links: JunctionLinks) -> list[str]:
         if way not in there
     ]
     came = sum(recorded.new.get(name, 0) for name in MOTORS)
-    passed = sum(recorded.turns.values())
-    if came - passed > _ELSEWHERE * came:
+    missed = came - sum(recorded.turns.values()) - beside
+    if missed > _ELSEWHERE * came:
         told.append(
-            f"{came - passed} of {came} motor vehicles that come into view do not pass the main "
-            "junction: nobody is simulated in their place, and shares and speeds are without them"
+            f"{missed} of {came} motor vehicles that come into view pass no junction or road "
+            "where they could be counted: nobody is simulated in their place, and shares and "
+            "speeds are without them"
         )
     return told

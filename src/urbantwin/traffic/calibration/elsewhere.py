@@ -1,0 +1,160 @@
+"""Who is counted beside the main junction: turns at junctions that are seen whole, and roads.
+
+A vehicle that passes two junctions is counted at both, as counters that stand there would; so rows
+agree with each other also where its track is broken between them. Nobody is counted twice by a
+broken track: a turn is taken once, and a road is counted at one cross-section.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads import Road, RoadNetwork
+from urbantwin.traffic.calibration.passages import MOTORS, Passage, SeenTrack
+from urbantwin.traffic.paths.lane_below import LanesBelow
+
+__all__ = ["CountedElsewhere", "Spot", "counted_elsewhere"]
+
+#: A junction is seen whole where so many of those who were on it came and left by roads in view.
+_WHOLE = 0.75
+#: Fewer vehicles tell nothing of what is in view.
+_FEWEST = 5
+
+#: Where is counted: fields of a row of ``traffic.counts``, by name.
+Spot = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class CountedElsewhere:
+    """Motor vehicles that were counted beside the main junction.
+
+    Attributes:
+        times: place -> class -> when each passed there, seconds.
+        empty: roads in view that nobody came by.
+        tracks: name -> when it came into view, seconds.
+    """
+
+    times: dict[Spot, dict[str, list[float]]]
+    empty: tuple[str, ...]
+    tracks: dict[str, float]
+
+    def besides(self, passages: Sequence[Passage], until_s: float) -> int:
+        """Return how many who came until a moment, seconds, did not pass the main junction."""
+        over = {one.seen.track.name for one in passages if one.approach and one.leaving}
+        return sum(name not in over and 0.5 < at < until_s for name, at in self.tracks.items())
+
+
+def counted_elsewhere(
+    tracks: Sequence[SeenTrack], roads: RoadNetwork, junction: str
+) -> CountedElsewhere:
+    """Count motor vehicles at the junctions but one, and on roads that lead to none of those.
+
+    Args:
+        tracks: who was seen.
+        roads: the lanes.
+        junction: the main junction, which is counted by itself.
+    """
+    below, ways = LanesBelow(roads), _ways(roads)
+    by_id = {road.id: road for road in roads.roads}
+    turns: dict[tuple[str, str], list[tuple[SeenTrack, float]]] = defaultdict(list)
+    stretches: dict[str, list[tuple[SeenTrack, NDArray[np.float64]]]] = defaultdict(list)
+    touched: Counter[str] = Counter()
+    turned: Counter[str] = Counter()
+    for seen in tracks:
+        if seen.track.actor_class not in MOTORS:
+            continue
+        lanes = [roads.lane_by_id.get(str(name)) for name in below.at(seen.xy, seen.yaw, "car")]
+        on = [
+            (lane.road, k)
+            for k, lane in enumerate(lanes)
+            if lane is not None and lane.road in by_id
+        ]
+        runs = [
+            (road, [k for _, k in moments]) for road, moments in groupby(on, lambda one: one[0])
+        ]
+        mine = {lane.junction for lane in lanes if lane is not None and not lane.road}
+        for (first, _), (last, moments) in pairwise(runs):
+            if (first, last) in ways:
+                turns[first, last].append((seen, float(seen.time_s[moments[0]])))
+                turned[by_id[first].to_junction] += 1
+                mine.add(by_id[first].to_junction)
+        touched.update(mine)
+        for road, moments in runs:
+            stretches[road].append((seen, np.array(moments)))
+    whole = {
+        one for one, count in turned.items() if count >= max(_FEWEST, _WHOLE * touched[one])
+    } - {junction}
+    found: dict[Spot, list[tuple[SeenTrack, float]]] = {
+        (("approach", first), ("turn", last)): passed
+        for (first, last), passed in sorted(turns.items())
+        if by_id[first].to_junction in whole
+    }
+    told = whole | {junction}
+    for road, those in sorted(stretches.items()):
+        if not told & {by_id[road].from_junction, by_id[road].to_junction}:
+            passed = _at_a_section(by_id[road], roads, those)
+            if len(passed) >= _FEWEST:
+                found[("road", road),] = passed
+    came = {first for first, _ in turns}
+    return CountedElsewhere(
+        {spot: _by_class(passed) for spot, passed in found.items()},
+        tuple(
+            sorted(
+                one.id
+                for one in roads.roads
+                if one.to_junction in whole
+                and one.from_junction != junction
+                and one.id not in came
+                and any("car" in roads.lane_by_id[lane].allowed for lane in one.lanes)
+            )
+        ),
+        {one.track.name: float(one.time_s[0]) for passed in found.values() for one, _ in passed},
+    )
+
+
+def _by_class(passed: Sequence[tuple[SeenTrack, float]]) -> dict[str, list[float]]:
+    times: dict[str, list[float]] = defaultdict(list)
+    for seen, at in passed:
+        times[seen.track.actor_class].append(at)
+    return dict(times)
+
+
+def _ways(roads: RoadNetwork) -> set[tuple[str, str]]:
+    """Return which road leads to which over a junction."""
+    found = set()
+    for lane in roads.lanes:
+        if not lane.road:
+            continue
+        left, over = list(lane.successors), set[str]()
+        while left:
+            name = left.pop()
+            after = roads.lane_by_id.get(name)
+            if after is None or name in over:
+                continue
+            over.add(name)
+            if after.road:
+                found.add((lane.road, after.road))
+            else:
+                left += after.successors
+    return found
+
+
+def _at_a_section(
+    road: Road, roads: RoadNetwork, those: Sequence[tuple[SeenTrack, NDArray[np.float64]]]
+) -> list[tuple[SeenTrack, float]]:
+    """Return who passed the middle of what is in view of a road, and when, seconds."""
+    line = shapely.LineString(roads.lane_by_id[road.lanes[-1]].centre[:, :2])
+    ways = [shapely.line_locate_point(line, shapely.points(one.xy[at])) for one, at in those]
+    section = float(np.median([(way.min() + way.max()) / 2 for way in ways]))
+    return [
+        (one, float(one.time_s[at[int(np.argmax(way >= section))]]))
+        for (one, at), way in zip(those, ways, strict=True)
+        if way[0] < section <= way.max()
+    ]
