@@ -24,8 +24,9 @@ __all__ = ["CountedElsewhere", "Spot", "counted_elsewhere"]
 
 #: A junction is seen whole where so many of those who were on it came and left by roads in view.
 _WHOLE = 0.75
-#: Fewer vehicles tell nothing of what is in view.
-_FEWEST = 5
+#: Nothing is counted where fewer vehicles pass, and a smaller share, who never come to the main
+#: junction: they tell nothing of what is in view, and the others are counted there.
+_FEWEST, _OTHERS = 5, 0.05
 
 #: Where is counted: fields of a row of ``traffic.counts``, by name.
 Spot = tuple[tuple[str, str], ...]
@@ -65,8 +66,9 @@ def counted_elsewhere(
     by_id = {road.id: road for road in roads.roads}
     turns: dict[tuple[str, str], list[tuple[SeenTrack, float]]] = defaultdict(list)
     stretches: dict[str, list[tuple[SeenTrack, NDArray[np.float64]]]] = defaultdict(list)
+    near = {road.id for road in roads.roads if junction in (road.from_junction, road.to_junction)}
+    others: set[str] = set()
     touched: Counter[str] = Counter()
-    turned: Counter[str] = Counter()
     for seen in tracks:
         if seen.track.actor_class not in MOTORS:
             continue
@@ -80,17 +82,23 @@ def counted_elsewhere(
             (road, [k for _, k in moments]) for road, moments in groupby(on, lambda one: one[0])
         ]
         mine = {lane.junction for lane in lanes if lane is not None and not lane.road}
+        if near.isdisjoint(road for road, _ in runs):
+            others.add(seen.track.name)
         for (first, _), (last, moments) in pairwise(runs):
             if (first, last) in ways:
                 turns[first, last].append((seen, float(seen.time_s[moments[0]])))
-                turned[by_id[first].to_junction] += 1
                 mine.add(by_id[first].to_junction)
         touched.update(mine)
         for road, moments in runs:
             stretches[road].append((seen, np.array(moments)))
+    at_junction: dict[str, list[tuple[SeenTrack, float]]] = defaultdict(list)
+    for (first, _), passed in turns.items():
+        at_junction[by_id[first].to_junction] += passed
     whole = {
-        one for one, count in turned.items() if count >= max(_FEWEST, _WHOLE * touched[one])
-    } - {junction}
+        one
+        for one, passed in at_junction.items()
+        if one != junction and len(passed) >= _WHOLE * touched[one] and _tells(passed, others)
+    }
     found: dict[Spot, list[tuple[SeenTrack, float]]] = {
         (("approach", first), ("turn", last)): passed
         for (first, last), passed in sorted(turns.items())
@@ -100,7 +108,7 @@ def counted_elsewhere(
     for road, those in sorted(stretches.items()):
         if not told & {by_id[road].from_junction, by_id[road].to_junction}:
             passed = _at_a_section(by_id[road], roads, those)
-            if len(passed) >= _FEWEST:
+            if _tells(passed, others):
                 found[("road", road),] = passed
     came = {first for first, _ in turns}
     return CountedElsewhere(
@@ -117,6 +125,12 @@ def counted_elsewhere(
         ),
         {one.track.name: float(one.time_s[0]) for passed in found.values() for one, _ in passed},
     )
+
+
+def _tells(passed: Sequence[tuple[SeenTrack, float]], others: set[str]) -> bool:
+    """Return whether enough pass somewhere who are counted nowhere else."""
+    count = sum(one.track.name in others for one, _ in passed)
+    return count >= max(_FEWEST, _OTHERS * len(passed))
 
 
 def _by_class(passed: Sequence[tuple[SeenTrack, float]]) -> dict[str, list[float]]:
