@@ -1,5 +1,6 @@
 """Bodies in real boxes: rays found again, boxes mended, figures of known scenes."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -238,15 +239,17 @@ def test_what_belongs_to_the_other_comparison_is_refused(tmp_path: Path) -> None
 
 @pytest.mark.real
 def test_real_cars_and_people(shared_data: Path, tmp_path: Path) -> None:
-    report = ut.compare(
-        argoverse_log(shared_data), out=tmp_path / "out", objects=True, progress=False
-    )
+    log = argoverse_log(shared_data)
+    _, *later = sorted(path.name for path in (log / "sensors/lidar").iterdir())
+    first = shutil.copytree(log, tmp_path / "log", ignore=shutil.ignore_patterns(*later))
+    assert len(later) == 1
+    report = ut.compare(first, out=tmp_path / "out", objects=True, progress=False)
     assert {path.name for path in report.folder.iterdir()} >= {
         *("objects.json", "objects.html", "objects.png"),
     }
     rows = {(row["class"], row["from_m"], row["to_m"]): row for row in report.figures}
     cars = rows["car", 0.0, 80.0]
-    assert cars["boxes"] > 30
+    assert cars["boxes"] >= 15
     assert 0.8 < cars["points_ratio"] < 1.25
     # The first box of a car is mended, or it is left as it was: it never gets worse in the mean.
     assert cars["chamfer_m"] < cars["chamfer_annotated_m"] < 0.35

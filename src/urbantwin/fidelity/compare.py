@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.errors import InputError, UrbanTwinError
 from urbantwin.fidelity.findings import Findings, report_of
-from urbantwin.fidelity.foreground_objects import ground_beneath
 from urbantwin.fidelity.pairs import MOST_ANCHORS, Pairs, measured_pairs
 from urbantwin.fidelity.readers import Recording
 from urbantwin.fidelity.readers.cropped import cropped_recording
@@ -101,7 +100,11 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
     with replaced_folder(out, kind="report", inputs=inputs) as folder:
         sides, lacking = _opened(real, synthetic, arbitrary, anchor, opened, folder, tell)
         split_by = _split(sides)
-        ground = ground_beneath(sides["real"]) if split_by == MODEL else None
+        ground = None
+        if split_by == MODEL:
+            from urbantwin.fidelity.foreground_objects import ground_beneath
+
+            ground = ground_beneath(sides["real"])
         pairs = Pairs(sides, _origin(sides["real"], origin), split_by, ground)
         found = _measured(pairs, workers, tell)
         scored = None

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity import histograms as bins
 from urbantwin.fidelity import rebuilt_surface
-from urbantwin.fidelity.foreground_objects import foreground_objects
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND
 from urbantwin.fidelity.missing import NEAR_M, SPACING_SHARE, MissingPlaces
@@ -88,7 +87,7 @@ def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
         parts={part: one for part, one in parts.items() if one is not None},
         split_by=split_by,
         objects=_objects(sides),
-        foreground_objects=foreground_objects(found.objects),
+        foreground_objects=_foreground_objects(found),
         missing=found.missing.places(),
         parameters=_parameters(found.pairs.origin),
         notes=_notes(found, doubts),
@@ -100,6 +99,14 @@ def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
         ],
         protocol=scored,
     )
+
+
+def _foreground_objects(found: Findings) -> dict[str, Any] | None:
+    if not found.objects:
+        return None
+    from urbantwin.fidelity.foreground_objects import foreground_objects
+
+    return foreground_objects(found.objects)
 
 
 def _part(frames: list[FrameFigures], part: str) -> Anchored | None:

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
-from urbantwin.fidelity.foreground_objects import objects_of
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND, Measured, RealFrame
 from urbantwin.fidelity.missing import without_surface
@@ -19,7 +19,9 @@ from urbantwin.fidelity.report import FrameFigures
 from urbantwin.fidelity.sampling import evenly
 from urbantwin.fidelity.sides import ANCHOR, Side
 from urbantwin.processes import usable_processors, worker_pool
-from urbantwin.reconstruct.recording.recorded_ground import RecordedGround
+
+if TYPE_CHECKING:
+    from urbantwin.reconstruct.recording.recorded_ground import RecordedGround
 
 __all__ = ["MOST_ANCHORS", "MeasuredPair", "Pairs", "measured_pairs"]
 
@@ -141,6 +143,8 @@ class Pairs:
         actors: NDArray[np.bool_] | None,
     ) -> None:
         if self.ground is not None and actors is not None and side != "arbitrary":
+            from urbantwin.fidelity.foreground_objects import objects_of
+
             found[side] = objects_of(frame.points[actors], self.ground)
 
 
