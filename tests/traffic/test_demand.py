@@ -1,6 +1,7 @@
 """Who sets out: how many, how evenly, from where to where."""
 
 import itertools
+import subprocess
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +13,10 @@ import shapely
 
 from urbantwin.errors import StageError
 from urbantwin.roads.assignment.street_network import StreetNetwork
-from urbantwin.traffic.assets import Fleet
-from urbantwin.traffic.demand.demand import Demand, plan_demand
+from urbantwin.roads.netconvert import sumo_binary, sumo_environment
+from urbantwin.traffic.assets import Fleet, asset
+from urbantwin.traffic.demand.demand import Demand, Routes, Trip, plan_demand
+from urbantwin.traffic.sumo.simulation import write_routes
 
 REGION = shapely.box(-150, -150, 150, 150)
 
@@ -98,6 +101,39 @@ def test_a_single_street_works(make_net: Callable[..., Path], tmp_path: Path) ->
     assert Counter(trip.edges for trip in demand.trips) == {("ab",): 50, ("ba",): 50}
     assert [(item.actor_class, item.count) for item in demand.left_out] == [("pedestrian", 10)]
     assert "sidewalk" in demand.left_out[0].why
+
+
+def test_who_goes_back_on_the_other_side_turns_where_the_way_was_planned(
+    make_net: Callable[..., Path], tmp_path: Path
+) -> None:
+    # One crosses at b, and at a, which is beyond a road that nobody is to use, but much nearer.
+    nodes = '<node id="a" x="-112" y="0"/><node id="o" x="-100" y="0"/>'
+    nodes += '<node id="b" x="0" y="0"/><node id="c" x="100" y="0"/>'
+    ends = "ao", "oa", "ob", "bo", "bc", "cb"
+    like = 'numLanes="1" sidewalkWidth="2"'
+    edges = "".join(f'<edge id="{x}{y}" from="{x}" to="{y}" {like}/>' for x, y in ends)
+    own = tmp_path / "own.con.xml"
+    own.write_text(
+        '<connections><crossing node="a" edges="ao oa" priority="1"/>'
+        '<crossing node="b" edges="ob bo" priority="1"/></connections>'
+    )
+    net = make_net(tmp_path, nodes, edges, "--walkingareas", "true", "-x", str(own))
+    streets = StreetNetwork(net, None, without={"ao", "oa"}).walked()
+    assert streets is not None
+    routes = Routes.between_gates(streets)
+    assert routes is not None
+    ways = [routes.walk(number, 0.1, 0.0) for number in range(len(routes.pairs))]
+    (way,) = (way for way in ways if [x for x in way[0] if x[0] != ":"] == ["bo", "ob"])
+    trip = Trip("pedestrian", "pedestrian-man", 0.0, *way)
+    write_routes(tmp_path / "walk.rou.xml", Demand((trip,), ()), asset)
+    files = "-n", str(net), "-r", str(tmp_path / "walk.rou.xml")
+    told = tmp_path / "trips.xml"
+    command = [sumo_binary("sumo"), *files, "--tripinfo-output", str(told), "--no-step-log"]
+    env = sumo_environment()
+    run = subprocess.run(command, capture_output=True, text=True, env=env, check=False)
+    assert run.returncode == 0, run.stderr
+    (walk,) = ElementTree.parse(told).getroot().iter("walk")
+    assert float(walk.get("routeLength", "nan")) > 150.0
 
 
 def test_a_ring_without_ends_works(make_net: Callable[..., Path], tmp_path: Path) -> None:

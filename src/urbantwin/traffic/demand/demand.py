@@ -326,13 +326,18 @@ class Routes:
     ) -> tuple[tuple[str, ...], float, float]:
         """Return the streets of a walk, and where on the first and last it begins and ends (m).
 
+        Behind the first street stands the corner at its end. Where a street's two sides meet at
+        both ends, SUMO would choose the end from which it is nearest by all sidewalks, and refuse
+        the walk if the way from there leads over streets that the walk does not name.
+
         Args:
             number: which pair of gates.
             spread: share of the way that shall be behind the pedestrian ...
             lead_m: ... after walking this far.
         """
         source, sink = self.pairs[number]
-        path = [edge for edge in self._path(number) if edge < self.streets.street_count]
+        whole = self._path(number)
+        path = [edge for edge in whole if edge < self.streets.street_count]
         length = self.streets.length_m[path]
         begin = 0.0 if self.streets.entries.at_start[source] else 1.0
         end = 0.0 if self.streets.exits.at_start[sink] else 1.0
@@ -344,7 +349,9 @@ class Routes:
         far = end if last else self._near_end(path[first], path[first + 1])
         share = min((done - float(length[:first].sum())) / float(length[first]), 0.9)
         begin += (far - begin) * share
-        names = tuple(self.streets.edges[edge] for edge in path[first:])
+        corner = [] if last else [whole[whole.index(path[first]) + 1]]
+        named = (path[first], *corner, *path[first + 1 :])
+        names = tuple(self.streets.edges[edge] for edge in named)
         return names, _inside(begin, length[first]), _inside(end, length[-1])
 
     def _near_end(self, edge: int, other: int) -> float:
