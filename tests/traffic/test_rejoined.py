@@ -11,7 +11,6 @@ from urbantwin.traffic.recorded.read import read_recording
 from urbantwin.traffic.recorded.rejoined import rejoined
 from urbantwin.traffic.recorded.track import RecordedTrack
 
-RECORDING = Path(__file__).parents[3] / "shared/data/tracks/karlsruhe-k733/vehicle_tracks_000.csv"
 DESCRIPTION = """
 tracks: {}
 origin: {{latitude: 49.005306, longitude: 8.4374089}}
@@ -65,10 +64,12 @@ def test_who_turns_and_brakes_is_found_again_beside_another() -> None:
         assert one.xy == pytest.approx(track.xy[kept])
 
 
-@pytest.mark.skipif(not RECORDING.exists(), reason="no recording of Karlsruhe beside the checkout")
-def test_real_tracks_that_are_cut_are_joined_and_no_others(tmp_path: Path) -> None:
+def test_real_tracks_that_are_cut_are_joined_and_no_others(
+    shared_data: Path, tmp_path: Path
+) -> None:
     described = tmp_path / "tracks.yaml"
-    described.write_text(DESCRIPTION.format(RECORDING))
+    recording = shared_data / "tracks/karlsruhe-k733/vehicle_tracks_000.csv"
+    described.write_text(DESCRIPTION.format(recording))
     tracks = read_recording(described, SiteFrame(49.005306, 8.4374089)).tracks
     assert rejoined(tracks)[1] == 0
     parts, cuts = broken(tracks, 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -225,6 +225,20 @@ class RoadNetwork:
             for name in lane.successors:
                 found.setdefault(name, []).append(lane.id)
         return {name: tuple(before) for name, before in found.items()}
+
+    def lanes_beyond(self, lane: Lane) -> Iterator[Lane]:
+        """Yield the lanes of the next roads, beyond the junction that a lane leads to."""
+        waiting, seen = list(lane.successors), set[str]()
+        while waiting:
+            name = waiting.pop()
+            after = self.lane_by_id.get(name)
+            if after is None or name in seen:
+                continue
+            seen.add(name)
+            if after.road:
+                yield after
+            else:
+                waiting += after.successors
 
     @cached_property
     def stopped_lanes(self) -> frozenset[str]:

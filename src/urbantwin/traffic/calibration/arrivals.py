@@ -95,7 +95,7 @@ def _period(times: NDArray[np.float64], seconds: float, own_cycle_s: float) -> f
     step = 0.1 / seconds
     often = np.arange(1 / longest, 1 / _CYCLES_S[0], step)
     power = _power(times, often)
-    # So many periods are told apart in a recording of such a length.
+    # Of all independent frequencies of the periodogram, one in so many by chance (false alarm).
     least = np.log(max((often[-1] - often[0]) * seconds, 1.0) / _CHANCE)
     best = int(np.argmax(power))
     if own_cycle_s and _CYCLES_S[0] <= own_cycle_s <= longest:

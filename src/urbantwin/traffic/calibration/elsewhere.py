@@ -142,22 +142,12 @@ def _by_class(passed: Sequence[tuple[SeenTrack, float]]) -> dict[str, list[float
 
 def _ways(roads: RoadNetwork) -> set[tuple[str, str]]:
     """Return which road leads to which over a junction."""
-    found = set()
-    for lane in roads.lanes:
-        if not lane.road:
-            continue
-        left, over = list(lane.successors), set[str]()
-        while left:
-            name = left.pop()
-            after = roads.lane_by_id.get(name)
-            if after is None or name in over:
-                continue
-            over.add(name)
-            if after.road:
-                found.add((lane.road, after.road))
-            else:
-                left += after.successors
-    return found
+    return {
+        (lane.road, after.road)
+        for lane in roads.lanes
+        if lane.road
+        for after in roads.lanes_beyond(lane)
+    }
 
 
 def _at_a_section(

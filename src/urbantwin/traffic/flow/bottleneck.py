@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from urbantwin.roads import RoadNetwork
-from urbantwin.roads.network import Lane
 from urbantwin.traffic.demand.counted_places import arm_of
 
 __all__ = ["Bottleneck", "bottleneck"]
@@ -47,8 +46,8 @@ def bottleneck(
     for _ in range(MOST_STREETS):
         ahead = [
             lane
-            for lane in _next_streets(network, known[name])
-            if standing.get(lane.id, 0.0) * SPACE_M > JAMMED * lane.length
+            for lane in network.lanes_beyond(known[name])
+            if lane.id != name and standing.get(lane.id, 0.0) * SPACE_M > JAMMED * lane.length
         ]
         if not ahead:
             break
@@ -59,21 +58,6 @@ def bottleneck(
         passed.add(known[name].road)
     begins = f"the queue on {_approach(network, name)} begins {_cause(network, name)}"
     return Bottleneck(known[name].road, begins)
-
-
-def _next_streets(network: RoadNetwork, lane: Lane) -> Iterator[Lane]:
-    """Yield the lanes of the next streets, beyond the junction."""
-    waiting, seen = list(lane.successors), {lane.id}
-    while waiting:
-        name = waiting.pop()
-        after = network.lane_by_id.get(name)
-        if after is None or name in seen:
-            continue
-        seen.add(name)
-        if after.road:
-            yield after
-        else:
-            waiting += after.successors
 
 
 def _street(network: RoadNetwork, name: str) -> str:
@@ -104,7 +88,7 @@ def _cause(network: RoadNetwork, name: str) -> str:
             return f"at a signal that is green for {green:.0f} of {cycle:.0f} s"
     lane = network.lane_by_id[name]
     road = next(road for road in network.roads if road.id == lane.road)
-    onward = len({after.id for after in _next_streets(network, lane)})
+    onward = len({after.id for after in network.lanes_beyond(lane)} - {name})
     if onward == 0:
         return "where its lane ends"
     lanes = len([x for x in road.lanes if network.lane_by_id[x].kind in ("driving", "bus")])
