@@ -16,6 +16,8 @@ __all__ = ["ObservedTrack", "observed_track"]
 
 #: Slower than this the way that it moved does not tell where its front is, m/s.
 CREEPS_M_S = 1.5
+#: Slower than this one on foot stands and fidgets, m/s.
+STEPS_M_S = 0.5
 #: Nobody on foot is faster, m/s.
 WALKS_M_S = 2.6
 #: What of a vehicle that was seen from one side is completed: length, width, metres.
@@ -110,6 +112,8 @@ def observed_track(
     size = (max(float(length), usual[0]), max(float(width), usual[1]), height)
     if name in SMALL:
         size = (usual[0], usual[1], height)
+    if name == "pedestrian":
+        yaws = [_faces(one, step) for one, step in zip(seen, velocity, strict=True)]
     boxes = np.array([_completed(one, yaw, size) for one, yaw in zip(seen, yaws, strict=True)])
     return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)
 
@@ -152,6 +156,16 @@ def _headings(
         else:
             found.append(found[-1] if found else one.long_way)
     return found
+
+
+def _faces(one: SeenObject, velocity: NDArray[np.float64]) -> float:
+    """Return where somebody on foot faces, radians: the way it goes, else square to its shoulders.
+
+    Its chest or its back: points do not tell.
+    """
+    if np.hypot(*velocity) >= STEPS_M_S:
+        return float(np.arctan2(velocity[1], velocity[0]))
+    return one.long_way + np.pi / 2
 
 
 def _nearest_side(one: SeenObject, way: float, within: float) -> float:
