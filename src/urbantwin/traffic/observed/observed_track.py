@@ -25,6 +25,10 @@ USUAL = {
     "car": (4.3, 1.8), "van": (5.2, 1.95), "truck": (8.0, 2.4), "bus": (12.0, 2.5),
     "bicycle": (1.75, 0.6), "pedestrian": (0.6, 0.6),
 }  # fmt: skip
+#: An end was seen if so many points within so many metres of it span so much of it.
+FACE_POINTS, END_M, FACE = 10, 0.3, 0.7
+#: But what is shorter or narrower than so much of the usual is a part of it.
+WHOLE = 0.75
 #: Wider or longer than this is no person and no bicycle, metres.
 WIDE_M, LONG_M = 1.3, 2.3
 #: Shorter than this is a person on foot, metres.
@@ -94,6 +98,7 @@ def observed_track(
     )
     spans = high - low
     length, width = np.quantile(spans, 0.75, axis=0)
+    whole = np.any([_ends_seen(one, yaw) for one, yaw in zip(seen, yaws, strict=True)], axis=0)
     on_lane = lanes is not None and bool(lanes.cover(middles).mean() > 0.5)
     name = _class(float(length), float(width), top, speed, on_lane=on_lane, moves=moves)
     gone = float(np.linalg.norm(middles[-1] - middles[0]))
@@ -109,7 +114,11 @@ def observed_track(
         return None
     usual = USUAL[name]
     height = float(np.quantile([one.highest for one in seen], 0.75))
-    size = (max(float(length), usual[0]), max(float(width), usual[1]), height)
+    sides = [
+        float(span) if full and span > WHOLE * side else max(float(span), side)
+        for span, side, full in zip((length, width), usual, whole, strict=False)
+    ]
+    size = (sides[0], sides[1], height)
     if name in SMALL:
         size = (usual[0], usual[1], height)
     if name == "pedestrian":
@@ -182,6 +191,26 @@ def _velocities(times: NDArray[np.float64], places: NDArray[np.float64]) -> NDAr
     if len(times) < 2:
         return np.zeros_like(places)
     return np.asarray(np.gradient(places, times, axis=0))
+
+
+def _ends_seen(one: SeenObject, yaw: float) -> tuple[bool, bool]:
+    """Return whether both ends of an object were seen, along its heading and across it.
+
+    An end was seen if points lie along it: of a side alone they lie at one corner.
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
+    turned = one.points @ np.array([[c, -s], [s, c]])
+    low, high = extents(one.points, yaw)
+
+    def seen(axis: int) -> bool:
+        aside = turned[:, 1 - axis]
+        needed = FACE * (high - low)[1 - axis]
+        for near in (turned[:, axis] < low[axis] + END_M, turned[:, axis] > high[axis] - END_M):
+            if near.sum() < FACE_POINTS or np.ptp(aside[near]) < needed:
+                return False
+        return True
+
+    return seen(0), seen(1)
 
 
 def _completed(
