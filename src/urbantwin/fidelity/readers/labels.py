@@ -59,11 +59,12 @@ def track_of(identity: str) -> int:
 
 @dataclass(frozen=True)
 class LabelledBox:
-    """One labelled object: its box as `Boxes` has it, what the data calls it, and its track."""
+    """One labelled object: box, track and velocity as `Boxes` has them, and what it is called."""
 
     box: tuple[float, float, float, float, float, float, float]
     source_name: str
     track: int = -1
+    velocity: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
@@ -79,7 +80,14 @@ def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
         class_names=tuple(actor_class(one.source_name) for one in kept),
         track=np.array([one.track for one in kept], np.int64),
         source_names=tuple(one.source_name for one in kept),
+        velocity=_velocities(kept),
     )
+
+
+def _velocities(labelled: Sequence[LabelledBox]) -> NDArray[np.float64] | None:
+    if all(one.velocity is None for one in labelled):
+        return None
+    return np.array([one.velocity or (np.nan,) * 3 for one in labelled], np.float64)
 
 
 def pose_of_quaternion(w: float, x: float, y: float, z: float, place: ArrayLike) -> Pose:
