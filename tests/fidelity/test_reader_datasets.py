@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.readers.labels import actor_class
 
 rng = np.random.default_rng(7)
 #: Objects in the sensor's frame: centre, length, width, height, yaw.
@@ -224,6 +225,20 @@ def test_nuscenes(tmp_path):
     (tmp_path / "v1.0-mini/instance.json").write_text('[{"token": "i0"}]')
     with pytest.raises(InputError, match=r"instance\.json.*category_token"):
         open_recording(tmp_path)
+
+
+def test_classes_of_pandaset():
+    """As the names of its cuboids stand in the devkit's documentation of annotations."""
+    named = {
+        "Pickup Truck": "car",
+        "Medium-sized Truck": "truck",
+        "Semi-truck": "truck",
+        "Motorized Scooter": "motorcycle",
+        "Pedestrian with Object": "pedestrian",
+        "Tram / Subway": "tram",
+        "Temporary Construction Barriers": "other",
+    }
+    assert {name: actor_class(name) for name in named} == named
 
 
 def test_argoverse(tmp_path):

@@ -26,19 +26,20 @@ __all__ = [
 #: What datasets call our classes, in lower case without anything but letters. Where
 #: a dataset has no class for vans (nuScenes, Argoverse 2), they are among its cars.
 _CALLED = {
-    "car": "car vehicle regularvehicle policecar vehiclecar vehicleemergencypolice",
+    "car": "car vehicle regularvehicle policecar vehiclecar vehicleemergencypolice pickuptruck",
     "van": "van minivan cargovan vehiclevan",
     "truck": """truck boxtruck truckcab largevehicle concretetruck longvehicle vehicletruck
         vehicleconstruction vehicleemergencyambulance constructionvehicle trucktrailer othervehicle
+        mediumsizedtruck semitruck
         """,
     "bus": "bus schoolbus articulatedbus vehiclebusrigid vehiclebusbendy",
     "motorcycle": """motorcycle motorcyclist motorcylerider motorcyclerider vehiclemotorcycle
-        motor scooter scooterrider""",
+        motor scooter scooterrider motorizedscooter""",
     "bicycle": "bicycle bicyclist cyclist bicyclerider bike vehiclebicycle",
     "pedestrian": """pedestrian person personsitting child roadworker officialsignaler
         humanpedestrianadult humanpedestrianchild humanpedestrianconstructionworker
-        humanpedestrianpoliceofficer""",
-    "tram": "tram railedvehicle onrails streetcar",
+        humanpedestrianpoliceofficer pedestrianwithobject""",
+    "tram": "tram railedvehicle onrails streetcar tramsubway",
     "trailer": "trailer vehiculartrailer vehicletrailer",
     "animal": "animal dog",
 }
