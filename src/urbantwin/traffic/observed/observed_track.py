@@ -25,9 +25,9 @@ USUAL = {
     "car": (4.3, 1.8), "van": (5.2, 1.95), "truck": (8.0, 2.4), "bus": (12.0, 2.5),
     "bicycle": (1.75, 0.6), "pedestrian": (0.6, 0.6),
 }  # fmt: skip
-#: An end was seen if so many points within so many metres of it span so much of it.
-FACE_POINTS, END_M, FACE = 10, 0.3, 0.7
-#: But what is shorter or narrower than so much of the usual is a part of it.
+#: A flank was seen if so many points within so many metres of it span so much of the length.
+FLANK_POINTS, FLANK_M, FLANK = 10, 0.3, 0.7
+#: But what is narrower than so much of the usual is a part of it.
 WHOLE = 0.75
 #: Wider or longer than this is no person and no bicycle, metres.
 WIDE_M, LONG_M = 1.3, 2.3
@@ -98,7 +98,7 @@ def observed_track(
     )
     spans = high - low
     length, width = np.quantile(spans, 0.75, axis=0)
-    whole = np.any([_ends_seen(one, yaw) for one, yaw in zip(seen, yaws, strict=True)], axis=0)
+    whole = any(_both_flanks(one, yaw) for one, yaw in zip(seen, yaws, strict=True))
     on_lane = lanes is not None and bool(lanes.cover(middles).mean() > 0.5)
     name = _class(float(length), float(width), top, speed, on_lane=on_lane, moves=moves)
     gone = float(np.linalg.norm(middles[-1] - middles[0]))
@@ -114,11 +114,9 @@ def observed_track(
         return None
     usual = USUAL[name]
     height = float(np.quantile([one.highest for one in seen], 0.75))
-    sides = [
-        float(span) if full and span > WHOLE * side else max(float(span), side)
-        for span, side, full in zip((length, width), usual, whole, strict=False)
-    ]
-    size = (sides[0], sides[1], height)
+    if not whole or width < WHOLE * usual[1]:
+        width = max(width, usual[1])
+    size = (max(float(length), usual[0]), float(width), height)
     if name in SMALL:
         size = (usual[0], usual[1], height)
     if name == "pedestrian":
@@ -193,24 +191,18 @@ def _velocities(times: NDArray[np.float64], places: NDArray[np.float64]) -> NDAr
     return np.asarray(np.gradient(places, times, axis=0))
 
 
-def _ends_seen(one: SeenObject, yaw: float) -> tuple[bool, bool]:
-    """Return whether both ends of an object were seen, along its heading and across it.
+def _both_flanks(one: SeenObject, yaw: float) -> bool:
+    """Return whether both flanks of an object were seen, or all of its front or its rear.
 
-    An end was seen if points lie along it: of a side alone they lie at one corner.
+    A flank was seen if points lie along it; of the other one alone they lie at a corner. Of ends
+    that is not asked: where something hides a part of a car, the bonnet or the roof looks like one.
     """
     c, s = np.cos(yaw), np.sin(yaw)
-    turned = one.points @ np.array([[c, -s], [s, c]])
+    along, across = (one.points @ np.array([[c, -s], [s, c]])).T
     low, high = extents(one.points, yaw)
-
-    def seen(axis: int) -> bool:
-        aside = turned[:, 1 - axis]
-        needed = FACE * (high - low)[1 - axis]
-        for near in (turned[:, axis] < low[axis] + END_M, turned[:, axis] > high[axis] - END_M):
-            if near.sum() < FACE_POINTS or np.ptp(aside[near]) < needed:
-                return False
-        return True
-
-    return seen(0), seen(1)
+    needed = FLANK * (high - low)[0]
+    flanks = (across < low[1] + FLANK_M, across > high[1] - FLANK_M)
+    return all(near.sum() >= FLANK_POINTS and np.ptp(along[near]) > needed for near in flanks)
 
 
 def _completed(
