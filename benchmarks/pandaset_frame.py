@@ -4,10 +4,14 @@ The file has the points of a turn in the order of their firing, moved to one tim
 frame, and neither rings nor where the sensor was. Where it was and how it moved is what lets the
 points lie on the channels of the catalogue's Pandar64: place, tilt and velocity are fitted to
 12,000 points, and points farther than `NEAR_DEG` from any channel are left out.
+
+    python benchmarks/pandaset_frame.py pandaset/        # a folder that every command reads
+    urbantwin compare --objects pandaset/ --sensor Pandar64 -o objects/
 """
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -89,3 +93,26 @@ def pandaset_frame(file: Path = FILE) -> Frame:
         boxes=Boxes(np.array(boxes), classes, np.arange(1, len(boxes) + 1), tuple(names)),
         name="001",
     )
+
+
+def write_as_openpcdet(frame: Frame, folder: Path) -> None:
+    """Write a frame as points and labels of OpenPCDet, ring by ring, each by azimuth."""
+    assert frame.ring is not None
+    assert frame.intensity is not None
+    assert frame.boxes is not None
+    for name in ("points", "labels"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    azimuth = np.arctan2(frame.points[:, 1], frame.points[:, 0]) % (2 * np.pi)
+    order = np.lexsort([azimuth, frame.ring])
+    rows = np.column_stack([frame.points, frame.intensity])[order]
+    np.save(folder / "points" / f"{frame.name}.npy", rows.astype(np.float32))
+    called = (name.replace(" ", "") for name in frame.boxes.source_names)
+    lines = (
+        " ".join([*(f"{value:.4f}" for value in box), name])
+        for box, name in zip(frame.boxes.box, called, strict=True)
+    )
+    (folder / "labels" / f"{frame.name}.txt").write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    write_as_openpcdet(pandaset_frame(), Path(sys.argv[1]))

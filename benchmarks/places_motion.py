@@ -17,6 +17,7 @@ from urbantwin.interface.coverage_map import coverage
 from urbantwin.interface.dataset import Dataset
 from urbantwin.taxonomy import semantic_id
 from urbantwin.traffic import Motion
+from urbantwin.traffic.paths.coupling import towed_by
 from urbantwin.twin import Twin
 
 #: No impossible curve, m/s2; smoothed over this time, below which SUMO's steps show, seconds.
@@ -102,8 +103,12 @@ def _tracks(table: pa.Table) -> dict[int, dict[str, NDArray[Any]]]:
 
 
 def overlaps(motion: Motion) -> dict[tuple[int, int], tuple[str, str]]:
-    """Classes of the pairs of actors whose boxes overlap, each pair once."""
+    """Classes of the pairs of actors whose boxes overlap, each pair once.
+
+    Bodies of one vehicle lie over each other where they hang together.
+    """
     found: dict[tuple[int, int], tuple[str, str]] = {}
+    whole = towed_by(motion.rows)
     for time_s in motion.times()[:: max(round(EVERY_S / motion.step_s), 1)]:
         rows = motion.at(float(time_s))
         if not len(rows):
@@ -120,8 +125,11 @@ def overlaps(motion: Motion) -> dict[tuple[int, int], tuple[str, str]]:
         one, other = one[pairs], other[pairs]
         deep = shapely.area(shapely.intersection(boxes[one], boxes[other])) > OVERLAP_M2
         for a, b in zip(one[deep], other[deep], strict=True):
+            tracks = int(rows["track"][a]), int(rows["track"][b])
+            if whole.get(tracks[0]) == tracks[1] or whole.get(tracks[1]) == tracks[0]:
+                continue
             kinds = sorted((rows["class"][a], rows["class"][b]))
-            found[int(rows["track"][a]), int(rows["track"][b])] = (kinds[0], kinds[1])
+            found[tracks] = (kinds[0], kinds[1])
     return found
 
 

@@ -208,6 +208,53 @@ def test_a_frame_of_ours_is_like_itself() -> None:
     )
 
 
+def test_who_moves_is_met_where_each_sensor_saw_it() -> None:
+    """A car at 10 m/s, scanned by one sensor and half a turn later by another."""
+    effects = Effects(rolling_shutter=False, blooming=False)
+    ground = LabelledMesh.build(
+        [[-90, -90, 0], [90, -90, 0], [90, 90, 0], [-90, 90, 0]],
+        [[0, 1, 2], [0, 2, 3]],
+        semantic_id("road"),
+        material_id("asphalt"),
+    )
+    velocity, body = np.array([6.0, 8.0, 0.0]), asset("car-sedan_grey")
+    heading, points, rings, boxes, places = np.arctan2(8.0, 6.0), [], [], [], []
+    for turn, height in enumerate((2.0, 1.6)):
+        place = np.array([7.0, 3.0, 0.0]) + 0.05 * turn * velocity
+        actor = PosedActor(
+            1, "car", "car-sedan_grey", body.standing, Pose.from_ypr(place, heading), np.zeros(3)
+        )
+        mount = Pose.from_ypr(np.array([0, 0, height]))
+        one = MountedSensor("roof", sensor("OS1-64"), 1024, mount, effects)
+        rig = Rig((one,), "site", 10.0, Pose.from_ypr(np.zeros(3)))
+        scanned = Scanner(ground, rig, 3).scan(0, [actor])
+        points.append(scanned.points[:, :3].astype(np.float64))
+        rings.append(scanned.ring.astype(np.int64))
+        boxes.append(scanned.boxes[0].box)
+        places.append(mount.translation)
+    sensor_of = np.repeat([0, 1], [len(one) for one in points])
+    box = np.mean(boxes, axis=0)[None]
+    frame = Frame(
+        np.concatenate(points),
+        ring=np.concatenate(rings),
+        time_s=0.02 + 0.05 * sensor_of,
+        sensor=sensor_of,
+        boxes=Boxes(box, ("car",), np.array([1]), velocity=velocity[None]),
+        sensor_places=np.array(places),
+        name="made",
+    )
+    (right,) = compare_objects(frame, sensor("OS1-64"), scale=None)
+    still = replace(frame.boxes, velocity=None)
+    (wrong,) = compare_objects(replace(frame, boxes=still), sensor("OS1-64"), scale=None)
+    assert right.counts["real"] > wrong.counts["real"] > 100  # some lie outside of the box
+    there, off = right.chamfer_m["both"], wrong.chamfer_m["both"]
+    assert there is not None
+    assert off is not None
+    assert there < 0.04
+    assert off > 1.5 * there
+    assert right.counts["mended"] == pytest.approx(right.counts["real"], rel=0.1)
+
+
 def test_a_body_that_is_not_there_changes_the_figures() -> None:
     """Boxes in the wrong places are told from those in the right ones."""
     frame = made_frame()

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.readers.labels import actor_class
 
 rng = np.random.default_rng(7)
 #: Objects in the sensor's frame: centre, length, width, height, yaw.
@@ -226,6 +227,20 @@ def test_nuscenes(tmp_path):
         open_recording(tmp_path)
 
 
+def test_classes_of_pandaset():
+    """As the names of its cuboids stand in the devkit's documentation of annotations."""
+    named = {
+        "Pickup Truck": "car",
+        "Medium-sized Truck": "truck",
+        "Semi-truck": "truck",
+        "Motorized Scooter": "motorcycle",
+        "Pedestrian with Object": "pedestrian",
+        "Tram / Subway": "tram",
+        "Temporary Construction Barriers": "other",
+    }
+    assert {name: actor_class(name) for name in named} == named
+
+
 def test_argoverse(tmp_path):
     log = tmp_path / "log"
     (log / "sensors/lidar").mkdir(parents=True)
@@ -252,8 +267,13 @@ def test_argoverse(tmp_path):
             **dict(zip(("tx_m", "ty_m", "tz_m"), np.array(places).T, strict=True)),
         }
 
+    # A tenth of a second later the vehicle has turned, and the car has gone on at 10 m/s.
+    later_ns, speed = time_ns + 100_000_000, np.array([6.0, -8.0, 0.0])
+    later = (Rotation.from_euler("z", 2.3), WORLD[1] + [0.8, 0.4, 0.0])
+    gone = WORLD[0].apply(BOXES[0, :3]) + WORLD[1] + 0.1 * speed
     write(
-        "city_SE3_egovehicle.feather", {"timestamp_ns": [time_ns], **poses([WORLD[0]], [WORLD[1]])}
+        "city_SE3_egovehicle.feather",
+        {"timestamp_ns": [time_ns, later_ns], **poses(*zip(WORLD, later, strict=True))},
     )
     write(
         "calibration/egovehicle_SE3_sensor.feather",
@@ -265,7 +285,7 @@ def test_argoverse(tmp_path):
     write(
         "annotations.feather",
         {
-            "timestamp_ns": [time_ns] * 3 + [time_ns + 1],
+            "timestamp_ns": [time_ns] * 3 + [later_ns],
             "track_uuid": ["u0", "u1", "u2", "u0"],
             "category": ["REGULAR_VEHICLE", "OFFICIAL_SIGNALER", "ARTICULATED_BUS", "DOG"],
             **dict(
@@ -273,7 +293,7 @@ def test_argoverse(tmp_path):
             ),
             **poses(
                 [Rotation.from_euler("z", yaw) for yaw in BOXES[[0, 1, 2, 0], 6]],
-                BOXES[[0, 1, 2, 0], :3],
+                [*BOXES[:3, :3], later[0].inv().apply(gone - later[1])],
             ),
         },
     )
@@ -283,6 +303,8 @@ def test_argoverse(tmp_path):
     assert frame.sensor[:64].tolist() == [0] * 32 + [1] * 32
     assert frame.time_s[:3] == pytest.approx([0, 1e-6, 2e-6])
     assert len(set(frame.boxes.track)) == 3
+    assert frame.boxes.velocity[0] == pytest.approx(WORLD[0].inv().apply(speed))
+    assert np.isnan(frame.boxes.velocity[1:]).all()
 
 
 def openlabel(cuboid_of):

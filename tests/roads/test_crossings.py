@@ -62,6 +62,23 @@ def test_nobody_guesses_a_crossing(build):
     assert crossings(built) == []
 
 
+def test_a_crossing_told_of_the_one_node_of_a_junction_is_on_every_arm(build):
+    """Not in the junction's middle, where nobody walks; where streets only go on, over the node."""
+    told = {"highway": "traffic_signals", "crossing": "traffic_signals"}
+    nodes = {1: (-130, 0, {}), 2: (0, 0, told), 3: (130, 0, {}), 4: (0, 130, {})}
+    built, _ = build(nodes, {10: ([1, 2, 3], STREET), 11: ([4, 2], STREET)})
+    middles = sorted(tuple(lane.centre[:, :2].mean(axis=0)) for lane in crossings(built))
+    arms = [(-1.0, 0.0), (0.0, 1.0), (1.0, 0.0)]
+    assert len(middles) == 3
+    for middle, arm in zip(middles, arms, strict=True):
+        assert 6.0 < np.hypot(*middle) < 20.0
+        assert np.dot(middle, arm) == pytest.approx(np.hypot(*middle), abs=0.3)
+    nodes.pop(4)
+    built, _ = build(nodes, {10: ([1, 2, 3], STREET)})
+    (lane,) = crossings(built)
+    assert lane.centre[:, 0] == pytest.approx(0.0, abs=0.5)
+
+
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("distance", [8, 12, 60])
 def test_a_crossing_lies_where_it_is_mapped_and_leads_from_kerb_to_kerb(build, side, distance):

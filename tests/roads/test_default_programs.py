@@ -17,7 +17,8 @@ from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary, sumo_environment
 from urbantwin.roads.driving_side import driving_side
 from urbantwin.roads.signals import heads_of
-from urbantwin.roads.signals.green_times import cycle_s, green_seconds
+from urbantwin.roads.signals.default_programs import set_default_programs
+from urbantwin.roads.signals.green_times import capped, cycle_s, green_seconds
 from urbantwin.scene.signal_pole import signal_mesh
 from urbantwin.site import load_site, read_extract
 from urbantwin.site.initial_site import init_site
@@ -292,6 +293,43 @@ def test_the_cycle_is_webster_s():
     assert cycle_s([0.4, 0.3], 12.0, 40.0) == 80.0
     assert cycle_s([0.1, 0.1], 10.0, 30.0) == 60.0
     assert cycle_s([0.5, 0.6], 20.0, 70.0) == 120.0
+
+
+@given(st.lists(st.floats(0.0, 3.0), min_size=1, max_size=6))
+def test_who_asks_for_more_than_there_is_has_what_others_leave(ratios):
+    found = capped(ratios)
+    far = [has for asked, has in zip(ratios, found, strict=True) if asked > 0.9]
+    rest = sum(asked for asked in ratios if asked <= 0.9)
+    assert [has for asked, has in zip(ratios, found, strict=True) if asked <= 0.9] == [
+        asked for asked in ratios if asked <= 0.9
+    ]
+    assert len(set(far)) <= 1
+    assert all(has >= 0.9 / len(ratios) for has in far)
+    if far and min(far) > 0.9 / len(ratios) + 1e-9:
+        assert sum(far) + rest == pytest.approx(0.9)
+
+
+def test_a_street_far_above_capacity_leaves_the_other_what_it_needs(built):
+    """2,200 an hour on a lane, 300 on the other street: of 120 s that needs 20 s and a bit."""
+    path = built(*cross(lanes=2))
+    net = sumolib.net.readNet(str(path))
+    ways = [(a, b) for a in net.getEdges() for b in a.getOutgoing() if len(a.getOutgoing()) > 1]
+    across = {a.getID() for a, _ in ways if abs(a.getShape()[0][0]) > abs(a.getShape()[0][1])}
+    ways = [(a, b) for a, b in ways if a.getOutgoing()[b][0].getDirection() == "s"]
+    volumes = {(a.getID(), b.getID(), ""): 300.0 for a, b in ways}
+    fullest = min(volumes.keys() - {way for way in volumes if way[0] in across})
+    set_default_programs(path, flows={**volumes, fullest: 2200.0})
+    ((phases, links),) = programs(path)
+    for way in volumes:
+        (link,) = [
+            k for k, items in links.items()
+            if (items[0].getFrom().getID(), items[0].getTo().getID()) == way[:2]
+        ]  # fmt: skip
+        green = sum(seconds for seconds, state in phases if state[link] in "Gg")
+        if way[0] in across:
+            assert 300 / 0.9 / 1800 < green / 120 < 300 / 0.7 / 1800
+        else:
+            assert green > 60
 
 
 @pytest.mark.parametrize(

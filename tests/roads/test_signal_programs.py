@@ -203,7 +203,7 @@ def test_people_who_set_out_last_are_across_before_traffic_starts(plan):
 
 
 def test_phases_without_seconds_share_what_the_cycle_leaves(plan):
-    phases = [{"green": ["east", "west"]}, {"seconds": 20, "green": ["northbound", "southbound"]}]
+    phases = [{"green": ["east", "west"]}, {"seconds": 20, "green": ["northbound", "south-bound"]}]
     net = plan({"junction": "Long Avenue", "cycle": 90, "phases": phases})
     (described,) = described_signals(net).values()
     assert described["cycle"] == pytest.approx(90)

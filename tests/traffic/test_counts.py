@@ -42,11 +42,13 @@ def planned(twin: Twin, rows: list[dict[str, object]], seconds: float = 1800.0) 
 
 
 def test_as_many_come_by_each_way_as_were_counted(crossing_twin: Twin) -> None:
-    found = planned(crossing_twin, ROWS)
+    vans = {"approach": "South", "turn": "through", "actor_class": "van", "per_hour": 40.0}
+    found = planned(crossing_twin, [*ROWS, vans])
     assert found == {
         ("car", ("wc", "ce")): 150,
         ("car", ("nc", "cw")): 90,  # who comes from the north and turns right goes west
         ("truck", ("ec", "cs")): 30,
+        ("van", ("sc", "cn")): 20,  # vans go where cars go
     }
 
 

@@ -52,6 +52,9 @@ def test_what_is_not_carried_left_out_or_stuck_is_told_with_its_number() -> None
     assert "3 of 100 visits are left out: 1 bus, 2 pedestrian would pass" in line
     assert problems(absent={**absent, "visits": 2}) == []
     assert len(problems(teleports=1, collisions=2, poses_outside_ground=3)) == 3
+    seen = {"who": ["car-a", "bus-b"], "time_s": 7.5, "x": 1.0, "y": -2.5, "lane": "a_0"}
+    (line,) = problems(collisions=1, collided=[seen])
+    assert "collisions: SUMO counted 1: car-a and bus-b at 1, -2.5, 7.5 s" in line
 
 
 def test_who_is_left_out_is_not_told_again_as_late() -> None:

@@ -28,12 +28,15 @@ class Boxes:
         track: (B,) int64, the same object's number in every frame of its recording, -1 where
             the data does not follow objects.
         source_names: (B,) the class as the data calls it.
+        velocity: (B, 3) over the ground, along the axes of the frame, metres per second; NaN where
+            the data does not say. None where it says of no object.
     """
 
     box: NDArray[np.float64]
     class_names: tuple[str, ...]
     track: NDArray[np.int64]
     source_names: tuple[str, ...] = ()
+    velocity: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Return how many boxes there are."""
@@ -146,7 +149,10 @@ class Frame:
             ahead = np.column_stack([np.cos(box[:, 6]), np.sin(box[:, 6]), np.zeros(len(box))])
             ahead = ahead @ outer_SE3_frame.rotation.T
             box[:, 6] = np.arctan2(ahead[:, 1], ahead[:, 0])
-            boxes = replace(boxes, box=box)
+            velocity = boxes.velocity
+            if velocity is not None:
+                velocity = velocity @ outer_SE3_frame.rotation.T
+            boxes = replace(boxes, box=box, velocity=velocity)
         world = self.world_SE3_frame
         return replace(
             self,

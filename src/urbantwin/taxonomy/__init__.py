@@ -8,6 +8,7 @@ from urbantwin.taxonomy.actor import (
     OBSTACLE,
     ROAD_USERS,
     BoxKind,
+    road_user,
 )
 from urbantwin.taxonomy.material import WAVELENGTHS_NM, Material, material_id, materials
 from urbantwin.taxonomy.semantic import (
@@ -31,6 +32,7 @@ __all__ = [
     "SemanticClass",
     "material_id",
     "materials",
+    "road_user",
     "semantic_classes",
     "semantic_id",
 ]

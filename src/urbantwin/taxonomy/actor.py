@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 __all__ = ["ACTOR_CLASSES", "ACTOR_SEMANTICS", "BOX_SEMANTICS", "COMPANIONS", "OBSTACLE"]
-__all__ += ["ROAD_USERS", "BoxKind"]
+__all__ += ["ROAD_USERS", "BoxKind", "road_user"]
 
 #: How large the boxes of labels are: one true size for a whole track, the bounds of the mesh at its
 #: moment, or one size for a whole track as the annotators of a data set draw it.
@@ -42,3 +42,8 @@ COMPANIONS: tuple[str, ...] = ("trailer", "animal")
 
 #: The classes that rules of access to lanes tell apart. Vans go where cars go.
 ROAD_USERS: tuple[str, ...] = ("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian")
+
+
+def road_user(actor_class: str) -> str:
+    """Return the class by which rules of access to lanes know a class of actors."""
+    return actor_class if actor_class in ROAD_USERS else "car"

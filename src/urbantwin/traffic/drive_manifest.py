@@ -66,6 +66,7 @@ def manifest_of_drive(
         ],
         "teleports": simulated.teleports,
         "collisions": simulated.collisions,
+        "collided": [_collided(*one, demand=demand) for one in simulated.collided[:_TOLD]],
     }
     if asked.get("jaywalking"):
         duration_s = steps * step_s
@@ -135,3 +136,13 @@ def _counts(
             "seen": seen[name],
         }
     return counts
+
+
+def _collided(
+    time_s: float, x: float, y: float, lane: str, *pair: str, demand: Demand
+) -> dict[str, Any]:
+    """Return which bodies SUMO saw overlap, when and where first."""
+    known = {str(number): trip.asset for number, trip in enumerate(demand.trips)}
+    who = [known.get(name, name) for name in pair]
+    place = {"x": round(x, 1), "y": round(y, 1), "lane": lane}
+    return {"who": who, "time_s": round(time_s, 3), **place}

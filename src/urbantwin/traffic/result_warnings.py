@@ -14,6 +14,8 @@ __all__ = ["place_of_count", "warnings_of_drive"]
 ENOUGH = 0.9
 #: Most of those who come that may be left out, lest they pass through others, share.
 MANY_ABSENT = 0.02
+#: So many collisions are told one by one.
+_COLLISIONS = 3
 
 
 def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
@@ -59,8 +61,11 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
         yield ResultWarning(
             "traffic",
             f"collisions: SUMO counted {manifest['collisions']}",
-            "",
-            "look at the motion",
+            "; ".join(
+                f"{' and '.join(one['who'])} at {one['x']:g}, {one['y']:g}, {one['time_s']:g} s"
+                for one in manifest.get("collided", ())[:_COLLISIONS]
+            ),
+            "look at the motion there; motion.json says under collided, who",
         )
     absent = manifest.get("absent", {"visits": 0, "of": 0})
     if absent["visits"] > MANY_ABSENT * absent["of"]:

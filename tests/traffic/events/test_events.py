@@ -9,10 +9,13 @@ import pandas as pd
 import pytest
 
 from urbantwin.errors import StageError
+from urbantwin.geometry import LabelledMesh
+from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic import Motion, run_traffic
 from urbantwin.traffic.events.measures import gaps
 from urbantwin.traffic.events.surroundings import Surroundings
-from urbantwin.twin import Twin
+from urbantwin.traffic.run import with_more
+from urbantwin.twin import Twin, load_twin
 
 SECONDS = 40.0
 EAST = {"x": -40.0, "y": -2.0}  # on the way to the junction from the west
@@ -96,8 +99,6 @@ def test_a_near_miss_is_as_near_as_was_asked_for(put_in: Motion) -> None:
 
 
 def test_a_bicycle_without_light_sends_nothing_back(put_in: Motion) -> None:
-    from urbantwin.taxonomy import material_id
-
     track = put_in.manifest["events"][3]["tracks"][0]
     shown = rows(put_in)
     shown = shown[shown.track == track]
@@ -191,6 +192,27 @@ def test_what_cannot_be_staged_is_told(
     with pytest.raises(StageError, match=said):
         driven(quiet_twin, tmp_path / "m", {"at_s": 1.0, "within_m": 0.0, **event})
     assert not (tmp_path / "m").exists()
+
+
+def test_nobody_is_put_into_a_wall(quiet_twin: Twin, usual: Motion, tmp_path: Path) -> None:
+    """A wall over the street, ten metres on from the place: others go where there is none."""
+    walled = load_twin(quiet_twin.folder)
+    corners = np.array([[-30.0, -14, -5], [-30, 14, -5], [-30, 14, 9], [-30, -14, 9]])
+    brick = semantic_id("building"), material_id("brick")
+    wall = LabelledMesh.build(corners, [[0, 1, 2], [0, 2, 3]], *brick)
+    walled.__dict__["mesh"] = LabelledMesh.concatenate([quiet_twin.mesh, wall])
+    event = {"event": "passage", "at_s": 15.0, "place": EAST, "actor": "car", **WITHIN}
+    with pytest.raises(StageError, match=r"its car would come into a building at -3\d"):
+        with_more(walled, usual, [{**event, "within_m": 0.0}])
+    given = {"time_s": [1.0, 9.0], "x": [-40.0, -20.0], "y": [-2.0, -2.0]}
+    with pytest.raises(StageError, match="its car would come into a building"):
+        with_more(walled, usual, [{"event": "trajectory", "at_s": 1.0, "actor": "car", **given}])
+    elsewhere = with_more(walled, usual, [event])
+    (staged,) = elsewhere.manifest["events"]
+    assert staged["moved_m"] > 0
+    hits = {one["track"] for one in elsewhere.manifest["overlaps"]["hits"]}
+    assert hits  # of those who drove there before the wall stood
+    assert not hits & set(staged["tracks"])
 
 
 def test_the_nearest_is_the_nearest_of_all_boxes(put_in: Motion) -> None:

@@ -15,6 +15,7 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.objects.bodies import AROUND_M, GROUND_M, PlacedBody, candidates
 from urbantwin.fidelity.objects.frame_rays import FrameRays, rays_of
 from urbantwin.fidelity.objects.mending import PassedBy, mended_of
+from urbantwin.fidelity.objects.movement import bodies_then, owners_then, shifts_of
 from urbantwin.fidelity.objects.scan_rays import SeenBodies, scan_rays
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.sensor import Sensor
@@ -133,7 +134,11 @@ def compare_objects(
     if boxes is None or not len(boxes):
         return []
     sensors = rays_of(frame)
-    owner = boxes.points_of(frame.points, AROUND_M)
+    which = np.zeros(len(frame.points), np.int64)
+    if frame.sensor is not None:
+        which = np.unique(frame.sensor, return_inverse=True)[1].ravel()
+    shift = shifts_of(frame, which, AROUND_M)
+    owner = owners_then(boxes, frame.points, which, shift, AROUND_M)
     under = boxes.box[:, 2] - boxes.box[:, 5] / 2
     held = owner >= 0
     held[held] = frame.points[held, 2] > under[owner[held]] + GROUND_M
@@ -148,28 +153,30 @@ def compare_objects(
     number = np.full(len(boxes), -1)
     number[chosen] = np.arange(len(chosen))
     of_points = np.where(owner >= 0, number[owner], -1)
+    # Each where it was for all sensors together.
+    points_then = frame.points - np.where(owner[:, None] >= 0, shift[which, owner], 0.0)
+    shift = shift[:, chosen]
     tried = [
         candidates(boxes.class_names[n], boxes.box[n], int(k), sources[n])
         for k, n in enumerate(chosen)
     ]
     annotated = [bodies[0] for bodies in tried]
     better = [
-        mended_of(bodies, frame.points[of_points == k], _passed_by(bodies[0].box, sensors))
+        mended_of(
+            bodies, points_then[of_points == k], _passed_by(bodies[0].box, sensors, shift[:, k])
+        )
         for k, bodies in enumerate(tried)
     ]
     ground = _ground_of(frame, owner, boxes.box)
-    looks = [_Look.of(rays, of_points, annotated, better) for rays in sensors]
+    looks = [
+        _Look.of(rays, of_points, moved, annotated, better)
+        for rays, moved in zip(sensors, shift, strict=True)
+    ]
     seen = {
-        side: [
-            scan_rays(sensor, look.rays.origin, look.direction, bodies, ground, seed)
-            for look in looks
-        ]
+        side: [look.scan(sensor, bodies, ground, seed) for look in looks]
         for side, bodies in (("annotated", annotated), ("mended", better))
     }
-    again = [
-        scan_rays(sensor, look.rays.origin, look.direction, better, ground, seed + _AGAIN)
-        for look in looks
-    ]
+    again = [look.scan(sensor, better, ground, seed + _AGAIN) for look in looks]
     found = []
     for k, n in enumerate(chosen):
         real = np.flatnonzero(of_points == k)
@@ -193,11 +200,11 @@ def compare_objects(
                 float(away[n]),
                 boxes.box[n],
                 better[k].box,
-                frame.points[real],
+                points_then[real],
                 ours[:, :3],
                 {"real": len(real)} | {side: len(one) for side, one in points.items()},
-                {side: _chamfer(frame.points[real], one[:, :3]) for side, one in points.items()}
-                | _of_both(frame.points, looks, seen["mended"], k, better)
+                {side: _chamfer(points_then[real], one[:, :3]) for side, one in points.items()}
+                | _of_both(points_then, looks, seen["mended"], k, better)
                 | {"again": _drawn_again(looks, seen["mended"], again, k, better)},
                 codes,
                 ours[:, 3],
@@ -207,10 +214,14 @@ def compare_objects(
     return found
 
 
-def _passed_by(box: NDArray[np.float64], sensors: list[FrameRays]) -> PassedBy:
+def _passed_by(
+    box: NDArray[np.float64], sensors: list[FrameRays], shift: NDArray[np.float64]
+) -> PassedBy:
     found = PassedBy.none()
-    for rays in sensors:
-        found = found.joined(PassedBy.of(box, rays.origin, rays.direction, rays.range_m))
+    for rays, moved in zip(sensors, shift, strict=True):
+        # As if the sensor had moved by as much the other way, and the object stood.
+        place = rays.origin - moved
+        found = found.joined(PassedBy.of(box, place, rays.direction, rays.range_m))
     return found
 
 
@@ -223,22 +234,25 @@ class _Look:
         near: (R,) numbers of those that come near an object.
         owner: (R,) the object that each real one found, -1 for none.
         between: (R,) the object that its neighbours on both sides found, -1 for none.
+        shift: (B, 3) where objects were then, less where they are for all sensors together.
     """
 
     rays: FrameRays
     near: NDArray[np.int64]
     owner: NDArray[np.int64]
     between: NDArray[np.int64]
+    shift: NDArray[np.float64]
 
     @classmethod
     def of(
         cls,
         rays: FrameRays,
         of_points: NDArray[np.int64],
+        shift: NDArray[np.float64],
         *sides: list[PlacedBody],
     ) -> _Look:
         close = np.zeros(len(rays.direction), np.bool_)
-        for body in (body for bodies in sides for body in bodies):
+        for body in (body for bodies in sides for body in bodies_then(bodies, shift)):
             middle = body.box[:3] - rays.origin
             distance = max(float(np.linalg.norm(middle)), 1e-6)
             reach = float(np.linalg.norm(body.box[3:6])) / 2 + AROUND_M
@@ -247,7 +261,14 @@ class _Look:
         found = np.where(rays.point >= 0, of_points[rays.point], -1)
         near = np.flatnonzero(close | (found >= 0))
         before, after = found[rays.before[near]], found[rays.after[near]]
-        return cls(rays, near, found[near], np.where(before == after, before, -1))
+        return cls(rays, near, found[near], np.where(before == after, before, -1), shift)
+
+    def scan(
+        self, sensor: Sensor, bodies: list[PlacedBody], ground: LabelledMesh, seed: int
+    ) -> SeenBodies:
+        """Return what the sensor sees of bodies where they were then."""
+        there = bodies_then(bodies, self.shift)
+        return scan_rays(sensor, self.rays.origin, self.direction, there, ground, seed)
 
     @property
     def direction(self) -> NDArray[np.float64]:
@@ -260,7 +281,7 @@ class _Look:
     def points(self, seen: SeenBodies, body: int, bodies: list[PlacedBody]) -> NDArray[np.float64]:
         """Return our points of a body (M, 4) with their intensity, where nothing stands before."""
         mine = (seen.reported == body) & ~self._is_blocked(seen)
-        points = self.rays.origin + self.direction[mine] * seen.range_m[mine, None]
+        points = self._places(seen, mine, body)
         box = bodies[body].box
         above = points[:, 2] > box[2] - box[5] / 2 + GROUND_M
         return np.asarray(np.column_stack([points, seen.intensity[mine]])[above])
@@ -283,15 +304,21 @@ class _Look:
         mine, ours = self._shared(seen, body, bodies)
         both = again.reported[mine] == body
         mine, ours = mine[both], ours[both]
-        others = self.rays.origin + self.direction[mine] * again.range_m[mine, None]
-        return np.asarray(np.column_stack([ours, others]))
+        return np.asarray(np.column_stack([ours, self._places(again, mine, body)]))
+
+    def _places(
+        self, seen: SeenBodies, mine: NDArray[np.generic], body: int
+    ) -> NDArray[np.float64]:
+        """Return what came back along rays from a body (M, 3), as if all saw it at one time."""
+        away = self.direction[mine] * seen.range_m[mine, None]
+        return np.asarray(self.rays.origin + away - self.shift[body])
 
     def _shared(
         self, seen: SeenBodies, body: int, bodies: list[PlacedBody]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return which rays (M,) returned from a body on both sides, and our points (M, 3)."""
         mine = np.flatnonzero((seen.reported == body) & (self.owner == body))
-        ours = self.rays.origin + self.direction[mine] * seen.range_m[mine, None]
+        ours = self._places(seen, mine, body)
         box = bodies[body].box
         above = ours[:, 2] > box[2] - box[5] / 2 + GROUND_M
         return mine[above], ours[above]

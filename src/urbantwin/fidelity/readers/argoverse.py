@@ -7,6 +7,8 @@ upper sensor's, 32 to 63 the lower one's.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,8 @@ __all__ = ["is_argoverse", "open_argoverse"]
 _EXPECTED = "a log of Argoverse 2"
 _SENSORS = ("up_lidar", "down_lidar")
 _LASERS = 32
+#: Of a track not farther apart than this its boxes tell how fast it is, nanoseconds.
+_APART_NS = 350_000_000
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _PLACE = ("tx_m", "ty_m", "tz_m")
 
@@ -70,13 +74,15 @@ def open_argoverse(path: Path) -> Recording:
                 given["sensor"] = fields["laser_number"] // _LASERS
             if "offset_ns" in fields:
                 given["time_s"] = fields["offset_ns"] * 1e-9
-        world = None if poses is None else _pose_at(path, poses, time_ns)
+        world = _pose_at(path, poses, time_ns)
         return frame_of(
             file,
             fields,
             name=file.stem,
             given=given,
-            boxes=None if annotations is None else _boxes_at(path, annotations, time_ns),
+            boxes=None
+            if annotations is None
+            else _boxes_at(path, annotations, time_ns, partial(_pose_at, path, poses), world),
             world_SE3_frame=world,
             sensor_places=np.zeros((1, 3)) if places is None else places,
         )
@@ -105,20 +111,29 @@ def _places(path: Path, sensors: Columns) -> NDArray[np.float64] | None:
         return np.array([_row_pose(sensors, names.index(name)).translation for name in _SENSORS])
 
 
-def _pose_at(path: Path, poses: Columns, time_ns: int) -> Pose | None:
+def _pose_at(path: Path, poses: Columns | None, time_ns: int) -> Pose | None:
     """Return the pose of a sweep's own time; the log has one for each."""
+    if poses is None:
+        return None
     with laid_out(path / "city_SE3_egovehicle.feather", _EXPECTED):
         rows = np.flatnonzero(poses["timestamp_ns"] == time_ns)
         return _row_pose(poses, int(rows[0])) if len(rows) else None
 
 
-def _boxes_at(path: Path, annotations: Columns, time_ns: int) -> Boxes | None:
+def _boxes_at(
+    path: Path,
+    annotations: Columns,
+    time_ns: int,
+    pose_at: Callable[[int], Pose | None],
+    world: Pose | None,
+) -> Boxes | None:
     with laid_out(path / "annotations.feather", _EXPECTED):
         rows = np.flatnonzero(annotations["timestamp_ns"] == time_ns)
         if not len(rows):
             return None  # not a labelled sweep: an empty street looks the same
+        velocities = _velocities(annotations, time_ns, rows, pose_at, world)
         labelled = []
-        for row in rows:
+        for row, velocity in zip(rows, velocities, strict=True):
             pose = _row_pose(annotations, int(row))
             size = (float(annotations[f"{side}_m"][row]) for side in ("length", "width", "height"))
             labelled.append(
@@ -126,6 +141,53 @@ def _boxes_at(path: Path, annotations: Columns, time_ns: int) -> Boxes | None:
                     (*pose.translation.tolist(), *size, heading(pose.rotation)),
                     str(annotations["category"][row]),
                     track_of(str(annotations["track_uuid"][row])),
+                    velocity,
                 )
             )
         return boxes_of(labelled)
+
+
+def _velocities(
+    annotations: Columns,
+    time_ns: int,
+    rows: NDArray[np.intp],
+    pose_at: Callable[[int], Pose | None],
+    world: Pose | None,
+) -> list[tuple[float, float, float] | None]:
+    """Return how fast objects move, vehicle's frame: from the sweeps before and after, in the city.
+
+    Args:
+        annotations: of the log.
+        time_ns: of the sweep.
+        rows: of its boxes.
+        pose_at: the vehicle's pose in the city.
+        world: that of the sweep.
+    """
+    times = annotations["timestamp_ns"]
+    near = np.unique(times[np.abs(times - time_ns) < _APART_NS])
+    begin, end = (
+        int(one) for one in (near[near <= time_ns][-2:][0], near[near >= time_ns][:2][-1])
+    )
+    poses = {one: pose_at(one) for one in (begin, end)}
+    first, last = poses[begin], poses[end]
+    if begin == end or first is None or last is None or world is None:
+        return [None] * len(rows)
+    places = np.column_stack([annotations[side] for side in _PLACE]).astype(np.float64)
+    where: list[dict[str, NDArray[np.float64]]] = []
+    for one, pose in ((begin, first), (time_ns, world), (end, last)):
+        mine = np.flatnonzero(times == one)
+        there = pose.apply(places[mine])
+        where.append(dict(zip(map(str, annotations["track_uuid"][mine]), there, strict=True)))
+    found: list[tuple[float, float, float] | None] = []
+    for track in map(str, annotations["track_uuid"][rows]):
+        # Who comes or goes is followed for half as long.
+        (since, old), (until, new) = (
+            (one, place[track]) if track in place else (time_ns, where[1][track])
+            for one, place in ((begin, where[0]), (end, where[2]))
+        )
+        if since == until:
+            found.append(None)
+        else:
+            x, y, z = ((new - old) / (until - since) * 1e9) @ world.rotation
+            found.append((float(x), float(y), float(z)))
+    return found

@@ -26,19 +26,20 @@ __all__ = [
 #: What datasets call our classes, in lower case without anything but letters. Where
 #: a dataset has no class for vans (nuScenes, Argoverse 2), they are among its cars.
 _CALLED = {
-    "car": "car vehicle regularvehicle policecar vehiclecar vehicleemergencypolice",
+    "car": "car vehicle regularvehicle policecar vehiclecar vehicleemergencypolice pickuptruck",
     "van": "van minivan cargovan vehiclevan",
     "truck": """truck boxtruck truckcab largevehicle concretetruck longvehicle vehicletruck
         vehicleconstruction vehicleemergencyambulance constructionvehicle trucktrailer othervehicle
+        mediumsizedtruck semitruck
         """,
     "bus": "bus schoolbus articulatedbus vehiclebusrigid vehiclebusbendy",
     "motorcycle": """motorcycle motorcyclist motorcylerider motorcyclerider vehiclemotorcycle
-        motor scooter scooterrider""",
+        motor scooter scooterrider motorizedscooter""",
     "bicycle": "bicycle bicyclist cyclist bicyclerider bike vehiclebicycle",
     "pedestrian": """pedestrian person personsitting child roadworker officialsignaler
         humanpedestrianadult humanpedestrianchild humanpedestrianconstructionworker
-        humanpedestrianpoliceofficer""",
-    "tram": "tram railedvehicle onrails streetcar",
+        humanpedestrianpoliceofficer pedestrianwithobject""",
+    "tram": "tram railedvehicle onrails streetcar tramsubway",
     "trailer": "trailer vehiculartrailer vehicletrailer",
     "animal": "animal dog",
 }
@@ -59,11 +60,12 @@ def track_of(identity: str) -> int:
 
 @dataclass(frozen=True)
 class LabelledBox:
-    """One labelled object: its box as `Boxes` has it, what the data calls it, and its track."""
+    """One labelled object: box, track and velocity as `Boxes` has them, and what it is called."""
 
     box: tuple[float, float, float, float, float, float, float]
     source_name: str
     track: int = -1
+    velocity: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
@@ -79,7 +81,14 @@ def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
         class_names=tuple(actor_class(one.source_name) for one in kept),
         track=np.array([one.track for one in kept], np.int64),
         source_names=tuple(one.source_name for one in kept),
+        velocity=_velocities(kept),
     )
+
+
+def _velocities(labelled: Sequence[LabelledBox]) -> NDArray[np.float64] | None:
+    if all(one.velocity is None for one in labelled):
+        return None
+    return np.array([one.velocity or (np.nan,) * 3 for one in labelled], np.float64)
 
 
 def pose_of_quaternion(w: float, x: float, y: float, z: float, place: ArrayLike) -> Pose:

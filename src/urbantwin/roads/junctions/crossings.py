@@ -90,7 +90,12 @@ def with_crossings(
         driving_side: ``right`` or ``left``.
     """
     outward = 1 if driving_side == "left" else -1
-    for crossing in mapped:
+    told = (
+        one
+        for crossing in mapped
+        for one in (_at_mouths(plain, crossing) if crossing.on_every_arm else [crossing])
+    )
+    for crossing in told:
         strips = [Strip(edge, outward) for edge in plain.edges.values() if is_driven(edge)]
         hits = _hits(crossing, strips)
         if not hits:
@@ -116,6 +121,48 @@ def with_crossings(
         )
         plain = replace(plain, crossings=(*plain.crossings, made))
     return plain
+
+
+def _at_mouths(plain: PlainNetwork, crossing: MappedCrossing) -> list[MappedCrossing]:
+    """Return one crossing for each arm of the junction that a crossing is told of."""
+    place = shapely.Point(crossing.xy)
+    made: list[MappedCrossing] = []
+    for node in plain.nodes.values():
+        whole = shapely.Polygon(node.outline) if len(node.outline) else shapely.Point(node.xy)
+        if whole.distance(place) > ON_NODE_M:
+            continue
+        arms = [(edge, True) for edge in plain.arriving[node.id] if is_driven(edge)]
+        arms += [(edge, False) for edge in plain.leaving[node.id] if is_driven(edge)]
+        poses = [_pose(e.line, e.line.length if arrives else 0.0) for e, arrives in arms]
+        for (edge, arrives), (x, y, heading) in zip(arms, poses, strict=True):
+            # Edges that end at the node itself reach as far as the streets beside them are wide.
+            beside = [
+                other.width / (2 if other.centred else 1)
+                for (other, _), pose in zip(arms, poses, strict=True)
+                if not len(node.outline) and abs(np.sin(pose[2] - heading)) > np.sin(SKEW)
+            ]
+            away = max(beside, default=0.0) + crossing.width / 2 + BEHIND_M
+            ahead = np.array([np.cos(heading), np.sin(heading)])
+            one = replace(
+                crossing,
+                name=f"{crossing.name}_{len(made)}",
+                xy=np.array([x, y]) - (away if arrives else -away) * ahead,
+                ahead=ahead,
+                across=np.array([-ahead[1], ahead[0]]),
+                pieces=frozenset(_pieces(edge)),
+            )
+            if not any(_is_one_arm(one, other) for other in made):
+                made.append(one)
+    return made
+
+
+def _is_one_arm(crossing: MappedCrossing, other: MappedCrossing) -> bool:
+    gap = other.xy - crossing.xy
+    return bool(
+        crossing.pieces & other.pieces
+        and abs(float(crossing.ahead @ other.ahead)) > np.cos(SKEW)
+        and abs(float(gap @ crossing.ahead)) < crossing.width
+    )
 
 
 def _lit(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:

@@ -58,6 +58,8 @@ class MappedCrossing:
         marking: ``zebra``, ``lines``, ``dashes``, ``dots`` or ``none``.
         signalised: whether lights tell when to walk.
         width: metres.
+        on_every_arm: whether it is told of a whole junction with signals, which is one node: people
+            then cross each of its arms, not its middle.
     """
 
     name: str
@@ -68,6 +70,7 @@ class MappedCrossing:
     marking: str
     signalised: bool
     width: float
+    on_every_arm: bool = False
 
     @property
     def has_priority(self) -> bool:
@@ -108,9 +111,8 @@ def mapped_crossings(
     for way in extract.highways():
         if way.tags["highway"] not in WALKED:
             continue
-        for node in way.nodes:
-            if node in at_node:
-                footways[node].append(way)
+        for node in at_node.keys() & way.nodes:
+            footways[node].append(way)
         if is_crossing_way(way):
             crossing_ways.append(way)
     found: list[MappedCrossing] = []
@@ -122,7 +124,8 @@ def mapped_crossings(
         told = {**tags, **{k: v for way in here for k, v in way.tags.items()}, **_told(tags)}
         place = _Place(tuple(at_node[node]), position[node], str(node))
         lines = [extract.way_line(way, frame) for way in (here or footways[node])]
-        found.append(_crossing(place, told, lines, country))
+        whole = not lines and tags.get("highway") == "traffic_signals" and _meet(place.pieces, node)
+        found.append(replace(_crossing(place, told, lines, country), on_every_arm=whole))
     known = at_node.keys()
     for way in crossing_ways:
         for number, place in enumerate(_overlaid(extract, frame, way, known, pieces)):
@@ -148,6 +151,12 @@ def is_crossing_way(way: Way) -> bool:
         return False
     kinds = {tags.get(key) for key in ("footway", "path", "cycleway")}
     return tags.get("highway") in WALKED and ("crossing" in kinds or "crossing" in tags)
+
+
+def _meet(pieces: Sequence[WayPiece], node: int) -> bool:
+    """Return whether a node is where streets meet, not a place along one."""
+    seen = {piece.id: piece for piece in pieces}.values()
+    return sum(2 - (node in (piece.nodes[0], piece.nodes[-1])) for piece in seen) > 2
 
 
 def _told(tags: Mapping[str, str]) -> dict[str, str]:

@@ -3,6 +3,10 @@
 Source: F. V. Webster, Traffic Signal Settings, Road Research Technical Paper 39, 1958: with lost
 time L and the sum Y of the stages' critical flow ratios, delay is least at a cycle of
 (1.5 L + 5) / (1 - Y) seconds, and with greens in proportion to those ratios.
+
+Beyond capacity there is no such cycle; greens in proportion to the ratios still let all lanes be
+equally full (equal degree of saturation, HCM 2016, 19). Who asks for more than all the green that
+there is would have the others starve by that: it has what they leave instead.
 """
 
 from __future__ import annotations
@@ -14,9 +18,11 @@ import numpy as np
 
 __all__ = [
     "LONGEST_CYCLE_S",
+    "MOST_RATIO",
     "SATURATION_VEH_H",
     "SHORTEST_CYCLE_S",
     "STEP_S",
+    "capped",
     "cycle_s",
     "green_seconds",
 ]
@@ -41,6 +47,23 @@ def cycle_s(ratios: Sequence[float], lost_s: float, least_s: float) -> float:
     best = (1.5 * lost_s + 5.0) / (1.0 - whole)
     cycle = min(max(best, SHORTEST_CYCLE_S), LONGEST_CYCLE_S)
     return STEP_S * math.ceil(max(cycle, least_s) / STEP_S - 1e-6)
+
+
+def capped(ratios: Sequence[float], most: float = MOST_RATIO) -> list[float]:
+    """Return flow ratios of which none asks for more than there is.
+
+    Who does has what the others leave, but no less than if all had the same.
+
+    Args:
+        ratios: critical flow ratio of each stage.
+        most: what can be green.
+    """
+    found = np.asarray(ratios, np.float64)
+    far = found > most
+    if far.any():
+        left = (most - found[~far].sum()) / far.sum()
+        found = np.where(far, max(left, most / len(found)), found)
+    return [float(one) for one in found]
 
 
 def green_seconds(ratios: Sequence[float], least: Sequence[float], whole_s: float) -> list[float]:

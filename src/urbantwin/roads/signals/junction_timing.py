@@ -13,9 +13,11 @@ from urbantwin.roads.signals.capacity import Flows, LaneLoad, lane_loads, on_lan
 from urbantwin.roads.signals.controlled_links import Link, Signalised
 from urbantwin.roads.signals.green_times import (
     LONGEST_CYCLE_S,
+    MOST_RATIO,
     SATURATION_VEH_H,
     SHORTEST_CYCLE_S,
     STEP_S,
+    capped,
     cycle_s,
     green_seconds,
 )
@@ -169,8 +171,8 @@ class Timing:
 
     @cached_property
     def ratios(self) -> list[float]:
-        """Critical flow ratio of each stage."""
-        found = critical_ratios(self._stages, self._flow)
+        """Critical flow ratio of each stage, of none more than can be green."""
+        found = capped(critical_ratios(self._stages, self._flow))
         return found + [0.0] * (len(self.stages) - len(found))
 
     def _least(self, stages: Sequence[frozenset[int]]) -> list[float]:
@@ -243,6 +245,8 @@ class Timing:
         """Return how full the fullest lane is, and the phases, where greens are fair.
 
         Greens in proportion to critical flow ratios, then more of it where lanes are fullest.
+        Beyond capacity lanes are equally full, but for those that the whole cycle would not do for:
+        they take no green from others that it does for.
         """
         if cycle not in self._known:
             changes, stages = self._changes(self.stages), self.stages
@@ -261,7 +265,14 @@ class Timing:
                 if fullest <= AMPLE:
                     break
                 load_of = {one.lane: one.load for one in loads}
-                full = [max((load_of.get(x, 0.0) for x in on), default=0.0) for on in green_on]
-                ratios *= np.maximum(np.array(full) / fullest, LITTLE) ** TOWARDS
-            self._known[cycle] = min(found, key=lambda one: round(one[0], 6))
+                full = np.array(
+                    [max((load_of.get(x, 0.0) for x in on), default=0.0) for on in green_on]
+                )
+                if fullest <= 1.0:
+                    ratios *= np.maximum(full / fullest, LITTLE) ** TOWARDS
+                else:
+                    wanted = np.array(seconds) * np.maximum(full / MOST_RATIO, LITTLE) ** TOWARDS
+                    ratios = np.array(capped(wanted.tolist(), cycle - lost))
+            best = min(found, key=lambda one: round(one[0], 6))
+            self._known[cycle] = best if best[0] <= 1.0 else found[-1]
         return self._known[cycle]

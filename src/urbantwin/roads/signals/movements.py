@@ -87,8 +87,8 @@ def _of_approach(junction: Signalised, links: list[Link], name: str) -> list[Lin
     if kind == "lane" and rest:
         return [link for link in links if link.lane == name[5:].strip()]
     for ending in ("bound", ""):
-        word = lower.removesuffix(ending) if ending else lower
-        if (ending and word == lower) or word not in COMPASS:
+        word = lower.removesuffix(ending).replace("-", "")
+        if (ending and not lower.endswith(ending)) or word not in COMPASS:
             continue
         # Southbound traffic comes from the north.
         bearing = COMPASS[word] + (180.0 if ending else 0.0)

@@ -10,6 +10,7 @@ import numpy as np
 
 from urbantwin.errors import InputError
 from urbantwin.roads import Lane, Road, RoadNetwork
+from urbantwin.taxonomy import road_user
 
 __all__ = [
     "Way",
@@ -59,7 +60,7 @@ def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
     by_id = {road.id: road for road in roads.roads}
     name, turn = str(row["approach"]), str(row["turn"])
     junction = _junction(str(row.get("junction") or ""), roads, place)
-    kind = row.get("actor_class") or "car"
+    kind = road_user(row.get("actor_class") or "car")
     driven = [
         road
         for road in roads.roads
@@ -90,7 +91,7 @@ def _one(
 ) -> Road:
     """Return the road of a junction that a name or an arm means."""
     arms = {road.id: arm_of(roads, road, at_end=at_end) for road in among}
-    found = [road for road in among if name in (arms[road.id], road.name)]
+    found = [road for road in among if name == road.name or _is_arm(name, arms[road.id])]
     if len(found) == 1:
         return found[0]
     there = ", ".join(
@@ -135,6 +136,11 @@ def arm_of(roads: RoadNetwork, road: Road, *, at_end: bool) -> str:
     """Return on which side of the junction a road lies."""
     bearing = _direction(roads, road, at_end=at_end) + (np.pi if at_end else 0.0)
     return _ARMS[round(float(np.degrees(bearing)) % 360 / 45) % 8]
+
+
+def _is_arm(name: str, arm: str) -> bool:
+    """Return whether a name means an arm; programs of signals write it without a hyphen."""
+    return name.lower().replace("-", "") == arm.replace("-", "")
 
 
 def _off(roads: RoadNetwork, approach: Road, leaving: Road, turn: str) -> float:
@@ -189,7 +195,7 @@ def crossing_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Lane:
         middle = lane.centre[:, :2].mean(axis=0)
         _, road, at_end = min(arms, key=lambda arm: float(np.linalg.norm(arm[0] - middle)))
         arm[lane.id] = arm_of(roads, road, at_end=at_end)
-    found = [lane for lane in here if arm[lane.id] == name]
+    found = [lane for lane in here if _is_arm(name, arm[lane.id])]
     if found:
         return max(found, key=lambda lane: lane.length)
     told = ", ".join(f"{lane.id} ({arm[lane.id]})" for lane in here)

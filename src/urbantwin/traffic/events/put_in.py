@@ -31,7 +31,7 @@ from urbantwin.traffic.events.u_turn import u_turn
 from urbantwin.traffic.events.unlit import unlit
 from urbantwin.traffic.insertion import inserted
 from urbantwin.traffic.motion import Motion
-from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface
+from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface, prescribed_table
 from urbantwin.twin import Twin
 
 __all__ = ["PUT_IN", "StagedEvent", "staged_table", "with_events"]
@@ -164,16 +164,23 @@ def _put_in(
     others = Surroundings(motion)
     twin = solid.twin
     setting = Setting(twin, others, int(motion.manifest["seed"]), number, solid)
-    stage = PUT_IN[event.event]
     told: dict[str, Any] = {}
+
+    def stage(one: Any) -> Scripted:  # noqa: ANN401 - of any event
+        found = PUT_IN[event.event](one, setting)
+        rows, _ = prescribed_table(
+            found.paths, surface, steps=int(motion.manifest["steps"]), step_s=motion.step_s
+        )
+        if met := solid.met_by(rows, motion.step_s):
+            raise StageError(f"{event.event} at {one.at_s:g} s cannot be staged: {met}")
+        return found
+
     try:
-        staged = stage(event, setting)
+        staged = stage(event)
     except StageError as refused:
         if not isinstance(event, PlacedEvent) or not event.within_m:
             raise
-        staged, told = staged_near(
-            event, twin, motion.actors, lambda one: stage(one, setting), refused
-        )
+        staged, told = staged_near(event, twin, motion.actors, stage, refused)
     motion, tracks = inserted(motion, staged.paths, surface)
     if staged.told.pop("unlit", False):
         motion = unlit(motion, tracks[0])

@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
+from urbantwin.traffic.assets import asset
 from urbantwin.traffic.events.lane_way import Way, lane_way
 from urbantwin.traffic.events.places import Spot, find_spot
 from urbantwin.traffic.events.scenario import (
@@ -308,6 +309,10 @@ def crowd(event: Crowd, setting: Setting) -> Scripted:
         )
         found = setting.others.nearest(passage_of_path(path, setting.others.motion))
         if found is not None and found.gap_m < 0.05:
+            continue
+        body = asset(path.asset)
+        size = body.length, body.width, body.height
+        if setting.solid.met(at[None], np.array([inwards]), size).any():
             continue
         paths.append(path)
         taken.append(at)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from urbantwin.geometry import DownwardProbe
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.obstacles import Obstacles
-from urbantwin.traffic.paths.overlap import TOUCH_M
+from urbantwin.traffic.paths.overlap import TOUCH_M, rows_that_overlap
 from urbantwin.twin import Twin
 
 __all__ = ["Solid"]
@@ -58,3 +59,19 @@ class Solid:
         z, height = np.nan_to_num(self.ground(xy)), np.full(len(xy), size[2])
         found[self._obstacles.beside(boxes, z, height)[:, 0]] = True
         return found
+
+    def met_by(self, rows: pa.Table, step_s: float) -> str:
+        """Return who of some actors comes into what, when and where first; nothing: an empty text.
+
+        Args:
+            rows: of the table of actors, by time.
+            step_s: time between its steps.
+        """
+        tracks = rows["track"].to_numpy()
+        found = rows_that_overlap([rows], rows.slice(0, 0), step_s, self._obstacles, tracks)
+        if not len(found.hits):
+            return ""
+        row = int(found.hits[0])
+        one = {name: rows[name][row].as_py() for name in ("class", "time_s", "x", "y")}
+        where = f"{one['x']:.1f}, {one['y']:.1f} at {one['time_s']:.1f} s"
+        return f"its {one['class']} would come into a {found.what[0]} at {where}"

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads import Lane, RoadNetwork
-from urbantwin.taxonomy import ROAD_USERS
+from urbantwin.taxonomy import road_user
 
 __all__ = ["LanesBelow"]
 
@@ -58,7 +58,7 @@ class LanesBelow:
             return found
         cost = np.empty(len(point))
         walks = actor_class == "pedestrian"
-        user = actor_class if actor_class in ROAD_USERS else "car"
+        user = road_user(actor_class)
         for lane_number in np.unique(number):
             mine = np.flatnonzero(number == lane_number)
             lane = self._lanes[lane_number]

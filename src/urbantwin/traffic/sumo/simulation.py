@@ -108,6 +108,8 @@ class Simulated:
         signals: (step, program, state of every link), where a program's state changed.
         teleports: vehicles that SUMO took out because they were stuck.
         collisions: pairs of actors that SUMO saw overlap.
+        collided: of each of these pairs when they first did (seconds of the motion), x and y, the
+            lane, and the numbers of the two trips; by time.
         departed: trips that entered the network.
         sumo: SUMO's version.
         observed: what was seen each second, warm-up included.
@@ -133,6 +135,7 @@ class Simulated:
     staged: tuple[dict[str, Any], ...] = ()
     boarded: tuple[tuple[float, str, int, int, int, int], ...] = ()
     jaywalks: tuple[Jaywalk, ...] = ()
+    collided: tuple[tuple[float, float, float, str, str, str], ...] = ()
 
     def only(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Simulated:
         """Return some of the rows: a mask (N,) or indices; all else stays."""
@@ -480,6 +483,7 @@ def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
         signals=tuple((step, program, state) for step, program, state in outcome["signals"]),
         teleports=outcome["teleports"],
         collisions=len(outcome["collisions"]),
+        collided=tuple((at - warmup_s, *rest) for at, *rest in outcome["collisions"]),
         departed=frozenset(outcome["departed"]),
         sumo=outcome["sumo"],
         staged=tuple(outcome["staged"]),

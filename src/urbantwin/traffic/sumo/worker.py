@@ -143,7 +143,7 @@ class Recorder:
         self.signals: list[tuple[int, str, str]] = []
         self.shown: dict[str, str] = {}
         self.teleports = 0
-        self.collisions: set[tuple[str, str]] = set()
+        self.collisions: dict[tuple[str, str], tuple[float, float, float, str]] = {}
         self.departed: set[int] = set()
 
     def count_incidents(self) -> None:
@@ -153,7 +153,11 @@ class Recorder:
             libsumo.vehicle.remove(name)
             self.teleports += 1
         for collision in libsumo.simulation.getCollisions():
-            self.collisions.add((collision.collider, collision.victim))
+            pair = collision.collider, collision.victim
+            if pair not in self.collisions:
+                walks = pair[0] in libsumo.person.getIDList()
+                x, y = (libsumo.person if walks else libsumo.vehicle).getPosition(pair[0])
+                self.collisions[pair] = libsumo.simulation.getTime(), x, y, collision.lane
         came = filter(events.is_actor, libsumo.simulation.getDepartedIDList())
         self.departed |= {int(name) for name in came}
         self.departed |= {int(name) for name in libsumo.simulation.getDepartedPersonIDList()}
@@ -204,7 +208,7 @@ class Recorder:
             "lanes": list(self.lanes),
             "signals": self.signals,
             "teleports": self.teleports,
-            "collisions": sorted(self.collisions),
+            "collisions": sorted((*first, *pair) for pair, first in self.collisions.items()),
             "departed": sorted(self.departed),
             "staged": staged,
             "boarded": boarded,
