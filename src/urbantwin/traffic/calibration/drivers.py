@@ -27,6 +27,8 @@ ROUNDS = 6
 _FEWEST = 5
 #: Where there is another figure for the same, of fewer than this.
 _MANY = 10
+#: Speeds of fewer, many of whom still speed up, tell no wish.
+_FREE = 30
 _DRAWN_AGAIN = 200
 #: A figure that differs by no more is the same.
 _SAME = 0.02
@@ -90,7 +92,7 @@ _PARAMETERS = (
     _Parameter(
         *("speed_factor", 1.0, 0.4, 1.5),
         lambda part: part.free,
-        *(_median, True, "speeds of who leaves with nobody close ahead, of the limit", _MANY),
+        *(_median, True, "speeds of who leaves with nobody close ahead, of the limit", _FREE),
     ),
     _Parameter(
         *("speed_factor", 1.0, 0.4, 1.5),
@@ -100,7 +102,7 @@ _PARAMETERS = (
     _Parameter(
         *("speed_spread", 0.1, 0.01, 0.3),
         lambda part: part.free,
-        *(_quartiles_apart, True, "spreads of such speeds", _MANY),
+        *(_quartiles_apart, True, "spreads of such speeds", _FREE),
     ),
     _Parameter(
         *("acceleration", 2.6, 0.8, 4.5),
@@ -110,7 +112,8 @@ _PARAMETERS = (
     _Parameter(
         *("acceleration", 2.6, 0.4, 4.5),
         lambda part: part.heavy_accelerations,
-        *(_median, True, "accelerations from 1 to 5 m/s, m/s2", _MANY, HEAVY),
+        *(_median, True, "accelerations from 1 to 5 m/s, m/s2", _MANY),
+        classes=HEAVY,
     ),
     _Parameter(
         *("acceleration_at_10", 2.6, 0.3, 4.5),
@@ -120,7 +123,8 @@ _PARAMETERS = (
     _Parameter(
         *("acceleration_at_10", 2.6, 0.3, 4.5),
         lambda part: part.heavy_faded,
-        *(_median, True, "accelerations from 6 to 9 m/s, m/s2", _MANY, HEAVY),
+        *(_median, True, "accelerations from 6 to 9 m/s, m/s2", _MANY),
+        classes=HEAVY,
     ),
     _Parameter(
         *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 6.0),

@@ -206,7 +206,7 @@ def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]
     gone = np.concatenate([[0.0], np.cumsum(steps)])
     moves = np.concatenate([[True], steps > 0])
     at = np.arange(_EVERY_M / 2, gone[-1], _EVERY_M)
-    return np.interp(at, gone[moves], speed[moves])
+    return np.asarray(np.interp(at, gone[moves], speed[moves]))
 
 
 def _each(
