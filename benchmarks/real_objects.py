@@ -1,10 +1,10 @@
 """Actors in real frames against ours in their boxes, with what chance does to each figure.
 
-    python benchmarks/real_objects.py [SET ...] [--json FILE]
+    python benchmarks/real_objects.py [SET ...] [--json FILE] [--coats 6]
 
 Sets are those of `docs/real_lidar.md`. Of shapes: medians over objects. Of losses and codes: all
 rays between neighbours that return from one object. Intervals are the middle 95 % of a bootstrap
-over objects.
+over objects. With `--coats` only: what is lost with so many other draws of coats, least and most.
 """
 
 from __future__ import annotations
@@ -80,14 +80,14 @@ def of_sensor(frame: Frame, only: int | None) -> Frame:
     )
 
 
-def seen_in(name: str) -> list[ObjectSeen]:
-    """Return the objects of a set."""
+def seen_in(name: str, coats: int = 0) -> list[ObjectSeen]:
+    """Return the objects of a set, in one draw of coats."""
     recording, model, numbers, only = SETS[name]
     seen: list[ObjectSeen] = []
     for number, frame in frames_of(recording, numbers, only):
         scale = None if frame.intensity is None else full_scale(float(frame.intensity.max()))
         try:
-            seen += compare_objects(frame, sensor(model), scale=scale, seed=number)
+            seen += compare_objects(frame, sensor(model), scale=scale, seed=number, coats=coats)
         except InputError as error:
             print(f"left out: {error}")
     return seen
@@ -145,12 +145,31 @@ def losses(seen: list[ObjectSeen]) -> dict:
     return row
 
 
+def losses_by_coats(name: str, draws: int) -> None:
+    """Print real losses of a set beside the least, the mean and the most of several draws."""
+    seen = [seen_in(name, coats) for coats in range(1, draws + 1)]
+    for low, high in SPANS_M:
+        rows = [losses([one for one in some if low <= one.distance_m < high]) for some in seen]
+        for key in ("lost", "lost_opaque", "lost_panes"):
+            if key in rows[0]:
+                ours = [row[key][1] for row in rows]
+                told = {"least": min(ours), "mean": round(float(np.mean(ours)), 3)}
+                told |= {"most": max(ours), "real": rows[0][key][0]}
+                told["real_95"] = rows[0][key][2]
+                print(json.dumps({"set": name, "range_m": [low, high], key: told}), flush=True)
+
+
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("sets", nargs="*", default=list(SETS))
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--coats", type=int, help="so many other draws of coats, losses alone")
     given = parser.parse_args()
+    if given.coats:
+        for name in given.sets:
+            losses_by_coats(name, given.coats)
+        return
     rows = []
     for name in given.sets:
         seen = seen_in(name)

@@ -11,6 +11,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
 from urbantwin.roads.cross_section import MappedSegment, cross_section
+from urbantwin.roads.marking.give_way import parking_bays
 from urbantwin.roads.model import (
     Connection,
     Curve,
@@ -23,6 +24,7 @@ from urbantwin.roads.model import (
     RoadLink,
     SectionLane,
 )
+from urbantwin.roads.opendrive import read_opendrive, write_opendrive
 from urbantwin.roads.side_lanes import add_side_lanes, is_island
 from urbantwin.site import read_extract
 
@@ -144,6 +146,40 @@ def test_parking_lies_between_carriageway_and_sidewalk():
     names = [lane.strip for s in item.sections for lane in s.lanes if lane.kind == "parking"]
     assert all(name.split(":")[0] == "1" for name in names)
     assert done.road_by_id[500] == model.road_by_id[500]
+
+
+@pytest.mark.parametrize(
+    "tags",
+    [
+        {"parking:right": "lane", "parking:right:orientation": "diagonal"},
+        {"parking:lane:right": "diagonal"},
+    ],
+)
+def test_diagonal_parking_is_painted_so_and_comes_through_opendrive(tags, write_osm, tmp_path):
+    nodes = {1: (-100, 0, {}), 2: (100, 0, {})}
+    path = write_osm(nodes, {1: ([1, 2], {"highway": "residential", **tags})})
+    built = build_roads(
+        read_extract(path),
+        HERE,
+        shapely.Point(0, 0).buffer(90),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "n.net.xml",
+    )
+    (strip,) = (lane for lane in built.network.lanes if lane.kind == "parking")
+    assert strip.parking == "diagonal"
+    lines = np.array([line for _, line in parking_bays(built.model)])
+    along = lines[:, 1] - lines[:, 0]
+    # From the carriageway to the kerb, south of it, and eastwards, as its traffic goes.
+    whole = np.abs(along[:, 1]) > 4.8
+    assert whole.sum() > 20
+    assert along[whole] == pytest.approx(np.tile([4.85, -4.85], (whole.sum(), 1)), abs=0.05)
+    write_opendrive(built.model, HERE, tmp_path / "m.xodr", name="m")
+    again = read_opendrive(tmp_path / "m.xodr").model
+    assert {
+        lane.parking for road in again.roads for part in road.sections for lane in part.lanes
+        if lane.kind == "parking"
+    } == {"diagonal"}  # fmt: skip
 
 
 def test_a_way_drawn_against_the_road_has_its_sides_swapped():

@@ -1,5 +1,7 @@
 """Parked vehicles: where spaces are, who stands in them, and who does not."""
 
+import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +87,26 @@ def test_across_the_road_they_stand_square_to_it_with_room_for_doors() -> None:
         a.distance(b) for a, b in zip(outlines(found.rows), outlines(found.rows)[1:], strict=False)
     ]
     assert min(gaps) > 0.3
+
+
+def test_diagonally_they_stand_at_45_degrees_within_their_lane() -> None:
+    """RASt 06, 4.85 m deep: bays of 2.5 m at 45 degrees take 2.5 / sin 45 = 3.54 m of kerb."""
+    usual = street(4.85)
+    lanes = [replace(one, parking="diagonal" * (one.id == "p")) for one in usual.lanes]
+    network = replace(usual, lanes=tuple(lanes))
+    spaces = list(street_spaces(network))
+    middles = np.array([space.place[0] for space in spaces])
+    assert np.diff(np.sort(middles)) == pytest.approx(3.54, abs=0.01)
+    assert len(spaces) == (120 - 4.85) // 3.54
+    found = parked(network, slab(0, 20, 1, 21, "terrain"))
+    assert len(found.rows) > 20
+    # Traffic runs eastwards beside them, the kerb is to the right: they came in forwards.
+    assert np.array([row["yaw"] for row in found.rows]) == pytest.approx(-np.pi / 4, abs=0.05)
+    shapes = outlines(found.rows)
+    for outline in shapes:
+        assert outline.bounds[1] > -3.5 - 4.85 - 0.35
+        assert outline.bounds[3] < -3.5 + 0.35
+    assert min(a.distance(b) for a, b in itertools.pairwise(shapes)) > 0.3
 
 
 def test_nobody_parks_on_a_crossing_before_a_driveway_or_in_a_wall() -> None:

@@ -231,6 +231,7 @@ def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
         junction="" if raw is None else raw.junction,
         arrows=None if raw is None else raw.arrows,
         widths=np.zeros(0) if constant else widths,
+        parking=run.lane.parking,
     )
 
 

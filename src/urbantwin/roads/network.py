@@ -59,6 +59,8 @@ class Lane:
         widths: (N,) width at each point of the centre where it changes, else empty.
         marking: what a crossing is marked with: ``zebra``, ``lines``, ``dashes``, ``dots`` or
             ``none``; empty where nobody told.
+        parking: how vehicles stand on a parking lane: ``parallel``, ``diagonal`` or
+            ``perpendicular``; empty where nobody told.
     """
 
     id: str
@@ -75,6 +77,7 @@ class Lane:
     widths: Numbers = field(default_factory=lambda: np.zeros(0))
     arrows: tuple[str, ...] | None = None
     marking: str = ""
+    parking: str = ""
 
     @cached_property
     def polygon(self) -> shapely.Polygon:

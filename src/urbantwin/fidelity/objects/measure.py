@@ -33,6 +33,8 @@ THROUGH_M = 0.3
 _FARTHEST_M = 80.0
 #: Between the seeds of two draws of the same frame.
 _AGAIN = 1_000_003
+#: Between the numbers of objects in two draws of coats.
+_COATS = 10_007
 #: Cells of the ground, metres.
 _CELL_M = 1.0
 
@@ -117,7 +119,7 @@ class ObjectSeen:
 
 
 def compare_objects(
-    frame: Frame, sensor: Sensor, *, scale: float | None, seed: int = 0
+    frame: Frame, sensor: Sensor, *, scale: float | None, seed: int = 0, coats: int = 0
 ) -> list[ObjectSeen]:
     """Put our bodies into the boxes of a frame and see them along its own rays.
 
@@ -126,6 +128,7 @@ def compare_objects(
         sensor: that recorded it: what it makes of echoes. Where rays point the frame says itself.
         scale: full scale of real intensity; ``None``: none is compared.
         seed: of random numbers.
+        coats: number of another draw of coats; shapes and boxes are the same with each.
 
     Raises:
         InputError: the frame's rays cannot be told.
@@ -157,7 +160,7 @@ def compare_objects(
     points_then = frame.points - np.where(owner[:, None] >= 0, shift[which, owner], 0.0)
     shift = shift[:, chosen]
     tried = [
-        candidates(boxes.class_names[n], boxes.box[n], int(k), sources[n])
+        candidates(boxes.class_names[n], boxes.box[n], int(k) + _COATS * coats, sources[n])
         for k, n in enumerate(chosen)
     ]
     annotated = [bodies[0] for bodies in tried]

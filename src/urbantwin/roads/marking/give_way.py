@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.marking.lines import MOTOR
 from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, SectionLane
 
-__all__ = ["GIVE_WAY", "parking_bays", "teeth"]
+__all__ = ["GIVE_WAY", "bay_length", "parking_bays", "teeth"]
 
 #: Numbers of the give-way sign in the catalogues of Germany and the USA, and in Vienna's.
 GIVE_WAY = frozenset({"205", "R1-2", "B1"})
@@ -52,6 +53,19 @@ def _row(
     return list(corners[:, [0, 1, 2, 2]] if ahead < 0 else corners[:, [1, 0, 2, 2]])
 
 
+def bay_length(stands: str, widest: float) -> tuple[float, bool]:
+    """Return a bay's length along the road, metres, and whether it is slanted by 45 degrees.
+
+    Args:
+        stands: how vehicles park, as ``SectionLane.parking`` says.
+        widest: of the lane, metres.
+    """
+    if widest < ACROSS_M:  # half of a bay on the sidewalk is no bay
+        return BAY_ALONG_M, False
+    slanted = stands == "diagonal"
+    return BAY_ACROSS_M * math.sqrt(2.0 if slanted else 1.0), slanted
+
+
 def parking_bays(model: LaneModel) -> Iterator[tuple[int, NDArray[np.float64]]]:
     """Yield level and ends (2, 2) of every line between two bays."""
     for road in model.roads:
@@ -74,9 +88,20 @@ def _bays(
         return np.zeros((0, 2, 2))
     first, last = fine[wide][0], fine[wide][-1]
     widest = float(lane.width.at(fine - section.s).max())
-    length = BAY_ACROSS_M if widest >= ACROSS_M else BAY_ALONG_M
-    count = int((last - first) // length)
+    length, slanted = bay_length(lane.parking, widest)
+    # Slanted lines end that much farther on, as traffic goes, than they begin.
+    lean = widest if slanted else 0.0
+    count = int((last - first - lean) // length)
+    if count < 1 and slanted:
+        return np.zeros((0, 2, 2))
     s = (first + last) / 2 + length * (np.arange(count + 1) - count / 2)
-    s = s[lane.width.at(s - section.s) >= NARROWEST_M]
-    sides = [road.border(section, lane, s, outer=outer) for outer in (False, True)]
-    return np.stack([road.place(s, t)[:, :2] for t in sides], axis=1)
+    lean *= 0.5 if lane.forward else -0.5
+    # Where the lane tapers a slanted line would be crooked.
+    least = 0.9 * widest if slanted else NARROWEST_M
+    whole = [lane.width.at(s + at - section.s) >= least for at in (-lean, lean)]
+    s = s[np.logical_and(*whole)]
+    ends = [
+        road.place(at, road.border(section, lane, at, outer=outer))[:, :2]
+        for outer, at in ((False, s - lean), (True, s + lean))
+    ]
+    return np.stack(ends, axis=1)

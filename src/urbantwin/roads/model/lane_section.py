@@ -50,6 +50,8 @@ class SectionLane:
         height: how far it stands above the carriageway, metres.
         mark: the line on its outer border, as OpenDRIVE names it: none, solid, broken, curb, ...
         change: who may change lanes over that line: none, both, increase, decrease.
+        parking: how vehicles stand on a parking lane: parallel, diagonal or perpendicular; empty
+            where nobody told. On one less than 3.5 m wide they stand along it all the same.
     """
 
     id: int
@@ -64,6 +66,7 @@ class SectionLane:
     height: float = 0.0
     mark: str = "none"
     change: str = "none"
+    parking: str = ""
 
 
 @dataclass(frozen=True)

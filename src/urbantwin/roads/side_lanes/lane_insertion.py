@@ -37,6 +37,7 @@ class Insertion:
         last: station where it ends.
         width: metres over the distance from ``first``.
         height: how far it stands above the carriageway, metres.
+        parking: how vehicles stand on it, as ``SectionLane`` says.
     """
 
     side: int
@@ -46,6 +47,7 @@ class Insertion:
     last: float
     width: Profile
     height: float = 0.0
+    parking: str = ""
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,9 @@ def _row(
     forward = old[0].forward if old else any(x.forward for x in section.lanes)
     # From the outermost place inwards, so that places counted before stay right.
     for k, item in sorted(active, key=lambda pair: (-at[pair[1].place], -pair[0])):
-        lane = SectionLane(side, item.kind, item.width, forward, height=item.height)
+        lane = SectionLane(
+            side, item.kind, item.width, forward, height=item.height, parking=item.parking
+        )
         row.insert(at[item.place], (("new", k, 0), lane, item.first))
     return row
 

@@ -26,6 +26,8 @@ SHORTEST_M = 5.5
 SHORTEST_TAPER_M, LONGEST_TAPER_M, SHOULDER_SLANT = 1.5, 12.0, 10.0
 #: The same width to a reader of the map, metres.
 SAME_M = 0.05
+#: From, to, width, whether a track lies beyond, and how vehicles park.
+Run = tuple[float, float, float, bool, str]
 #: What is taken off either end where a road merely goes on into the next, metres.
 NEXT_M = 0.5
 
@@ -62,12 +64,13 @@ def parking_and_shoulders(
             runs = _runs(parts, side, kind)
             if kind == "parking":
                 runs = [free for run in runs for free in _clear_of(run, crossings, clear)]
-            for first, last, width, track in runs:
+            for first, last, width, track, stands in runs:
                 a, b, ramps = _ends(road, (first, last), meets, clear=clear, moved=walk)
                 taper = float(np.clip(slant * width, SHORTEST_TAPER_M, LONGEST_TAPER_M))
                 place = "before_track" if track else "outer"
                 for start, end, profile in _fitted(road, side, (a, b), ramps, (width, taper), room):
-                    found.append(Insertion(side, place, kind, start, end, profile))
+                    lane = Insertion(side, place, kind, start, end, profile, parking=stands)
+                    found.append(lane)
                     room.grow(road, side, start, end, width)
     return found
 
@@ -80,16 +83,15 @@ def _has_walk(road: ModelRoad, side: int) -> bool:
     )
 
 
-def _runs(
-    parts: Iterable[MatchedWay], side: int, kind: str
-) -> list[tuple[float, float, float, bool]]:
-    """Return from, to, width and whether a track lies beyond, neighbours of one width joined."""
-    runs: list[tuple[float, float, float, bool]] = []
+def _runs(parts: Iterable[MatchedWay], side: int, kind: str) -> list[Run]:
+    """Return where a roadside is the same, neighbours of one width joined."""
+    runs: list[Run] = []
     for part in parts:
         beside = part.roadside(side)
-        width = beside.shoulder
+        width, stands = beside.shoulder, ""
         if kind == "parking":
             width = beside.parking.width if beside.parking is not None else 0.0
+            stands = beside.parking.orientation if beside.parking is not None else ""
         lanes = part.lanes(side)
         track = bool(lanes) and lanes[-1].track
         if width <= 0:
@@ -99,27 +101,25 @@ def _runs(
             before is not None
             and abs(before[1] - part.first) < 1e-6
             and abs(before[2] - width) < SAME_M
-            and before[3] == track
+            and before[3:] == (track, stands)
         ):
-            runs[-1] = (before[0], part.last, before[2], track)
+            runs[-1] = (before[0], part.last, *before[2:])
         else:
-            runs.append((part.first, part.last, width, track))
+            runs.append((part.first, part.last, width, track, stands))
     return runs
 
 
 def _clear_of(
-    run: tuple[float, float, float, bool],
-    crossings: Sequence[float] | NDArray[np.float64],
-    clear: float,
-) -> list[tuple[float, float, float, bool]]:
+    run: Run, crossings: Sequence[float] | NDArray[np.float64], clear: float
+) -> list[Run]:
     """Return the parts of a run outside the surroundings of crossings."""
-    first, last, width, track = run
+    first, last, width, track, stands = run
     found = []
     for s in sorted(float(at) for at in crossings):
         if first < s + clear and s - clear < last:
-            found.append((first, s - clear, width, track))
+            found.append((first, s - clear, width, track, stands))
             first = s + clear
-    found.append((first, last, width, track))
+    found.append((first, last, width, track, stands))
     return [item for item in found if item[1] > item[0]]
 
 

@@ -196,7 +196,7 @@ def _vehicle(
 ) -> _Tried | None:
     """Return the vehicle that takes a space; ``None``: none fits."""
     off = random.normal(size=3)
-    backwards = space.kerb == 0 and random.random() < BACKWARDS
+    backwards = space.kerb == 0 and not space.slanted and random.random() < BACKWARDS
     for attempt in range(TRIES):
         kind = "van" if random.random() < VANS else "car"
         name = fleet.body(kind, 1_000_000 + number * TRIES + attempt, bends=False)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import Lane, RoadNetwork
-from urbantwin.roads.marking.give_way import ACROSS_M, BAY_ACROSS_M, BAY_ALONG_M, NARROWEST_M
+from urbantwin.roads.marking.give_way import BAY_ACROSS_M, NARROWEST_M, bay_length
 from urbantwin.taxonomy import semantic_id
 
 __all__ = ["Space", "car_park_spaces", "rectangle", "service_ground", "street_spaces"]
@@ -19,6 +19,9 @@ __all__ = ["Space", "car_park_spaces", "rectangle", "service_ground", "street_sp
 #: Car parks: depth and width of a space, and the aisle between two rows, metres (German EAR 05,
 #: perpendicular spaces: 5.00 m deep, 2.50 m wide, aisle of 6.00 m).
 DEEP_M, WIDE_M, AISLE_M = 5.0, 2.5, 6.0
+#: A usual car is so wide, metres: between two lines a slant of 45 degrees apart it takes as much of
+#: their length.
+CAR_WIDE_M = 1.8
 #: What is nearer to a parking lane than this belongs to the street, and smaller than this is no car
 #: park, metres and square metres.
 STREET_M, LEAST_M2 = 0.5, 60.0
@@ -38,6 +41,7 @@ class Space:
         width: metres.
         kerb: to which side the kerb is, 1 left, -1 right; 0 for spaces across the road.
         lane: id of the parking lane; empty in car parks.
+        slanted: whether it lies at an angle to the road: nobody reverses into it.
     """
 
     kind: str
@@ -47,6 +51,7 @@ class Space:
     width: float
     kerb: int = 0
     lane: str = ""
+    slanted: bool = False
 
     def outline(self) -> shapely.Polygon:
         """Return its area in plan."""
@@ -76,7 +81,7 @@ def street_spaces(network: RoadNetwork) -> Iterator[Space]:
     """Yield the spaces of parking lanes, between the lines that are painted there.
 
     Who parks along the road looks where the nearest lane of traffic leads, who parks across it
-    looks away from that lane.
+    looks away from that lane, and who parks diagonally halfway between.
 
     Args:
         network: the lanes.
@@ -100,11 +105,14 @@ def _along(lane: Lane, driving: list[Lane], tree: shapely.STRtree) -> Iterator[S
     wide = fine[np.interp(fine, at, widths) >= NARROWEST_M]
     if not len(wide):
         return
-    across = float(np.max(widths)) >= ACROSS_M
-    pitch = BAY_ACROSS_M if across else BAY_ALONG_M
-    count = int((wide[-1] - wide[0] + 0.25) // pitch)
+    widest = float(np.max(widths))
+    pitch, slanted = bay_length(lane.parking, widest)
+    across = not slanted and pitch == BAY_ACROSS_M
+    lean = widest if slanted else 0.0
+    count = int((wide[-1] - wide[0] + 0.25 - lean) // pitch)
     for s in (wide[0] + wide[-1]) / 2 + pitch * (np.arange(count) - (count - 1) / 2):
-        if np.interp([s - pitch / 2, s + pitch / 2], at, widths).min() < NARROWEST_M:
+        beside = (pitch + lean) / 2
+        if np.interp([s - beside, s + beside], at, widths).min() < NARROWEST_M:
             continue
         place = np.array([np.interp(s, at, lane.centre[:, axis]) for axis in range(3)])
         before, after = (
@@ -122,7 +130,12 @@ def _along(lane: Lane, driving: list[Lane], tree: shapely.STRtree) -> Iterator[S
         away = place[:2] - (ends[0] + ends[1]) / 2
         left = -np.sin(yaw) * away[0] + np.cos(yaw) * away[1] > 0
         width = float(np.interp(s, at, widths))
-        if across:
+        if slanted:
+            # A car of usual width keeps its corners within the lane.
+            yaw += np.pi / 4 if left else -np.pi / 4
+            length = width * np.sqrt(2.0) - CAR_WIDE_M
+            yield Space("street", place, yaw, length, BAY_ACROSS_M, 0, lane.id, slanted=True)
+        elif across:
             yaw += np.pi / 2 if left else -np.pi / 2
             yield Space("street", place, yaw, width, pitch, 0, lane.id)
         else:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from lxml import etree
 
+from urbantwin.roads.cross_section.roadside import ORIENTATIONS
 from urbantwin.roads.model import LANE_KINDS
 from urbantwin.roads.opendrive.reading.parsing import Spot
 from urbantwin.roads.opendrive.vocabulary import (
@@ -23,6 +24,7 @@ __all__ = [
     "lane_height",
     "lane_kind",
     "lane_mark",
+    "lane_parking",
     "lane_speed",
     "lane_users",
 ]
@@ -106,6 +108,13 @@ def lane_kind(item: etree._Element, users: tuple[str, ...] | None, spot: Spot) -
     if kind == "driving" and users in (("bus",), ("bicycle",)):
         return {"bus": "bus", "bicycle": "bicycle"}[users[0]]
     return kind
+
+
+def lane_parking(item: etree._Element) -> str:
+    """Return how vehicles park on a lane; empty where it does not tell."""
+    notes = {e.get("code"): e.get("value") for e in item.findall("userData")}
+    told = notes.get("parking") or ""
+    return told if told in ORIENTATIONS else ""
 
 
 def lane_direction(item: etree._Element, identity: int, rule: str, spot: Spot) -> bool:

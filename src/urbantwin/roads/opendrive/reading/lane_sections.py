@@ -16,6 +16,7 @@ from urbantwin.roads.opendrive.reading.lane_attributes import (
     lane_height,
     lane_kind,
     lane_mark,
+    lane_parking,
     lane_speed,
     lane_users,
 )
@@ -171,6 +172,7 @@ def _lane(
         height=lane_height(item, kind, spot),
         mark=mark,
         change=change,
+        parking=lane_parking(item) if kind == "parking" else "",
     )
 
 

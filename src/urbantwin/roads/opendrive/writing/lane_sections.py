@@ -131,6 +131,8 @@ def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
         etree.SubElement(item, "height", **numbers(sOffset=0, inner=lane.height, outer=lane.height))
     if KIND_OF_TYPE[kind] != lane.kind:
         etree.SubElement(item, "userData", code="kind", value=lane.kind)
+    if lane.parking:
+        etree.SubElement(item, "userData", code="parking", value=lane.parking)
     if reversed_ and place.version == "1.4":
         etree.SubElement(item, "userData", code="direction", value="reversed")
 
