@@ -8,8 +8,9 @@ import yaml
 
 import urbantwin as ut
 from urbantwin.cli import main
+from urbantwin.interface.rig import placed, rig_spec_on
 from urbantwin.site import RigSpec
-from urbantwin.variation import LADDERS, graded_rig
+from urbantwin.variation import LADDERS, Grade, graded_rig, refuse_nobody
 
 from .conftest import Line
 
@@ -104,3 +105,14 @@ def test_a_ladder_that_is_wrong_is_refused(
     assert main(arguments) == 2
     assert said in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_grade_with_nobody_in_reach_is_refused(graded: ut.Curriculum, line: Line) -> None:
+    twin = ut.Twin.open(line.twin)
+    spec, file = rig_spec_on(twin, None)
+    motion = ut.Motion.open(graded.folder / "motion-density-1")
+    touch, near = (Grade(name="touch", range_m=1.0), Grade(name="near", range_m=RANGE_M))
+    refuse_nobody(near, placed(graded_rig(spec, near), twin, file), motion, twin.region, [7.0])
+    rig = placed(graded_rig(spec, touch), twin, file)
+    with pytest.raises(ut.InputError, match=r"grade touch: .*nobody within 1 m.* comes to \d+ m"):
+        refuse_nobody(touch, rig, motion, twin.region, [7.0, 7.1])

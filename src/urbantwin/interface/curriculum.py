@@ -93,15 +93,16 @@ def curriculum(  # noqa: PLR0913 - an option of the command each
         progress: show how far it is; or a function that is told (share, doing), of each stage.
 
     Raises:
-        InputError: the twin, the ladder or the rig cannot be used.
+        InputError: the twin, the ladder or the rig cannot be used, or nobody is in a grade's reach.
         StageError: a stage failed.
 
     Example:
         >>> ut.curriculum(twin, ladder="range").datasets
     """
+    from urbantwin.dataset.recording import frame_times
     from urbantwin.interface.rig import placed, rig_spec_on
     from urbantwin.interface.twin import Twin
-    from urbantwin.variation import graded_rig, load_ladder
+    from urbantwin.variation import graded_rig, load_ladder, refuse_nobody
 
     place = beside(twin, "graded", out)
     grades = load_ladder(ladder)
@@ -113,20 +114,23 @@ def curriculum(  # noqa: PLR0913 - an option of the command each
         )
     rigs = [graded_rig(spec, one) for one in grades]
     inputs = [opened.folder, None if rig is None else Path(rig)]
-    for one, its in zip(grades, rigs, strict=True):
-        placed(its, opened, file)  # refuse what cannot stand before anything is driven
+    standing = [placed(its, opened, file) for its in rigs]  # before anything is driven
+    for one in grades:
         check_folder(place / one.name, kind="dataset", inputs=inputs)
     traffics = {one.density: _traffic(opened, one) for one in grades}
     for density in traffics:
         check_folder(place / _motion_name(density), kind="motion", inputs=inputs)
     motions: dict[float, Motion] = {}
     rows = []
-    for one, its in zip(grades, rigs, strict=True):
+    for one, its, stands in zip(grades, rigs, standing, strict=True):
         if one.density not in motions:
             folder = place / _motion_name(one.density)
             traffic = traffics[one.density]
             motions[one.density] = _driven(opened, folder, traffic, seconds, seed, progress)
         motion = motions[one.density]
+        if not any(sensor.rides for sensor in its.sensors):
+            times = frame_times(stands.rate_hz, start, stop, motion.times())
+            refuse_nobody(one, stands, motion, opened.region, times.values())
         made = recorded(
             opened,
             motion,

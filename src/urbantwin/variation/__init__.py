@@ -7,7 +7,13 @@ from urbantwin.on_demand import names_on_demand
 if TYPE_CHECKING:
     from urbantwin.variation.factor import Factor, read_factor
     from urbantwin.variation.fates import FATES, fates_of
-    from urbantwin.variation.ladder import LADDERS, Grade, graded_rig, load_ladder
+    from urbantwin.variation.ladder import (
+        LADDERS,
+        Grade,
+        graded_rig,
+        load_ladder,
+        refuse_nobody,
+    )
     from urbantwin.variation.proof import Proof, proof_of
     from urbantwin.variation.run_file import RunFile, load_run
 
@@ -24,6 +30,7 @@ __all__ = [
     "load_run",
     "proof_of",
     "read_factor",
+    "refuse_nobody",
 ]
 
 names_on_demand(__name__)

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+import shapely
 from pydantic import Field
 
 from urbantwin.errors import InputError
+from urbantwin.lidar import Rig
 from urbantwin.site import RigSpec
 from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, read_document
+from urbantwin.traffic import Motion
 
-__all__ = ["LADDERS", "Grade", "graded_rig", "load_ladder"]
+__all__ = ["LADDERS", "Grade", "graded_rig", "load_ladder", "refuse_nobody"]
 
 #: No sensor comes lower, metres.
 _LOWEST_M = 2.0
@@ -95,3 +100,39 @@ def graded_rig(spec: RigSpec, grade: Grade) -> RigSpec:
         sensors.append(one.model_copy(update={"height_m": height}))
     reach = grade.range_m if grade.range_m is not None else spec.label_range_m
     return spec.model_copy(update={"sensors": sensors, "label_range_m": reach})
+
+
+def refuse_nobody(
+    grade: Grade, rig: Rig, motion: Motion, region: shapely.Polygon, times_s: Iterable[float]
+) -> None:
+    """Refuse a grade in whose frames nobody is in reach of a rig that stands.
+
+    Args:
+        grade: the grade.
+        rig: its rig.
+        motion: what it records.
+        region: where labels count, site frame.
+        times_s: of its frames.
+
+    Raises:
+        InputError: nobody is.
+    """
+    reach = rig.label_range_m
+    if reach is None:
+        return
+    eyes = np.array([one.site_SE3_sensor.translation[:2] for one in rig.sensors])
+    shapely.prepare(region)
+    nearest_m = np.inf
+    for time_s in times_s:
+        rows = motion.at(time_s)
+        rows = rows[shapely.contains_xy(region, rows["x"], rows["y"])]
+        away = np.hypot(rows["x"][:, None] - eyes[:, 0], rows["y"][:, None] - eyes[:, 1])
+        nearest_m = min(nearest_m, float(away.min(initial=np.inf)))
+        if nearest_m <= reach:
+            return
+    came = f"; the nearest comes to {nearest_m:.0f} m" if np.isfinite(nearest_m) else ""
+    raise InputError(
+        f"has nobody within {reach:g} m of a sensor in the frames that are recorded{came}",
+        place=f"grade {grade.name}",
+        expected="more frames (seconds, start, stop), or a ladder with a larger range_m",
+    )

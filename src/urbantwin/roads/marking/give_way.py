@@ -95,8 +95,11 @@ def _bays(
     if count < 1 and slanted:
         return np.zeros((0, 2, 2))
     s = (first + last) / 2 + length * (np.arange(count + 1) - count / 2)
-    s = s[lane.width.at(s - section.s) >= NARROWEST_M]
     lean *= 0.5 if lane.forward else -0.5
+    # Where the lane tapers a slanted line would be crooked.
+    least = 0.9 * widest if slanted else NARROWEST_M
+    whole = [lane.width.at(s + at - section.s) >= least for at in (-lean, lean)]
+    s = s[np.logical_and(*whole)]
     ends = [
         road.place(at, road.border(section, lane, at, outer=outer))[:, :2]
         for outer, at in ((False, s - lean), (True, s + lean))
