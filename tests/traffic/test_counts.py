@@ -144,6 +144,7 @@ def test_a_wrong_table_is_told(text: str, told: str, tmp_path: Path) -> None:
 def test_drivers_become_attributes_of_sumo() -> None:
     found = manners_of({"car": {"speed_factor": 0.9, "headway_s": 1.3, "critical_gap_s": None}})
     assert found == {"car": {"tau": "1.3", "speedFactor": "normc(0.900,0.100,0.650,1.150)"}}
+    assert manners_of({"bicycle": {"lane_offset_m": -0.8}}) == {"bicycle": {"latAlignment": "-0.8"}}
 
 
 def test_acceleration_fades_in_a_line_and_bends_are_taken_as_told() -> None:

@@ -143,6 +143,8 @@ class DriverSpec(Strict):
         acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
         sideways_acceleration: what they accept in bends, m/s2.
         critical_gap_s: shortest gap in the other traffic that they take, seconds.
+        lane_offset_m: where in the lane they would ride: so far to the left of its middle, metres;
+            to the right below 0.
     """
 
     speed_factor: Annotated[float, Field(ge=0.1, le=2.0)] | None = None
@@ -153,6 +155,7 @@ class DriverSpec(Strict):
     acceleration_at_10: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     sideways_acceleration: Annotated[float, Field(ge=0.5, le=6.0)] | None = None
     critical_gap_s: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
+    lane_offset_m: Annotated[float, Field(ge=-5.0, le=5.0)] | None = None
 
 
 class ParkedSpec(Strict):

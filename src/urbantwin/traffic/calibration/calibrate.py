@@ -18,13 +18,13 @@ from urbantwin.site import load_site
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
 from urbantwin.traffic.calibration.arrivals import arrivals_of, platoons_of
-from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers
+from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers, of_classes
 from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
 from urbantwin.traffic.calibration.gap_acceptance import conflicts_of, decisions_of
+from urbantwin.traffic.calibration.lane_place import lane_offset
 from urbantwin.traffic.calibration.measured import Measured, joined, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import (
-    MOTORS,
     JunctionLinks,
     Passage,
     SeenTrack,
@@ -122,15 +122,20 @@ def calibrate_traffic(
         traffic, missing = traffic_of(part, passages, _sizes(seen, fit_s), 0.0, elsewhere)
         missing += ways_missed(part, links, elsewhere.besides(passages, fit_s))
         own_cycle_s = 0.0 if timing is None else timing.cycle_s
-        traffic["arrivals"] = _platoons(part, passages, twin, own_cycle_s)
+        riding = lane_offset(seen, twin.roads, fit_s)
+        traffic |= {
+            "arrivals": _platoons(part, passages, twin, own_cycle_s),
+            "drivers": {} if riding[0] is None else {"bicycle": {"lane_offset_m": riding[0]}},
+        }
         asked = {**twin.site["traffic"], **traffic, "seed": seed}
         asked["per_hour"] = {name: traffic["per_hour"].get(name, 0.0) for name in ACTOR_CLASSES}
         told: list[dict[str, Any]] = []
         if seconds > 0:
-            tell = between(progress, 0.4, 0.7)
             uncounted = UncountedFlows(part)
-            drivers, told, untold = _fitted(twin, asked, part, uncounted, seen, scratch, tell)
-            traffic["drivers"] = asked["drivers"] = _of_all(drivers, part)
+            drivers, told, untold = _fitted(
+                twin, asked, part, uncounted, seen, scratch, between(progress, 0.4, 0.7)
+            )
+            traffic["drivers"] = asked["drivers"] = _who_drives(traffic, drivers, part)
             traffic["per_hour"] |= uncounted.per_hour
             missing += untold + uncounted.untold()
         report: dict[str, Any] = {
@@ -144,6 +149,7 @@ def calibrate_traffic(
             "signals": _signals_told(timing),
             "platoons": traffic["arrivals"],
             "not_told": missing,
+            "lane_offset_of_bicycles": {"metres": riding[0], "count": riding[1]},
             "drivers": told,
         }
         if seconds > 0:
@@ -167,7 +173,7 @@ def _platoons(
     part: Measured, passages: Sequence[Passage], twin: Twin, cycle_s: float
 ) -> list[dict[str, Any]]:
     """Return in which platoons who came in the part that is fitted to."""
-    factor = float(np.median(part.cruising)) if part.cruising else 1.0
+    factor = float(np.median(part.free)) if part.free else 1.0
     came = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
     return platoons_of(came, part.seconds, cycle_s)
 
@@ -232,7 +238,7 @@ def _fitted(
         tell = between(progress, turn / ROUNDS, (turn + 1) / ROUNDS)
         tracks = simulated_tracks(
             twin,
-            {**asked, "drivers": _of_all(drivers, part)},
+            {**asked, "drivers": _who_drives(asked, drivers, part)},
             trial_s,
             area,
             scratch=scratch,
@@ -249,9 +255,11 @@ def _fitted(
     return found
 
 
-def _of_all(drivers: Mapping[str, float], part: Measured) -> dict[str, dict[str, float]]:
-    """Return the same drivers for every class of motor traffic that was seen."""
-    return {name: dict(drivers) for name in MOTORS if name in part.classes}
+def _who_drives(
+    traffic: Mapping[str, Any], drivers: Mapping[str, float], part: Measured
+) -> dict[str, Any]:
+    """Return drivers of motor traffic beside those that a demand has."""
+    return {**traffic["drivers"], **of_classes(drivers, part.classes)}
 
 
 def _tell_trial(tell: Progress, what: str, share: float) -> None:

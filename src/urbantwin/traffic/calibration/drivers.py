@@ -8,7 +8,7 @@ signals and the way of measuring do to the figure, they do on both sides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,8 +17,9 @@ import numpy as np
 from urbantwin.roads.curve_speed import SIDEWAYS_MS2
 from urbantwin.traffic.calibration.gap_acceptance import critical_gap
 from urbantwin.traffic.calibration.measured import Measured
+from urbantwin.traffic.calibration.passages import HEAVY, MOTORS
 
-__all__ = ["ROUNDS", "fitted_drivers"]
+__all__ = ["ROUNDS", "fitted_drivers", "of_classes"]
 
 #: Simulations.
 ROUNDS = 6
@@ -26,6 +27,8 @@ ROUNDS = 6
 _FEWEST = 5
 #: Where there is another figure for the same, of fewer than this.
 _MANY = 10
+#: Speeds of fewer, many of whom still speed up, tell no wish.
+_FREE = 30
 _DRAWN_AGAIN = 200
 #: A figure that differs by no more is the same.
 _SAME = 0.02
@@ -50,6 +53,7 @@ class _Parameter:
         what: the values in words.
         fewest: with fewer values it is not fitted; of several parameters of one field the first
             with enough values is.
+        classes: of these alone; empty: of all motor traffic that has none of its own.
     """
 
     field: str
@@ -61,6 +65,12 @@ class _Parameter:
     ratio: bool
     what: str
     fewest: int = _FEWEST
+    classes: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The field, and whose it is."""
+        return " ".join([self.field, *(["of", *self.classes] if self.classes else [])])
 
 
 def _quartiles_apart(values: list[float]) -> float:
@@ -73,11 +83,6 @@ def _median(values: list[float]) -> float:
     return float(np.median(values))
 
 
-def _quick(values: list[float]) -> float:
-    """Return the third quartile: many are held up by who is ahead when they set out."""
-    return float(np.quantile(values, 0.75))
-
-
 def _near(values: list[float]) -> float:
     """Return the value that a third is below: the others have more room than they want."""
     return float(np.quantile(values, 1 / 3))
@@ -86,8 +91,8 @@ def _near(values: list[float]) -> float:
 _PARAMETERS = (
     _Parameter(
         *("speed_factor", 1.0, 0.4, 1.5),
-        lambda part: part.cruising,
-        *(_median, True, "speeds that are kept on roads, as shares of the limit", _MANY),
+        lambda part: part.free,
+        *(_median, True, "speeds of who leaves with nobody close ahead, of the limit", _FREE),
     ),
     _Parameter(
         *("speed_factor", 1.0, 0.4, 1.5),
@@ -96,13 +101,19 @@ _PARAMETERS = (
     ),
     _Parameter(
         *("speed_spread", 0.1, 0.01, 0.3),
-        lambda part: part.cruising,
-        *(_quartiles_apart, True, "spreads of such speeds"),
+        lambda part: part.free,
+        *(_quartiles_apart, True, "spreads of such speeds", _FREE),
     ),
     _Parameter(
         *("acceleration", 2.6, 0.8, 4.5),
         lambda part: part.accelerations,
-        *(_quick, True, "accelerations from 1 to 5 m/s, m/s2"),
+        *(_median, True, "accelerations from 1 to 5 m/s, m/s2"),
+    ),
+    _Parameter(
+        *("acceleration", 2.6, 0.4, 4.5),
+        lambda part: part.heavy_accelerations,
+        *(_median, True, "accelerations from 1 to 5 m/s, m/s2", _MANY),
+        classes=HEAVY,
     ),
     _Parameter(
         *("acceleration_at_10", 2.6, 0.3, 4.5),
@@ -110,7 +121,13 @@ _PARAMETERS = (
         *(_median, True, "accelerations from 6 to 9 m/s, m/s2"),
     ),
     _Parameter(
-        *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 4.5),
+        *("acceleration_at_10", 2.6, 0.3, 4.5),
+        lambda part: part.heavy_faded,
+        *(_median, True, "accelerations from 6 to 9 m/s, m/s2", _MANY),
+        classes=HEAVY,
+    ),
+    _Parameter(
+        *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 6.0),
         lambda part: part.bends,
         *(_median, True, "accelerations to the side in turns, m/s2"),
     ),
@@ -118,6 +135,11 @@ _PARAMETERS = (
         *("standing_gap_m", 2.0, 0.5, 6.0),
         lambda part: part.gaps,
         *(_median, False, "gaps of who stands behind each other, m"),
+    ),
+    _Parameter(
+        *("headway_s", 1.35, 0.5, 3.0),
+        lambda part: part.discharge,
+        *(_median, False, "times between who leaves a queue at the stop line, s", _MANY),
     ),
     _Parameter(
         *("headway_s", 1.35, 0.5, 3.0),
@@ -151,27 +173,28 @@ def fitted_drivers(
         rounds: how many simulations.
 
     Returns:
-        The fields of ``traffic.drivers``; by field what was recorded, what is simulated, of how
-        many values; and what could not be told.
+        The fields of ``traffic.drivers``, as `of_classes` takes them; by field what was recorded,
+        what is simulated, of how many values; and what could not be told.
     """
     first: dict[str, _Parameter] = {}
     for one in _PARAMETERS:
         if len(one.sample(recorded)) >= one.fewest:
-            first.setdefault(one.field, one)
+            first.setdefault(one.name, one)
     known = list(first.values())
     untold = [
-        f"{one.field}: {len(one.sample(recorded))} {one.what} are too few, the usual stays"
-        for one in {one.field: one for one in _PARAMETERS}.values()
-        if one.field not in first
+        f"{one.name}: {len(one.sample(recorded))} {one.what} are too few, "
+        + ("as the others" if one.classes else "the usual stays")
+        for one in {one.name: one for one in _PARAMETERS}.values()
+        if one.name not in first and (not one.classes or one.sample(recorded))
     ]
-    wanted = {one.field: one.figure(one.sample(recorded)) for one in known}
-    error = {one.field: _error(one, recorded) for one in known}
-    drivers = {one.field: one.usual for one in known}
+    wanted = {one.name: one.figure(one.sample(recorded)) for one in known}
+    error = {one.name: _error(one, recorded) for one in known}
+    drivers = {one.name: one.usual for one in known}
     best: tuple[float, dict[str, float], dict[str, float]] = (np.inf, dict(drivers), {})
     for turn in range(rounds if known else 0):
         part = simulated(drivers, turn)
         shown = {
-            one.field: one.figure(values)
+            one.name: one.figure(values)
             for one in known
             if len(values := one.sample(part)) >= _FEWEST
         }
@@ -186,24 +209,26 @@ def fitted_drivers(
             break  # nearer than the recording itself tells
         step = _STEPS[min(turn, len(_STEPS) - 1)]
         for one in known:
-            if one.field not in shown:
+            if one.name not in shown:
                 continue
-            goal, now = wanted[one.field], max(shown[one.field], 1e-3)
-            value = drivers[one.field]
+            goal, now = wanted[one.name], max(shown[one.name], 1e-3)
+            value = drivers[one.name]
             moved = value * (goal / now) ** step if one.ratio else value + step * (goal - now)
-            drivers[one.field] = round(float(np.clip(moved, one.least, one.most)), 3)
-        if {"acceleration", "acceleration_at_10"} <= set(drivers):
-            least = min(drivers["acceleration"], drivers["acceleration_at_10"])
-            drivers["acceleration_at_10"] = least
+            drivers[one.name] = round(float(np.clip(moved, one.least, one.most)), 3)
+        for one in known:  # it falls with the speed
+            if one.field == "acceleration_at_10":
+                most = drivers.get(one.name.replace("_at_10", ""), one.most)
+                drivers[one.name] = min(drivers[one.name], most)
     _, drivers, shown = best
     told = [
         {
             "field": one.field,
-            "value": drivers[one.field],
+            **({"classes": list(one.classes)} if one.classes else {}),
+            "value": drivers[one.name],
             "of": one.what,
-            "recorded": round(wanted[one.field], 3),
-            "standard_error": round(error[one.field], 3),
-            "simulated": round(shown[one.field], 3) if one.field in shown else None,
+            "recorded": round(wanted[one.name], 3),
+            "standard_error": round(error[one.name], 3),
+            "simulated": round(shown[one.name], 3) if one.name in shown else None,
             "count": len(one.sample(recorded)),
         }
         for one in known
@@ -217,3 +242,19 @@ def _error(one: _Parameter, recorded: Measured) -> float:
     random = np.random.Generator(np.random.Philox(key=[1, 2001]))
     drawn = random.integers(0, len(values), (_DRAWN_AGAIN, len(values)))
     return float(np.std([one.figure(values[row].tolist()) for row in drawn]))
+
+
+def of_classes(drivers: Mapping[str, float], seen: Collection[str]) -> dict[str, dict[str, float]]:
+    """Return ``traffic.drivers`` of the classes of motor traffic that were seen.
+
+    Args:
+        drivers: what `fitted_drivers` finds.
+        seen: classes.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for name in (one for one in MOTORS if one in seen):
+        mine = {one.field: one for one in _PARAMETERS if not one.classes}
+        mine |= {one.field: one for one in _PARAMETERS if name in one.classes}
+        told = {field: drivers.get(one.name, drivers.get(field)) for field, one in mine.items()}
+        found[name] = {field: value for field, value in told.items() if value is not None}
+    return found

@@ -13,8 +13,17 @@ from numpy.typing import NDArray
 
 from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.calibration.free_speed import free_speeds
 from urbantwin.traffic.calibration.gap_acceptance import Decision
-from urbantwin.traffic.calibration.passages import MOTORS, Passage, SeenTrack
+from urbantwin.traffic.calibration.passages import (
+    HEAVY,
+    MOTORS,
+    SETTLES_S,
+    STANDS_MS,
+    Passage,
+    SeenTrack,
+)
+from urbantwin.traffic.calibration.queue_discharge import discharge_headways
 
 __all__ = ["Measured", "joined", "measured"]
 
@@ -22,17 +31,13 @@ __all__ = ["Measured", "joined", "measured"]
 _EVERY_M = 2.0
 #: Longer headways tell how many come, not how they follow, seconds.
 _FOLLOWING_S = 15.0
-_STANDS_MS, _STOOD_S = 0.5, 1.0
+_STOOD_S = 1.0
 #: Speeds between which setting out is measured, m/s: at first, and when it fades.
 _FIRST_MS, _FADES_MS = (1.0, 5.0), (6.0, 9.0)
-#: Who cruises neither speeds up nor slows down by more than this, m/s2, and is no slower, m/s.
-_CRUISES_MS2, _CRUISES_MS, _CRUISED_S = 0.5, 5.0, 1.0
 #: Tops are told of who was seen for so long a way, metres.
 _WAY_M = 20.0
 #: A turn is of so much, rad, and who is slower in it, m/s, was held up.
 _TURNS_RAD, _ROLLS_MS = 0.8, 2.5
-#: Trackers take so long to settle on a new track, seconds.
-_SETTLES_S = 1.0
 _LEAST_GAP_M, _MOST_GAP_M = 0.3, 8.0
 #: Who follows is not slower than this, m/s, as fast as who is ahead to within this, m/s, and not
 #: so far behind, seconds.
@@ -54,9 +59,14 @@ class Measured:
         gaps: between those who stand behind each other, metres, pair by pair.
         following: times from who is ahead to who follows at about the same speed, from bumper to
             bumper, seconds, pair by pair.
-        accelerations: from 1 to 5 m/s after standing, m/s2, vehicle by vehicle.
-        faded: from 6 to 9 m/s, m/s2, vehicle by vehicle.
-        cruising: speeds as shares of the limit where vehicles keep them on a road, one a vehicle.
+        discharge: times between those who leave a queue at the stop line one after the other,
+            trucks and buses left out, seconds.
+        accelerations: from 1 to 5 m/s after standing, m/s2, vehicle by vehicle; trucks and buses
+            left out.
+        faded: from 6 to 9 m/s, m/s2, the same.
+        heavy_accelerations: of trucks and buses, as ``accelerations``.
+        heavy_faded: of trucks and buses, as ``faded``.
+        free: speeds as shares of the limit, of those who leave with nobody close ahead.
         tops: speeds that nine tenths of a vehicle's way stay below, as shares of the road's limit.
         bends: accelerations to the side in turns, m/s2, one a vehicle.
         gap_choices: (longest refused, taken) gaps of those who gave way, seconds.
@@ -70,9 +80,12 @@ class Measured:
     headways: dict[str, list[float]]
     gaps: list[float]
     following: list[float]
+    discharge: list[float]
     accelerations: list[float]
     faded: list[float]
-    cruising: list[float]
+    heavy_accelerations: list[float]
+    heavy_faded: list[float]
+    free: list[float]
     tops: list[float]
     bends: list[float]
     gap_choices: list[tuple[float, float]]
@@ -104,8 +117,9 @@ def joined(parts: Sequence[Measured]) -> Measured:
         added("turns"),
         tuple(every("speeds")),
         dict(headways),
-        *(every(name) for name in ("gaps", "following", "accelerations")),
-        *(every(name) for name in ("faded", "cruising", "tops", "bends", "gap_choices")),
+        *(every(name) for name in ("gaps", "following", "discharge", "accelerations", "faded")),
+        *(every(name) for name in ("heavy_accelerations", "heavy_faded", "free")),
+        *(every(name) for name in ("tops", "bends", "gap_choices")),
     )
 
 
@@ -145,6 +159,8 @@ def measured(
         ones.sort(key=lambda one: one.passed_s)
         headways[lane] = [b.passed_s - a.passed_s for a, b in pairwise(ones)]
     motors = [one for one in there if one.track.actor_class in MOTORS]
+    heavy = [one for one in motors if one.track.actor_class in HEAVY]
+    light = [one for one in motors if one.track.actor_class not in HEAVY]
     limits = {lane.road: lane.speed_limit for lane in roads.lanes if lane.speed_limit > 0}
     stand, follow = _gaps(passages, begin_s, end_s)
     within = [_Span(one, begin_s, end_s) for one in passages]
@@ -157,9 +173,12 @@ def measured(
         headways,
         stand,
         follow,
-        _each(motors, begin_s, end_s, _FIRST_MS),
-        _each(motors, begin_s, end_s, _FADES_MS),
-        [x for one in within if (x := _cruising(one, roads)) is not None],
+        discharge_headways(passages, begin_s, end_s),
+        _each(light, begin_s, end_s, _FIRST_MS),
+        _each(light, begin_s, end_s, _FADES_MS),
+        _each(heavy, begin_s, end_s, _FIRST_MS),
+        _each(heavy, begin_s, end_s, _FADES_MS),
+        free_speeds(there, passages, limits, begin_s, end_s),
         [x for one in within if (x := _top(one, limits)) is not None],
         [x for one in within if (x := _in_a_turn(one)) is not None],
         [
@@ -176,14 +195,18 @@ def _counts(tracks: Sequence[SeenTrack]) -> dict[str, int]:
 
 
 def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]:
-    settled_s = float(one.time_s[0]) + _SETTLES_S
+    settled_s = float(one.time_s[0]) + SETTLES_S
     here = (one.time_s >= max(begin_s, settled_s)) & (one.time_s < end_s)
     if here.sum() < 3:
         return np.zeros(0)
+    speed = np.abs(one.speed[here])
     steps = np.linalg.norm(np.diff(one.xy[here], axis=0), axis=1)
+    # Errors of a tracker let those who stand wander, metres in a minute: that is no way.
+    steps[np.minimum(speed[1:], speed[:-1]) <= STANDS_MS] = 0.0
     gone = np.concatenate([[0.0], np.cumsum(steps)])
+    moves = np.concatenate([[True], steps > 0])
     at = np.arange(_EVERY_M / 2, gone[-1], _EVERY_M)
-    return np.interp(at, gone, np.abs(one.speed[here]))
+    return np.asarray(np.interp(at, gone[moves], speed[moves]))
 
 
 def _each(
@@ -200,12 +223,12 @@ def _setting_out(
 
     From almost standing still: after it had stood.
     """
-    here = (one.time_s >= max(begin_s, float(one.time_s[0]) + _SETTLES_S)) & (one.time_s < end_s)
+    here = (one.time_s >= max(begin_s, float(one.time_s[0]) + SETTLES_S)) & (one.time_s < end_s)
     speed, times = np.abs(one.speed[here]), one.time_s[here]
     slow = np.flatnonzero(speed <= low_ms)
     if not len(slow):
         return None
-    stood = times[speed < _STANDS_MS]
+    stood = times[speed < STANDS_MS]
     if low_ms <= _FIRST_MS[0] and (len(stood) < 2 or np.ptp(stood) < _STOOD_S):
         return None
     fast = slow[-1] + np.flatnonzero(speed[slow[-1] :] >= high_ms)
@@ -229,22 +252,8 @@ class _Span:
     def rows(self) -> slice:
         """Return its moments."""
         times = self.passage.seen.time_s
-        first = max(self.begin_s, float(times[0]) + _SETTLES_S)
+        first = max(self.begin_s, float(times[0]) + SETTLES_S)
         return slice(*np.searchsorted(times, [first, self.end_s]).tolist())
-
-
-def _cruising(one: _Span, roads: RoadNetwork) -> float | None:
-    """Return the median speed, as a share of the limit, where it is kept on roads."""
-    rows, seen = one.rows(), one.passage.seen
-    times, speed = seen.time_s[rows], np.abs(seen.speed[rows])
-    if len(times) < 3:
-        return None
-    keeps = (np.abs(np.gradient(speed, times)) < _CRUISES_MS2) & (speed > _CRUISES_MS)
-    known = (roads.lane_by_id.get(str(name)) for name in one.passage.lanes[rows])
-    limits = np.array([np.nan if x is None or not x.road else x.speed_limit for x in known])
-    share = (speed / limits)[keeps & (limits > 0)]
-    step_s = float(np.median(np.diff(times)))
-    return float(np.median(share)) if len(share) * step_s >= _CRUISED_S else None
 
 
 def _top(one: _Span, limits: dict[str, float]) -> float | None:
@@ -289,7 +298,7 @@ def _gaps(
         if not np.isfinite(one.seen.track.size[0]):
             continue
         times = one.seen.time_s
-        first = max(begin_s, float(times[0]) + _SETTLES_S)
+        first = max(begin_s, float(times[0]) + SETTLES_S)
         whole = np.abs(times - np.round(times)) < _SAME_MOMENT_S
         for k in np.flatnonzero(whole & (times >= first) & (times < end_s)).tolist():
             if one.lanes[k]:
@@ -306,7 +315,7 @@ def _gaps(
             gap -= float(a.track.size[0] + b.track.size[0]) / 2
             slow, fast = sorted((abs(float(a.speed[k])), abs(float(b.speed[j]))))
             pair = a.track.name, b.track.name
-            if fast < _STANDS_MS and _LEAST_GAP_M < gap < _MOST_GAP_M:
+            if fast < STANDS_MS and _LEAST_GAP_M < gap < _MOST_GAP_M:
                 stand[pair].append(gap)
             elif slow > _FOLLOWS_MS and fast - slow < _AS_FAST_MS and 0 < gap < _FOLLOWS_S * slow:
                 follow[pair].append(gap / abs(float(a.speed[k])))

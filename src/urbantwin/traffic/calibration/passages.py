@@ -17,11 +17,26 @@ from urbantwin.traffic.demand.counted_places import main_junction
 from urbantwin.traffic.paths.lane_below import LanesBelow
 from urbantwin.traffic.recorded.track import RecordedTrack
 
-__all__ = ["MOTORS", "JunctionLinks", "Passage", "SeenTrack", "passages_of"]
+__all__ = [
+    "HEAVY",
+    "MOTORS",
+    "SETTLES_S",
+    "STANDS_MS",
+    "JunctionLinks",
+    "Passage",
+    "SeenTrack",
+    "passages_of",
+]
 
 _FIRST, _SLOWEST_MS = 10, 3.0  # moments, and a speed, to tell what was before a track
 #: Classes whose passages are counted.
 MOTORS = ("car", "van", "truck", "bus", "motorcycle")
+#: Of them, those that set out slowly.
+HEAVY = ("truck", "bus")
+#: Who is slower stands, m/s.
+STANDS_MS = 0.5
+#: Trackers take so long to settle on a new track, seconds.
+SETTLES_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,6 +96,7 @@ def fitted_demand(
             by_class.setdefault(name, {})[number] = rates
     trips: list[tuple[Trip, tuple[int, ...]]] = []
     left_out: list[LeftOut] = []
+    nowhere: set[int] = set()  # rows of places that nobody comes to
     for kind, name in enumerate(ACTOR_CLASSES):
         if name not in by_class:
             continue
@@ -104,6 +105,7 @@ def fitted_demand(
         for number in rows:
             asked = round(sum(n for _, _, n in wanted_of(rows[number], 0.0, duration_s)))
             if asked and not any(number in passed for passed in ways.passed):
+                nowhere.add(number)
                 why = f"no way for it where was counted ({spots[number]})"
                 left_out.append(LeftOut(name, asked, why))
         owed = 0.5
@@ -126,7 +128,7 @@ def fitted_demand(
     for number, (trip, whose) in enumerate(trips):
         # SUMO lets people cross where it is shortest: whoever comes may be counted there.
         on_foot = trip.actor_class == _ON_FOOT
-        for where in by_class[_ON_FOOT] if on_foot else whose:
+        for where in by_class[_ON_FOOT].keys() - nowhere if on_foot else whose:
             numbers[where].append(number)
     counted = (
         CountedRow(place.first, place.last, tuple(row))

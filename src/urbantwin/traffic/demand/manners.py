@@ -17,6 +17,7 @@ _ATTRIBUTES = {
     "standing_gap_m": "minGap",
     "acceleration": "accel",
     "critical_gap_s": "jmTimegapMinor",
+    "lane_offset_m": "latAlignment",
 }
 #: Parameter (no attribute) of a vehicle type: its speed in bends, against what is usual; ``curves``
 #: reads it.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from urbantwin.errors import InputError
-from urbantwin.roads import Lane
+from urbantwin.roads import Lane, RoadNetwork
 from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, wrong
 from urbantwin.twin import Twin
@@ -227,25 +227,36 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
     crossings = {lane.id: lane for lane in roads.lanes if lane.kind == "crossing"}
     lane = crossings.get(name)
     if lane is None:
-        strips = [
-            shapely.LineString(roads.lane_by_id[one].centre[[0, -1], :2]).buffer(12.0)
-            for road in roads.roads
-            if road.name == name
-            for one in road.lanes
-        ]
         over = [
             (float(np.linalg.norm(one.centre[:, :2].mean(axis=0))), one.id)
             for one in crossings.values()
-            if any(strip.intersects(one.polygon) for strip in strips)
+            if name in _crossed(one, roads)
         ]
         if not over:
+            names = {street for one in crossings.values() for street in _crossed(one, roads)}
             raise InputError(
                 f"there is no crossing {name!r:.60}",
                 place="place.crossing",
-                expected=_some(name, [*crossings, *{road.name for road in roads.roads} - {""}]),
+                expected=_some(name, [*crossings, *sorted(names - {""})])
+                if crossings
+                else "another place: this twin has no crossings",
             )
         lane = crossings[min(over)[1]]
     return spot_on(lane, lane.length / 2, "place.crossing")
+
+
+def _crossed(crossing: Lane, roads: RoadNetwork) -> set[str]:
+    """Return the names of the streets that a crossing leads over."""
+    return {
+        road.name
+        for road in roads.roads
+        if any(
+            shapely.LineString(roads.lane_by_id[one].centre[[0, -1], :2])
+            .buffer(12.0)
+            .intersects(crossing.polygon)
+            for one in road.lanes
+        )
+    }
 
 
 def _some(name: str, known: list[str]) -> str:

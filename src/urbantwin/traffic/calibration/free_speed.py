@@ -1,0 +1,62 @@
+"""Speeds of those whom nobody holds up: what drivers desire, as far as it is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from urbantwin.traffic.calibration.passages import Passage, SeenTrack
+
+__all__ = ["free_speeds"]
+
+#: Somebody who was so near to a place, metres, so shortly before, seconds, is close ahead there.
+_SAME_PLACE_M, _CLOSE_S = 2.5, 4.0
+#: Speeds are taken over the last so many seconds, of who came so far, metres.
+_LAST_S, _CAME_M = 3.0, 40.0
+
+
+def free_speeds(
+    tracks: Sequence[SeenTrack],
+    passages: Sequence[Passage],
+    limits: Mapping[str, float],
+    begin_s: float,
+    end_s: float,
+) -> list[float]:
+    """Return the greatest speeds with which vehicles leave, as shares of the limit.
+
+    Who leaves a junction speeds up, and is fastest where it is seen last. Those whom somebody, a
+    bicycle too, was close ahead of there are left out.
+
+    Args:
+        tracks: everybody who may be ahead.
+        passages: of the vehicles that passed the junction.
+        limits: road -> m/s.
+        begin_s: the first moment at which somebody is seen last.
+        end_s: the last one.
+    """
+    drive = [one for one in tracks if one.track.actor_class != "pedestrian"]
+    leave = [
+        one
+        for one in passages
+        if one.leaving in limits
+        and begin_s <= one.seen.time_s[-1] < end_s
+        and np.linalg.norm(one.seen.xy[-1] - one.seen.xy[0]) > _CAME_M
+    ]
+    if not leave:
+        return []
+    where = np.concatenate([one.xy for one in drive])
+    when = np.concatenate([one.time_s for one in drive])
+    who = np.repeat(np.arange(len(drive)), [len(one.time_s) for one in drive])
+    number = {id(one): k for k, one in enumerate(drive)}
+    there = cKDTree(where).query_ball_point([one.seen.xy[-1] for one in leave], _SAME_PLACE_M)
+    found = []
+    for one, near in zip(leave, there, strict=True):
+        seen, at = one.seen, np.array(near, int)
+        before = float(seen.time_s[-1]) - when[at]
+        close = (before > 0) & (before < _CLOSE_S) & (who[at] != number.get(id(seen), -1))
+        if not close.any():
+            last = np.abs(seen.speed[seen.time_s > seen.time_s[-1] - _LAST_S])
+            found.append(float(last.max()) / limits[one.leaving])
+    return found

@@ -1,0 +1,56 @@
+"""Where in a lane bicycles ride: at its side, where cars pass them, or so that cars stay behind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from urbantwin.roads import RoadNetwork
+from urbantwin.traffic.calibration.passages import SeenTrack
+from urbantwin.traffic.paths.lane_below import LanesBelow
+
+__all__ = ["lane_offset"]
+
+#: Who is slower, m/s, is about to stop or sets out; places are told of so many.
+_RIDES_MS, _FEWEST = 2.0, 10
+_MOMENTS = 10
+
+
+def lane_offset(
+    tracks: Sequence[SeenTrack], roads: RoadNetwork, until_s: float
+) -> tuple[float | None, int]:
+    """Return how far to the left of a lane's middle bicycles ride, metres, and of how many.
+
+    The median of their medians, on lanes that they share with cars; ``None`` of fewer than ten.
+
+    Args:
+        tracks: everybody.
+        roads: the lanes.
+        until_s: who came until then counts, seconds.
+    """
+    below = LanesBelow(roads)
+    found = []
+    for one in tracks:
+        if one.track.actor_class != "bicycle" or one.time_s[0] >= until_s:
+            continue
+        rides = np.abs(one.speed) >= _RIDES_MS
+        xy, yaw = one.xy[rides], one.yaw[rides]
+        names = below.at(xy, yaw, "bicycle")
+        left: list[float] = []
+        for name in sorted(set(names.tolist())):
+            lane = roads.lane_by_id.get(str(name))
+            if lane is None or not lane.road or "car" not in lane.allowed:
+                continue
+            on = names == name
+            line = shapely.LineString(lane.centre[:, :2])
+            at = shapely.line_locate_point(line, shapely.points(xy[on]))
+            foot = shapely.get_coordinates(shapely.line_interpolate_point(line, at))
+            beside = xy[on] - foot
+            left += (np.cos(yaw[on]) * beside[:, 1] - np.sin(yaw[on]) * beside[:, 0]).tolist()
+        if len(left) >= _MOMENTS:
+            found.append(float(np.median(left)))
+    if len(found) < _FEWEST:
+        return None, len(found)
+    return round(float(np.median(found)), 2), len(found)

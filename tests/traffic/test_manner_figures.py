@@ -1,0 +1,95 @@
+"""What is read of how people drive: made tracks whose figures are known."""
+
+import numpy as np
+import pytest
+
+from urbantwin.traffic.calibration.free_speed import free_speeds
+from urbantwin.traffic.calibration.lane_place import lane_offset
+from urbantwin.traffic.calibration.measured import measured
+from urbantwin.traffic.calibration.passages import Passage, SeenTrack
+from urbantwin.traffic.calibration.queue_discharge import discharge_headways
+from urbantwin.traffic.recorded.track import RecordedTrack
+from urbantwin.twin import Twin
+
+STEP_S = 0.1
+
+
+def track(
+    name: str,
+    actor_class: str,
+    begin_s: float,
+    xy: np.ndarray,
+    speed: np.ndarray,
+    yaw: float = 0.0,
+) -> SeenTrack:
+    times = begin_s + STEP_S * np.arange(len(xy))
+    yaws = np.full(len(xy), yaw)
+    size = np.array([4.5, 1.8, 1.5])
+    recorded = RecordedTrack(name, actor_class, times, xy, yaws, np.full(len(xy), np.nan), size)
+    return SeenTrack(recorded, times, xy, yaws, speed)
+
+
+def straight(name: str, actor_class: str, begin_s: float, speed: np.ndarray) -> SeenTrack:
+    along = np.concatenate([[0.0], np.cumsum(speed[:-1] * STEP_S)])
+    return track(name, actor_class, begin_s, np.column_stack([along, 0 * along]), speed)
+
+
+def passage(seen: SeenTrack, passed_s: float) -> Passage:
+    return Passage(seen, np.full(len(seen.time_s), "a_0", object), "a", "b", "a_0", passed_s)
+
+
+def test_who_stands_has_no_way_however_its_place_errs(crossing_twin: Twin) -> None:
+    """A minute of standing with a tracker's errors, then 20 m at 10 m/s: ten speeds, all alike."""
+    random = np.random.default_rng(1)
+    speed = np.r_[np.zeros(600), np.full(200, 10.0)]
+    one = straight("1", "car", 0.0, speed)
+    one.xy[:600] += 0.15 * random.standard_normal((600, 2))
+    one.xy[600:] += one.xy[599] - one.xy[600]
+    found = measured([one], [], crossing_twin.roads, 0.0, 62.0)
+    (speeds,) = found.speeds
+    assert len(speeds) == pytest.approx(10, abs=1)
+    assert np.allclose(speeds, 10.0)
+
+
+def test_a_queue_discharges_by_those_who_stood_in_it() -> None:
+    stood = np.r_[np.zeros(200), np.full(100, 8.0)]
+    passes = np.full(300, 8.0)
+    queue = [
+        passage(straight(str(k), "car", 0.0, stood), 21.0 + at)
+        for k, at in enumerate((0.0, 2.1, 4.3))
+    ]
+    lorry = passage(straight("3", "truck", 0.0, stood), 29.0)
+    behind = passage(straight("4", "car", 0.0, stood), 33.0)
+    free = passage(straight("5", "car", 10.0, passes), 35.0)
+    found = discharge_headways([free, *queue, behind, lorry], 0.0, 100.0)
+    assert found == pytest.approx([2.1, 2.2])
+    assert discharge_headways(queue, 0.0, 23.0) == []
+
+
+def test_free_is_who_has_nobody_close_ahead_be_it_a_bicycle() -> None:
+    first = straight("1", "car", 0.0, np.full(100, 12.0))
+    near = straight("2", "car", 1.0, np.full(100, 9.0))
+    later = straight("3", "car", 20.0, np.full(100, 11.0))
+    ridden = straight("4", "bicycle", 34.0, np.full(300, 4.0))
+    held_up = straight("5", "car", 50.0, np.r_[np.full(100, 9.5), np.full(50, 4.5)])
+    limits = {"b": 10.0}
+    tracks = [first, near, later, ridden, held_up]
+    passed = [passage(one, 1.0) for one in tracks if one is not ridden]
+    found = free_speeds(tracks, passed, limits, 0.0, 100.0)
+    assert found == pytest.approx([1.2, 1.1])
+
+
+@pytest.mark.parametrize("beside", [0.0, -0.9])
+def test_bicycles_are_found_where_they_ride_in_a_lane(crossing_twin: Twin, beside: float) -> None:
+    roads = crossing_twin.roads
+    lane = next(one for one in roads.lanes if one.road and {"car", "bicycle"} <= set(one.allowed))
+    line = lane.centre[:, :2]
+    ahead = (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
+    left = np.array([-ahead[1], ahead[0]])
+    along = np.arange(5.0, 45.0, 0.5)
+    xy = line[0] + along[:, None] * ahead + beside * left
+    yaw = float(np.arctan2(ahead[1], ahead[0]))
+    tracks = [track(str(k), "bicycle", 10.0 * k, xy, np.full(len(xy), 5.0), yaw) for k in range(12)]
+    offset, count = lane_offset(tracks, roads, 1e3)
+    assert (offset, count) == (pytest.approx(beside, abs=0.02), 12)
+    assert lane_offset(tracks, roads, 45.0) == (None, 5)
