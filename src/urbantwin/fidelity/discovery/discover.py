@@ -34,6 +34,10 @@ __all__ = ["discover"]
 #: Points around which pieces of rings are sought, in all frames together; and frames in which each
 #: point is assigned to a sensor for the close fit.
 _SEEDS, _CLOSE_FRAMES = 60_000, 4
+#: Neighbours of a point among which its piece of a ring is looked for: a dozen are of its own ring,
+#: others of rings that cross there. More of them where that leaves most points on no ring: of rings
+#: as near to each other as columns are, few neighbours are on its own.
+_NEIGHBOURS, _MORE = 24, 64
 #: Rounds of assigning points and fitting sensors to them, and the first standard deviation of
 #: elevations on a ring.
 _ROUNDS, _FIRST_SPREAD_DEG = 4, 0.03
@@ -75,8 +79,27 @@ def discover(
     check_frames(frames, names)
     if models is None:
         models = [one for one in map(sensor, sensor_names()) if one.pattern is None]
+    first = _found(frames, names, models, _NEIGHBOURS, seed, tell)
+    if not first.warnings:
+        return first
+    try:
+        again = _found(frames, names, models, _MORE, seed, tell)
+    except InputError:
+        return first
+    return max(first, again, key=lambda one: one.on_rings)
+
+
+def _found(
+    frames: Sequence[NDArray[np.float64]],
+    names: Sequence[str],
+    models: Sequence[Sensor],
+    neighbours: int,
+    seed: int,
+    tell: Progress,
+) -> Discovery:
+    """Return the sensors found with so many neighbours of a point."""
     tell(0.02, "pieces of rings")
-    pieces = ring_pieces(frames, _SEEDS, seed)
+    pieces = ring_pieces(frames, _SEEDS, neighbours, seed)
     if len(pieces) < FEWEST_PIECES:
         raise InputError(
             f"no ring is left in {_counted(frames)}: {len(pieces)} pieces of lines in all",

@@ -13,9 +13,6 @@ from urbantwin.fidelity.compiled.straight_runs import straight_runs
 
 __all__ = ["RingPieces", "ring_pieces"]
 
-#: Neighbours of a point among which its piece is looked for: of one ring a dozen, of the rings
-#: above and below where these are as near as columns, and of others that cross there.
-_NEIGHBOURS = 64
 #: Neighbourhoods that reach farther than this have no piece, nor do those that are smaller than
 #: this, metres: range noise would give the direction of the line.
 _WITHIN_M, _TOO_NEAR_M = 3.0, 0.1
@@ -50,7 +47,9 @@ class RingPieces:
         return RingPieces(self.middle[rows], self.along[rows], self.sigma[rows])
 
 
-def ring_pieces(frames: Sequence[NDArray[np.float64]], wanted: int, seed: int) -> RingPieces:
+def ring_pieces(
+    frames: Sequence[NDArray[np.float64]], wanted: int, neighbours: int, seed: int
+) -> RingPieces:
     """Return pieces of rings around points that are drawn from frames.
 
     Pieces are found in each frame by itself, because moving objects have rings too. Of the lines
@@ -61,6 +60,7 @@ def ring_pieces(frames: Sequence[NDArray[np.float64]], wanted: int, seed: int) -
     Args:
         frames: (N, 3) points of each, metres. Their order does not matter.
         wanted: points to look around, of all frames together.
+        neighbours: of a point, among which its piece is looked for.
         seed: of the random draw.
     """
     random = np.random.default_rng(seed)
@@ -71,7 +71,7 @@ def ring_pieces(frames: Sequence[NDArray[np.float64]], wanted: int, seed: int) -
         seeds = np.sort(random.choice(len(distinct), many, replace=False))
         tree = cKDTree(distinct)
         away, near = tree.query(
-            distinct[seeds], k=_NEIGHBOURS, distance_upper_bound=_WITHIN_M, workers=-1
+            distinct[seeds], k=neighbours, distance_upper_bound=_WITHIN_M, workers=-1
         )
         kept = np.isfinite(away).all(axis=1) & (away[:, -1] > _TOO_NEAR_M)
         count, middle, along, aside, spread = straight_runs(
