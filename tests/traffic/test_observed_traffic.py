@@ -62,6 +62,29 @@ def test_what_is_hidden_of_a_car_is_away_from_the_sensor():
     np.testing.assert_allclose(found.boxes[:, 0], 10.0 + 4.3 / 2 + 2.0 * np.arange(3), atol=0.1)
 
 
+def test_a_narrow_car_of_which_both_flanks_are_seen_is_as_narrow():
+    places = [np.array([6.0 + 3.0 * k, 8.0]) for k in range(3)]
+    round_it = [
+        np.vstack([sides_seen(*at, 0.0, 3.6, 1.62), 2 * at - sides_seen(*at, 0.0, 3.6, 1.62)])
+        for at in places
+    ]
+    moments = [SeenObject(k, at, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(round_it)]
+    found = observed_track(moments, None, 1.0)
+    np.testing.assert_allclose(found.size, [4.3, 1.62, 1.5], atol=0.1)
+
+
+@pytest.mark.parametrize("step", [0.0, 1.2])
+def test_people_face_the_way_they_walk_or_else_across_their_shoulders(step):
+    random = np.random.default_rng(8)
+    body = random.uniform(-0.5, 0.5, (80, 2)) * [0.5, 0.3] + [5.0, 5.0]
+    plan = [body + [step * k, 0.0] for k in range(3)]
+    moments = [SeenObject(k, at, 1.7, 1.7, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(plan)]
+    found = observed_track(moments, None, 1.0)
+    assert found.actor_class == "pedestrian"
+    along = abs(np.cos(found.boxes[:, 2]))
+    np.testing.assert_allclose(along, 1.0 if step else 0.0, atol=0.1)
+
+
 def test_each_is_followed_where_two_pass_each_other():
     frames = []
     for k in range(5):

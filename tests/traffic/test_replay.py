@@ -10,6 +10,8 @@ from urbantwin.cli import main
 from urbantwin.errors import InputError
 from urbantwin.exports.tracks import write_openlabel, write_tracks
 from urbantwin.traffic import Motion, run_traffic
+from urbantwin.traffic.assets import asset
+from urbantwin.traffic.assets.asset_name import AssetName
 from urbantwin.traffic.recorded.csv_rows import csv_rows
 from urbantwin.traffic.recorded.description import TracksSpec
 from urbantwin.traffic.recorded.track import RecordedTrack
@@ -65,6 +67,20 @@ def test_a_motion_comes_back_as_it_was(
         away = [abs(a[side] - b[side]) for a, b in vehicles]
         assert max(away) < 0.011, side
     Motion.load(tmp_path / "again")
+
+
+def test_people_are_as_tall_as_recorded_and_not_flattened_to_their_boxes(
+    crossing_twin: Twin, tmp_path: Path
+) -> None:
+    rows = "\n".join(f"1,{k / 2},pedestrian,2,{0.6 * k},0.6,0.6,1.60" for k in range(6))
+    (tmp_path / "t.csv").write_text(f"track,time_s,class,x,y,length,width,height\n{rows}\n")
+    motion = replay(crossing_twin, tmp_path / "t.csv", tmp_path / "motion")
+    (name,) = set(motion.actors["asset"].to_pylist())
+    body, size = AssetName.of(name).body, AssetName.of(name).size
+    assert size is not None
+    own = [asset(body).length, asset(body).width, asset(body).height]
+    assert size[2] == pytest.approx(1.60, abs=0.01)
+    assert np.divide(size, own) == pytest.approx(1.60 / own[2], abs=0.02)
 
 
 def test_gaps_are_filled_and_marked_or_left_open() -> None:

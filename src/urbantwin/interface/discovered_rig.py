@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_file, check_folder
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
@@ -46,9 +46,8 @@ class DiscoveredRig:
 
     def summary(self) -> Summary:
         """Return the sensors in a few values."""
-        return Summary(
-            path=str(self.path), picture=str(self.picture), **self.found.report(), **self.written
-        )
+        told = {**self.found.report(), "warnings": [str(one) for one in self.found.warnings]}
+        return Summary(path=str(self.path), picture=str(self.picture), **told, **self.written)
 
     def plot(self) -> Figure:
         """Show points by sensor, and elevations against channels."""
@@ -88,4 +87,5 @@ def discover(
         check_folder(folder, kind="discovery", inputs=[Path(real)])
     with shown_stage("discover", progress) as tell:
         found, written = discover_recording(Path(real), target, drawn, folder, tell)
+    tell_result("discover", target, found.warnings, progress)
     return DiscoveredRig(target, drawn, found, written)

@@ -154,7 +154,10 @@ def _replayed(
 
 
 def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[str]]) -> str:
-    """Return the mesh of a track: the class's that is nearest to its size, stretched to it."""
+    """Return the mesh of a track: the class's that is nearest to its size, stretched to it.
+
+    People keep their proportions: they are as tall as recorded.
+    """
     names = asset_names(track.actor_class)
     sizes = np.array([[getattr(asset(name), side) for side in _SIDES] for name in names])
     known = np.isfinite(track.size)
@@ -169,6 +172,9 @@ def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[s
     away = np.abs(np.log(sizes[:, known] / track.size[known])).sum(axis=1)
     chosen = int(np.argmin(away))
     size = np.where(known, track.size, sizes[chosen])
+    if track.actor_class == "pedestrian" and known[2]:
+        # A figure is as long as its step: shortened to a recorded box, its trunk would be flat.
+        size = sizes[chosen] * (track.size[2] / sizes[chosen][2])
     name = names[chosen]
     if track.actor_class in COATED_CLASSES:
         name = coated_name(name, number, track.actor_class)

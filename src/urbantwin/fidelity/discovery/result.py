@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity.discovery.elevation_match import TableFit
 from urbantwin.fidelity.discovery.point_rays import PointRays, point_rays
+from urbantwin.result_warning import ResultWarning, rows_of
 
 __all__ = ["Discovery", "FoundSensor"]
 
@@ -19,6 +20,9 @@ __all__ = ["Discovery", "FoundSensor"]
 _LEAST_M, _LEAST_DEG = (0.005, 0.005, 0.02), 0.01
 #: A channel with fewer looks than this is taken to be as its model's.
 _FEW_LOOKS = 5.0
+#: Least share of the points on rings where all sensors are found: sweeps that were straightened
+#: while a car moved have 0.62 and more, and made rigs of which one sensor was missed 0.43.
+_ALL_FOUND = 0.55
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,4 +145,19 @@ class Discovery:
             "frames": len(self.frames),
             "points": self.points,
             "on_rings": round(self.on_rings, 4),
+            "warnings": rows_of(self.warnings),
         }
+
+    @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with it: a sensor that was missed leaves its points on no ring."""
+        if self.on_rings >= _ALL_FOUND:
+            return ()
+        return (
+            ResultWarning(
+                "rings",
+                f"{self.on_rings:.0%} of the points are on rings of the sensors found",
+                "a sensor was missed, or its model and channels are wrong",
+                "give more frames, uncropped, or those of one sensor alone",
+            ),
+        )

@@ -13,9 +13,9 @@ from urbantwin.fidelity.compiled.straight_runs import straight_runs
 
 __all__ = ["RingPieces", "ring_pieces"]
 
-#: Neighbours of a point among which its piece is looked for: of one ring a dozen, and of others
-#: that cross there.
-_NEIGHBOURS = 24
+#: Neighbours of a point among which its piece is looked for: of one ring a dozen, of the rings
+#: above and below where these are as near as columns, and of others that cross there.
+_NEIGHBOURS = 64
 #: Neighbourhoods that reach farther than this have no piece, nor do those that are smaller than
 #: this, metres: range noise would give the direction of the line.
 _WITHIN_M, _TOO_NEAR_M = 3.0, 0.1

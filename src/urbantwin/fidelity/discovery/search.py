@@ -25,7 +25,7 @@ FEWEST_PIECES = 80
 #: Largest number of sensors; the search ends earlier when too few pieces are left.
 _MOST_SENSORS = 16
 #: Places that agree with many pieces but have no rings around them, before the search ends.
-_MOST_WRONG = 3
+_MOST_WRONG = 4
 #: Pieces that vote; spacing and reach of the grid of places that they vote for, metres.
 _VOTERS, _STEP_M, _FARTHEST_M = 800, 2.0, 60.0
 #: Tilts, degrees, how many directions of each, and heights above the ground, metres, of the grid.

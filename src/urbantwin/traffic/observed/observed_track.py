@@ -16,6 +16,8 @@ __all__ = ["ObservedTrack", "observed_track"]
 
 #: Slower than this the way that it moved does not tell where its front is, m/s.
 CREEPS_M_S = 1.5
+#: Slower than this one on foot stands and fidgets, m/s.
+STEPS_M_S = 0.5
 #: Nobody on foot is faster, m/s.
 WALKS_M_S = 2.6
 #: What of a vehicle that was seen from one side is completed: length, width, metres.
@@ -23,6 +25,10 @@ USUAL = {
     "car": (4.3, 1.8), "van": (5.2, 1.95), "truck": (8.0, 2.4), "bus": (12.0, 2.5),
     "bicycle": (1.75, 0.6), "pedestrian": (0.6, 0.6),
 }  # fmt: skip
+#: A flank was seen if so many points within so many metres of it span so much of the length.
+FLANK_POINTS, FLANK_M, FLANK = 10, 0.3, 0.7
+#: But what is narrower than so much of the usual is a part of it.
+WHOLE = 0.75
 #: Wider or longer than this is no person and no bicycle, metres.
 WIDE_M, LONG_M = 1.3, 2.3
 #: Shorter than this is a person on foot, metres.
@@ -92,6 +98,7 @@ def observed_track(
     )
     spans = high - low
     length, width = np.quantile(spans, 0.75, axis=0)
+    whole = any(_both_flanks(one, yaw) for one, yaw in zip(seen, yaws, strict=True))
     on_lane = lanes is not None and bool(lanes.cover(middles).mean() > 0.5)
     name = _class(float(length), float(width), top, speed, on_lane=on_lane, moves=moves)
     gone = float(np.linalg.norm(middles[-1] - middles[0]))
@@ -107,9 +114,13 @@ def observed_track(
         return None
     usual = USUAL[name]
     height = float(np.quantile([one.highest for one in seen], 0.75))
-    size = (max(float(length), usual[0]), max(float(width), usual[1]), height)
+    if not whole or width < WHOLE * usual[1]:
+        width = max(width, usual[1])
+    size = (max(float(length), usual[0]), float(width), height)
     if name in SMALL:
         size = (usual[0], usual[1], height)
+    if name == "pedestrian":
+        yaws = [_faces(one, step) for one, step in zip(seen, velocity, strict=True)]
     boxes = np.array([_completed(one, yaw, size) for one, yaw in zip(seen, yaws, strict=True)])
     return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)
 
@@ -154,6 +165,16 @@ def _headings(
     return found
 
 
+def _faces(one: SeenObject, velocity: NDArray[np.float64]) -> float:
+    """Return where somebody on foot faces, radians: the way it goes, else square to its shoulders.
+
+    Its chest or its back: points do not tell.
+    """
+    if np.hypot(*velocity) >= STEPS_M_S:
+        return float(np.arctan2(velocity[1], velocity[0]))
+    return one.long_way + np.pi / 2
+
+
 def _nearest_side(one: SeenObject, way: float, within: float) -> float:
     """Return the fitted heading nearest to a way, or else one fitted within so much of it."""
     quarter = one.yaw + np.pi / 2 * np.arange(4.0, dtype=np.float64)
@@ -168,6 +189,20 @@ def _velocities(times: NDArray[np.float64], places: NDArray[np.float64]) -> NDAr
     if len(times) < 2:
         return np.zeros_like(places)
     return np.asarray(np.gradient(places, times, axis=0))
+
+
+def _both_flanks(one: SeenObject, yaw: float) -> bool:
+    """Return whether both flanks of an object were seen, or all of its front or its rear.
+
+    A flank was seen if points lie along it; of the other one alone they lie at a corner. Of ends
+    that is not asked: where something hides a part of a car, the bonnet or the roof looks like one.
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
+    along, across = (one.points @ np.array([[c, -s], [s, c]])).T
+    low, high = extents(one.points, yaw)
+    needed = FLANK * (high - low)[0]
+    flanks = (across < low[1] + FLANK_M, across > high[1] - FLANK_M)
+    return all(near.sum() >= FLANK_POINTS and np.ptp(along[near]) > needed for near in flanks)
 
 
 def _completed(
