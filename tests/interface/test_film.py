@@ -56,6 +56,16 @@ def test_an_actor_is_drawn_where_it_is_in_its_colour(line: Line, above: Path) ->
         assert np.abs(around - wanted).max(axis=1).min() <= 40, row
 
 
+def test_every_class_stands_below_a_narrow_picture(line: Line, tmp_path: Path) -> None:
+    path = tmp_path / "narrow.gif"
+    ut.film(line.motion, path, view="above", width=200, stop=0.1, progress=False)
+    with Image.open(path) as film:
+        strip = np.asarray(film.convert("RGB"), np.int64)[200:].reshape(-1, 3)
+    for name in set(line.motion.rows["class"].to_pylist()):
+        wanted = np.round(255 * style.actor_colour(name))
+        assert (np.abs(strip - wanted).max(axis=1) <= 20).sum() >= 100, name
+
+
 def test_from_the_corner_an_actor_stands_where_it_is_unless_the_ground_hides_it(
     line: Line,
 ) -> None:

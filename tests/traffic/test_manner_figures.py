@@ -1,5 +1,7 @@
 """What is read of how people drive: made tracks whose figures are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -93,3 +95,5 @@ def test_bicycles_are_found_where_they_ride_in_a_lane(crossing_twin: Twin, besid
     offset, count = lane_offset(tracks, roads, 1e3)
     assert (offset, count) == (pytest.approx(beside, abs=0.02), 12)
     assert lane_offset(tracks, roads, 45.0) == (None, 5)
+    other_side = replace(roads, driving_side="left")
+    assert lane_offset(tracks, other_side, 1e3)[0] == pytest.approx(-beside, abs=0.02)

@@ -143,8 +143,8 @@ class DriverSpec(Strict):
         acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
         sideways_acceleration: what they accept in bends, m/s2.
         critical_gap_s: shortest gap in the other traffic that they take, seconds.
-        lane_offset_m: where in the lane they would ride: so far to the left of its middle, metres;
-            to the right below 0.
+        lane_offset_m: where in the lane they would ride: so far from its middle towards the middle
+            of the street, metres; towards the kerb below 0.
     """
 
     speed_factor: Annotated[float, Field(ge=0.1, le=2.0)] | None = None

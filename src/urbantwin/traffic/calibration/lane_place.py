@@ -21,9 +21,10 @@ _MOMENTS = 10
 def lane_offset(
     tracks: Sequence[SeenTrack], roads: RoadNetwork, until_s: float
 ) -> tuple[float | None, int]:
-    """Return how far to the left of a lane's middle bicycles ride, metres, and of how many.
+    """Return how far from a lane's middle bicycles ride, metres, and of how many.
 
-    The median of their medians, on lanes that they share with cars; ``None`` of fewer than ten.
+    Towards the middle of the street; towards the kerb below 0, whichever side is driven on. The
+    median of their medians, on lanes that they share with cars; ``None`` of fewer than ten.
 
     Args:
         tracks: everybody.
@@ -31,6 +32,7 @@ def lane_offset(
         until_s: who came until then counts, seconds.
     """
     below = LanesBelow(roads)
+    inwards = -1.0 if roads.driving_side == "left" else 1.0
     found = []
     for one in tracks:
         if one.track.actor_class != "bicycle" or one.time_s[0] >= until_s:
@@ -50,7 +52,7 @@ def lane_offset(
             beside = xy[on] - foot
             left += (np.cos(yaw[on]) * beside[:, 1] - np.sin(yaw[on]) * beside[:, 0]).tolist()
         if len(left) >= _MOMENTS:
-            found.append(float(np.median(left)))
+            found.append(inwards * float(np.median(left)))
     if len(found) < _FEWEST:
         return None, len(found)
     return round(float(np.median(found)), 2), len(found)

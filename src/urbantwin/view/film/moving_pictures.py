@@ -28,6 +28,8 @@ __all__ = ["VIEWS", "FilmPlan", "film_colours", "film_pictures", "plan_film"]
 VIEWS = ("above", "corner", "both")
 #: Height of the strip below the pictures for time, classes and sources, pixels.
 _STRIP = 46
+#: Where the classes begin, right of the time, and from a row of them to the next, pixels.
+_LEFT, _ROW = 120.0, 18
 #: Sides of a picture that can be drawn, pixels.
 _NARROWEST, _WIDEST = 160, 3840
 #: More pictures than this are no film that a person looks at.
@@ -189,18 +191,26 @@ def _happening(events: list[dict[str, Any]], time_s: float) -> list[dict[str, An
 
 
 def _strip(width: int, classes: list[str], attribution: str) -> NDArray[np.uint8]:
-    """Return what is written below every picture: classes by colour, and sources."""
-    strip = Image.new("RGB", (width, _STRIP), style.PAPER)
-    draw = ImageDraw.Draw(strip)
-    x = 120.0
+    """Return what is written below every picture: classes by colour, and sources.
+
+    It is as high as its rows; narrow pictures have several.
+    """
+    pen = ImageDraw.Draw(Image.new("RGB", (1, 1)))
+    places, x, row = [], _LEFT, 0
     for name in classes:
-        if x + 16 + draw.textlength(name, font=_font(14)) > width:
-            break
-        draw.rectangle((x, 17, x + 11, 28), fill=_class_colour(name))
-        draw.text((x + 16, 14), name, font=_font(14), fill=style.INK)
-        x += 32 + draw.textlength(name, font=_font(14))
-    size = draw.textlength(attribution, font=_font(10))
-    at = (max(width - size - 8, 8), 31 if size > width - x - 8 else 17)
+        wide = 32 + pen.textlength(name, font=_font(14))
+        if x > _LEFT and x + wide - 16 > width:
+            x, row = _LEFT, row + 1
+        places.append((x, row * _ROW))
+        x += wide
+    size = pen.textlength(attribution, font=_font(10))
+    beside = size <= width - x - 8
+    strip = Image.new("RGB", (width, _STRIP + row * _ROW), style.PAPER)
+    draw = ImageDraw.Draw(strip)
+    for name, (left, down) in zip(classes, places, strict=True):
+        draw.rectangle((left, down + 17, left + 11, down + 28), fill=_class_colour(name))
+        draw.text((left + 16, down + 14), name, font=_font(14), fill=style.INK)
+    at = (max(width - size - 8, 8), row * _ROW + (17 if beside else 31))
     draw.text(at, attribution, font=_font(10), fill=style.MUTED)
     return np.asarray(strip, np.uint8)
 
