@@ -1,5 +1,6 @@
 """Platoons: made as they are told, and told as they were made; chance makes none."""
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,12 @@ from urbantwin.twin import Twin
 
 CYCLE_S, GREEN = 72.0, 0.3
 NOBODY = np.zeros((0, 0), np.bool_)
+
+
+def counted(seconds: float, counts: dict[str, int], turns: dict[tuple[str, str], int]) -> Measured:
+    """Return what was counted of whom nothing else is known."""
+    unknown: list[list[Any]] = [[] for _ in fields(Measured)[6:]]
+    return Measured(seconds, counts, counts, turns, (), {}, *unknown)
 
 
 def came(seed: int, count: int, seconds: float, share: float) -> np.ndarray[Any, Any]:
@@ -86,7 +93,7 @@ def test_who_is_counted_reaches_the_stop_line_in_platoons(crossing_twin: Twin) -
 def test_as_many_are_seen_as_were_though_more_set_out() -> None:
     def seen(seconds: float, people: int) -> Measured:
         counts = {"car": 100, "pedestrian": people, "bicycle": 40}
-        return Measured(seconds, counts, counts, {}, (), {}, *([] for _ in range(8)))
+        return counted(seconds, counts, {})
 
     flows = UncountedFlows(seen(1800.0, 60))
     assert flows.per_hour == {"pedestrian": 120.0, "bicycle": 80.0}
@@ -103,9 +110,7 @@ def test_vehicles_that_nobody_drives_are_named() -> None:
 
     def came(turns: dict[tuple[str, str], int]) -> list[str]:
         counts = {"car": 100, "pedestrian": 50}
-        return ways_missed(
-            Measured(600.0, counts, counts, turns, (), {}, *([] for _ in range(8))), links
-        )
+        return ways_missed(counted(600.0, counts, turns), links)
 
     assert came({("w", "e"): 60, ("n", "s"): 35}) == []
     no_way, elsewhere = came({("w", "e"): 60, ("n", "e"): 5})
