@@ -33,6 +33,18 @@ ZERO = Profile.constant(0.0)
 RAISED = {"sidewalk": 0.15}
 
 
+def built_of(path, tmp_path):
+    """Return what is built of a map within 90 m of the anchor, where one drives on the right."""
+    return build_roads(
+        read_extract(path),
+        HERE,
+        shapely.Point(0, 0).buffer(90),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "n.net.xml",
+    )
+
+
 def road(number, rows, *, length=100.0, y=0.0, x=0.0, heading=0.0, curvature=0.0, **fields):
     """A street of one section; rows are (id, kind, width, forward)."""
     lanes = tuple(
@@ -158,14 +170,7 @@ def test_parking_lies_between_carriageway_and_sidewalk():
 def test_diagonal_parking_is_painted_so_and_comes_through_opendrive(tags, write_osm, tmp_path):
     nodes = {1: (-100, 0, {}), 2: (100, 0, {})}
     path = write_osm(nodes, {1: ([1, 2], {"highway": "residential", **tags})})
-    built = build_roads(
-        read_extract(path),
-        HERE,
-        shapely.Point(0, 0).buffer(90),
-        Elevation.flat(),
-        driving_side="right",
-        out=tmp_path / "n.net.xml",
-    )
+    built = built_of(path, tmp_path)
     (strip,) = (lane for lane in built.network.lanes if lane.kind == "parking")
     assert strip.parking == "diagonal"
     lines = np.array([line for _, line in parking_bays(built.model)])
@@ -362,14 +367,7 @@ def test_a_mapped_refuge_is_built(write_osm, tmp_path):
     nodes = {1: (-100, 0, {}), 3: (100, 0, {})}
     nodes[2] = (0, 0, {"highway": "crossing", "crossing": "uncontrolled", "crossing:island": "yes"})
     path = write_osm(nodes, {1: ([1, 2, 3], {"highway": "secondary", "sidewalk": "both"})})
-    built = build_roads(
-        read_extract(path),
-        HERE,
-        shapely.Point(0, 0).buffer(90),
-        Elevation.flat(),
-        driving_side="right",
-        out=tmp_path / "n.net.xml",
-    )
+    built = built_of(path, tmp_path)
     areas = [area for area in built.model.areas if area.kind == "trafficIsland"]
     islands = []
     for area in areas:
@@ -420,14 +418,7 @@ def test_a_curb_takes_its_width_from_the_sidewalk(write_osm, tmp_path):
     """Every sidewalk beside a carriageway has a curb of 15 cm; both keep the place of the two."""
     nodes = {1: (-100, 0, {}), 2: (100, 0, {})}
     path = write_osm(nodes, {1: ([1, 2], {"highway": "secondary", "sidewalk": "both"})})
-    built = build_roads(
-        read_extract(path),
-        HERE,
-        shapely.Point(0, 0).buffer(90),
-        Elevation.flat(),
-        driving_side="right",
-        out=tmp_path / "n.net.xml",
-    )
+    built = built_of(path, tmp_path)
     (item,) = (road for road in built.model.roads if road.junction < 0)
     for section in item.sections:
         for side in (1, -1):

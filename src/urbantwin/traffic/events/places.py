@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -227,13 +228,14 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
     crossings = {lane.id: lane for lane in roads.lanes if lane.kind == "crossing"}
     lane = crossings.get(name)
     if lane is None:
+        crossed = _crossed(crossings, roads)
         over = [
             (float(np.linalg.norm(one.centre[:, :2].mean(axis=0))), one.id)
             for one in crossings.values()
-            if name in _crossed(one, roads)
+            if name in crossed[one.id]
         ]
         if not over:
-            names = {street for one in crossings.values() for street in _crossed(one, roads)}
+            names: set[str] = set().union(*crossed.values())
             raise InputError(
                 f"there is no crossing {name!r:.60}",
                 place="place.crossing",
@@ -245,17 +247,16 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
     return spot_on(lane, lane.length / 2, "place.crossing")
 
 
-def _crossed(crossing: Lane, roads: RoadNetwork) -> set[str]:
-    """Return the names of the streets that a crossing leads over."""
-    return {
-        road.name
+def _crossed(crossings: Mapping[str, Lane], roads: RoadNetwork) -> dict[str, set[str]]:
+    """Return the names of the streets that each crossing leads over."""
+    strips = [
+        (road.name, shapely.LineString(roads.lane_by_id[one].centre[[0, -1], :2]).buffer(12.0))
         for road in roads.roads
-        if any(
-            shapely.LineString(roads.lane_by_id[one].centre[[0, -1], :2])
-            .buffer(12.0)
-            .intersects(crossing.polygon)
-            for one in road.lanes
-        )
+        for one in road.lanes
+    ]
+    return {
+        one: {name for name, strip in strips if strip.intersects(crossing.polygon)}
+        for one, crossing in crossings.items()
     }
 
 

@@ -110,9 +110,14 @@ def lane_kind(item: etree._Element, users: tuple[str, ...] | None, spot: Spot) -
     return kind
 
 
+def _notes(item: etree._Element) -> dict[str | None, str | None]:
+    """Return what programs noted of a lane beside the standard, by its code."""
+    return {one.get("code"): one.get("value") for one in item.findall("userData")}
+
+
 def lane_parking(item: etree._Element) -> str:
     """Return how vehicles park on a lane; empty where it does not tell."""
-    notes = {e.get("code"): e.get("value") for e in item.findall("userData")}
+    notes = _notes(item)
     told = notes.get("parking") or ""
     return told if told in ORIENTATIONS else ""
 
@@ -127,7 +132,7 @@ def lane_direction(item: etree._Element, identity: int, rule: str, spot: Spot) -
     travel = None if vector is None else vector.get("travelDir")
     if travel in ("forward", "backward"):
         return bool(travel == "forward")
-    notes = {e.get("code"): e.get("value") for e in item.findall("userData")}
+    notes = _notes(item)
     direction = item.get("direction", notes.get("direction"))
     if "both" in (direction, travel) or "bidirectional" in (item.get("type"), travel):
         spot.remark("lanes for both directions: they get the direction of their side")
