@@ -30,8 +30,8 @@ class ActorLayers(NamedTuple):
         before: (L,) int32, the one before along the same beam; -1 for none.
         actor: (L,) int32.
         range_m: (L,) float32.
-        backscatter: (L,) float32.
-        through: (L,) float32, share of the light that passes, to and fro.
+        backscatter: (L,) float64.
+        through: (L,) float64, share of the light that passes, to and fro.
         mask: (L,) uint8, which of the beam's rays meet it.
     """
 
@@ -39,8 +39,8 @@ class ActorLayers(NamedTuple):
     before: NDArray[np.int32]
     actor: NDArray[np.int32]
     range_m: NDArray[np.float32]
-    backscatter: NDArray[np.float32]
-    through: NDArray[np.float32]
+    backscatter: NDArray[np.floating]
+    through: NDArray[np.floating]
     mask: NDArray[np.uint8]
 
 
