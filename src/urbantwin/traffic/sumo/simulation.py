@@ -89,6 +89,8 @@ class Jaywalk:
     y: float
 
 
+#: So many of them are read at a time.
+_ROWS_READ = 1 << 17
 #: What `Simulated` has of each row.
 ROWS = ("step", "trip", "front", "angle_deg", "speed", "lane")
 
@@ -463,10 +465,28 @@ def _first_error(messages: Path, returncode: int) -> str:
     return next((line for line in reversed(lines) if line), f"exit code {returncode}")
 
 
+def _columns(path: Path) -> dict[str, NDArray[np.generic]]:
+    """Read the columns of a table (NPY) some rows at a time; x and y together are ``front``."""
+    with path.open("rb") as file:
+        np.lib.format.read_magic(file)
+        (count,), _, kinds = np.lib.format.read_array_header_1_0(file)
+        found = {name: np.empty(count, kinds[name]) for name in kinds.names if name not in "xy"}
+        found["front"] = np.empty((count, 2))
+        for first in range(0, count, _ROWS_READ):
+            rows = np.fromfile(file, kinds, min(_ROWS_READ, count - first))
+            part = slice(first, first + len(rows))
+            for name in rows.dtype.names:
+                if name in "xy":
+                    found["front"][part, "xy".index(name)] = rows[name]
+                else:
+                    found[name][part] = rows[name]
+    return found
+
+
 def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
     """Read what the worker wrote; the motion begins so long after SUMO."""
     outcome: dict[str, Any] = json.loads(texts.read_text())
-    rows = np.load(arrays)
+    rows = _columns(arrays)
     minutes = outcome["minutes"]
     seen = {
         name: np.array([minute[name] for minute in minutes], np.float64)
@@ -475,7 +495,7 @@ def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
     return Simulated(
         step=rows["step"],
         trip=rows["trip"],
-        front=np.column_stack([rows["x"], rows["y"]]),
+        front=rows["front"],
         angle_deg=rows["angle_deg"],
         speed=rows["speed"],
         lane=rows["lane"],
