@@ -465,17 +465,18 @@ def _first_error(messages: Path, returncode: int) -> str:
     return next((line for line in reversed(lines) if line), f"exit code {returncode}")
 
 
-def _columns(path: Path) -> dict[str, NDArray[np.generic]]:
+def _columns(path: Path) -> dict[str, NDArray[Any]]:
     """Read the columns of a table (NPY) some rows at a time; x and y together are ``front``."""
     with path.open("rb") as file:
         np.lib.format.read_magic(file)
         (count,), _, kinds = np.lib.format.read_array_header_1_0(file)
-        found = {name: np.empty(count, kinds[name]) for name in kinds.names if name not in "xy"}
+        names = kinds.names or ()
+        found = {name: np.empty(count, kinds[name]) for name in names if name not in "xy"}
         found["front"] = np.empty((count, 2))
         for first in range(0, count, _ROWS_READ):
             rows = np.fromfile(file, kinds, min(_ROWS_READ, count - first))
             part = slice(first, first + len(rows))
-            for name in rows.dtype.names:
+            for name in names:
                 if name in "xy":
                     found["front"][part, "xy".index(name)] = rows[name]
                 else:
