@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
     from urbantwin.interface.site_file import Site, init
     from urbantwin.interface.summary import Summary
+    from urbantwin.interface.tracked_objects import TrackedObjects, track
     from urbantwin.interface.tuning import Tuning, tune
     from urbantwin.interface.twin import Twin, build
     from urbantwin.interface.variation import Variation, vary
@@ -84,6 +85,7 @@ __all__ = [
     "StageError",
     "Suite",
     "Summary",
+    "TrackedObjects",
     "Tuning",
     "Twin",
     "UrbanTwinError",
@@ -114,6 +116,7 @@ __all__ = [
     "run",
     "sensors",
     "suite",
+    "track",
     "tune",
     "vary",
     "verify",

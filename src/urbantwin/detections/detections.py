@@ -24,6 +24,7 @@ class Detections:
         score: (N,) float64, 0..1.
         track: (N,) int64, the same object's number in every frame; -1 where it is not followed.
         time_s: (frames,) float64, when each frame was taken, seconds; None where nothing says.
+        filled: (N,) bool, where a tracker put a box that nobody detected; None where none did.
     """
 
     frames: tuple[str, ...]
@@ -33,11 +34,13 @@ class Detections:
     score: NDArray[np.float64]
     track: NDArray[np.int64]
     time_s: NDArray[np.float64] | None = None
+    filled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Refuse columns of different lengths: a caller's mistake, never a file's."""
         count = len(self.frame)
         lengths = {len(self.box), len(self.class_names), len(self.score), len(self.track)}
+        lengths |= set() if self.filled is None else {len(self.filled)}
         if lengths != {count} or self.box.shape != (count, 7):
             raise ValueError(f"{count} detections with columns of {sorted(lengths)}")
         if count and not 0 <= self.frame.min() <= self.frame.max() < len(self.frames):
@@ -68,6 +71,7 @@ class Detections:
             class_names=tuple(self.class_names[row] for row in rows),
             score=self.score[rows],
             track=self.track[rows],
+            filled=None if self.filled is None else self.filled[rows],
         )
 
 

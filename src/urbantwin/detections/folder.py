@@ -30,6 +30,8 @@ _COLUMNS = {
     **dict.fromkeys((*_BOX, "score"), "number"),
     "track": "whole",
 }
+#: Whether a tracker put the box there; only what a tracker wrote has it.
+_FILLED = "filled"
 
 
 class _Manifest(Part):
@@ -78,6 +80,8 @@ def write_detections(
         "score": pa.array(detections.score, pa.float64()),
         "track": pa.array(detections.track, pa.int64()),
     }
+    if detections.filled is not None:
+        columns[_FILLED] = pa.array(detections.filled.astype(np.int8), pa.int8())
     told = {
         "kind": KIND,
         "schema": SCHEMA,
@@ -111,8 +115,9 @@ def read_detections(path: Path) -> Detections:
     if len(index) < len(told.frames):
         raise InputError("names a frame twice", file=file, place="frames", expected="each once")
     table = path / _TABLE
-    read = read_parquet(table, _EXPECTED, columns=list(_COLUMNS))
-    columns = columns_of(read, _COLUMNS, table, _EXPECTED)
+    read = read_parquet(table, _EXPECTED, columns=[*_COLUMNS, _FILLED])
+    there = _COLUMNS | ({_FILLED: "whole"} if _FILLED in read.column_names else {})
+    columns = columns_of(read, there, table, _EXPECTED)
     frames = [index.get(name) for name in columns["frame"]]
     if None in frames:
         name = columns["frame"][frames.index(None)]
@@ -127,5 +132,6 @@ def read_detections(path: Path) -> Detections:
         score=columns["score"],
         track=columns["track"],
         time_s=None if told.times_s is None else np.array(told.times_s, np.float64),
+        filled=columns[_FILLED] != 0 if _FILLED in columns else None,
     )
     return checked(found, table)
