@@ -33,6 +33,7 @@ from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 from urbantwin.traffic.sumo.halts import ends_of_halts, write_stops
 from urbantwin.traffic.sumo.kept_runs import kept_run
 from urbantwin.traffic.sumo.observed import Observed
+from urbantwin.traffic.sumo.row_columns import row_columns
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
 __all__ = [
@@ -89,8 +90,6 @@ class Jaywalk:
     y: float
 
 
-#: So many of them are read at a time.
-_ROWS_READ = 1 << 17
 #: What `Simulated` has of each row.
 ROWS = ("step", "trip", "front", "angle_deg", "speed", "lane")
 
@@ -465,29 +464,10 @@ def _first_error(messages: Path, returncode: int) -> str:
     return next((line for line in reversed(lines) if line), f"exit code {returncode}")
 
 
-def _columns(path: Path) -> dict[str, NDArray[Any]]:
-    """Read the columns of a table (NPY) some rows at a time; x and y together are ``front``."""
-    with path.open("rb") as file:
-        np.lib.format.read_magic(file)
-        (count,), _, kinds = np.lib.format.read_array_header_1_0(file)
-        names = kinds.names or ()
-        found = {name: np.empty(count, kinds[name]) for name in names if name not in "xy"}
-        found["front"] = np.empty((count, 2))
-        for first in range(0, count, _ROWS_READ):
-            rows = np.fromfile(file, kinds, min(_ROWS_READ, count - first))
-            part = slice(first, first + len(rows))
-            for name in names:
-                if name in "xy":
-                    found["front"][part, "xy".index(name)] = rows[name]
-                else:
-                    found[name][part] = rows[name]
-    return found
-
-
 def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
     """Read what the worker wrote; the motion begins so long after SUMO."""
     outcome: dict[str, Any] = json.loads(texts.read_text())
-    rows = _columns(arrays)
+    rows = row_columns(arrays)
     minutes = outcome["minutes"]
     seen = {
         name: np.array([minute[name] for minute in minutes], np.float64)
