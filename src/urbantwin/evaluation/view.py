@@ -32,7 +32,9 @@ _IN_FRONT_M = 0.1
 class View(Protocol):
     """Where objects are labelled."""
 
-    said: str
+    @property
+    def said(self) -> str:
+        """Where that is, in words."""
 
     def covers(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which boxes (N, 7), in the frame of the points, stand where all is labelled."""
@@ -97,8 +99,9 @@ class _Region:
     def covers(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
         found = np.ones(len(boxes), bool)
         if self._ignored is not None:
-            pose = frame.world_SE3_frame or Pose()
-            x, y, _ = pose.apply(boxes[:, :3]).T
+            pose = frame.world_SE3_frame
+            place = boxes[:, :3] if pose is None else pose.apply(boxes[:, :3])
+            x, y, _ = place.T
             found &= ~shapely.contains_xy(self._ignored, x, y)
         if self._most_m is not None:
             away = boxes[:, None, :2] - frame.sensor_places[None, :, :2]
