@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
+    from urbantwin.interface.evaluation_report import Evaluation, evaluate
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
     from urbantwin.interface.inspection import inspect
@@ -66,6 +67,7 @@ __all__ = [
     "Dataset",
     "Datasheet",
     "DiscoveredRig",
+    "Evaluation",
     "Exported",
     "Film",
     "Frame",
@@ -104,6 +106,7 @@ __all__ = [
     "demo",
     "discover",
     "drive",
+    "evaluate",
     "export",
     "film",
     "init",
