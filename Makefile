@@ -8,7 +8,7 @@ BIN    := $(VENV)/bin
 # The judges of exported OpenDRIVE: ASAM's checker and CARLA's map. The checker needs numpy 1.
 JUDGES := .venv-judges
 
-# Tests that call nearly all that numba compiles and keeps: 80 s on one core, ten from then on.
+# Tests that call nearly all that numba compiles and keeps, which takes a minute: they run first.
 COMPILING := tests/interface/test_same_as_commands.py tests/lidar/test_scanner.py \
   tests/lidar/test_coverage.py tests/fidelity/test_measures.py \
   tests/fidelity/test_background_estimation.py
@@ -39,17 +39,18 @@ help:
 demo: $(RUNTIME)
 	$(BIN)/urbantwin demo -o urbantwin-demo
 
-# Types are checked while the judges are downloaded and numba compiles: once, for all workers.
+WANTED := -m 'not fuzz and not kills'
+
+# Types are checked while numba compiles, once for all workers, and while the judges are downloaded.
 test: $(DEVELOPMENT)
-	@$(MAKE) --no-print-directory -j2 lint judges compiled
-	$(BIN)/pytest -n auto --dist worksteal -m 'not fuzz and not kills'
+	@$(MAKE) --no-print-directory -j2 --output-sync=target compiled lint judges
+	$(BIN)/pytest -n auto --dist worksteal $(WANTED) $(addprefix --ignore=,$(COMPILING))
 
 fuzz: $(DEVELOPMENT)
 	$(BIN)/pytest -n auto --dist loadgroup -m fuzz tests/fuzz
 
 compiled: $(DEVELOPMENT)
-	@$(BIN)/pytest --quiet --no-header -p no:cacheprovider $(COMPILING) >/dev/null \
-	  || [ $$? -eq 1 ]  # a test that fails is told of below
+	$(BIN)/pytest $(WANTED) $(COMPILING)
 
 lint: $(DEVELOPMENT)
 	$(BIN)/ruff check

@@ -1,6 +1,7 @@
 """Fixtures shared by every test."""
 
 import fcntl
+import gc
 import json
 import math
 import os
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from urbantwin.twin import Twin
@@ -27,7 +28,10 @@ sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # The same examples in every run; HYPOTHESIS_PROFILE=default looks for new ones.
-settings.register_profile("seeded", derandomize=True, database=None)
+# How slowly they are drawn tells of what else the machine does.
+settings.register_profile(
+    "seeded", derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "seeded"))
 
 
@@ -37,6 +41,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "shared_data" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.real)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """Take what stays until the end out of every later search for garbage.
+
+    Modules and 6,000 tests are a million objects, which each full search goes through.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -109,10 +109,10 @@ def static_echoes(
         returns: which of them it reports.
     """
     beams = np.arange(len(static.start) - 1, dtype=np.int32)
-    whole, real = np.zeros(0, np.int32), np.zeros(0, np.float32)
-    nothing = ActorLayers(
-        np.full(len(beams), -1, np.int32), whole, whole, real, real, real, np.zeros(0, np.uint8)
-    )
+    last = np.full(len(beams), -1, np.int32)
+    # Of the types that materials give in `combined`: what combines them is compiled once.
+    whole, range_m, mask = np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros(0, np.uint8)
+    nothing = ActorLayers(last, whole, whole, range_m, np.zeros(0), np.zeros(0), mask)
     return _echoes(beams, static, nothing, share, model, returns)[0]
 
 

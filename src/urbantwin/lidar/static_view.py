@@ -131,7 +131,8 @@ class StaticView:
             dataset_SE3_site: to the frame of the points.
         """
         times = sweep.column_time_s[:1] if path.is_fixed else sweep.column_time_s
-        poses = SensorPoses(*(np.ascontiguousarray(part) for part in path.true_poses(times)))
+        # Copies that can be written to, whatever the path: one type of arrays to compile for.
+        poses = SensorPoses(*(np.array(part, order="C") for part in path.true_poses(times)))
         # A sensor that stands still looks once and for all, so it can look well.
         kept = path.is_fixed and beams.rings is not None
         layers = world.layers(beams, sweep, poses, model.scatter, thorough=kept)

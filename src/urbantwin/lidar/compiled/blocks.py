@@ -124,8 +124,9 @@ def find_blocks(low, high, paths, firing, rings, beside, range_max_m, found):
         if away > (range_max_m + 20.0) ** 2:
             continue
         whole = _bounds_between(
-            0, count - 1, actor, low[actor], high[actor], paths, firing, first_column, ring_span
-        )
+            np.int64(0),  # a literal 0 would compile it once more
+            count - 1, actor, low[actor], high[actor], paths, firing, first_column, ring_span,
+        )  # fmt: skip
         earliest, latest = 1 << 60, -(1 << 60)
         for row in range(len(order)):
             if whole[2] - margin <= elevation[row] <= whole[3] + margin:

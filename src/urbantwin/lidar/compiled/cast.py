@@ -127,7 +127,7 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
         How many layers there are (written only while there is room).
     """
     room = _room(len(firing.column_time_s), len(blocks.ray))
-    used = 0
+    used = np.int64(0)  # a literal 0 would compile `_find_layers` once more
     for block in range(len(blocks.actor)):
         _set_poses(firing, targets.paths, blocks, block, room)
         _cast_axes(address, firing, targets, blocks, block, room)

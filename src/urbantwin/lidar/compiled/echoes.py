@@ -183,7 +183,7 @@ def combine(touched, static, moving, share, pulse_m, echoes, alone):
         np.empty(_MOST_LAYERS, np.float32),
         np.empty(_MOST_LAYERS, np.int32),
     )
-    used, lone = 0, 0
+    used, lone = np.int64(0), np.int64(0)  # literals would compile `_write_alone` once more
     whole = (1 << len(share)) - 1
     light = 0.0
     for s in range(len(share)):
@@ -222,7 +222,9 @@ def combine(touched, static, moving, share, pulse_m, echoes, alone):
                 if strength > strongest:
                     best, strongest = e, strength
             if best >= 0:
-                _write_alone(alone, lone, m, who, one.range_m[best], one.amplitude[best])
+                _write_alone(
+                    alone, lone, m, who, one.range_m[best], np.float64(one.amplitude[best])
+                )
                 lone += 1
     echoes.start[len(touched)] = used
     return used, lone

@@ -186,7 +186,9 @@ def _modes(start: Any, looks: Any, frames: int, out: Any, unobstructed: Any) -> 
             if best < _LEAST_LOOKS:
                 break
             near, far = ranges[low], ranges[high - 1]
-            mode[found, :3] = _moments(ranges[low:high], light[low:high], free[low:high])
+            mode[found, 0], mode[found, 1], mode[found, 2] = _moments(
+                ranges[low:high], light[low:high], free[low:high]
+            )
             free &= (ranges < near - _GAP_M) | (ranges > far + _GAP_M)
             _saw(frame, range_m, near, far, state)
             still, mode[found, 3] = _stands(state)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
+from urbantwin.geometry.compiled.room import with_more_room
 from urbantwin.traffic.compiled.waiting import depth_of
 
 __all__ = ["foresee", "lets_by", "near_whom", "part", "slip_by", "what_is_at"]
@@ -44,9 +45,7 @@ def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner
             if far_x * far_x + far_y * far_y > reach * reach:
                 continue
             if found == len(pairs):
-                more = np.empty((2 * found, 3), np.int64)
-                more[:found] = pairs
-                pairs = more
+                pairs = with_more_room(pairs)
             pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, b
             found += 1
         column, row = int((x - within[0]) / within[2]), int((y - within[1]) / within[2])
@@ -58,9 +57,7 @@ def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner
         for k in range(still[cell], still[cell + 1]):
             j = count + cells[k]
             if found == len(pairs):
-                more = np.empty((2 * found, 3), np.int64)
-                more[:found] = pairs
-                pairs = more
+                pairs = with_more_room(pairs)
             pairs[found, 0], pairs[found, 1], pairs[found, 2] = a, j, -1
             found += 1
     return pairs[:found]

@@ -3,6 +3,8 @@
 import numpy as np
 from numba import njit
 
+from urbantwin.geometry.compiled.room import with_more_room
+
 __all__ = ["close_pairs"]
 
 
@@ -35,9 +37,7 @@ def close_pairs(step, x, y, reach, wanted, within):
                 if not (wanted[i] or wanted[j]) or far * far + (y[j] - y[i]) ** 2 >= near * near:
                     continue
                 if found == len(pairs):
-                    more = np.empty((2 * found, 2), np.int64)
-                    more[:found] = pairs
-                    pairs = more
+                    pairs = with_more_room(pairs)
                 pairs[found, 0], pairs[found, 1] = i, j
                 found += 1
         first = last

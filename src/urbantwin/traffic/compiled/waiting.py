@@ -43,7 +43,9 @@ def driven(
         # A tenth of a millimetre is no difference.
         back = k > until and abs(at[k - 1] - was[k - 1]) < 1e-4
         if back and abs(at[k - 1] - at[k - 2] - was[k - 1] + was[k - 2]) < 1e-4:
-            at[k:] = was[k:]
+            # One at a time: numba compiles the assignment of a slice for seconds.
+            for n in range(k, count):
+                at[n] = was[n]
             break
         following = max(following, k)
         while following < count and not hard[following]:
@@ -53,7 +55,8 @@ def driven(
             if k < until:
                 end = min(end, until)
             end = max(end, k + 1)
-            at[k:end] = own[k:end]
+            for n in range(k, end):
+                at[n] = own[n]
             k = end
             if k > 1:
                 speed = (own[k - 1] - own[k - 2]) / step_s

@@ -1,0 +1,22 @@
+"""Rows that are found one by one: room for more of them."""
+
+import numpy as np
+
+from urbantwin.geometry.compiled import per_block
+
+__all__ = ["with_more_room"]
+
+
+@per_block
+def with_more_room(rows):
+    """Return rows (N, K) with as many behind them, to be written.
+
+    One value at a time: the assignment of a slice takes numba seconds to compile, most of them
+    for the text of an error.
+    """
+    count, wide = rows.shape
+    more = np.empty((2 * count, wide), rows.dtype)
+    for n in range(count):
+        for k in range(wide):
+            more[n, k] = rows[n, k]
+    return more
