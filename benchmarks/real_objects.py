@@ -14,7 +14,6 @@ import json
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -47,20 +46,9 @@ def frames_of(name: str, numbers: tuple[int, ...], only: int | None) -> list[tup
     if name == "argoverse":
         recording = open_recording(DATA / "lidar/argoverse2-pittsburgh")
         return [(k, of_sensor(recording.read(k), only)) for k in numbers]
-    found = []
-    with TemporaryDirectory() as made:
-        # The cropped frames have a folder of their own, and the layout one name for it.
-        for part in ("velodyne", "velodyne_reduced"):
-            folder = Path(made) / part
-            folder.mkdir()
-            for one in ("calib", "label_2"):
-                (folder / one).symlink_to(KITTI / one)
-            (folder / "velodyne").symlink_to(KITTI / part)
-            recording = open_recording(folder)
-            for k, stem in enumerate(recording.names):
-                if int(stem) in numbers:
-                    found.append((int(stem), recording.read(k)))
-    return found
+    recording = open_recording(KITTI)
+    rows = [k for k, stem in enumerate(recording.names) if int(stem) in numbers]
+    return [(int(recording.names[k]), recording.read(k)) for k in rows]
 
 
 def of_sensor(frame: Frame, only: int | None) -> Frame:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
+    from urbantwin.interface.evaluation_report import Evaluation, evaluate
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
     from urbantwin.interface.inspection import inspect
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
     from urbantwin.interface.site_file import Site, init
     from urbantwin.interface.summary import Summary
+    from urbantwin.interface.tracked_objects import TrackedObjects, track
     from urbantwin.interface.tuning import Tuning, tune
     from urbantwin.interface.twin import Twin, build
     from urbantwin.interface.variation import Variation, vary
@@ -65,6 +67,7 @@ __all__ = [
     "Dataset",
     "Datasheet",
     "DiscoveredRig",
+    "Evaluation",
     "Exported",
     "Film",
     "Frame",
@@ -84,6 +87,7 @@ __all__ = [
     "StageError",
     "Suite",
     "Summary",
+    "TrackedObjects",
     "Tuning",
     "Twin",
     "UrbanTwinError",
@@ -102,6 +106,7 @@ __all__ = [
     "demo",
     "discover",
     "drive",
+    "evaluate",
     "export",
     "film",
     "init",
@@ -114,6 +119,7 @@ __all__ = [
     "run",
     "sensors",
     "suite",
+    "track",
     "tune",
     "vary",
     "verify",

@@ -19,8 +19,8 @@ from urbantwin import __version__
 Run = Callable[..., Any]
 COMMANDS = tuple(
     "actors align background build calibrate carla compare coverage curriculum demo discover "
-    "export film init inspect observe record replay reproduce run sensors suite traffic tune vary "
-    "verify".split()
+    "evaluate export film init inspect observe record replay reproduce run sensors suite "
+    "track traffic tune vary verify".split()
 )
 
 

@@ -12,7 +12,6 @@ from urbantwin.fidelity import compare
 from urbantwin.fidelity.challenge import (
     Box,
     average_precision,
-    box_ious,
     challenge_class,
     combined_score,
     cropped,
@@ -27,6 +26,7 @@ from urbantwin.fidelity.challenge import (
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers import Recording
 from urbantwin.fidelity.sides import Side, survey
+from urbantwin.geometry import box_ious
 
 
 def test_the_formula():

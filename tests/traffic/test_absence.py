@@ -121,6 +121,8 @@ def test_the_car_that_drives_through_five_people_goes_and_the_one_before_a_bus()
     assert found.told["actors"] == {"car": 1}
     (one,) = found.told["each"]
     assert (one["with"], one["from_s"], one["until_s"]) == ("pedestrian", 0.0, 3.9)
+    assert found.told["with"] == {"car and pedestrian": 1}
+    assert found.told["most_at"] == {"x": one["x"], "y": one["y"], "visits": 1}
     there, _ = absent([*people[:40], *passing(1, "bus", (-40, 0), (40, 0))])
     assert set(there["track"].to_pylist()) == {1}
 

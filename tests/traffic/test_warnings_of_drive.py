@@ -51,6 +51,9 @@ def test_what_is_not_carried_left_out_or_stuck_is_told_with_its_number() -> None
     (line,) = problems(absent=absent)
     assert "3 of 100 visits are left out: 1 bus, 2 pedestrian would pass" in line
     assert problems(absent={**absent, "visits": 2}) == []
+    told = {"with": {"pedestrian and pole": 2}, "most_at": {"x": 8.4, "y": -7.0, "visits": 2}}
+    (line,) = problems(absent={**absent, **told})
+    assert "2 of them near 8.4, -7; most often pedestrian and pole" in line
     assert len(problems(teleports=1, collisions=2, poses_outside_ground=3)) == 3
     seen = {"who": ["car-a", "bus-b"], "time_s": 7.5, "x": 1.0, "y": -2.5, "lane": "a_0"}
     (line,) = problems(collisions=1, collided=[seen])

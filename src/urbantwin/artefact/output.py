@@ -37,6 +37,8 @@ KINDS = (
         "calibration",
         "discovery",
         "observation",
+        "detections",
+        "evaluation",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

@@ -30,6 +30,11 @@ class Boxes:
         source_names: (B,) the class as the data calls it.
         velocity: (B, 3) over the ground, along the axes of the frame, metres per second; NaN where
             the data does not say. None where it says of no object.
+        num_points: (B,) int64, points on each, as the data counts them; None where it does not.
+        occlusion: (B,) share of each that something hides, 0..1; NaN where the data does not
+            say. None where it says of no object.
+        ignored: (B,) why each is neither to be found nor wrong to be found, in a word of the
+            data's; empty where it counts. None where the data has no such mark.
     """
 
     box: NDArray[np.float64]
@@ -37,6 +42,9 @@ class Boxes:
     track: NDArray[np.int64]
     source_names: tuple[str, ...] = ()
     velocity: NDArray[np.float64] | None = None
+    num_points: NDArray[np.int64] | None = None
+    occlusion: NDArray[np.float64] | None = None
+    ignored: tuple[str, ...] | None = None
 
     def __len__(self) -> int:
         """Return how many boxes there are."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -12,23 +11,9 @@ from typing import Any
 
 from urbantwin.fidelity.definitions import HEADLINE, MEASURES
 from urbantwin.fidelity.report import Aggregate, Anchored, Report
+from urbantwin.fidelity.report_html import html_picture, html_table, write_html
 
 __all__ = ["Pictures", "write_page"]
-
-_STYLE = """
-body{font:15px/1.5 system-ui,sans-serif;color:#1d2733;max-width:1240px;margin:2em auto;
-padding:0 1em}
-h1{font-size:1.7em;margin-bottom:.1em}h2{font-size:1.2em;margin-top:2em}
-h3{font-size:1em;margin:1.5em 0 0}
-table{border-collapse:collapse;width:100%}th,td{padding:.3em .6em;text-align:right;
-border-bottom:1px solid #d5dbe2;vertical-align:top}th:first-child,td:first-child{text-align:left}
-td.text,th.text{text-align:left}td small{color:#5a6675}img{width:100%;margin-top:.6em}
-tr.head td{font-weight:bold;background:#f2f5f8}ul{padding-left:1.2em}
-.lead{font-size:1.25em;line-height:1.4;background:#eef4fd;border-left:4px solid #1769e0;
-padding:.6em .9em}
-.doubt{background:#fff4e5;border-left:4px solid #e8710a;padding:.4em .8em;margin:.4em 0}
-summary{cursor:pointer;font-size:1.2em;font-weight:bold;margin-top:1.4em}
-"""
 
 
 @dataclass(frozen=True)
@@ -68,7 +53,7 @@ def write_page(report: Report, pictures: Pictures, path: Path) -> None:
         + (f"; foreground is separated by {report.split_by}" if report.split_by else "")
         + ".</p>",
         _headline(report),
-        _picture("Twin, arbitrary site and real against real", pictures.measures),
+        html_picture("Twin, arbitrary site and real against real", pictures.measures),
         "<h2>What to mend next</h2>",
         _missing(report, pictures.missing),
         "<h2>Worst frames first</h2>",
@@ -81,7 +66,7 @@ def write_page(report: Report, pictures: Pictures, path: Path) -> None:
         *(_measures(name.capitalize(), found) for name, found in report.parts.items()),
         "</details>",
         "<details><summary>Definitions</summary>",
-        _table(
+        html_table(
             ("Measure", "Unit", "Definition", "Source"),
             ((m.title, m.unit or "1", m.definition, m.source) for m in MEASURES.values()),
             text=True,
@@ -90,13 +75,7 @@ def write_page(report: Report, pictures: Pictures, path: Path) -> None:
         "<h2>Notes</h2>",
         "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in _plain_notes(report)) + "</ul>",
     ]
-    path.write_text(
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>"
-        + "\n".join(parts)
-        + "</body></html>\n",
-        encoding="utf-8",
-    )
+    write_html(path, title, parts)
 
 
 def _name_of(report: Report, side: str) -> str:
@@ -147,7 +126,7 @@ def _headline(report: Report) -> str:
         figures = [f"{known[side]:g}{unit}" for side in ("twin", "arbitrary")]
         less = f"{known['reduction_percent']:.1f} %"
         rows.append((MEASURES[measure].title, *figures, less, "–", "–"))
-    return _table(
+    return html_table(
         (
             "Mean over frames",
             "Twin",
@@ -168,8 +147,8 @@ def _missing(report: Report, picture: Path | None) -> str:
     return (
         f"<p>Real points{' of the background' if report.parts else ''} that have nothing of the "
         f"twin within {near:g} m, gathered by place, most points first.</p>"
-        + _picture("What the twin lacks", picture, head=False)
-        + _table(
+        + html_picture("What the twin lacks", picture, head=False)
+        + html_table(
             head,
             (
                 (
@@ -195,13 +174,13 @@ def _worst(report: Report, pictures: Mapping[int, Path]) -> str:
         frame = report.frames[index]
         found = [_number(frame.twin_figures.get(name)) for name in names]
         rows.append((frame.real, frame.synthetic, *found))
-    table = _table(("Real", "Synthetic", *(MEASURES[name].title for name in names)), rows)
+    table = html_table(("Real", "Synthetic", *(MEASURES[name].title for name in names)), rows)
     shown = []
     for place, (index, picture) in enumerate(pictures.items(), start=1):
         frame = report.frames[index]
         figure = _number(frame.twin_figures.get(names[0]), " m")
         shown.append(
-            _picture(
+            html_picture(
                 f"{place}. {frame.real}: {MEASURES[names[0]].title} {figure}", picture, level=3
             )
         )
@@ -235,7 +214,7 @@ def _objects(report: Report, picture: Path | None) -> str:
         "Length, largest difference",
         "Points a box, farthest ratio",
     )
-    return _picture("Objects", picture) + (_table(head, rows) if rows else "")
+    return html_picture("Objects", picture) + (html_table(head, rows) if rows else "")
 
 
 def _foreground_objects(report: Report) -> str:
@@ -253,7 +232,7 @@ def _foreground_objects(report: Report) -> str:
     ]
     a_frame = found["objects_per_frame"]
     rows.append(("Objects a frame", _number(a_frame["synthetic"]), _number(a_frame["real"]), ""))
-    return "<h2>What moves, object by object</h2>" + _table(
+    return "<h2>What moves, object by object</h2>" + html_table(
         ("Foreground that lies together", "Twin", "Real against real", "Twin / real"), rows
     )
 
@@ -286,7 +265,7 @@ def _protocol(report: Report) -> str:
         "<h2>Challenge protocol</h2><p>Against real frames that nothing was fitted to. "
         "<em>Fitted</em>: moved to the mean and covariance of the other real frames; what that "
         "gains is no fidelity.</p>"
-        + _table(("Frames", "Score", "Detection", "Realism", "CD", "MMD", "EMD", "FPD"), rows)
+        + html_table(("Frames", "Score", "Detection", "Realism", "CD", "MMD", "EMD", "FPD"), rows)
     )
 
 
@@ -309,32 +288,8 @@ def _measures(title: str, found: Anchored) -> str:
             )
         )
     head = ("Mean", "Median", "P95", "Arbitrary", "Reduction", "Real against real", "Ratio")
-    return _table((title, *head), rows)
+    return html_table((title, *head), rows)
 
 
 def _mean(value: Aggregate | None) -> str:
     return "–" if value is None else _number(value.mean) + _interval(value.mean_ci95)
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, text: bool = False) -> str:
-    kind = ' class="text"' if text else ""
-    lines = ["<table><tr>" + "".join(f"<th{kind}>{escape(one)}</th>" for one in head) + "</tr>"]
-    for row in rows:
-        cells = [_safe(one) for one in row]
-        if len(cells) == 1:
-            lines.append(f'<tr class="head"><td colspan="{len(head)}">{cells[0]}</td></tr>')
-        else:
-            lines.append("<tr>" + "".join(f"<td{kind}>{one}</td>" for one in cells) + "</tr>")
-    return "\n".join([*lines, "</table>"])
-
-
-def _safe(text: str) -> str:
-    """Escape what is not ours: all but <small>."""
-    safe = escape(text, quote=False)
-    return safe.replace("&lt;small&gt;", "<small>").replace("&lt;/small&gt;", "</small>")
-
-
-def _picture(title: str, path: Path, *, head: bool = True, level: int = 2) -> str:
-    data = b64encode(path.read_bytes()).decode()
-    shown = f"<h{level}>{escape(title)}</h{level}>" if head else ""
-    return f'{shown}<img alt="{escape(title)}" src="data:image/png;base64,{data}">'

@@ -14,6 +14,12 @@ if TYPE_CHECKING:
         grown,
     )
     from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
+    from urbantwin.geometry.box_overlap import (
+        box_footprints,
+        box_ious,
+        plan_overlaps,
+        shared_heights,
+    )
     from urbantwin.geometry.frame import SiteFrame
     from urbantwin.geometry.mesh import LabelledMesh
     from urbantwin.geometry.part_colour import PartColours
@@ -36,10 +42,14 @@ __all__ = [
     "areas_of",
     "bounding_box",
     "box_corners",
+    "box_footprints",
+    "box_ious",
     "grown",
     "moved_left",
+    "plan_overlaps",
     "points_in_box",
     "rotation_from_ypr",
+    "shared_heights",
     "stations_of_points",
     "wrapped",
     "ypr_from_rotation",

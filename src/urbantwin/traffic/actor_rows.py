@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -120,9 +121,12 @@ class KeptRows:
             columns: poses, as `actor_rows` takes them.
             rows_of: makes the rows of them: `actor_rows` with all else that it takes.
         """
-        rows = rows_of(columns)
-        self.add(rows)
-        return len(columns["trip"]) - int(rows.num_rows)
+        left_out = 0
+        for part in _some_steps(columns):
+            rows = rows_of(part)
+            self.add(rows)
+            left_out += len(part["trip"]) - int(rows.num_rows)
+        return left_out
 
     def add(self, rows: pa.Table) -> None:
         """Keep the rows that follow, of `actor_rows`."""
@@ -184,6 +188,17 @@ class KeptRows:
             if not kept[mine].all():
                 part = part.filter(pa.array(kept[mine]))
             yield part.cast(ACTOR_SCHEMA)
+
+
+def _some_steps(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, NDArray[Any]]]:
+    """Yield the poses of some steps after the other: all of a stretch would take much at once."""
+    step = columns["step"]
+    count = max(round(len(step) / _ROWS), 1)
+    first = int(step.min(initial=0))
+    ends = np.linspace(first, int(step.max(initial=0)) + 1, count + 1).astype(np.int64)
+    for low, high in pairwise(ends.tolist()):
+        rows = np.flatnonzero((step >= low) & (step < high))
+        yield {name: values[rows] for name, values in columns.items()}
 
 
 def _texts(names: Sequence[str], index: NDArray[Any]) -> pa.Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import pyarrow as pa
@@ -37,23 +37,27 @@ def table_sha256(table: pa.Table | ActorRows) -> str:
     digest = hashlib.sha256()
     for field in table.schema:
         digest.update(f"{field.name} {field.type} {table.num_rows}".encode())
+        chunks: Iterable[pa.Array]
         if str(field.type) == "string":
-            texts, parts = _coded(table, field.name)
+            texts, chunks = _coded(table, field.name)
             digest.update(json.dumps(texts).encode())
         else:
-            parts = table[field.name].chunks
-        for part in parts:
-            digest.update(np.ascontiguousarray(part.to_numpy(zero_copy_only=False)).data)
+            chunks = (one for part in _parts(table, field.name) for one in part.chunks)
+        for one in chunks:
+            digest.update(np.ascontiguousarray(one.to_numpy(zero_copy_only=False)).data)
     return digest.hexdigest()
 
 
-def _coded(table: pa.Table | ActorRows, name: str) -> tuple[list[str], list[pa.Array]]:
-    """Return the texts of a column in the order in which they come, and their numbers in it.
+def _parts(table: pa.Table | ActorRows, name: str) -> Iterator[pa.ChunkedArray]:
+    """Yield a column part by part: of an hour it would take tens or hundreds of megabytes whole."""
+    for part in table.parts([name]) if isinstance(table, ActorRows) else [table]:
+        yield part[name]
 
-    Part by part: a whole column of texts would take hundreds of megabytes once more.
-    """
-    parts = table.parts([name]) if isinstance(table, ActorRows) else [table]
-    found = [one for part in parts for one in part[name].dictionary_encode().chunks]
+
+def _coded(table: pa.Table | ActorRows, name: str) -> tuple[list[str], list[pa.Array]]:
+    """Return the texts of a column in the order in which they come, and their numbers in it."""
+    parts = _parts(table, name)
+    found = [one for part in parts for one in part.dictionary_encode().chunks]
     chunks = pa.chunked_array(found, pa.dictionary(pa.int32(), pa.string()))
     chunks = chunks.unify_dictionaries().chunks
     texts = chunks[0].dictionary.to_pylist() if chunks else []

@@ -4,20 +4,84 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyarrow as pa
 
+from urbantwin.errors import StageError
 from urbantwin.traffic.motion import Motion
 from urbantwin.traffic.motion_rows import as_rows
 from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface, prescribed_table
 
-__all__ = ["inserted"]
+__all__ = ["Insertion", "inserted"]
+
+
+@dataclass(frozen=True, eq=False)
+class Insertion:
+    """Actors who may be added to a motion.
+
+    Attributes:
+        paths: who is added.
+        first: number of the first one's track.
+        rows: of the table of actors.
+        outside: how many poses are beside the ground, and left out.
+    """
+
+    paths: tuple[PrescribedPath, ...]
+    first: int
+    rows: pa.Table
+    outside: int
+
+    @classmethod
+    def of(cls, motion: Motion, paths: Sequence[PrescribedPath], surface: TwinSurface) -> Insertion:
+        """Return actors as they would be in a motion; see `inserted`."""
+        tracks = motion.rows.distinct(["track"])["track"].to_numpy()
+        before = [row["track"] for row in motion.manifest.get("inserted", [])]
+        first = max([int(tracks.max(initial=0)), *before]) + 1
+        steps = int(motion.manifest["steps"])
+        rows, outside = prescribed_table(
+            paths, surface, steps=steps, step_s=motion.step_s, first_track=first
+        )
+        return cls(tuple(paths), first, rows, outside)
+
+    @property
+    def tracks(self) -> tuple[int, ...]:
+        """The numbers of their tracks."""
+        return tuple(range(self.first, self.first + len(self.paths)))
+
+    def into(self, motion: Motion) -> Motion:
+        """Return the motion that they were made for with them."""
+        both = pa.concat_tables([motion.actors, self.rows]).combine_chunks()
+        order = np.lexsort([both["track"].to_numpy(), both["time_s"].to_numpy()])
+        manifest = dict(motion.manifest)
+        manifest["inserted"] = [
+            *manifest.get("inserted", []),
+            *(
+                {
+                    "track": track,
+                    "class": path.actor_class,
+                    "asset": path.asset,
+                    "from_s": float(path.time_s[0]),
+                    "to_s": float(path.time_s[-1]),
+                }
+                for track, path in zip(self.tracks, self.paths, strict=True)
+            ),
+        ]
+        manifest["poses_outside_ground"] = manifest.get("poses_outside_ground", 0) + self.outside
+        manifest["classes"] = _counted(manifest.get("classes", {}), self.rows)
+        added = Motion(manifest, self.rows, motion.signals, motion.meshes).with_meshes().meshes
+        both = both.take(order).combine_chunks()
+        meshes = {**added, **motion.meshes}
+        return replace(motion, manifest=manifest, rows=as_rows(both), meshes=meshes)
 
 
 def inserted(
-    motion: Motion, paths: Sequence[PrescribedPath], surface: TwinSurface
+    motion: Motion,
+    paths: Sequence[PrescribedPath],
+    surface: TwinSurface,
+    *,
+    through_walls: bool = False,
 ) -> tuple[Motion, tuple[int, ...]]:
     """Return a motion with further actors, and the numbers of their tracks.
 
@@ -29,45 +93,20 @@ def inserted(
         motion: the motion.
         paths: who is added; moments before and after the motion are of no account.
         surface: of the twin that the motion is on.
+        through_walls: let them come into whatever stands in the scene.
+
+    Raises:
+        StageError: one comes into something that stands: a wall, a post, furniture.
 
     Example:
         >>> path = PrescribedPath("car", "car-sedan_black", np.array([0.0, 9.0]),
         ...                       np.array([[-40.0, -2.0], [40.0, -2.0]]))
         >>> changed, (track,) = inserted(motion, [path], TwinSurface(twin))
     """
-    taken = motion.actors["track"].to_numpy()
-    before = [row["track"] for row in motion.manifest.get("inserted", [])]
-    first = max([int(taken.max(initial=0)), *before]) + 1
-    rows, outside = prescribed_table(
-        paths,
-        surface,
-        steps=int(motion.manifest["steps"]),
-        step_s=motion.step_s,
-        first_track=first,
-    )
-    both = pa.concat_tables([motion.actors, rows]).combine_chunks()
-    order = np.lexsort([both["track"].to_numpy(), both["time_s"].to_numpy()])
-    tracks = tuple(range(first, first + len(paths)))
-    manifest = dict(motion.manifest)
-    manifest["inserted"] = [
-        *manifest.get("inserted", []),
-        *(
-            {
-                "track": track,
-                "class": path.actor_class,
-                "asset": path.asset,
-                "from_s": float(path.time_s[0]),
-                "to_s": float(path.time_s[-1]),
-            }
-            for track, path in zip(tracks, paths, strict=True)
-        ),
-    ]
-    manifest["poses_outside_ground"] = manifest.get("poses_outside_ground", 0) + outside
-    manifest["classes"] = _counted(manifest.get("classes", {}), rows)
-    added = Motion(manifest, rows, motion.signals, motion.meshes).with_meshes().meshes
-    both = both.take(order).combine_chunks()
-    meshes = {**added, **motion.meshes}
-    return replace(motion, manifest=manifest, rows=as_rows(both), meshes=meshes), tracks
+    made = Insertion.of(motion, paths, surface)
+    if not through_walls and (met := surface.solid.met_by(made.rows, motion.step_s)):
+        raise StageError(f"cannot be inserted: {met}")
+    return made.into(motion), made.tracks
 
 
 def _counted(classes: dict[str, dict[str, float]], rows: pa.Table) -> dict[str, dict[str, float]]:

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import ParquetGroups
 
@@ -47,11 +48,11 @@ ACTOR_SCHEMA = pa.schema(
 )
 
 #: So many rows are written, and read, together: all of an hour would take hundreds of megabytes.
-_GROUP = 1 << 18
+_GROUP = 1 << 16
 #: A file of more rows is read part by part.
 _MANY = 1 << 20
 #: So many groups that were read are kept: a frame needs the steps on both sides of its time.
-_KEPT = 2
+_KEPT = 4
 _EXPECTED = "a table of the motion"
 
 
@@ -148,8 +149,7 @@ class RowsInFile(ActorRows):
         self._stat = path.stat()
         self._read: dict[int, pa.Table] = {}
         self.num_rows = self._file.num_rows
-        times = [one["time_s"].to_numpy() for one in self._groups(["time_s"])]
-        ends = [(one[0], one[-1]) if len(one) else (np.inf, -np.inf) for one in times]
+        ends = [_ends(one["time_s"].to_numpy()) for one in self._groups(["time_s"])]
         self._ends = np.array(ends, np.float64).reshape(-1, 2)
 
     def table(self, columns: Sequence[str] | None = None) -> pa.Table:
@@ -177,6 +177,11 @@ class RowsInFile(ActorRows):
     def _groups(self, columns: Sequence[str] | None) -> Iterator[pa.Table]:
         for number in range(self._file.count):
             yield self._file.read(columns, group=number)
+
+
+def _ends(time_s: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the first and the last of some times; of none such that nothing is between."""
+    return (float(time_s[0]), float(time_s[-1])) if len(time_s) else (np.inf, -np.inf)
 
 
 def as_rows(table: pa.Table | ActorRows) -> ActorRows:

@@ -16,6 +16,7 @@ from urbantwin.traffic.assets import Asset, Fleet, asset, asset_names
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.paths.lane_below import LanesBelow
 from urbantwin.traffic.paths.placement import Ground, stand
+from urbantwin.traffic.solid_scene import Solid
 from urbantwin.twin import Twin
 
 __all__ = ["PrescribedPath", "TwinSurface", "prescribed_table", "usual_asset"]
@@ -98,7 +99,7 @@ class PrescribedPath:
 
 
 class TwinSurface:
-    """What prescribed actors stand on: the ground of a twin, and its lanes.
+    """What prescribed actors stand on: the ground of a twin, its lanes, and what stands beside.
 
     Args:
         twin: the twin.
@@ -107,6 +108,7 @@ class TwinSurface:
     def __init__(self, twin: Twin) -> None:
         self.ground = Ground(twin.ground_mesh, twin.roads)
         self.lanes = LanesBelow(twin.roads)
+        self.solid = Solid(twin)
 
 
 def usual_asset(actor_class: str, number: int) -> str:

@@ -67,15 +67,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             ),
             "look at the motion there; motion.json says under collided, who",
         )
-    absent = manifest.get("absent", {"visits": 0, "of": 0})
-    if absent["visits"] > MANY_ABSENT * absent["of"]:
-        who = ", ".join(f"{count} {name}" for name, count in absent["actors"].items())
-        yield ResultWarning(
-            "traffic",
-            f"{absent['visits']} of {absent['of']} visits are left out",
-            f"{who} would pass through others, or through what stands",
-            "motion.json says under absent, each, where",
-        )
+    yield from _of_absent(manifest.get("absent", {"visits": 0, "of": 0}))
     overlaps = manifest.get("overlaps", {})
     for count, of, kinds, where in (
         (overlaps.get("actors", 0), "pairs of actors that pass through each other", "between",
@@ -107,6 +99,25 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             f"on {lanes}",
             "look there in plan.png",
         )
+
+
+def _of_absent(absent: Mapping[str, Any]) -> Iterator[ResultWarning]:
+    """Yield that many are left out of a motion, and where most of them would have met somebody."""
+    if absent["visits"] <= MANY_ABSENT * absent["of"]:
+        return
+    who = ", ".join(f"{count} {name}" for name, count in absent["actors"].items())
+    reason = f"{who} would pass through others, or through what stands"
+    place = absent.get("most_at", {})
+    if place.get("visits", 0) > 1:
+        met = max(absent["with"].items(), key=lambda one: one[1])[0]
+        reason += f"; {place['visits']} of them near {place['x']:g}, {place['y']:g}"
+        reason += f"; most often {met}"
+    yield ResultWarning(
+        "traffic",
+        f"{absent['visits']} of {absent['of']} visits are left out",
+        reason,
+        "motion.json says under absent, each, where",
+    )
 
 
 def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:

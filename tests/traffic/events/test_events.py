@@ -14,6 +14,8 @@ from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic import Motion, run_traffic
 from urbantwin.traffic.events.measures import gaps
 from urbantwin.traffic.events.surroundings import Surroundings
+from urbantwin.traffic.insertion import inserted
+from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface, usual_asset
 from urbantwin.traffic.run import with_more
 from urbantwin.twin import Twin, load_twin
 
@@ -207,6 +209,14 @@ def test_nobody_is_put_into_a_wall(quiet_twin: Twin, usual: Motion, tmp_path: Pa
     given = {"time_s": [1.0, 9.0], "x": [-40.0, -20.0], "y": [-2.0, -2.0]}
     with pytest.raises(StageError, match="its car would come into a building"):
         with_more(walled, usual, [{"event": "trajectory", "at_s": 1.0, "actor": "car", **given}])
+    surface = TwinSurface(walled)
+    path = PrescribedPath(
+        "car", usual_asset("car", 1), np.array([1.0, 9.0]), np.array([[-40.0, -2.0], [-20.0, -2.0]])
+    )
+    with pytest.raises(StageError, match=r"its car would come into a building at -3\d"):
+        inserted(usual, [path], surface)
+    through, (track,) = inserted(usual, [path], surface, through_walls=True)
+    assert (through.actors["track"].to_numpy() == track).any()
     elsewhere = with_more(walled, usual, [event])
     (staged,) = elsewhere.manifest["events"]
     assert staged["moved_m"] > 0

@@ -3,7 +3,6 @@
 from urbantwin.fidelity.challenge.average_precision import (
     Box,
     average_precision,
-    box_ious,
     mean_precision,
 )
 from urbantwin.fidelity.challenge.detections import read_detections
@@ -31,7 +30,6 @@ __all__ = [
     "MomentFit",
     "Score",
     "average_precision",
-    "box_ious",
     "challenge_class",
     "check_protocol",
     "combined_score",

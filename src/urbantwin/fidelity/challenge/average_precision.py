@@ -6,10 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-__all__ = ["IOU", "RECALLS", "Box", "average_precision", "box_ious", "mean_precision"]
+from urbantwin.geometry import box_ious
+
+__all__ = [
+    "IOU",
+    "RECALLS",
+    "Box",
+    "average_precision",
+    "mean_precision",
+    "precision_over_recalls",
+]
 
 #: A detection this much in common with a labelled box has found it.
 IOU = 0.5
@@ -24,35 +32,6 @@ class Box:
     box: NDArray[np.float64]
     name: str
     score: float = 1.0
-
-
-def box_ious(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the volumes in common over the volumes of either (A, B) of upright boxes.
-
-    Args:
-        first: (A, 7) centre, length, width, height, yaw; metres and radians.
-        second: (B, 7).
-    """
-    a, b = _footprints(first), _footprints(second)
-    plan = shapely.area(shapely.intersection(a[:, None], b[None, :]))
-    low = np.maximum(
-        (first[:, 2] - first[:, 5] / 2)[:, None], (second[:, 2] - second[:, 5] / 2)[None, :]
-    )
-    high = np.minimum(
-        (first[:, 2] + first[:, 5] / 2)[:, None], (second[:, 2] + second[:, 5] / 2)[None, :]
-    )
-    common = plan * np.maximum(high - low, 0.0)
-    either = first[:, 3:6].prod(axis=1)[:, None] + second[:, 3:6].prod(axis=1)[None, :] - common
-    return np.asarray(np.divide(common, either, out=np.zeros_like(common), where=either > 0))
-
-
-def _footprints(boxes: NDArray[np.float64]) -> NDArray[np.object_]:
-    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) / 2
-    local = signs[None] * boxes[:, None, 3:5]
-    c, s = np.cos(boxes[:, 6])[:, None], np.sin(boxes[:, 6])[:, None]
-    x = local[..., 0] * c - local[..., 1] * s + boxes[:, 0, None]
-    y = local[..., 0] * s + local[..., 1] * c + boxes[:, 1, None]
-    return np.asarray(shapely.polygons(np.stack([x, y], axis=-1)), dtype=object)
 
 
 def average_precision(
@@ -89,10 +68,20 @@ def average_precision(
             hit = bool(row[best] >= IOU and not taken[best])
             taken[best] |= hit
             right.append(hit)
-    if not scores:
-        return 0.0
     order = np.argsort(-np.array(scores), kind="stable")
-    hits = np.cumsum(np.array(right)[order])
+    return precision_over_recalls(np.array(right, bool)[order], total)
+
+
+def precision_over_recalls(right: NDArray[np.bool_], total: int) -> float:
+    """Return the mean over forty levels of recall of the best precision at that recall or above.
+
+    Args:
+        right: (N,) which of the detections, by falling score, found an object.
+        total: how many objects there are, at least one.
+    """
+    if not len(right):
+        return 0.0
+    hits = np.cumsum(right)
     precision = hits / np.arange(1, len(hits) + 1)
     best_from_here = np.maximum.accumulate(precision[::-1])[::-1]
     needed = np.ceil(np.arange(1, RECALLS + 1) / RECALLS * total - 1e-9)

@@ -2,11 +2,15 @@
 
 Source: Geiger et al. 2012, and the development kit's readme. Labels are in the rectified frame of
 the camera (x right, y down, z forward): the middle of the box's floor, and the turn about y.
-Only what the camera saw is labelled.
+Only what the camera saw is labelled. Clouds that are cropped to what it saw have a folder of their
+own (``velodyne_reduced``), as OpenPCDet and MMDetection3D write it: it is read for frames that
+``velodyne`` lacks.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +18,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
+from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
 from urbantwin.fidelity.readers.frame_assembly import frame_of
@@ -22,22 +27,49 @@ from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
 
-__all__ = ["is_kitti", "open_kitti"]
+__all__ = [
+    "Calibration",
+    "box_of_values",
+    "is_kitti",
+    "open_kitti",
+    "read_calibration",
+    "read_regions",
+]
 
 _VALUES = 15  # a detection's line has its score as the sixteenth
+_NOTE = "Only objects that the camera saw are labelled."
+#: Levels of occlusion (none, partly, largely) as shares: the middles of docs/labels.md's levels.
+_HIDDEN = {0: 0.0, 1: 0.4, 2: 0.8}
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Where the sensor is in the rectified camera, and how the left colour camera sees.
+
+    Attributes:
+        camera_SE3_lidar: R0_rect times Tr_velo_to_cam.
+        projection: (3, 4) P2, pixels; None where the file has none.
+    """
+
+    camera_SE3_lidar: Pose  # noqa: N815
+    projection: NDArray[np.float64] | None
 
 
 def is_kitti(path: Path) -> bool:
     """Return whether a folder holds ``velodyne/*.bin`` beside labels, calibrations or images."""
     beside = ("label_2", "calib", "image_2")
-    return bool(clouds_in(path / "velodyne", ".bin")) and any(
-        (path / name).is_dir() for name in beside
-    )
+    return bool(_clouds(path)) and any((path / name).is_dir() for name in beside)
+
+
+def _clouds(path: Path) -> list[Path]:
+    """Return the clouds as people count, those all around before the cropped ones."""
+    parts = [clouds_in(path / name, ".bin") for name in ("velodyne_reduced", "velodyne")]
+    return sorted({one.stem: one for part in parts for one in part}.values(), key=counting_order)
 
 
 def open_kitti(path: Path, columns: int | None) -> Recording:
     """Open a folder of the benchmark; boxes where a frame has both label and calibration."""
-    files = clouds_in(path / "velodyne", ".bin")
+    files = _clouds(path)
 
     def read(index: int) -> Frame:
         file = files[index]
@@ -46,16 +78,20 @@ def open_kitti(path: Path, columns: int | None) -> Recording:
         boxes: Boxes | None = None
         notes: tuple[str, ...] = ()
         if labels.is_file() and calibration.is_file():
-            boxes = _read_boxes(labels, _camera_SE3_lidar(calibration))
-            notes = ("Only objects that the camera saw are labelled.",)
+            boxes = _read_boxes(labels, read_calibration(calibration).camera_SE3_lidar)
+            notes = (_NOTE,)
         fields = read_fields(file, columns or 4)
         return frame_of(file, fields, name=file.stem, boxes=boxes, notes=notes)
 
     return Recording(path, "kitti", tuple(file.stem for file in files), read)
 
 
-def _camera_SE3_lidar(path: Path) -> Pose:  # noqa: N802
-    """Return the pose of the sensor in the rectified camera: R0_rect times Tr_velo_to_cam."""
+def read_calibration(path: Path) -> Calibration:
+    """Read the calibration of a frame.
+
+    Raises:
+        InputError: missing, or not laid out as KITTI's.
+    """
     with laid_out(path, "a calibration of KITTI"):
         rows = {}
         for line in read_lines(path, "a calibration of KITTI"):
@@ -65,7 +101,8 @@ def _camera_SE3_lidar(path: Path) -> Pose:  # noqa: N802
         rectify = rows["R0_rect" if "R0_rect" in rows else "R_rect"].reshape(3, 3)
         found = rows["Tr_velo_to_cam" if "Tr_velo_to_cam" in rows else "Tr_velo_cam"]
         matrix = rectify @ found.reshape(3, 4)
-        return checked_pose(matrix[:, :3], matrix[:, 3])
+        projection = rows["P2"].reshape(3, 4) if "P2" in rows else None
+        return Calibration(checked_pose(matrix[:, :3], matrix[:, 3]), projection)
 
 
 def _read_boxes(path: Path, camera_SE3_lidar: Pose) -> Boxes:
@@ -86,14 +123,33 @@ def _read_boxes(path: Path, camera_SE3_lidar: Pose) -> Boxes:
                 place=f"line {number}",
                 expected="15 values of KITTI",
             ) from None
-        labelled.append(LabelledBox(_box(values, lidar_SE3_camera), words[0]))
+        box = box_of_values(values[7:14], lidar_SE3_camera)
+        hidden = _HIDDEN.get(int(values[1]), math.nan)
+        labelled.append(LabelledBox(box, words[0], occlusion=hidden))
     return boxes_of(labelled)
 
 
-def _box(
+def read_regions(path: Path) -> NDArray[np.float64]:
+    """Return the ``DontCare`` regions of an image: left, top, right, bottom (R, 4), pixels.
+
+    Raises:
+        InputError: a line is not a region.
+    """
+    found = []
+    with laid_out(path, "labels of KITTI"):
+        for line in read_lines(path, "labels of KITTI"):
+            words = line.split()
+            if words and words[0] == "DontCare":
+                left, top, right, bottom = finite_numbers(words[4:8])
+                found.append((left, top, right, bottom))
+    return np.array(found, np.float64).reshape(-1, 4)
+
+
+def box_of_values(
     values: NDArray[np.float64], lidar_SE3_camera: Pose
 ) -> tuple[float, float, float, float, float, float, float]:
-    height, width, length, x, y, z, turn = values[7:14]
+    """Return a box in the sensor's frame from (7,) height, width, length, x, y, z, turn."""
+    height, width, length, x, y, z, turn = values
     centre = lidar_SE3_camera.apply(np.array([[x, y - height / 2, z]]))[0]
     ahead = lidar_SE3_camera.rotation @ np.array([np.cos(turn), 0.0, -np.sin(turn)])
     yaw = np.arctan2(ahead[1], ahead[0])

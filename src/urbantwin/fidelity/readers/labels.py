@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -60,12 +61,13 @@ def track_of(identity: str) -> int:
 
 @dataclass(frozen=True)
 class LabelledBox:
-    """One labelled object: box, track and velocity as `Boxes` has them, and what it is called."""
+    """One labelled object: what `Boxes` has of it, and what it is called."""
 
     box: tuple[float, float, float, float, float, float, float]
     source_name: str
     track: int = -1
     velocity: tuple[float, float, float] | None = None
+    occlusion: float = math.nan
 
     def __post_init__(self) -> None:
         """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
@@ -82,7 +84,13 @@ def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
         track=np.array([one.track for one in kept], np.int64),
         source_names=tuple(one.source_name for one in kept),
         velocity=_velocities(kept),
+        occlusion=_occlusions(kept),
     )
+
+
+def _occlusions(labelled: Sequence[LabelledBox]) -> NDArray[np.float64] | None:
+    found = np.array([one.occlusion for one in labelled], np.float64)
+    return None if np.isnan(found).all() else found
 
 
 def _velocities(labelled: Sequence[LabelledBox]) -> NDArray[np.float64] | None:

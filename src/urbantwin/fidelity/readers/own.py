@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.artefact import read_json
 from urbantwin.artefact.document import read_bytes
@@ -179,7 +179,19 @@ class _BoxTable(_Table):
                 class_names=tuple(c if c in ACTOR_CLASSES else "other" for c in classes),
                 track=rows["track"][kept].astype(np.int64),
                 source_names=tuple(classes),
+                num_points=_kept(rows, "num_points", kept, np.int64),
+                occlusion=_kept(rows, "occlusion", kept, np.float64),
+                ignored=None
+                if "ignored" not in rows
+                else tuple(str(one or "") for one in rows["ignored"][kept]),
             )
+
+
+def _kept(
+    rows: dict[str, NDArray[Any]], name: str, kept: ArrayLike, kind: type[np.generic]
+) -> NDArray[Any] | None:
+    """Return the values of a column that older datasets lack; None is NaN."""
+    return rows[name][np.asarray(kept)].astype(kind) if name in rows else None
 
 
 class _SensorPlaces(_Table):

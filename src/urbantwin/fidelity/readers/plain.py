@@ -9,6 +9,7 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import FORMATS, is_cloud, read_fields
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.readers.box_list import BOX_LIST, frame_number, read_box_list
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.recording import Recording
 
@@ -35,20 +36,23 @@ def is_plain(path: Path) -> bool:
 
 
 def open_plain(path: Path, columns: int | None) -> Recording:
-    """Open a folder of clouds, or one cloud, as a recording without labels.
+    """Open a folder of clouds, or one cloud; labelled where a list of boxes is beside it.
 
     Raises:
-        InputError: there is no cloud.
+        InputError: there is no cloud, or the list is not right.
     """
     files = [path] if path.is_file() else clouds_in(path)
     if not files:
         raise InputError("holds no clouds", file=path, expected=f"{', '.join(FORMATS)} files")
     kinds = Counter(file.suffix.lower()[1:] for file in files)
+    listed = files[0].parent / BOX_LIST
+    boxes = read_box_list(listed) if listed.is_file() else {}
     mixed = " and ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
 
     def read(index: int) -> Frame:
         file = files[index]
-        return frame_of(file, read_fields(file, columns), name=file.name)
+        found = boxes.get(frame_number(file.name))
+        return frame_of(file, read_fields(file, columns), name=file.name, boxes=found)
 
     return Recording(
         path=path,

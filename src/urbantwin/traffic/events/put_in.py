@@ -24,14 +24,13 @@ from urbantwin.traffic.events.scripted import (
     trajectory,
     wrong_way,
 )
-from urbantwin.traffic.events.solid import Solid
 from urbantwin.traffic.events.surroundings import Surroundings
 from urbantwin.traffic.events.things import debris, work_zone
 from urbantwin.traffic.events.u_turn import u_turn
 from urbantwin.traffic.events.unlit import unlit
-from urbantwin.traffic.insertion import inserted
+from urbantwin.traffic.insertion import Insertion, inserted
 from urbantwin.traffic.motion import Motion
-from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface, prescribed_table
+from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface
 from urbantwin.twin import Twin
 
 __all__ = ["PUT_IN", "StagedEvent", "staged_table", "with_events"]
@@ -111,13 +110,13 @@ def with_events(
     Raises:
         StageError: an event cannot be staged; it says what is missing.
     """
-    surface, solid = TwinSurface(twin), Solid(twin)
+    surface = TwinSurface(twin)
     rows: dict[int, dict[str, Any]] = {}
     for one in staged:
         rows[one.reaction.number], motion = _row_of(one, motion, twin, surface)
     for number, event in events:
         if event.event in PUT_IN:
-            rows[number], motion = _put_in(event, number, motion, solid, surface)
+            rows[number], motion = _put_in(event, number, motion, surface)
     return replace(motion, manifest={**motion.manifest, "events": [rows[n] for n in sorted(rows)]})
 
 
@@ -129,7 +128,8 @@ def _row_of(
     told = {**reaction.told, "seam_m": round(one.seam_m, 4)}
     bodies = _bodies_of(reaction, twin)
     if bodies:
-        motion, tracks = inserted(motion, bodies, surface)
+        # Cones and what lies on a lane stand where they are told to.
+        motion, tracks = inserted(motion, bodies, surface, through_walls=True)
     others = Surroundings(motion)
     row = event_row(
         reaction.event,
@@ -158,30 +158,28 @@ def _bodies_of(reaction: Reaction, twin: Twin) -> list[PrescribedPath]:
 
 
 def _put_in(
-    event: Event, number: int, motion: Motion, solid: Solid, surface: TwinSurface
+    event: Event, number: int, motion: Motion, surface: TwinSurface
 ) -> tuple[dict[str, Any], Motion]:
     """Return the row of an event whose actors are put in, and the motion with them."""
     others = Surroundings(motion)
-    twin = solid.twin
-    setting = Setting(twin, others, int(motion.manifest["seed"]), number, solid)
+    twin = surface.solid.twin
+    setting = Setting(twin, others, int(motion.manifest["seed"]), number, surface.solid)
     told: dict[str, Any] = {}
 
-    def stage(one: Any) -> Scripted:  # noqa: ANN401 - of any event
+    def stage(one: Any) -> tuple[Scripted, Insertion]:  # noqa: ANN401 - of any event
         found = PUT_IN[event.event](one, setting)
-        rows, _ = prescribed_table(
-            found.paths, surface, steps=int(motion.manifest["steps"]), step_s=motion.step_s
-        )
-        if met := solid.met_by(rows, motion.step_s):
+        made = Insertion.of(motion, found.paths, surface)
+        if met := surface.solid.met_by(made.rows, motion.step_s):
             raise StageError(f"{event.event} at {one.at_s:g} s cannot be staged: {met}")
-        return found
+        return found, made
 
     try:
-        staged = stage(event)
+        staged, made = stage(event)
     except StageError as refused:
         if not isinstance(event, PlacedEvent) or not event.within_m:
             raise
-        staged, told = staged_near(event, twin, motion.actors, stage, refused)
-    motion, tracks = inserted(motion, staged.paths, surface)
+        (staged, made), told = staged_near(event, twin, motion.actors, stage, refused)
+    motion, tracks = made.into(motion), made.tracks
     if staged.told.pop("unlit", False):
         motion = unlit(motion, tracks[0])
     now = Surroundings(motion)

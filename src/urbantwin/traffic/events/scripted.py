@@ -24,10 +24,10 @@ from urbantwin.traffic.events.scenario import (
     Trajectory,
     WrongWay,
 )
-from urbantwin.traffic.events.solid import Solid
 from urbantwin.traffic.events.surroundings import Surroundings, passage_of_path
 from urbantwin.traffic.events.way_signals import WaySignals
 from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
+from urbantwin.traffic.solid_scene import Solid
 from urbantwin.twin import Twin
 
 __all__ = ["USUAL_SPEED_MS", "Scripted", "Setting", "bicycle_without_light", "crowd"]

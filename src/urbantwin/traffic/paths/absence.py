@@ -9,7 +9,7 @@ Of two the one is left out whose absence costs less.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +30,8 @@ _BESIDE_M = 20.0
 _COSTS = {"car": 2, "van": 2, "truck": 3, "trailer": 3, "bus": 4, "tram": 5}
 #: So many are told one by one.
 _TOLD = 20
+#: Who would meet somebody within this of each other would at one place, metres.
+_PLACE_M = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,9 @@ class Absent:
         rows: (N,) bool, of the table of actors.
         steps: (K, 2) actor and step of the same.
         told: for `motion.json`: ``visits`` that are left out, and ``of`` how many; ``actors``, by
-            class; ``each``: class, from when until when, with whom or what, when and where.
+            class; ``with`` whom or what they would have met, by both; ``most_at``: within 5 m of
+            which place most of them would, and how many; ``each``: class, from when until when,
+            with whom or what, when and where.
         left: who overlaps even so, among those who are there.
     """
 
@@ -137,6 +141,10 @@ def absent_from(
         "visits": len(each),
         "of": count,
         "actors": dict(sorted(Counter(str(one["class"]) for one in each).items())),
+        "with": dict(
+            sorted(Counter(f"{x['class']} and {x['with']}" for x in each if "with" in x).items())
+        ),
+        "most_at": _where_most(each),
         "each": each[:_TOLD],
     }
     return Absent(away, steps, counts, overlapping.among(~away))
@@ -233,6 +241,17 @@ def _choose(
         left = {pair for pair in left if went[-1] not in pair}
     for one in sorted(went, key=lambda one: (-cost[one], -poses[one], one)):
         gone[one] = any(one in pair and not gone[sum(pair) - one] for pair in every)
+
+
+def _where_most(each: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Return near which place most visits would have met somebody: its x, y, and how many."""
+    xy = np.array([(one["x"], one["y"]) for one in each if "x" in one]).reshape(-1, 2)
+    if not len(xy):
+        return {}
+    near = np.linalg.norm(xy[:, None] - xy, axis=2) <= _PLACE_M
+    best = int(near.sum(axis=1).argmax())
+    x, y = xy[near[best]].mean(axis=0).round(1).tolist()
+    return {"x": x, "y": y, "visits": int(near[best].sum())}
 
 
 def _reasons(

@@ -52,6 +52,16 @@ class KeptColumns:
             self._parts = [{x: np.concatenate([one[x] for one in self._parts]) for x in names}]
         return self._parts[0]
 
+    def span(self, name: str, first: int, last: int) -> NDArray[Any]:
+        """Return a column from a row to another, which is not among them."""
+        if self._folder is None:
+            return np.asarray(self.opened()[name][first:last])
+        kind, shape = self._kinds[name]
+        each = int(np.prod(shape, dtype=np.int64))
+        begin = first * each * kind.itemsize
+        values = np.fromfile(self._file(name), kind, (last - first) * each, offset=begin)
+        return values.reshape(-1, *shape)
+
     def rows(self, rows: NDArray[np.integer]) -> Columns:
         """Return some rows; of those on disk no others come into memory."""
         if self._folder is None:

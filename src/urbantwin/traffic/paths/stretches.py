@@ -117,6 +117,28 @@ class LeftOff:
         return place, mine[place] == keys
 
 
+@dataclass(frozen=True)
+class _Visit:
+    """Rows of somebody's way that follow each other in time.
+
+    Attributes:
+        low: the first of them.
+        high: the one after the last.
+        begin: the step of the first.
+        actor: whose.
+    """
+
+    low: int
+    high: int
+    begin: int
+    actor: int
+
+    @property
+    def end(self) -> int:
+        """The step after the last."""
+        return self.begin + self.high - self.low
+
+
 class Ways:
     """Everybody's way, as it was before anybody saw anybody.
 
@@ -140,26 +162,26 @@ class Ways:
         step_s: float,
     ) -> None:
         self._kept, self.kinds, self.rear_m, self.step_s = ways.columns, kinds, rear_m, step_s
-        self.columns: Columns = {}
         columns = self._kept.opened()
+        self._count = len(columns["trip"])
         trip, step = columns["trip"], columns["step"]
         new = np.concatenate([[True], (np.diff(trip) != 0) | (np.diff(step) != 1)])[: len(trip)]
         first = np.flatnonzero(new)
         last = np.append(first, len(trip))[1:]
-        self._walked: list[tuple[int, int]] = []
-        driven: dict[tuple[int, int, int], list[tuple[int, int]]] = {}
+        self._walked: list[_Visit] = []
+        driven: dict[tuple[int, int, int], list[_Visit]] = {}
         for low, high in zip(first.tolist(), last.tolist(), strict=True):
-            actor = int(trip[low])
-            if low < ways.since and actor in ways.gone:
+            one = _Visit(low, high, int(step[low]), int(trip[low]))
+            if low < ways.since and one.actor in ways.gone:
                 continue
-            if walks[actor]:
-                self._walked.append((low, high))
+            if walks[one.actor]:
+                self._walked.append(one)
             else:
-                key = int(vehicles[actor]), int(step[low]), high - low
-                driven.setdefault(key, []).append((low, high))
+                key = int(vehicles[one.actor]), one.begin, high - low
+                driven.setdefault(key, []).append(one)
         self._driven = list(driven.values())
         for group in self._driven:
-            group.sort(key=lambda one: int(trip[one[0]]))
+            group.sort(key=lambda one: one.actor)
 
     def within(self, stretch: Stretch, left: LeftOff | None) -> Columns:
         """Return the ways of a stretch, as they go on from where everybody was.
@@ -169,36 +191,30 @@ class Ways:
         Of people they begin somewhat before where they are on their way; of who drives with the
         last two steps of the stretch before.
         """
-        self.columns = self._kept.opened()
-        found = self._first(stretch) if left is None else self._further(stretch, left)
-        self.columns = {}
-        return found
+        return self._first(stretch) if left is None else self._further(stretch, left)
 
     def _first(self, stretch: Stretch) -> Columns:
         """Return the ways until the end of the first stretch, in their order."""
-        visits = sorted(self._walked + [visit for group in self._driven for visit in group])
+        visits = self._walked + [visit for group in self._driven for visit in group]
         rows = [
-            np.arange(low, min(high, low + max(stretch.seen - int(self.columns["step"][low]), 0)))
-            for low, high in visits
+            np.arange(one.low, min(one.high, one.low + max(stretch.seen - one.begin, 0)))
+            for one in sorted(visits, key=lambda one: one.low)
         ]
         return self._rows(np.concatenate(rows) if rows else np.zeros(0, np.int64))
 
     def _further(self, stretch: Stretch, left: LeftOff) -> Columns:
         """Return the ways of a stretch after the first."""
-        step = self.columns["step"]
         rows, parts = [], []
-        for low, high in self._walked:
-            begin = int(step[low])
-            if begin >= stretch.seen or begin + high - low <= stretch.begin:
+        for one in self._walked:
+            if one.begin >= stretch.seen or one.end <= stretch.begin:
                 continue
-            lag = left.of_actor(int(self.columns["trip"][low]))["lag"]
+            lag = left.of_actor(one.actor)["lag"]
             behind = int(np.ceil(lag.max())) if len(lag) else 0
-            since = max(stretch.begin - behind - _BACK, begin)
-            rows.append(np.arange(low + since - begin, min(high, low + stretch.seen - begin)))
+            since = max(stretch.begin - behind - _BACK, one.begin)
+            way = one.low - one.begin
+            rows.append(np.arange(way + since, min(one.high, way + stretch.seen)))
         for group in self._driven:
-            low, high = group[0]
-            begin = int(step[low])
-            if begin < stretch.seen and begin + high - low > stretch.begin:
+            if group[0].begin < stretch.seen and group[0].end > stretch.begin:
                 parts += self._driven_on(group, stretch, left)
         parts.append(self._rows(np.concatenate(rows) if rows else np.zeros(0, np.int64)))
         found = {name: np.concatenate([one[name] for one in parts]) for name in parts[-1]}
@@ -208,15 +224,13 @@ class Ways:
     def _rows(self, rows: NDArray[np.int64]) -> Columns:
         return self._kept.rows(rows) | {"aside": np.zeros(len(rows))}
 
-    def _driven_on(
-        self, group: list[tuple[int, int]], stretch: Stretch, left: LeftOff
-    ) -> list[Columns]:
+    def _driven_on(self, group: list[_Visit], stretch: Stretch, left: LeftOff) -> list[Columns]:
         """Return how a vehicle's bodies go on from where they were."""
-        begin = int(self.columns["step"][group[0][0]])
+        begin = group[0].begin
         since = max(stretch.begin - 2, begin)
-        until = min(stretch.seen, begin + group[0][1] - group[0][0])
+        until = min(stretch.seen, group[0].end)
         parts = [
-            self._rows(np.arange(low + since - begin, low + until - begin)) for low, _ in group
+            self._rows(np.arange(one.low + since - begin, one.low + until - begin)) for one in group
         ]
         if begin >= stretch.begin:
             return parts
@@ -230,9 +244,9 @@ class Ways:
             low = max(int(row) - _KEPT, 0)
             back = [
                 self._back_on_its_way(
-                    np.arange(first + low, first + until - begin), row - low, *how
+                    np.arange(one.low + low, one.low + until - begin), row - low, *how
                 )
-                for (first, _), *how in zip(group, off, turned, strict=True)
+                for one, *how in zip(group, off, turned, strict=True)
             ]
             at = self._catching_up(back[0], row - low, stretch.begin - begin - low, done[0])
             parts = [self._at(one, at, since - begin - low) for one in back]
@@ -242,23 +256,24 @@ class Ways:
         return parts
 
     def _where(
-        self, group: list[tuple[int, int]], last: int, done: list[Columns]
+        self, group: list[_Visit], last: int, done: list[Columns]
     ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
         """Return how far on its way a vehicle was in a row that is done, as a row, not whole.
 
         And how far its bodies (B, 2) were beside their ways there, and by how much they were
         turned (B,).
         """
-        low = group[0][0]
-        went, was = self.columns["distance"][low : low + last + 1], done[0]["distance"][-1]
+        low = group[0].low
+        went, was = self._kept.span("distance", low, low + last + 1), done[0]["distance"][-1]
         row = max(int(np.searchsorted(went, was + 1e-9, side="right")) - 1, 0)
         share = 0.0
         if row < last:
             share = float(np.clip((was - went[row]) / (went[row + 1] - went[row]), 0.0, 1.0))
         off, turned = np.zeros((len(group), 2)), np.zeros(len(group))
-        for body, ((first, _), one) in enumerate(zip(group, done, strict=True)):
+        for body, (visit, one) in enumerate(zip(group, done, strict=True)):
+            at = visit.low + row
             for name, found in (("xy", off), ("yaw", turned)):
-                here, next_ = self.columns[name][first + row : first + row + 2][[0, -1]]
+                here, next_ = self._kept.span(name, at, min(at + 2, self._count))[[0, -1]]
                 found[body] = one[name][-1] - (here + share * (next_ - here))
         return row + share, off, (turned + np.pi) % (2 * np.pi) - np.pi
 

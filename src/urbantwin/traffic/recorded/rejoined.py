@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from urbantwin.traffic.recorded.track import RecordedTrack
 from urbantwin.traffic.recorded.track_smoothing import LONGEST_FILLED_S
 
-__all__ = ["rejoined"]
+__all__ = ["chains", "rejoined"]
 
 #: Velocities at an end are those of so long, seconds, and of so many moments at least.
 _OF_S, _OF = 0.8, 4
@@ -46,6 +46,15 @@ def rejoined(tracks: Sequence[RecordedTrack]) -> tuple[tuple[RecordedTrack, ...]
 
     Nothing is filled: what is missing in between is a gap, no longer than such as are filled.
     """
+    found = [
+        tracks[chain[0]] if len(chain) == 1 else _joined([tracks[k] for k in chain])
+        for chain in chains(tracks)
+    ]
+    return tuple(found), len(tracks) - len(found)
+
+
+def chains(tracks: Sequence[RecordedTrack]) -> list[list[int]]:
+    """Return which tracks are one actor's, by their numbers, in the order of time."""
     by_class: dict[str, list[int]] = defaultdict(list)
     for number, one in enumerate(tracks):
         if len(one.time_s) >= _OF:
@@ -58,14 +67,14 @@ def rejoined(tracks: Sequence[RecordedTrack]) -> tuple[tuple[RecordedTrack, ...]
         after |= _pairs(ends, starts, tracks)
     followers = set(after.values())
     found = []
-    for number, one in enumerate(tracks):
+    for number in range(len(tracks)):
         if number in followers:
             continue
         chain = [number]
         while chain[-1] in after:
             chain.append(after[chain[-1]])
-        found.append(one if len(chain) == 1 else _joined([tracks[k] for k in chain]))
-    return tuple(found), len(after)
+        found.append(chain)
+    return found
 
 
 def _end(number: int, track: RecordedTrack, order: slice) -> _End:

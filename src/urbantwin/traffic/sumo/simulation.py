@@ -33,6 +33,7 @@ from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 from urbantwin.traffic.sumo.halts import ends_of_halts, write_stops
 from urbantwin.traffic.sumo.kept_runs import kept_run
 from urbantwin.traffic.sumo.observed import Observed
+from urbantwin.traffic.sumo.row_columns import row_columns
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
 __all__ = [
@@ -466,7 +467,7 @@ def _first_error(messages: Path, returncode: int) -> str:
 def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
     """Read what the worker wrote; the motion begins so long after SUMO."""
     outcome: dict[str, Any] = json.loads(texts.read_text())
-    rows = np.load(arrays)
+    rows = row_columns(arrays)
     minutes = outcome["minutes"]
     seen = {
         name: np.array([minute[name] for minute in minutes], np.float64)
@@ -475,7 +476,7 @@ def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
     return Simulated(
         step=rows["step"],
         trip=rows["trip"],
-        front=np.column_stack([rows["x"], rows["y"]]),
+        front=rows["front"],
         angle_deg=rows["angle_deg"],
         speed=rows["speed"],
         lane=rows["lane"],

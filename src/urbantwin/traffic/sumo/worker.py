@@ -41,7 +41,7 @@ wrong_lanes, boarding = _beside("wrong_lanes"), _beside("boarding")
 Row = tuple[int, int, float, float, float, float, int]
 TYPES = [("step", "i4"), ("trip", "i4"), ("x", "f8"), ("y", "f8")]
 TYPES += [("angle_deg", "f8"), ("speed", "f8"), ("lane", "i4")]
-MANY_ROWS = 200_000
+MANY_ROWS = 50_000
 #: Who halts for longer, seconds, so far from the middle of its lane, metres, may move sideways on
 #: the spot at this speed, m/s.
 WEDGED_S, ASIDE_M, SLIDES_MS = 40.0, 0.3, "0.3"
@@ -134,11 +134,18 @@ class Watch:
 
 
 class Recorder:
-    """Collects, step by step, where everybody is and what the signals show."""
+    """Notes, step by step, where everybody is and what the signals show.
 
-    def __init__(self) -> None:
+    Args:
+        arrays: the file (NPY) that positions are written to as they come: an hour of them takes
+            hundreds of megabytes.
+    """
+
+    def __init__(self, arrays: Path) -> None:
         self.rows: list[Row] = []
-        self.parts: list[Any] = []
+        self.count = 0
+        self.file = arrays.open("wb")
+        self._write_header()
         self.lanes: dict[str, int] = {}
         self.signals: list[tuple[int, str, str]] = []
         self.shown: dict[str, str] = {}
@@ -183,21 +190,32 @@ class Recorder:
                 self.signals.append((step, program, state))
 
     def pack(self) -> None:
-        """Make an array of the rows so far: tuples take ten times the room."""
-        self.parts.append(np.array(self.rows, TYPES))
+        """Write the rows so far."""
+        self.file.write(np.array(self.rows, TYPES).tobytes())
+        self.count += len(self.rows)
         self.rows = []
+
+    def _write_header(self) -> None:
+        """Write how many rows there are; NumPy leaves room for the number to grow."""
+        told = {
+            "descr": np.lib.format.dtype_to_descr(np.dtype(TYPES)),
+            "fortran_order": False,
+            "shape": (self.count,),
+        }
+        np.lib.format.write_array_header_1_0(self.file, told)
 
     def write(
         self,
-        arrays: Path,
         texts: Path,
         watch: Watch,
         staged: list[dict[str, Any]],
         boarded: list[Any],
     ) -> None:
-        """Write the positions (NPY) and everything else (JSON)."""
+        """Write what is left of the positions, and everything else (JSON)."""
         self.pack()
-        np.save(arrays, np.concatenate(self.parts))
+        self.file.seek(0)
+        self._write_header()
+        self.file.close()
         outcome = {
             "minutes": watch.minutes,
             "longest_halt_s": watch.longest_halt_s,
@@ -219,7 +237,7 @@ class Recorder:
 def simulate(job: dict[str, Any]) -> None:
     """Run one job."""
     libsumo.start(["sumo", *job["options"]])
-    recorder = Recorder()
+    recorder = Recorder(Path(job["arrays"]))
     stops = boarding.Boarding(job["boarding"])
     watch = Watch(
         job["classes"], job["kinds"], job["outer"], job["stuck_s"], job["parties"], stops.state
@@ -246,7 +264,7 @@ def simulate(job: dict[str, Any]) -> None:
         if made % max(total // 100, 1) == 0:
             sys.stdout.write(f"progress {made / total:.3f}\n")
             sys.stdout.flush()
-    recorder.write(Path(job["arrays"]), Path(job["texts"]), watch, staging.told(), stops.events)
+    recorder.write(Path(job["texts"]), watch, staging.told(), stops.events)
     libsumo.close()
 
 

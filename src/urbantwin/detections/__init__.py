@@ -1,0 +1,33 @@
+"""Detections: boxes with scores that a detector found in frames, ours or another's."""
+
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.detections.classes import (
+        DETECTED_CLASSES,
+        LARGE,
+        MEMBERS,
+        detected_class,
+    )
+    from urbantwin.detections.detections import Detections, joined
+    from urbantwin.detections.folder import (
+        check_detections_folder,
+        read_detections,
+        write_detections,
+    )
+
+__all__ = [
+    "DETECTED_CLASSES",
+    "LARGE",
+    "MEMBERS",
+    "Detections",
+    "check_detections_folder",
+    "detected_class",
+    "joined",
+    "read_detections",
+    "write_detections",
+]
+
+names_on_demand(__name__)

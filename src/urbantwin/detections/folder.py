@@ -1,0 +1,137 @@
+"""Detections in a folder of ours: ``detections.parquet`` and ``detections.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from urbantwin.artefact import check_folder, read_json, replaced_folder, write_json
+from urbantwin.artefact.manifest import Part, validated
+from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.detections.checks import checked
+from urbantwin.detections.detections import Detections
+from urbantwin.errors import InputError
+
+__all__ = ["KIND", "SCHEMA", "check_detections_folder", "read_detections", "write_detections"]
+
+KIND = "detections"
+#: Which columns and fields there are; a later one adds to them.
+SCHEMA = 1
+_EXPECTED = "a folder of detections"
+_TABLE = "detections.parquet"
+_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
+_COLUMNS = {
+    "frame": "text",
+    "class": "text",
+    **dict.fromkeys((*_BOX, "score"), "number"),
+    "track": "whole",
+}
+#: Whether a tracker put the box there; only what a tracker wrote has it.
+_FILLED = "filled"
+
+
+class _Manifest(Part):
+    kind: Literal["detections"]
+    schema_: Literal[1] = Field(alias="schema")
+    frames: list[str]
+    times_s: list[Annotated[float, Field(ge=-1e12, le=1e12)]] | None = None
+
+
+def check_detections_folder(target: Path, inputs: Sequence[Path | None] = ()) -> None:
+    """Refuse an output folder that cannot be written, before any work.
+
+    Raises:
+        InputError: see `artefact.check_folder`.
+    """
+    check_folder(target, kind=KIND, inputs=inputs)
+
+
+def write_detections(
+    folder: Path,
+    detections: Detections,
+    made_by: Mapping[str, Any],
+    inputs: Sequence[Path | None] = (),
+) -> None:
+    """Write detections; the folder appears whole or not at all.
+
+    Args:
+        folder: to write; older detections are replaced.
+        detections: in the order in which they are to stand.
+        made_by: what made them (a model, a tracker, its settings): what JSON can hold.
+        inputs: what they were made from: none of it may be inside.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    names = np.array(detections.frames, dtype=object)
+    times = np.full(len(names), np.nan) if detections.time_s is None else detections.time_s
+    columns = {
+        "frame": pa.array(names[detections.frame].tolist(), pa.string()),
+        "time_s": pa.array(times[detections.frame], pa.float64(), from_pandas=True),
+        "class": pa.array(detections.class_names, pa.string()),
+        **{name: pa.array(detections.box[:, k], pa.float64()) for k, name in enumerate(_BOX)},
+        "score": pa.array(detections.score, pa.float64()),
+        "track": pa.array(detections.track, pa.int64()),
+    }
+    if detections.filled is not None:
+        columns[_FILLED] = pa.array(detections.filled.astype(np.int8), pa.int8())
+    told = {
+        "kind": KIND,
+        "schema": SCHEMA,
+        "made_by": dict(made_by),
+        "boxes": len(detections),
+        "classes": sorted(set(detections.class_names)),
+        "frames": list(detections.frames),
+        "times_s": None if detections.time_s is None else detections.time_s.tolist(),
+    }
+    with replaced_folder(folder, kind=KIND, inputs=inputs) as scratch:
+        pq.write_table(pa.table(columns), scratch / _TABLE, compression="zstd")
+        write_json(scratch / f"{KIND}.json", told)
+
+
+def read_detections(path: Path) -> Detections:
+    """Read what `write_detections` wrote.
+
+    Raises:
+        InputError: a file is missing or damaged, or says what cannot be (see `checks`).
+    """
+    file = path / f"{KIND}.json"
+    told = validated(read_json(file, kind=KIND), _Manifest, file=file, expected=_EXPECTED)
+    if told.times_s is not None and len(told.times_s) != len(told.frames):
+        raise InputError(
+            f"has {len(told.times_s)} times for {len(told.frames)} frames",
+            file=file,
+            place="times_s",
+            expected="one each",
+        )
+    index = {name: number for number, name in enumerate(told.frames)}
+    if len(index) < len(told.frames):
+        raise InputError("names a frame twice", file=file, place="frames", expected="each once")
+    table = path / _TABLE
+    read = read_parquet(table, _EXPECTED, columns=[*_COLUMNS, _FILLED])
+    there = _COLUMNS | ({_FILLED: "whole"} if _FILLED in read.column_names else {})
+    columns = columns_of(read, there, table, _EXPECTED)
+    frames = [index.get(name) for name in columns["frame"]]
+    if None in frames:
+        name = columns["frame"][frames.index(None)]
+        raise InputError(
+            f"frame {name!r:.60} is not one of {file.name}", file=table, expected=_EXPECTED
+        )
+    found = Detections(
+        frames=tuple(told.frames),
+        frame=np.array(frames, np.int64),
+        box=np.column_stack([columns[name] for name in _BOX]).reshape(-1, 7),
+        class_names=tuple(columns["class"].tolist()),
+        score=columns["score"],
+        track=columns["track"],
+        time_s=None if told.times_s is None else np.array(told.times_s, np.float64),
+        filled=columns[_FILLED] != 0 if _FILLED in columns else None,
+    )
+    return checked(found, table)

@@ -1,0 +1,33 @@
+"""What the figures of a report are, in words."""
+
+from __future__ import annotations
+
+__all__ = ["DEFINITIONS"]
+
+DEFINITIONS: dict[str, str] = {
+    "ap": "Average precision: the mean over forty levels of recall, 1/40 to 1, of the best "
+    "precision at that recall or above (Simonelli et al. 2019). Detections are taken by falling "
+    "score; each finds the best object that meets the criterion and that none found before.",
+    "bev_iou, iou_3d": "Intersection over union of the boxes, in plan and in space.",
+    "within": "Distance of the centres in plan.",
+    "ap_nuscenes": "The same detections by nuScenes' definition (Caesar et al. 2020): precision "
+    "interpolated at 101 levels of recall, above 10 % of recall, as far as it is above 10 %.",
+    "ci95": "2.5th to 97.5th percentile of draws of frames with replacement, neighbours together "
+    "where they show the same objects (moving blocks, Künsch 1989). Frames of one hour and place "
+    "say nothing of other places.",
+    "not counted": "Neither help nor hurt: objects with too few points, marked as ignored, or of a "
+    "class that is not told apart. A detection that meets the criterion with one, or that lies in "
+    "it by half, is left out. So is one outside of what is labelled that finds nothing.",
+    "distinct": "Objects counted once however many frames show them: by their tracks, else those "
+    "that stand at the same place in the next frame.",
+    "best_f1": "At the threshold of the score with the best F1, chosen on these very labels: an "
+    "upper bound. By distance: 2 m for trucks, buses and large, 1 m for the others.",
+    "found": "Share of the objects that are found at that threshold.",
+    "by range, points, hidden": "Objects of other bins neither help nor hurt; wrong detections are "
+    "those of the same range, or with as many points in them; for hidden objects all.",
+    "errors": "Of detections within 2 m in plan, at any score. ATE: distance of centres in plan; "
+    "ASE: 1 - IoU after centres and headings are laid on each other; AOE: smallest difference of "
+    "yaw (nuScenes, Argoverse 2). Signed ones are found less labelled, along the labelled heading.",
+    "false alarms": "Wrong detections at or above the threshold of the best F1. Standing ones come "
+    "within 1 m of the same place in half of the frames or more: posts, signs, hedges.",
+}

@@ -1,0 +1,270 @@
+"""A detector's boxes against labels: every figure of a report, as its algorithm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.evaluation.bootstrap import block_length, drawn_frames, interval, same_objects
+from urbantwin.evaluation.breakdown import Bin, bins_of
+from urbantwin.evaluation.criterion import (
+    CRITERIA,
+    ERRORS_WITHIN_M,
+    JUDGED,
+    Criterion,
+    near,
+    overlapping,
+)
+from urbantwin.evaluation.errors import box_errors
+from urbantwin.evaluation.false_alarms import (
+    REASONS,
+    false_alarm_reasons,
+    standing_false_alarms,
+)
+from urbantwin.evaluation.matching import Matched, matched
+from urbantwin.evaluation.pairs import Pairs, pairs_of
+from urbantwin.evaluation.precision import (
+    average_precision,
+    best_operation,
+    nuscenes_precision,
+    recall_at_false_alarms,
+    resampled_precision,
+)
+from urbantwin.evaluation.reading import Seen
+from urbantwin.evaluation.truth import roles_of
+from urbantwin.progress import Progress, untold
+
+__all__ = ["DRAWS", "Figures", "Judged", "evaluate"]
+
+#: Draws of frames for an interval; fewer where that would take long.
+DRAWS = 500
+_MOST_DRAWN = 10_000_000
+#: False alarms a frame at which the recall is told.
+_FALSE_ALARMS = (0.1, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What became of one class.
+
+    Attributes:
+        name: one of ``criterion.JUDGED``.
+        roles: (L,) of every labelled object.
+        order: (M,) detections of the class by falling score.
+        found: what was found by the distance that breakdowns go by.
+        reasons: why each of ``found`` is wrong; empty where it is right.
+        threshold: the score with the best F1, 0 where nothing was found.
+        figures: for the report.
+    """
+
+    name: str
+    roles: NDArray[np.int64]
+    order: NDArray[np.int64]
+    found: Matched
+    reasons: list[str]
+    threshold: float
+    figures: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """What became of all classes.
+
+    Attributes:
+        seen: detections and labels.
+        pairs: which are near each other.
+        classes: by name; classes with neither objects nor detections are left out.
+        block: how many frames in a row are drawn together for intervals.
+        doubts: what speaks against the figures.
+    """
+
+    seen: Seen
+    pairs: Pairs
+    classes: dict[str, Judged]
+    block: int
+    doubts: tuple[str, ...]
+
+
+def evaluate(
+    seen: Seen,
+    *,
+    layout: str,
+    classes: Sequence[str] | None = None,
+    vans: bool = False,
+    draws: int = DRAWS,
+    tell: Progress = untold,
+) -> Figures:
+    """Judge detections.
+
+    Args:
+        seen: detections beside labels.
+        layout: of the recording.
+        classes: which to judge, of ``criterion.JUDGED``; all that there are if None.
+        vans: count KITTI's vans as cars.
+        draws: of frames, for intervals.
+        tell: how far it is.
+
+    Raises:
+        InputError: a class is unknown, or no class has objects.
+    """
+    names = list(JUDGED) if classes is None else list(dict.fromkeys(classes))
+    unknown = next((name for name in names if name not in JUDGED), None)
+    if unknown is not None:
+        raise InputError(
+            f"{unknown!r:.60} is no class", place="classes", expected=", ".join(JUDGED)
+        )
+    pairs = pairs_of(seen.detections, seen.truth)
+    length, doubt = block_length(seen.truth)
+    often = drawn_frames(len(seen.truth.frames), length, draws)
+    bins = list(bins_of(seen))
+    found: dict[str, Judged] = {}
+    for number, name in enumerate(names):
+        tell(number / len(names), name)
+        roles = roles_of(seen.truth, name, layout=layout, vans=vans)
+        order = _order(seen, name)
+        if (roles > 0).any() or (len(order) and classes is not None):
+            found[name] = _judged(seen, pairs, name, roles, order, often, bins)
+    if not found:
+        kinds = ", ".join(sorted(set(seen.truth.class_names))) or "none"
+        raise InputError(
+            "there is no object to be found",
+            place="labels",
+            expected=f"objects with enough points of {', '.join(names)}; there are {kinds}",
+        )
+    doubts = [doubt] if doubt else []
+    for one in found.values():
+        doubts += _doubts(one)
+    return Figures(seen, pairs, found, length, tuple(doubts))
+
+
+def _order(seen: Seen, name: str) -> NDArray[np.int64]:
+    members = JUDGED[name]
+    mine = np.flatnonzero([one in members for one in seen.detections.class_names])
+    return mine[np.argsort(-seen.detections.score[mine], kind="stable")]
+
+
+def _judged(
+    seen: Seen,
+    pairs: Pairs,
+    name: str,
+    roles: NDArray[np.int64],
+    order: NDArray[np.int64],
+    often: NDArray[np.int64],
+    bins: Sequence[Bin],
+) -> Judged:
+    truth, frames = seen.truth, len(seen.truth.frames)
+    score = seen.detections.score
+    wanted = roles > 0
+    of_frame = np.bincount(truth.frame[wanted], minlength=frames)
+    fewer = often[: max(50, _MOST_DRAWN // max(len(order), 1))]
+    precision: dict[str, Any] = {}
+    by_criterion: dict[Criterion, Matched] = {}
+    for criterion in CRITERIA:
+        found = by_criterion[criterion] = matched(pairs, order, roles, seen.in_view, criterion)
+        sure = None
+        if found.total and frames > 1:
+            sure = interval(resampled_precision(found, seen.detections.frame, of_frame, fewer))
+        row = {"ap": average_precision(found), "ap_ci95": sure}
+        if criterion.measure == "distance_m":
+            row["ap_nuscenes"] = nuscenes_precision(found)
+        precision[criterion.name] = row
+    found = by_criterion[near(name)]
+    best = best_operation(found, score, frames)
+    reasons = false_alarm_reasons(found, pairs, roles, near(name))
+    right = by_criterion[Criterion("distance_m", ERRORS_WITHIN_M)]
+    hits = right.detection[right.right], right.label[right.right]
+    followed = np.unique(truth.track[wanted & (truth.track >= 0)])
+    threshold = best.score if best else 0.0
+    figures = {
+        "objects": int(wanted.sum()),
+        "tracks": len(followed) if len(followed) else None,
+        "distinct": len(np.unique(same_objects(truth)[wanted])),
+        "not_counted": int((roles < 0).sum()),
+        "detections": len(order),
+        "detections_judged": len(found.detection),
+        "ap": precision,
+        "best_f1": None if best is None else {**asdict(best), "f1": best.f1},
+        "recall_at_false_alarms_per_frame": {
+            f"{per_frame:g}": recall_at_false_alarms(found, score, frames, per_frame)
+            for per_frame in _FALSE_ALARMS
+        },
+        "false_alarms": _false_alarms(seen, found, reasons, threshold, frames),
+        "errors": box_errors(seen.detections.box[hits[0]], truth.box[hits[1]])
+        if len(hits[0])
+        else None,
+        "by": [
+            _of_bin(seen, pairs, name, roles, order, one, found, threshold)
+            for one in bins
+            if (wanted & one.labels).any()
+        ],
+    }
+    return Judged(name, roles, order, found, reasons, threshold, figures)
+
+
+def _false_alarms(
+    seen: Seen, found: Matched, reasons: Sequence[str], threshold: float, frames: int
+) -> dict[str, Any]:
+    """Return what is wrong above the score with the best F1."""
+    above = ~found.right & (seen.detections.score[found.detection] >= threshold)
+    counts = {
+        reason: sum(bool(yes) and one == reason for yes, one in zip(above, reasons, strict=True))
+        for reason in REASONS
+    }
+    return {
+        "score": threshold,
+        "per_frame": int(above.sum()) / frames,
+        "reasons": counts,
+        "standing": standing_false_alarms(seen, found.detection[above]),
+    }
+
+
+def _of_bin(
+    seen: Seen,
+    pairs: Pairs,
+    name: str,
+    roles: NDArray[np.int64],
+    order: NDArray[np.int64],
+    one: Bin,
+    found: Matched,
+    threshold: float,
+) -> dict[str, Any]:
+    """Return the figures of a bin: objects of other bins neither help nor hurt."""
+    inside = np.where((roles > 0) & ~one.labels, -1, roles)
+    counts = seen.in_view & one.detections
+    row: dict[str, Any] = {"by": one.kind, "bin": one.title, "objects": int((inside > 0).sum())}
+    for criterion in (overlapping(), near(name)):
+        row[criterion.name] = average_precision(matched(pairs, order, inside, counts, criterion))
+    above = found.right & (seen.detections.score[found.detection] >= threshold)
+    row["found"] = int(one.labels[found.label[above]].sum()) / row["objects"]
+    return row
+
+
+#: What is a doubt about the boxes' convention: this far off, for most boxes, of so many.
+_FEWEST_DOUBTED, _QUARTER_DEG = 10, 60.0
+
+
+def _doubts(one: Judged) -> list[str]:
+    """Return what the errors say of another convention of boxes."""
+    errors = one.figures["errors"]
+    if errors is None or errors["boxes"] < _FEWEST_DOUBTED:
+        return []
+    said = []
+    if one.name != "pedestrian" and errors["axis_median_deg"] > _QUARTER_DEG:
+        said.append(
+            f"Headings of {one.name} boxes lie across: are length and width exchanged, or does yaw "
+            "not count from +x?"
+        )
+    if one.name not in ("pedestrian", "bicycle") and errors["turned_round"] > 0.8:
+        said.append(f"Nearly all {one.name} boxes look backwards: another convention of yaw?")
+    low = -errors["up_m"]
+    if 0.5 < low < 1.2:
+        said.append(
+            f"Boxes of {one.name} stand {low:.1f} m too low: is z that of their floor, and not of "
+            "their centre?"
+        )
+    return said

@@ -1,0 +1,94 @@
+"""What ``evaluation.json`` holds, and the folder with its page and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from urbantwin.artefact import as_json, write_json
+from urbantwin.evaluation.bootstrap import same_objects
+from urbantwin.evaluation.case_picture import draw_cases
+from urbantwin.evaluation.criterion import JUDGED
+from urbantwin.evaluation.definitions import DEFINITIONS
+from urbantwin.evaluation.evaluate import Figures
+from urbantwin.evaluation.figure import draw_figures
+from urbantwin.evaluation.page import in_short, write_page
+from urbantwin.evaluation.worst import worst_false_alarms, worst_misses
+from urbantwin.fidelity.readers import Recording
+
+__all__ = ["KIND", "write_evaluation"]
+
+KIND = "evaluation"
+#: So many misses and so many false alarms are drawn.
+_SHOWN = 8
+
+
+def write_evaluation(
+    folder: Path,
+    figures: Figures,
+    recording: Recording,
+    told: Mapping[str, Any],
+    *,
+    tracking: Mapping[str, Any] | None = None,
+    more: Iterable[str] = (),
+) -> dict[str, Any]:
+    """Write ``evaluation.json``, ``evaluation.html`` and ``pictures/`` into a folder.
+
+    Args:
+        folder: where.
+        figures: of all classes.
+        recording: whose points are drawn.
+        told: names of predictions and data, and the settings.
+        tracking: figures of tracks, where detections and labels have them.
+        more: sections of HTML about them.
+
+    Returns:
+        What ``evaluation.json`` holds.
+    """
+    seen = figures.seen
+    pictures = folder / "pictures"
+    pictures.mkdir()
+    paths = {"figures": pictures / "figures.png"}
+    draw_figures(figures, paths["figures"])
+    cases = {
+        "misses": worst_misses(figures, _SHOWN),
+        "false_alarms": worst_false_alarms(figures, _SHOWN),
+    }
+    for kind, some in cases.items():
+        if some:
+            paths[kind] = pictures / f"{kind}.png"
+            draw_cases(some, figures, recording, paths[kind])
+    single = [one for name, one in figures.classes.items() if name != "large"]
+    counted = np.zeros(len(seen.truth), bool)
+    for one in single or figures.classes.values():
+        counted |= one.roles > 0
+    known = np.unique(seen.truth.track[counted & (seen.truth.track >= 0)])
+    report: dict[str, Any] = {
+        "kind": KIND,
+        "schema": 1,
+        **told,
+        "in_short": "",
+        "frames": len(seen.truth.frames),
+        "frames_together": figures.block,
+        "boxes_counted": int(counted.sum()),
+        "tracks": len(known) if len(known) else None,
+        "distinct": len(np.unique(same_objects(seen.truth)[counted])),
+        "labelled_view": seen.view,
+        "doubts": list(figures.doubts),
+        "notes": list(seen.notes),
+        "classes": {name: one.figures for name, one in figures.classes.items()},
+        "members": {name: list(JUDGED[name]) for name in figures.classes},
+        "tracking": None if tracking is None else dict(tracking),
+        "worst_misses": [one.row(seen.truth.frames) for one in cases["misses"]],
+        "worst_false_alarms": [one.row(seen.truth.frames) for one in cases["false_alarms"]],
+        "frame_names": list(seen.truth.frames),
+        "definitions": DEFINITIONS,
+    }
+    report["in_short"] = in_short(report)
+    write_page(report, paths, folder / f"{KIND}.html", more)
+    written: dict[str, Any] = as_json(report)
+    write_json(folder / f"{KIND}.json", written)
+    return written

@@ -1,0 +1,136 @@
+"""Detections judged by labels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from urbantwin.artefact import check_folder, read_json, replaced_folder
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+__all__ = ["Evaluation", "evaluate"]
+
+_KIND = "evaluation"
+
+
+class Evaluation:
+    """What became of detections: figures of every class, with intervals.
+
+    Attributes:
+        folder: where it is; ``evaluation.html`` in it is the page for people.
+        manifest: ``evaluation.json``.
+    """
+
+    def __init__(self, folder: AnyPath) -> None:
+        self.folder = Path(folder)
+        self.manifest: dict[str, Any] = read_json(self.folder / f"{_KIND}.json", kind=_KIND)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return the headline and the folder."""
+        return f"{self.in_short} ({self.folder})"
+
+    @property
+    def in_short(self) -> str:
+        """The headline."""
+        return str(self.manifest["in_short"])
+
+    @property
+    def figures(self) -> dict[str, dict[str, Any]]:
+        """All figures, by class; ``manifest["definitions"]`` says what each is."""
+        return dict(self.manifest["classes"])
+
+    def summary(self) -> Summary:
+        """Return average precisions in per cent, with 95 % intervals, and what to know of them."""
+        told = self.manifest
+        return Summary(
+            path=str(self.folder),
+            page=str(self.folder / f"{_KIND}.html"),
+            in_short=self.in_short,
+            doubts=told["doubts"],
+            frames=told["frames"],
+            boxes=told["boxes_counted"],
+            distinct_objects=told["distinct"],
+            tracks=told["tracks"],
+            labelled_view=told["labelled_view"],
+            average_precision={
+                f"{name} (n = {row['objects']})": {
+                    criterion: _rounded(one) for criterion, one in row["ap"].items()
+                }
+                for name, row in self.figures.items()
+            },
+            notes=told["notes"],
+        )
+
+
+def _rounded(figure: dict[str, Any]) -> list[float | None]:
+    """Return a figure and the ends of its interval, per cent with one decimal."""
+    ends = figure.get("ap_ci95") or ()
+    return [None if one is None else round(100 * one, 1) for one in (figure["ap"], *ends)]
+
+
+def evaluate(  # noqa: PLR0913 - the options of the command
+    detections: AnyPath,
+    data: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    classes: Sequence[str] | None = None,
+    layout: str | None = None,
+    within: float | None = None,
+    fewest_points: int | None = None,
+    vans: bool = False,
+    progress: ShowProgress = True,
+) -> Evaluation:
+    """Judge detections by the labels of the same frames.
+
+    Args:
+        detections: a folder of detections.
+        data: the labelled frames: a dataset of ours or a real recording.
+        out: the folder to write; one beside the detections when not given.
+        classes: which to judge; all that are labelled when not given.
+        layout: how the data lies; found out when not given.
+        within: what is farther from every sensor does not count, metres.
+        fewest_points: boxes with fewer neither help nor hurt; 5 when not given.
+        vans: count KITTI's vans as cars; else they neither help nor hurt.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: the detections or the data cannot be used, or have no frame in common.
+    """
+    from urbantwin.detections import read_detections
+    from urbantwin.evaluation import FEWEST_POINTS, read_labelled
+    from urbantwin.evaluation import evaluate as judged
+    from urbantwin.evaluation.report import write_evaluation
+    from urbantwin.fidelity.readers import open_recording
+    from urbantwin.progress import between
+
+    source, real = Path(detections), Path(data)
+    target = beside(source, _KIND) if out is None else Path(out)
+    fewest = FEWEST_POINTS if fewest_points is None else fewest_points
+    check_folder(target, kind=_KIND, inputs=[source, real])
+    with shown_stage("evaluate", progress, brief=True) as tell:
+        recording = open_recording(real, layout)
+        seen = read_labelled(
+            read_detections(source),
+            recording,
+            fewest_points=fewest,
+            most_m=within,
+            tell=between(tell, 0.0, 0.5),
+        )
+        found = judged(
+            seen, layout=recording.layout, classes=classes, vans=vans, tell=between(tell, 0.5, 0.8)
+        )
+        told = {
+            "predictions": source.name,
+            "data": real.name,
+            "settings": {"fewest_points": fewest, "within_m": within, "vans": vans},
+        }
+        with replaced_folder(target, kind=_KIND, inputs=[source, real]) as scratch:
+            write_evaluation(scratch, found, recording, told)
+    return Evaluation(target)

@@ -1,0 +1,114 @@
+"""Detections as tracks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.detections import Detections
+
+__all__ = ["TrackedObjects", "track"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrackedObjects:
+    """Tracks in a folder of detections; it stands for its folder: ``ut.evaluate(tracked, data)``.
+
+    Attributes:
+        folder: where it was written.
+        found: the boxes, each with the number of its track.
+    """
+
+    folder: Path
+    found: Detections
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return how many tracks there are, and the folder."""
+        return f"{sum(self.counts.values())} tracks ({self.folder})"
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Number of tracks of each class."""
+        pairs = set(zip(self.found.track.tolist(), self.found.class_names, strict=True))
+        names = [name for _, name in pairs]
+        return {name: names.count(name) for name in sorted(set(names))}
+
+    def summary(self) -> Summary:
+        """Return what was tracked in a few values."""
+        filled = 0 if self.found.filled is None else int(self.found.filled.sum())
+        return Summary(
+            path=str(self.folder),
+            frames=len(self.found.frames),
+            tracks=sum(self.counts.values()),
+            boxes=len(self.found),
+            filled=filled,
+            classes=self.counts,
+        )
+
+
+def track(  # noqa: PLR0913 - the options of the command
+    detections: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    frames: AnyPath | None = None,
+    rate: float | None = None,
+    smooth: bool = False,
+    gap: float = 2.0,
+    birth: float = 0.3,
+    lowest: float = 0.1,
+    progress: ShowProgress = True,
+) -> TrackedObjects:
+    """Follow road users through detections of frames: one class and size each, gaps filled.
+
+    Args:
+        detections: a folder of detections.
+        out: the folder to write; one beside the detections when not given.
+        frames: the recording: where the sensor rides, its frames say where it is; a dataset of
+            ours says when its frames were taken.
+        rate: frames per second, where the detections do not say when frames were taken.
+        smooth: let what came later tell, too, as of a recording that is labelled by a teacher:
+            broken tracks are joined, places and headings smoothed.
+        gap: so long nobody need be detected, seconds.
+        birth: a detection with such a score may begin a track.
+        lowest: one with a lower score is ignored.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: the detections cannot be used, or nothing says when frames were taken.
+    """
+    from urbantwin.detections import check_detections_folder, read_detections, write_detections
+    from urbantwin.progress import between
+    from urbantwin.tracking import Linking, tracked
+    from urbantwin.tracking.moments import moments, poses_of
+
+    source = Path(detections)
+    target = beside(source, "tracked") if out is None else Path(out)
+    recording = None if frames is None else Path(frames)
+    inputs = [source, recording]
+    check_detections_folder(target, inputs)
+    how = Linking(birth=birth, lowest=lowest, gap_s=gap)
+    with shown_stage("track", progress, brief=True) as tell:
+        found = read_detections(source)
+        times = moments(found, source, rate=rate, frames=recording)
+        poses = None
+        if recording is not None:
+            poses = poses_of(found, recording, between(tell, 0.0, 0.5))
+        begin = 0.0 if recording is None else 0.5
+        told = tracked(
+            found, times, poses=poses, how=how, smooth=smooth, tell=between(tell, begin, 0.95)
+        )
+        settings = {"gap_s": gap, "birth": birth, "lowest": lowest, "smooth": smooth}
+        made_by = {"urbantwin": "track", "rides": poses is not None, **settings}
+        write_detections(target, told, made_by, inputs)
+    return TrackedObjects(target, told)

@@ -1,0 +1,163 @@
+"""Kalman filters of many road users at once: predicted, corrected, smoothed.
+
+A state is x, y, z, yaw and two rates. People: the velocity in x and y, constant but for what it
+wanders (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, "Estimation with Applications to Tracking and
+Navigation", 2001, chapter 6.2). All others: the speed along the heading and the rate of turn,
+linearised where they are ("constant turn rate and velocity", R. Schubert, E. Richter, G. Wanielik,
+"Comparison and evaluation of advanced motion models for vehicle tracking", FUSION 2008); the rate
+of turn fades, as nobody turns for long. Smoothing is that of H. E. Rauch, F. Tung and C. T.
+Striebel, "Maximum likelihood estimates of linear dynamic systems", AIAA Journal 3(8), 1965.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import wrapped
+from urbantwin.tracking.road_user import RoadUser
+
+__all__ = ["SEEN", "STATE", "begun", "corrected", "innovation", "measured", "predicted", "smoothed"]
+
+#: Numbers of a state, and those of it that a detection tells: x, y, z, yaw.
+STATE, SEEN = 6, 4
+#: A rate of turn fades to a third in so long, seconds.
+_TURNS_S = 2.0
+#: Heights wander by so much, metres per root second.
+_CLIMBS_M = 0.3
+#: An axis that is off by more than this, or twice what is known, is taken for an error, radians.
+_ASKEW = 0.6
+#: Half a turn: a detection's axis is measured, not its front.
+_HALF = np.pi
+
+Floats = NDArray[np.float64]
+
+
+def begun(seen: Floats, user: RoadUser) -> tuple[Floats, Floats]:
+    """Return states (T, 6) and covariances (T, 6, 6) after one detection (T, 4) of each."""
+    state = np.zeros((len(seen), STATE))
+    state[:, :SEEN] = seen
+    spread = [user.place_m, user.place_m, user.height_m, max(user.yaw, 0.5)]
+    spread += [user.speed_m_s, 0.5 if user.turns else user.speed_m_s]
+    return state, np.tile(np.diag(np.square(spread)), (len(seen), 1, 1))
+
+
+def measured(user: RoadUser) -> Floats:
+    """Return the variances (4,) of what detections tell: x, y, z, yaw."""
+    return np.square([user.place_m, user.place_m, user.height_m, user.yaw])
+
+
+def predicted(
+    state: Floats, covariance: Floats, seconds: Floats, user: RoadUser
+) -> tuple[Floats, Floats, Floats]:
+    """Return states and covariances after a time, and the Jacobians (T, 6, 6) of the way there.
+
+    Args:
+        state: (T, 6).
+        covariance: (T, 6, 6).
+        seconds: (T,) how much later, above zero.
+        user: who moves.
+    """
+    after, jacobian = state.copy(), np.tile(np.eye(STATE), (len(state), 1, 1))
+    noise = np.zeros_like(jacobian)
+    noise[:, 2, 2] = _CLIMBS_M**2 * seconds
+    if user.turns:
+        fade = np.exp(-seconds / _TURNS_S)
+        turned = _TURNS_S * (1.0 - fade)
+        along = state[:, 3] + state[:, 5] * turned / 2
+        c, s = np.cos(along), np.sin(along)
+        way = state[:, 4] * seconds
+        after[:, 0] += way * c
+        after[:, 1] += way * s
+        after[:, 3] += state[:, 5] * turned
+        after[:, 5] *= fade
+        jacobian[:, 0, 3], jacobian[:, 1, 3] = -way * s, way * c
+        jacobian[:, 0, 4], jacobian[:, 1, 4] = seconds * c, seconds * s
+        jacobian[:, 0, 5], jacobian[:, 1, 5] = -way * s * turned / 2, way * c * turned / 2
+        jacobian[:, 3, 5], jacobian[:, 5, 5] = turned, fade
+        _wander(noise, np.column_stack([c, s]), (0, 1), 4, seconds, user.accelerates)
+        _wander(noise, np.ones((len(state), 1)), (3,), 5, seconds, user.swerves)
+        across = np.column_stack([-s, c])
+        slip = user.slips_m**2 * seconds
+        noise[:, :2, :2] += slip[:, None, None] * across[:, :, None] * across[:, None, :]
+    else:
+        for axis in (0, 1):
+            after[:, axis] += state[:, 4 + axis] * seconds
+            jacobian[:, axis, 4 + axis] = seconds
+            one = np.ones((len(state), 1))
+            _wander(noise, one, (axis,), 4 + axis, seconds, user.accelerates)
+        noise[:, 3, 3] = user.swerves * seconds
+    covariance = jacobian @ covariance @ jacobian.transpose(0, 2, 1) + noise
+    return after, covariance, jacobian
+
+
+def _wander(
+    noise: Floats,
+    way: Floats,
+    places: tuple[int, ...],
+    rate: int,
+    seconds: Floats,
+    density: float,
+) -> None:
+    """Add a rate that wanders (white noise of its derivative), and the way that comes of it."""
+    for i, one in enumerate(places):
+        noise[:, one, rate] += density * seconds**2 / 2 * way[:, i]
+        noise[:, rate, one] += density * seconds**2 / 2 * way[:, i]
+        for k, other in enumerate(places):
+            noise[:, one, other] += density * seconds**3 / 3 * way[:, i] * way[:, k]
+    noise[:, rate, rate] += density * seconds
+
+
+def innovation(state: Floats, seen: Floats) -> Floats:
+    """Return what detections (..., 4) tell beside states (..., 6): yaw within a quarter turn."""
+    off = seen - state[..., :SEEN]
+    off[..., 3] = wrapped(off[..., 3], _HALF)
+    return np.asarray(off)
+
+
+def corrected(
+    state: Floats, covariance: Floats, seen: Floats, user: RoadUser
+) -> tuple[Floats, Floats]:
+    """Return states and covariances with one detection (T, 4) of each taken in."""
+    if not user.turns:
+        # Who walks looks where it goes: its course is as good as a second look at its axis.
+        state, covariance = _faced(state, covariance)
+    off = innovation(state, seen)
+    noise = np.tile(measured(user), (len(state), 1))
+    usual = np.maximum(_ASKEW, 2 * np.sqrt(covariance[:, 3, 3]))
+    noise[:, 3] *= np.maximum(1.0, np.abs(off[:, 3]) / usual) ** 4
+    total = covariance[:, :SEEN, :SEEN].copy()
+    total[:, range(SEEN), range(SEEN)] += noise
+    gain = np.linalg.solve(total, covariance[:, :SEEN, :]).transpose(0, 2, 1)
+    after = state + np.einsum("tij,tj->ti", gain, off)
+    covariance = covariance - gain @ covariance[:, :SEEN, :]
+    return after, (covariance + covariance.transpose(0, 2, 1)) / 2
+
+
+def _faced(state: Floats, covariance: Floats) -> tuple[Floats, Floats]:
+    """Return people's states with their axes drawn to where they go, as far as that is known."""
+    pace = np.hypot(state[:, 4], state[:, 5])
+    course = np.arctan2(state[:, 5], state[:, 4])
+    spread = np.sqrt(np.maximum(covariance[:, 4, 4], covariance[:, 5, 5]))
+    known = np.where(pace > 2 * spread, (spread / np.maximum(pace, 1e-6)) ** 2 + 0.2**2, np.inf)
+    gain = covariance[:, 3, 3] / (covariance[:, 3, 3] + known)
+    state, covariance = state.copy(), covariance.copy()
+    state[:, 3] += gain * wrapped(course - state[:, 3], _HALF)
+    covariance[:, 3, 3] *= 1.0 - gain
+    return state, covariance
+
+
+def smoothed(
+    state: Floats, covariance: Floats, later: Floats, foreseen: tuple[Floats, Floats, Floats]
+) -> Floats:
+    """Return states (T, 6) at a moment with what came later in mind.
+
+    Args:
+        state: (T, 6) with all up to this moment in mind.
+        covariance: (T, 6, 6) of it.
+        later: (T, 6) smoothed states of the next moment.
+        foreseen: what `predicted` said of the next moment.
+    """
+    expected, spread, jacobian = foreseen
+    gain = np.linalg.solve(spread, jacobian @ covariance).transpose(0, 2, 1)
+    return np.asarray(state + np.einsum("tij,tj->ti", gain, later - expected))

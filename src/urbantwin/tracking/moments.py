@@ -1,0 +1,99 @@
+"""When and where each frame of detections was taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.detections import Detections
+from urbantwin.errors import InputError
+from urbantwin.fidelity.readers import open_recording
+from urbantwin.geometry import Pose
+from urbantwin.progress import Progress, each, untold
+
+__all__ = ["moments", "poses_of"]
+
+#: A sensor that came no farther and turned no more than this stands: metres, and of a matrix.
+_STANDS_M, _STANDS = 1e-3, 1e-6
+
+
+def moments(
+    found: Detections, file: Path, *, rate: float | None = None, frames: Path | None = None
+) -> NDArray[np.float64]:
+    """Return when each frame was taken (frames,), seconds, ascending.
+
+    Args:
+        found: the detections.
+        file: they were read from, for errors.
+        rate: frames per second, where it is told: the frames follow each other by it.
+        frames: the recording; a dataset of ours says when its frames are.
+
+    Raises:
+        InputError: nothing says it, or time does not go on; or there are no two frames.
+    """
+    count = len(found.frames)
+    if count < 2:
+        raise InputError(
+            f"has {count} frame{'s' * (count != 1)}, and nobody can be followed",
+            file=file,
+            expected="frames that follow each other",
+        )
+    times = found.time_s
+    if rate is not None:
+        times = np.arange(count) / rate
+    elif times is None and frames is not None:
+        times = _of_dataset(found, frames)
+    if times is None:
+        raise InputError(
+            "does not say when its frames were taken",
+            file=file,
+            expected="--rate, in frames per second",
+        )
+    back = np.flatnonzero(~(np.diff(times) > 0))
+    if len(back):
+        raise InputError(
+            f"time does not go on: {times[back[0] + 1]:.10g} s after {times[back[0]]:.10g} s",
+            file=file,
+            place=f"frame {found.frames[back[0] + 1]}",
+            expected="frames in the order of time, or --rate",
+        )
+    return np.asarray(times, np.float64)
+
+
+def _of_dataset(found: Detections, frames: Path) -> NDArray[np.float64] | None:
+    if not (frames / "dataset.json").is_file():
+        return None
+    told = {one["name"]: one["time_s"] for one in read_manifest(frames).get("frames", [])}
+    if not set(found.frames) <= set(told):
+        return None
+    return np.array([told[name] for name in found.frames], np.float64)
+
+
+def poses_of(found: Detections, frames: Path, tell: Progress = untold) -> Sequence[Pose] | None:
+    """Return where each frame's points are in the world; None where the sensor stands.
+
+    Raises:
+        InputError: it is no recording, or lacks a frame, or does not say where one is.
+    """
+    recording = open_recording(frames)
+    number = {name: k for k, name in enumerate(recording.names)}
+    found_poses: list[Pose] = []
+    for name in each(found.frames, tell, "where frames are"):
+        if name not in number:
+            raise InputError(
+                f"has no frame {name:.60}", file=frames, expected="the frames detected"
+            )
+        pose = recording.read(number[name]).world_SE3_frame
+        if pose is None:
+            if not found_poses:
+                return None
+            raise InputError(f"does not say where frame {name:.60} is", file=frames)
+        found_poses.append(pose)
+    first = found_poses[0]
+    moved = max(float(np.abs(one.translation - first.translation).max()) for one in found_poses)
+    turned = max(float(np.abs(one.rotation - first.rotation).max()) for one in found_poses)
+    return None if moved < _STANDS_M and turned < _STANDS else found_poses

@@ -1,0 +1,149 @@
+"""Detections of frame after frame as tracks: linked, filtered, each of one class and size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.detections import Detections, detected_class
+from urbantwin.geometry import Pose, wrapped
+from urbantwin.progress import Progress, untold
+from urbantwin.tracking.estimation import Estimate, estimates, fronted
+from urbantwin.tracking.linking import Linking, linked, underside
+from urbantwin.tracking.rejoining import rejoined_rows
+from urbantwin.tracking.road_user import RoadUser, group_of
+
+__all__ = ["tracked"]
+
+#: A box where nobody was detected has so much of its track's score.
+_FILLED = 0.5
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+
+def tracked(
+    found: Detections,
+    time_s: Floats,
+    *,
+    poses: Sequence[Pose] | None = None,
+    how: Linking | None = None,
+    smooth: bool = False,
+    tell: Progress = untold,
+) -> Detections:
+    """Return the tracks of detections: boxes by frame, gaps filled.
+
+    The score of a track is the mean of its detections', of n of them times n / (n + 1), and half of
+    that where it is filled. Its class is the one that has most of the scores, and its size the
+    median of that class's, weighted by scores. What is in no track is left out.
+
+    Args:
+        found: what a detector said.
+        time_s: (frames,) when each frame was taken, seconds, ascending.
+        poses: where the frame of the boxes is in the world, for every frame, where the sensor
+            rides; else it stands.
+        how: scores and gaps.
+        smooth: use what came later, too: tracks that are broken are joined, and smoothed.
+        tell: is told how far it is.
+    """
+    still = _moved(found, poses)
+    users = [group_of(name) for name in still.class_names]
+    tell(0.0, "linking")
+    tracks = linked(still, users, time_s, how or Linking(), lambda share: tell(0.7 * share, "link"))
+    if smooth:
+        tell(0.7, "joining")
+        tracks = rejoined_rows(still, tracks, users, time_s)
+    tell(0.8, "filtering")
+    seen = underside(still.box)
+    made: list[Estimate | None] = [None] * len(tracks)
+    for name in sorted({users[int(rows[0])].name for rows in tracks}):
+        mine = [k for k, rows in enumerate(tracks) if users[int(rows[0])].name == name]
+        user = users[int(tracks[mine[0]][0])]
+        where = estimates(
+            [still.frame[tracks[k]] for k in mine],
+            [seen[tracks[k]] for k in mine],
+            user,
+            time_s,
+            smooth=smooth,
+        )
+        for k, one in zip(mine, where, strict=True):
+            made[k] = one
+    told = _boxes(still, tracks, [one for one in made if one is not None], users)
+    told = replace(told, time_s=time_s)
+    tell(1.0, "filtering")
+    return _moved(told, None if poses is None else [one.inverse() for one in poses])
+
+
+def _boxes(
+    found: Detections, tracks: Sequence[Rows], made: Sequence[Estimate], users: Sequence[RoadUser]
+) -> Detections:
+    frames, boxes, names, scores, numbers, filled = [], [], list[str](), [], [], []
+    for number, (rows, one) in enumerate(zip(tracks, made, strict=True)):
+        name, size = _body(found, rows)
+        count, score = len(one.frame), found.score[rows]
+        yaw = fronted(one, found.frame[rows], found.box[rows, 6], score, users[int(rows[0])])
+        middle = one.state[:, 2] + size[2] / 2
+        box = np.column_stack([one.state[:, :2], middle, np.tile(size, (count, 1)), yaw])
+        gap = np.ones(count, np.bool_)
+        gap[found.frame[rows] - one.frame[0]] = False
+        mean = float(score.mean()) * len(rows) / (len(rows) + 1)
+        frames.append(one.frame)
+        boxes.append(box)
+        names += [name] * count
+        scores.append(np.where(gap, _FILLED * mean, mean))
+        numbers.append(np.full(count, number, np.int64))
+        filled.append(gap)
+    none = not tracks
+    table = Detections(
+        frames=found.frames,
+        frame=np.zeros(0, np.int64) if none else np.concatenate(frames),
+        box=np.zeros((0, 7)) if none else np.concatenate(boxes),
+        class_names=tuple(names),
+        score=np.zeros(0) if none else np.concatenate(scores),
+        track=np.zeros(0, np.int64) if none else np.concatenate(numbers),
+        time_s=found.time_s,
+        filled=np.zeros(0, np.bool_) if none else np.concatenate(filled),
+    )
+    return table.only(np.lexsort((table.track, table.frame)))
+
+
+def _body(found: Detections, rows: Rows) -> tuple[str, Floats]:
+    """Return the class of a track, and its length, width and height."""
+    score, names = found.score[rows], [found.class_names[row] for row in rows]
+    votes = dict.fromkeys(sorted(set(names)), 0.0)
+    alike = dict.fromkeys([detected_class(name) or name for name in votes], 0.0)
+    for name, weight in zip(names, score.tolist(), strict=True):
+        votes[name] += weight
+        alike[detected_class(name) or name] += weight
+    # First the detector's class, then which of its members.
+    kind = max(alike, key=lambda one: alike[one])
+    members = {one: weight for one, weight in votes.items() if (detected_class(one) or one) == kind}
+    name = max(members, key=lambda one: members[one])
+    mine = np.array([one in members for one in names])
+    size, weight = found.box[rows[mine], 3:6], score[mine]
+    return name, np.array([_median(side, weight) for side in size.T])
+
+
+def _median(values: Floats, weight: Floats) -> float:
+    """Return the median of values with weights above zero."""
+    order = np.argsort(values, kind="stable")
+    along = np.cumsum(weight[order]) - weight[order] / 2
+    return float(np.interp(along[-1] / 2 + weight[order][-1] / 4, along, values[order]))
+
+
+def _moved(found: Detections, poses: Sequence[Pose] | None) -> Detections:
+    """Return boxes in the frame of reference that each frame's pose leads to; they stay upright."""
+    if poses is None:
+        return found
+    box = found.box.copy()
+    for number in np.unique(found.frame):
+        rows = np.flatnonzero(found.frame == number)
+        pose = poses[int(number)]
+        box[rows, :3] = pose.apply(box[rows, :3])
+        ahead = np.column_stack([np.cos(box[rows, 6]), np.sin(box[rows, 6]), np.zeros(len(rows))])
+        ahead = ahead @ pose.rotation.T
+        box[rows, 6] = wrapped(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    return replace(found, box=box)

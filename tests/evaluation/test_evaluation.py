@@ -1,0 +1,157 @@
+"""Detections whose precision and errors are known by how they were made."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from shapely import Polygon
+from shapely.affinity import rotate, translate
+
+import urbantwin as ut
+from urbantwin.detections import joined, write_detections
+from urbantwin.errors import InputError
+from urbantwin.evaluation import evaluate, read_labelled
+from urbantwin.fidelity.readers import open_recording
+from urbantwin.geometry.box_overlap import plan_overlaps
+
+FRAMES, CARS = 10, 4
+Floats = NDArray[np.float64]
+
+
+def _boxes(frame: int) -> Floats:
+    """Cars in a row, far from each other, that turn as they go."""
+    x = 10.0 * np.arange(CARS) + 0.8 * frame
+    return np.column_stack(
+        [x, 3.0 * np.arange(CARS), *np.tile([[0.75], [4.0], [2.0], [1.5]], CARS), 0.1 * x]
+    )
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("street")
+    rng = np.random.default_rng(1)
+    lines = ["frame,id,class,x,y,z,length,width,height,yaw,num_points,ignore"]
+    for frame in range(FRAMES):
+        boxes = _boxes(frame)
+        points = [rng.uniform([-60, -60, 0], [100, 60, 0.01], (500, 3))]
+        for number, (x, y, z, length, width, height, yaw) in enumerate(boxes):
+            inside = rng.uniform(-0.45, 0.45, (50, 3)) * [length, width, height]
+            c, s = np.cos(yaw), np.sin(yaw)
+            points.append(inside @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [x, y, z])
+            box = f"{x},{y},{z},{length},{width},{height},{yaw}"
+            lines.append(f"{frame + 1},{number},car,{box},50,0")
+        # Two that do not count: ignored, and with two points.
+        lines.append(f"{frame + 1},8,car,-30,0,0.75,4,2,1.5,0,50,1")
+        lines.append(f"{frame + 1},9,car,-30,20,0.75,4,2,1.5,0,2,0")
+        np.concatenate(points).astype(np.float32).tofile(folder / f"{frame + 1:04d}.bin")
+    (folder / "boxes.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def _judged(data: Path, change: Any) -> dict[str, Any]:
+    """Return the figures of cars; ``change`` maps (frame, boxes) to boxes and scores."""
+    found = []
+    for frame in range(FRAMES):
+        boxes, scores = change(frame, _boxes(frame))
+        found.append((np.reshape(boxes, (-1, 7)), ["car"] * len(boxes), np.array(scores)))
+    names = [f"{frame + 1:04d}" for frame in range(FRAMES)]
+    recording = open_recording(data)
+    seen = read_labelled(joined(names, found), recording)
+    return evaluate(seen, layout=recording.layout, draws=50).classes["car"].figures
+
+
+def _ap(figures: dict[str, Any], name: str) -> float:
+    return float(figures["ap"][name]["ap"])
+
+
+def test_all_found_is_a_precision_of_one(data: Path) -> None:
+    figures = _judged(data, lambda frame, boxes: (boxes, [0.9] * CARS))
+    assert figures["objects"] == FRAMES * CARS
+    assert {row["ap"] for row in figures["ap"].values()} == {1.0}
+
+
+def test_half_found_is_half_the_recall(data: Path) -> None:
+    figures = _judged(data, lambda frame, boxes: (boxes[:2], [0.9] * 2))
+    assert _ap(figures, "iou_3d_0.7") == pytest.approx(0.5)
+
+
+def test_a_sure_false_alarm_in_every_frame_halves_the_precision(data: Path) -> None:
+    def change(frame: int, boxes: Floats) -> tuple[Floats, list[float]]:
+        wrong = np.tile([[0.0, -40.0, 0.75, 4.0, 2.0, 1.5, 0.0]], (CARS, 1))
+        wrong[:, 1] -= 3.0 * np.arange(CARS)
+        return np.concatenate([wrong, boxes]), [0.95] * CARS + [0.9] * CARS
+
+    figures = _judged(data, change)
+    # All false ones come first: at the k-th of 40 hits the precision is k / (40 + k), at most 1/2.
+    assert _ap(figures, "within_1_m") == pytest.approx(0.5, abs=0.01)
+
+
+def test_shifts_turns_and_sizes_are_told_as_they_were_made(data: Path) -> None:
+    def change(frame: int, boxes: Floats) -> tuple[Floats, list[float]]:
+        moved = boxes.copy()
+        moved[:, 0] += 0.3 * np.cos(moved[:, 6] + np.pi / 2)
+        moved[:, 1] += 0.3 * np.sin(moved[:, 6] + np.pi / 2)
+        moved[:, 3] *= 1.25
+        moved[:, 6] += 0.2
+        return moved, [0.9] * CARS
+
+    figures = _judged(data, change)
+    errors = json.dumps(figures)
+    told = figures["errors"]
+    assert told["ate_m"] == pytest.approx(0.3, abs=1e-6), errors
+    assert told["ase"] == pytest.approx(0.2, abs=1e-6), errors
+    assert told["aoe_rad"] == pytest.approx(0.2, abs=1e-6), errors
+    assert _ap(figures, "within_0.5_m") == 1.0
+
+
+def test_boxes_that_do_not_count_neither_help_nor_hurt(data: Path) -> None:
+    def change(frame: int, boxes: Floats) -> tuple[Floats, list[float]]:
+        neutral = [[-30, 0, 0.75, 4, 2, 1.5, 0], [-30, 20, 0.75, 4, 2, 1.5, 0]]
+        return np.concatenate([boxes, neutral]), [0.9] * CARS + [0.99] * 2
+
+    figures = _judged(data, change)
+    assert figures["objects"] == FRAMES * CARS
+    assert {row["ap"] for row in figures["ap"].values()} == {1.0}
+
+
+def test_the_interval_covers_the_figure_and_no_more_than_chance(data: Path) -> None:
+    figures = _judged(data, lambda frame, boxes: (boxes[: 1 + frame % 4], [0.9] * (1 + frame % 4)))
+    low, high = figures["ap"]["within_1_m"]["ap_ci95"]
+    assert 0.25 <= low < _ap(figures, "within_1_m") < high <= 1.0
+
+
+def test_overlaps_are_those_of_polygons() -> None:
+    rng = np.random.default_rng(3)
+    a, b = (
+        np.column_stack(
+            [*rng.uniform(-2, 2, (2, 30)), np.zeros(30), *rng.uniform(1, 5, (3, 30)), yaw]
+        )
+        for yaw in rng.uniform(-4, 4, (2, 30))
+    )
+
+    def polygon(box: Floats) -> Polygon:
+        x, y, _, length, width, _, yaw = box
+        half = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [length / 2, width / 2]
+        return translate(rotate(Polygon(half), yaw, origin=(0, 0), use_radians=True), x, y)
+
+    ours = np.asarray(plan_overlaps(a, b))
+    both = np.array([polygon(p).intersection(polygon(q)).area for p, q in zip(a, b, strict=True)])
+    assert ours.shape == both.shape, ours.shape
+    assert ours == pytest.approx(both, abs=1e-9)
+
+
+def test_the_command_writes_a_page_and_refuses_other_frames(data: Path, tmp_path: Path) -> None:
+    found = [(_boxes(frame), ["car"] * CARS, np.full(CARS, 0.9)) for frame in range(FRAMES)]
+    names = [f"{frame + 1:04d}" for frame in range(FRAMES)]
+    write_detections(tmp_path / "found", joined(names, found), {})
+    made = ut.evaluate(tmp_path / "found", data, tmp_path / "report", progress=False)
+    assert made.figures["car"]["ap"]["within_1_m"]["ap"] == 1.0
+    assert "car 100" in made.in_short
+    assert "<html" in (tmp_path / "report" / "evaluation.html").read_text()
+    strange = [f"street {name}x" for name in "abcdefghij"]
+    write_detections(tmp_path / "strange", joined(strange, found), {})
+    with pytest.raises(InputError, match="none of the frames"):
+        ut.evaluate(tmp_path / "strange", data, tmp_path / "other", progress=False)
