@@ -1,0 +1,1 @@
+"""Loops over points and boxes that numba compiles."""

@@ -1,0 +1,214 @@
+"""Frames as the training takes them: heights above the ground, boxes with their classes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.detections import detected_class
+from urbantwin.errors import InputError
+from urbantwin.fidelity.frame import Boxes, Frame
+from urbantwin.learn.compiled.box_points import points_in_boxes
+from urbantwin.learn.grid import HIGHEST_M, LOWEST_M
+from urbantwin.learn.ground import Ground, ground_of, is_upside_down
+
+__all__ = [
+    "COUNTED_M",
+    "IGNORED",
+    "LEAST_POINTS",
+    "LevelFrame",
+    "level_frame_from",
+    "levelled",
+    "read_level_frame",
+    "refuse_upside_down",
+    "write_level_frame",
+]
+
+#: Class of a box that is neither right nor wrong.
+IGNORED = -1
+#: Edge of the cells in which it is known where labels count, metres.
+COUNTED_M = 1.0
+#: A box with fewer points is neither.
+LEAST_POINTS = 2
+#: Points beyond the range by this are kept for crops that are turned, metres.
+_BEYOND_M = 4.0
+#: A box's lower edge lies on the ground, but for this, metres: else z is no height.
+_MOST_OFF_M = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class LevelFrame:
+    """A frame on level ground about its own middle.
+
+    Attributes:
+        points: (N, 3 or 4) float32: x, y from the middle, height above the ground, and intensity
+            if it is told.
+        ring: (N,) int32, the sensor's number times 4096 and the beam's row; -1 where unknown.
+        sensors: (S, 3) float64, where the sensors are, in the same frame.
+        box: (B, 7) float64, z above the ground.
+        number: (B,) int64 class of each, or `IGNORED`.
+        track: (B,) int64, -1 where unknown.
+        counted: (K, K) bool, cells of `COUNTED_M` about the middle, in which labels count.
+    """
+
+    points: NDArray[np.float32]
+    ring: NDArray[np.int32]
+    sensors: NDArray[np.float64]
+    box: NDArray[np.float64]
+    number: NDArray[np.int64]
+    track: NDArray[np.int64]
+    counted: NDArray[np.bool_]
+
+
+def levelled(
+    frame: Frame, reach_m: float, *, intensity: bool = False
+) -> tuple[LevelFrame, Ground, NDArray[np.float64]]:
+    """Return a frame on level ground without its boxes, its ground, and its middle (2,).
+
+    The middle is that of its sensors.
+
+    Args:
+        frame: any recording's.
+        reach_m: points that are farther from the middle along x or y are left out.
+        intensity: tell it, 0..1.
+    """
+    middle = frame.sensor_places[:, :2].mean(axis=0)
+    away = np.abs(frame.points[:, :2] - middle).max(axis=1)
+    near = away < reach_m
+    points = frame.points[near]
+    if not len(points):
+        points = frame.points[:1]
+        near = np.arange(len(frame.points)) == 0
+    ground = ground_of(points)
+    above = points[:, 2] - ground.at(points)
+    kept = (above >= LOWEST_M) & (above < HIGHEST_M)
+    told = [points[kept, :2] - middle, above[kept, None]]
+    if intensity and frame.intensity is not None:
+        told.append(np.nan_to_num(frame.intensity)[near][kept, None])
+    ring = np.full(int(kept.sum()), -1, np.int32)
+    if frame.ring is not None:
+        sensor = 0 if frame.sensor is None else frame.sensor[near][kept]
+        row = frame.ring[near][kept]
+        ring = np.where(row >= 0, sensor * 4096 + row, -1).astype(np.int32)
+    sensors = frame.sensor_places.copy()
+    sensors[:, 2] -= ground.at(sensors)
+    sensors[:, :2] -= middle
+    found = LevelFrame(
+        np.column_stack(told).astype(np.float32),
+        ring,
+        sensors,
+        np.zeros((0, 7)),
+        np.zeros(0, np.int64),
+        np.zeros(0, np.int64),
+        np.ones((1, 1), bool),
+    )
+    return found, ground, middle
+
+
+def level_frame_from(
+    frame: Frame,
+    classes: Sequence[str],
+    half_m: float,
+    *,
+    file: Path,
+    intensity: bool = False,
+    ignored: NDArray[np.bool_] | None = None,
+    passed_over: shapely.Geometry | None = None,
+) -> LevelFrame:
+    """Return a labelled frame on level ground.
+
+    Args:
+        frame: with boxes.
+        classes: that are learned; boxes of others are neither right nor wrong.
+        half_m: boxes whose middle is farther along x or y are left out.
+        file: where it is from, for errors.
+        intensity: tell it.
+        ignored: (boxes,) which of them the labels themselves say not to count.
+        passed_over: where labels do not count, in the recording's world.
+
+    Raises:
+        InputError: it has no boxes, z points down, or boxes do not stand on the ground.
+    """
+    if frame.boxes is None:
+        raise InputError(
+            "has no boxes", file=file, place=f"frame {frame.name}", expected="labelled frames"
+        )
+    refuse_upside_down(frame, file)
+    found, ground, middle = levelled(frame, half_m + _BEYOND_M, intensity=intensity)
+    box, number, track = _boxes_of(frame.boxes, classes)
+    if ignored is not None:
+        number[ignored] = IGNORED
+    box[:, 2] -= ground.at(box)
+    box[:, :2] -= middle
+    inside = np.abs(box[:, :2]).max(axis=1, initial=0) < half_m
+    box, number, track = box[inside], number[inside], track[inside]
+    held = np.bincount(points_in_boxes(found.points, box, 0.05) + 1, minlength=len(box) + 1)[1:]
+    number[held < LEAST_POINTS] = IGNORED
+    real = held >= 10
+    off = box[real, 2] - box[real, 5] / 2
+    if len(off) > 2 and np.median(np.abs(off)) > _MOST_OFF_M:
+        raise InputError(
+            f"has boxes {np.median(off):.1f} m from the ground",
+            file=file,
+            place=f"frame {frame.name}",
+            expected="boxes that stand on the ground, z up",
+        )
+    counted = np.ones((1, 1), bool)
+    if passed_over is not None:
+        counted = _counted(frame, passed_over, middle, half_m + _BEYOND_M)
+    return replace(found, box=box, number=number, track=track, counted=counted)
+
+
+def _counted(
+    frame: Frame, passed_over: shapely.Geometry, middle: NDArray[np.float64], reach_m: float
+) -> NDArray[np.bool_]:
+    """Return where labels count, as `LevelFrame` has it."""
+    half = int(np.ceil(reach_m / COUNTED_M))
+    along = (np.arange(-half, half) + 0.5) * COUNTED_M
+    y, x = np.meshgrid(along, along, indexing="ij")
+    places = np.column_stack([x.ravel() + middle[0], y.ravel() + middle[1], np.zeros(x.size)])
+    if frame.world_SE3_frame is not None:
+        places = frame.world_SE3_frame.apply(places)
+    inside = shapely.contains_xy(passed_over, places[:, 0], places[:, 1])
+    return np.asarray(~inside).reshape(x.shape)
+
+
+def refuse_upside_down(frame: Frame, file: Path) -> None:
+    """Refuse a frame in which z points down.
+
+    Raises:
+        InputError: it does.
+    """
+    if is_upside_down(frame.points):
+        raise InputError(
+            "has z pointing down",
+            file=file,
+            place=f"frame {frame.name}",
+            expected="metres with z up",
+        )
+
+
+def _boxes_of(
+    boxes: Boxes, classes: Sequence[str]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    place = {name: number for number, name in enumerate(classes)}
+    names = [detected_class(name) for name in boxes.class_names]
+    number = np.array([place.get(str(name), IGNORED) for name in names], np.int64)
+    return boxes.box.copy(), number, boxes.track.copy()
+
+
+def write_level_frame(path: Path, frame: LevelFrame) -> None:
+    """Write it as plain arrays, which are read in milliseconds."""
+    with path.open("wb") as file:
+        np.savez(file, **{one.name: getattr(frame, one.name) for one in fields(frame)})
+
+
+def read_level_frame(path: Path) -> LevelFrame:
+    """Read what `write_level_frame` wrote."""
+    with np.load(path) as arrays:
+        return LevelFrame(**{one.name: arrays[one.name] for one in fields(LevelFrame)})

@@ -1,0 +1,127 @@
+"""The ground beneath one frame, so that heights are told from it wherever the sensor stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates, percentile_filter
+
+__all__ = ["Ground", "ground_of", "is_upside_down"]
+
+#: Edge of the cells of which the lowest points are taken, metres.
+_CELL_M = 2.0
+#: The lowest of a cell's points may be an echo from below: this share of them is passed over.
+_LOWEST_SHARE = 0.05
+#: The lower quarter of the cells within so many is ground, even among parked cars and hedges.
+_WINDOW, _QUARTER = 11, 25
+#: A cell's lowest point is ground if it is so near to the ground around it, metres: below, above.
+_START_M, _BELOW_M, _ABOVE_M = 1.2, 0.6, 0.25
+#: The ground is smooth over so many cells.
+_SMOOTH = 1.5
+_ROUNDS = 5
+#: A column is told from below and above if its points reach over so much, metres.
+_TALL_M, _EDGE_M = 1.0, 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Heights of the ground on a grid.
+
+    Attributes:
+        west: x of the middle of the first column, metres.
+        south: y of the middle of the first row.
+        heights: (rows, columns) metres, everywhere finite, `_CELL_M` apart.
+    """
+
+    west: float
+    south: float
+    heights: NDArray[np.float64]
+
+    def at(self, places: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return the height of the ground at (N, 2+) places, metres; beyond it, its border's."""
+        row = (places[:, 1] - self.south) / _CELL_M
+        column = (places[:, 0] - self.west) / _CELL_M
+        found = map_coordinates(self.heights, [row, column], order=1, mode="nearest")
+        return np.asarray(found, np.float64)
+
+
+def ground_of(points: NDArray[np.float64]) -> Ground:
+    """Return the ground among the points of one frame.
+
+    The lowest points of cells of 2 m, without those that stand above what is around them: first
+    against a plane and the lower quarter around, then against their own smooth surface, a few
+    times over. Slopes, crowns and gutters stay; parked cars, hedges and facades do not count.
+
+    Args:
+        points: (N, 3) metres, z up, N >= 1.
+    """
+    low = points[:, :2].min(axis=0)
+    column, row = np.floor((points[:, :2] - low) / _CELL_M).astype(np.int64).T
+    shape = (int(row.max()) + 1, int(column.max()) + 1)
+    cell = row * shape[1] + column
+    order = np.lexsort((points[:, 2], cell))
+    cells, first, count = np.unique(cell[order], return_index=True, return_counts=True)
+    lowest = points[order[first + (_LOWEST_SHARE * count).astype(np.int64)], 2]
+    seen = (cells // shape[1], cells % shape[1])
+
+    plane = _plane(np.column_stack([*seen, np.ones(len(cells))]), lowest)
+    rows, columns = np.indices(shape)
+    tilt = plane[0] * rows + plane[1] * columns + plane[2]
+    raw = np.full(shape, np.nan)
+    raw[seen] = lowest - tilt[seen]
+    level = percentile_filter(_filled(raw), _QUARTER, size=_WINDOW, mode="nearest")
+    level = gaussian_filter(level, _SMOOTH)
+    below, above = _START_M, _START_M / 2
+    for _ in range(_ROUNDS):
+        off = raw - level
+        weight = np.where((off > -below) & (off < above), 1.0, 0.0)
+        value = np.where(weight > 0, raw, 0.0)
+        share = gaussian_filter(weight, _SMOOTH)
+        known = share > 1e-3
+        level = _filled(np.where(known, gaussian_filter(value, _SMOOTH) / np.maximum(share, 1e-3),
+                                 np.nan))  # fmt: skip
+        below, above = _BELOW_M, _ABOVE_M
+    middle = low + _CELL_M / 2
+    return Ground(float(middle[0]), float(middle[1]), level + tilt)
+
+
+def is_upside_down(points: NDArray[np.float64]) -> bool:
+    """Return whether z points down: the sharp edge of what stands in the street is at its top.
+
+    Args:
+        points: (N, 3) metres.
+    """
+    cell = np.floor(points[:, :2] / _CELL_M).astype(np.int64)
+    _, number = np.unique(cell, axis=0, return_inverse=True)
+    number = number.ravel()
+    low = np.full(number.max() + 1, np.inf)
+    high = np.full(number.max() + 1, -np.inf)
+    np.minimum.at(low, number, points[:, 2])
+    np.maximum.at(high, number, points[:, 2])
+    tall = (high - low)[number] > _TALL_M
+    at_foot = int((points[tall, 2] < low[number[tall]] + _EDGE_M).sum())
+    at_head = int((points[tall, 2] > high[number[tall]] - _EDGE_M).sum())
+    return at_head > 1.5 * at_foot
+
+
+def _plane(design: NDArray[np.float64], lowest: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the plane (3,) that most of the lowest points lie on, few of them below it."""
+    plane = np.array([0.0, 0.0, float(np.percentile(lowest, 30))])
+    for reach in (4.0, 2.0, 1.0, 0.5):
+        off = lowest - design @ plane
+        near = (off > -2 * reach) & (off < reach)
+        if near.sum() < 10:
+            break
+        plane = np.linalg.lstsq(design[near], lowest[near], rcond=None)[0]
+    return np.asarray(plane)
+
+
+def _filled(grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a grid with the nearest known value where there is none."""
+    hole = np.isnan(grid)
+    if hole.all():
+        return np.zeros_like(grid)
+    at = distance_transform_edt(hole, return_distances=False, return_indices=True)
+    return np.asarray(grid[tuple(at)])

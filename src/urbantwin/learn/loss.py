@@ -1,0 +1,109 @@
+"""How wrong the network is: centres by a focal loss, boxes by absolute differences.
+
+Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. Each class is measured by how
+many of it there are in a sample on average, and then weighted: people are many and small, buses few.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from urbantwin.learn.heads import ClassHead
+from urbantwin.learn.targets import ClassTarget
+
+__all__ = ["BatchTarget", "detection_loss", "on_device"]
+
+#: Exponents of the focal loss: of what is nearly right already, and near to a centre.
+_EASY, _NEAR = 2.0, 4.0
+#: Of boxes, beside that of centres.
+_BOX_WEIGHT = 1.0
+#: A class that is rarer than this, objects a sample, counts as if it were not.
+_RAREST = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class BatchTarget:
+    """`ClassTarget` of all samples of a batch as tensors; cells are numbered through."""
+
+    heat: Tensor
+    counts: Tensor
+    cell: Tensor
+    weight: Tensor
+    box: Tensor
+
+
+def on_device(samples: Sequence[Sequence[ClassTarget]], device: str) -> list[BatchTarget]:
+    """Return the targets of each class for a batch.
+
+    Args:
+        samples: of each sample the targets of the classes.
+        device: where to.
+    """
+    found = []
+    for parts in zip(*samples, strict=True):
+        cells = parts[0].heat.size
+        found.append(
+            BatchTarget(
+                *(
+                    torch.from_numpy(one).to(device)
+                    for one in (
+                        np.stack([one.heat for one in parts]),
+                        np.stack([one.counts for one in parts]),
+                        np.concatenate([one.cell + k * cells for k, one in enumerate(parts)]),
+                        np.concatenate([one.weight for one in parts]),
+                        np.concatenate([one.box for one in parts]),
+                    )
+                )
+            )
+        )
+    return found
+
+
+def detection_loss(
+    said: Sequence[Tensor],
+    wanted: Sequence[BatchTarget],
+    heads: Sequence[ClassHead],
+    usual: Sequence[float],
+) -> Tensor:
+    """Return the loss of each class (classes, 2): of its centres, and of its boxes; weighted.
+
+    Args:
+        said: by the network: (samples, `heads.OUTPUTS`, rows, columns) for each class.
+        wanted: of each class.
+        heads: the classes.
+        usual: objects of each class in a sample on average.
+    """
+    rows = []
+    for maps, target, head, many in zip(said, wanted, heads, usual, strict=True):
+        per = head.weight / (max(many, _RAREST) * len(maps))
+        maps = maps.float()
+        logit = maps[:, 0]
+        likely = torch.sigmoid(logit)
+        hit = target.heat >= 1
+        focal = torch.where(
+            hit,
+            -((1 - likely) ** _EASY) * F.logsigmoid(logit),
+            -(likely**_EASY) * (1 - target.heat) ** _NEAR * F.logsigmoid(-logit),
+        )
+        centres = (focal * target.counts).sum() * per
+        flat = maps[:, 1:].permute(0, 2, 3, 1).reshape(-1, maps.shape[1] - 1)
+        regressed = flat.index_select(0, target.cell)
+        off = torch.cat(
+            [
+                (regressed[:, :8] - target.box[:, :8]).abs(),
+                F.binary_cross_entropy_with_logits(
+                    regressed[:, 8:], target.box[:, 8:], reduction="none"
+                ),
+            ],
+            dim=1,
+        )
+        weights = off.new_tensor(head.box_weights)
+        boxes = ((off * weights).sum(dim=1) * target.weight).sum() * per * _BOX_WEIGHT
+        rows.append(torch.stack([centres, boxes]))
+    return torch.stack(rows)

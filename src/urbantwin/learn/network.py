@@ -1,0 +1,134 @@
+"""The network: pillars, a backbone seen from above, and a head for each class.
+
+PointPillars (Lang et al. 2019) for the encoder, CenterPoint (Yin, Zhou and Kraehenbuehl 2021,
+"Center-based 3D Object Detection and Tracking") for the heads, and a pyramid (Lin et al. 2017,
+"Feature Pyramid Networks for Object Detection") that leads back to the finest cells, so that people
+have heads there. Tensors are NCHW: channels last, the backward pass of a convolution with stride 2
+is 35 times slower on a processor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from urbantwin.learn.heads import OUTPUTS, ClassHead
+
+__all__ = ["Detector", "parameters_in"]
+
+#: Channels in cells 1, 2, 4 and 8 times as large as the pillars', of the smallest network.
+_CHANNELS = (32, 48, 64, 96)
+#: Of a class's own layer.
+_OWN = 16
+#: What a head says at first: one cell in a hundred is a centre (Lin et al. 2017, focal loss).
+_AT_FIRST = -math.log((1 - 0.01) / 0.01)
+
+
+def _layer(ins: int, outs: int, kernel: int = 3, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(ins, outs, kernel, stride, kernel // 2, bias=False),
+        nn.BatchNorm2d(outs, eps=1e-3, momentum=0.03),
+        nn.ReLU(inplace=True),
+    )
+
+
+class _PillarEncoder(nn.Module):
+    """A linear layer for each point and the largest values of each pillar."""
+
+    def __init__(self, features: int, channels: int) -> None:
+        super().__init__()
+        self.linear = nn.Linear(features, channels, bias=False)
+        self.norm = nn.BatchNorm1d(channels, eps=1e-3, momentum=0.03)
+
+    def forward(self, features: Tensor, points: Tensor) -> Tensor:
+        """Return (P, channels) for pillars of (P, M, features) with some points each."""
+        pillars, most = features.shape[0], features.shape[1]
+        filled = torch.arange(most, device=points.device)[None] < points[:, None]
+        if self.training:  # what is no point must not count for the mean
+            value = torch.relu(self.norm(self.linear(features[filled])))
+            whole = value.new_zeros((pillars * most, value.shape[1]))
+            at = torch.nonzero(filled.reshape(-1))
+            whole = whole.scatter(0, at.expand(-1, value.shape[1]), value)
+            return whole.reshape(pillars, most, -1).max(dim=1).values
+        value = self.norm(self.linear(features.reshape(pillars * most, -1)))
+        value = torch.relu(value).reshape(pillars, most, -1) * filled[:, :, None]
+        return value.max(dim=1).values
+
+
+class Detector(nn.Module):
+    """From pillars to maps of centres and boxes.
+
+    Args:
+        features: values of each point of a pillar.
+        heads: the classes.
+        width: multiple of the channels; 1 for two processors.
+    """
+
+    def __init__(self, features: int, heads: Sequence[ClassHead], width: float = 1.0) -> None:
+        super().__init__()
+        one, two, four, eight = (8 * max(1, round(width * count / 8)) for count in _CHANNELS)
+        own = 8 * max(1, round(width * _OWN / 8))
+        self.channels = one
+        self.encoder = _PillarEncoder(features, one)
+        self.near = _layer(one, one)
+        self.down2 = nn.Sequential(_layer(one, two, stride=2), _layer(two, two), _layer(two, two))
+        self.down4 = nn.Sequential(
+            _layer(two, four, stride=2), *(_layer(four, four) for _ in range(3))
+        )
+        self.down8 = nn.Sequential(
+            _layer(four, eight, stride=2), *(_layer(eight, eight) for _ in range(3))
+        )
+        self.up4 = _layer(eight, four, kernel=1)
+        self.merge4 = _layer(four, four)
+        self.up2 = _layer(four, two, kernel=1)
+        self.merge2 = _layer(two, two)
+        self.up1 = _layer(two, one, kernel=1)
+        self.merge1 = _layer(one, one)
+        self.strides = tuple(head.stride for head in heads)
+        self.heads = nn.ModuleList()
+        for head in heads:
+            last = nn.Conv2d(own, OUTPUTS, 1)
+            nn.init.normal_(last.weight, std=0.01)
+            nn.init.zeros_(last.bias)
+            with torch.no_grad():
+                last.bias[0] = _AT_FIRST
+            self.heads.append(nn.Sequential(_layer(one if head.stride == 1 else two, own), last))
+
+    def forward(self, features: Tensor, points: Tensor, cell: Tensor, shape: Tensor) -> list[Tensor]:
+        """Return (grids, `OUTPUTS`, rows, columns) for each class.
+
+        Args:
+            features: (P, M, features) of pillars.
+            points: (P,) int64, how many of the M are points.
+            cell: (P,) int64.
+            shape: (grids, 0, rows, columns): a tensor whose shape is that of the batch.
+        """
+        grids, rows, columns = shape.shape[0], shape.shape[2], shape.shape[3]
+        pillar = self.encoder(features, points)
+        canvas = pillar.new_zeros((grids * rows * columns, self.channels))
+        canvas = canvas.index_copy(0, cell, pillar)
+        canvas = canvas.reshape(grids, rows * columns, -1).transpose(1, 2).contiguous()
+        fine = self.near(canvas.reshape(grids, -1, rows, columns))
+        half = self.down2(fine)
+        quarter = self.down4(half)
+        eighth = self.down8(quarter)
+        quarter = self.merge4(quarter + _doubled(self.up4(eighth)))
+        half = self.merge2(half + _doubled(self.up2(quarter)))
+        fine = self.merge1(fine + _doubled(self.up1(half))) if 1 in self.strides else fine
+        return [
+            head(fine if stride == 1 else half)
+            for head, stride in zip(self.heads, self.strides, strict=True)
+        ]
+
+
+def _doubled(cells: Tensor) -> Tensor:
+    return F.interpolate(cells, scale_factor=2.0, mode="nearest")
+
+
+def parameters_in(network: nn.Module) -> int:
+    """Return how many numbers a network learns."""
+    return sum(one.numel() for one in network.parameters())

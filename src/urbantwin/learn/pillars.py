@@ -1,0 +1,69 @@
+"""Pillars: a frame's points as the network is told of them.
+
+Lang et al. 2019, "PointPillars: Fast Encoders for Object Detection from Point Clouds", with
+heights above the ground in place of heights above the sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.learn.compiled.gather import cells_of, gathered
+from urbantwin.learn.grid import HIGHEST_M, LOWEST_M, Grid
+
+__all__ = ["MOST_POINTS", "Pillars", "features_of", "pillars_of", "stacked"]
+
+#: Points that are kept of a pillar.
+MOST_POINTS = 16
+#: Heights are told in these units, metres.
+_HEIGHT_M = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pillars:
+    """The occupied cells of one grid, or of several of the same size after each other.
+
+    Attributes:
+        features: (P, `MOST_POINTS`, `features_of`) float32; rows that are no point are 0.
+        points: (P,) int64, how many rows are points: the first ones.
+        cell: (P,) int64; those of the second grid begin where the first one's end.
+        grids: how many grids these are.
+    """
+
+    features: NDArray[np.float32]
+    points: NDArray[np.int64]
+    cell: NDArray[np.int64]
+    grids: int = 1
+
+
+def features_of(*, intensity: bool) -> int:
+    """Return how many values a pillar has for each of its points."""
+    return 9 if intensity else 8
+
+
+def pillars_of(points: NDArray[np.float32], grid: Grid) -> Pillars:
+    """Return the pillars of points.
+
+    Args:
+        points: (N, 3 or 4) x, y, height above the ground in metres, and intensity if it is told.
+        grid: the cells.
+    """
+    low = grid.low
+    cell = cells_of(points, low, grid.cell_m, grid.cells, grid.cells, LOWEST_M, HIGHEST_M)
+    return Pillars(
+        *gathered(points, cell, low, grid.cell_m, grid.cells, grid.cells, MOST_POINTS, _HEIGHT_M)
+    )
+
+
+def stacked(parts: Sequence[Pillars], cells: int) -> Pillars:
+    """Return the pillars of several grids of ``cells`` each way as one batch."""
+    return Pillars(
+        np.concatenate([one.features for one in parts]),
+        np.concatenate([one.points for one in parts]),
+        np.concatenate([one.cell + number * cells**2 for number, one in enumerate(parts)]),
+        len(parts),
+    )

@@ -1,0 +1,117 @@
+"""One sample of a training step: a window of a frame, varied, with its targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.learn.augmentation.beams import thinned
+from urbantwin.learn.augmentation.pasting import ObjectBank, pasted
+from urbantwin.learn.augmentation.placement import Placement, drawn_placement
+from urbantwin.learn.compiled.box_points import points_in_boxes
+from urbantwin.learn.frames import COUNTED_M, IGNORED, LEAST_POINTS, LevelFrame
+from urbantwin.learn.grid import Grid
+from urbantwin.learn.heads import ClassHead
+from urbantwin.learn.pillars import Pillars, pillars_of
+from urbantwin.learn.targets import ClassTarget, targets_of
+
+__all__ = ["Sample", "Varied", "sample_of"]
+
+#: So many windows are laid about one of the boxes, by its class: a rare one as often as a car.
+_ABOUT_A_BOX = 0.8
+
+
+@dataclass(frozen=True)
+class Varied:
+    """How samples are varied.
+
+    Attributes:
+        placed: turned, mirrored, scaled.
+        beams: with fewer beams.
+        objects: with objects of other frames.
+    """
+
+    placed: bool = True
+    beams: bool = True
+    objects: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What one frame gives to a training step."""
+
+    pillars: Pillars
+    targets: list[ClassTarget]
+
+
+def sample_of(
+    frame: LevelFrame,
+    window_m: float,
+    cell_m: float,
+    heads: Sequence[ClassHead],
+    draw: np.random.Generator,
+    *,
+    bank: ObjectBank | None = None,
+    rig: int = 0,
+    varied: Varied | None = None,
+) -> Sample:
+    """Return a sample.
+
+    Args:
+        frame: labelled.
+        window_m: width of the square window of it.
+        cell_m: edge of a pillar.
+        heads: the classes.
+        draw: all random numbers of this sample.
+        bank: objects to paste.
+        rig: of the frame.
+        varied: how; in every way if not given.
+    """
+    varied = varied or Varied()
+    half = window_m / 2
+    reach = float(np.abs(frame.points[:, :2]).max(initial=0.0))
+    x, y = _middle_of_window(frame, half, reach, draw)
+    if varied.objects and bank is not None:
+        names = [head.name for head in heads]
+        frame = pasted(frame, bank, rig, names, (x, y, half), draw)
+    if varied.beams:
+        stays = thinned(frame.ring, draw)
+        frame = replace(frame, points=frame.points[stays], ring=frame.ring[stays])
+    placement = drawn_placement(draw, x, y, varied=varied.placed)
+    grid = Grid.around(0.0, 0.0, half, cell_m)
+    near = np.abs(frame.points[:, :2] - np.float32([x, y])).max(axis=1) < 1.5 * half
+    points = placement.points(frame.points[near])
+    boxes = placement.boxes(frame.box)
+    held = np.bincount(points_in_boxes(points, boxes, 0.05) + 1, minlength=len(boxes) + 1)[1:]
+    number = np.where(held < LEAST_POINTS, IGNORED, frame.number)
+    counted = _counted(frame, grid, placement)
+    return Sample(pillars_of(points, grid), targets_of(boxes, number, grid, heads, counted))
+
+
+def _middle_of_window(
+    frame: LevelFrame, half: float, reach: float, draw: np.random.Generator
+) -> tuple[float, float]:
+    """Return where to look: about a box, or anywhere; within the frame."""
+    most = max(reach - half, 0.0)
+    x, y = draw.uniform(-most, most, 2) if most else (0.0, 0.0)
+    beside = draw.uniform(-0.7 * half, 0.7 * half, 2)
+    wanted, share = draw.random(), draw.random(2)
+    known = np.unique(frame.number[frame.number >= 0])
+    if wanted < _ABOUT_A_BOX and len(known):
+        mine = np.flatnonzero(frame.number == known[int(share[0] * len(known))])
+        x, y = frame.box[mine[int(share[1] * len(mine))], :2] + beside
+    return float(np.clip(x, -most, most)), float(np.clip(y, -most, most))
+
+
+def _counted(frame: LevelFrame, grid: Grid, placement: Placement) -> NDArray[np.bool_] | None:
+    """Return in which cells of a sample labels count; None where they do everywhere."""
+    if frame.counted.all():
+        return None
+    places = placement.back(grid.middles(np.arange(grid.cells**2)))
+    size = len(frame.counted)
+    at = np.floor(places / COUNTED_M).astype(np.int64) + size // 2
+    column, row = np.clip(at, 0, size - 1).T
+    return np.asarray(frame.counted[row, column]).reshape(grid.cells, grid.cells)
