@@ -74,7 +74,7 @@ def boxes_of_maps(
         scores.append(1 / (1 + np.exp(-logit.ravel()[cell])))
     found = Found(np.concatenate(boxes), np.concatenate(numbers), np.concatenate(scores))
     found = found.only(np.argsort(-found.score, kind="stable"))
-    found = found.only(np.isfinite(found.box).all(axis=1))
+    found = found.only(np.asarray(np.isfinite(found.box).all(axis=1)))
     return kept_of_overlapping(found, [head.name for head in heads])
 
 

@@ -1,7 +1,7 @@
 """How wrong the network is: centres by a focal loss, boxes by absolute differences.
 
 Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. Each class is measured by how
-many of it there are in a sample on average, and then weighted: people are many and small, buses few.
+many of it there are in a sample on average, and then weighted: people are many, buses few.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn import functional as F
+from torch.nn import functional
 
 from urbantwin.learn.heads import ClassHead
 from urbantwin.learn.targets import ClassTarget
@@ -80,16 +80,16 @@ def detection_loss(
         usual: objects of each class in a sample on average.
     """
     rows = []
-    for maps, target, head, many in zip(said, wanted, heads, usual, strict=True):
-        per = head.weight / (max(many, _RAREST) * len(maps))
-        maps = maps.float()
+    for told, target, head, many in zip(said, wanted, heads, usual, strict=True):
+        per = head.weight / (max(many, _RAREST) * len(told))
+        maps = told.float()
         logit = maps[:, 0]
         likely = torch.sigmoid(logit)
         hit = target.heat >= 1
         focal = torch.where(
             hit,
-            -((1 - likely) ** _EASY) * F.logsigmoid(logit),
-            -(likely**_EASY) * (1 - target.heat) ** _NEAR * F.logsigmoid(-logit),
+            -((1 - likely) ** _EASY) * functional.logsigmoid(logit),
+            -(likely**_EASY) * (1 - target.heat) ** _NEAR * functional.logsigmoid(-logit),
         )
         centres = (focal * target.counts).sum() * per
         flat = maps[:, 1:].permute(0, 2, 3, 1).reshape(-1, maps.shape[1] - 1)
@@ -97,7 +97,7 @@ def detection_loss(
         off = torch.cat(
             [
                 (regressed[:, :8] - target.box[:, :8]).abs(),
-                F.binary_cross_entropy_with_logits(
+                functional.binary_cross_entropy_with_logits(
                     regressed[:, 8:], target.box[:, 8:], reduction="none"
                 ),
             ],

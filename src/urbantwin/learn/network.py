@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
+from torch.nn import functional
 
 from urbantwin.learn.heads import OUTPUTS, ClassHead
 
@@ -53,10 +53,10 @@ class _PillarEncoder(nn.Module):
             whole = value.new_zeros((pillars * most, value.shape[1]))
             at = torch.nonzero(filled.reshape(-1))
             whole = whole.scatter(0, at.expand(-1, value.shape[1]), value)
-            return whole.reshape(pillars, most, -1).max(dim=1).values
+            return whole.reshape(pillars, most, -1).amax(dim=1)
         value = self.norm(self.linear(features.reshape(pillars * most, -1)))
         value = torch.relu(value).reshape(pillars, most, -1) * filled[:, :, None]
-        return value.max(dim=1).values
+        return value.amax(dim=1)
 
 
 class Detector(nn.Module):
@@ -93,12 +93,14 @@ class Detector(nn.Module):
         for head in heads:
             last = nn.Conv2d(own, OUTPUTS, 1)
             nn.init.normal_(last.weight, std=0.01)
-            nn.init.zeros_(last.bias)
-            with torch.no_grad():
-                last.bias[0] = _AT_FIRST
+            bias = torch.zeros(OUTPUTS)
+            bias[0] = _AT_FIRST
+            last.bias = nn.Parameter(bias)
             self.heads.append(nn.Sequential(_layer(one if head.stride == 1 else two, own), last))
 
-    def forward(self, features: Tensor, points: Tensor, cell: Tensor, shape: Tensor) -> list[Tensor]:
+    def forward(
+        self, features: Tensor, points: Tensor, cell: Tensor, shape: Tensor
+    ) -> list[Tensor]:
         """Return (grids, `OUTPUTS`, rows, columns) for each class.
 
         Args:
@@ -126,7 +128,7 @@ class Detector(nn.Module):
 
 
 def _doubled(cells: Tensor) -> Tensor:
-    return F.interpolate(cells, scale_factor=2.0, mode="nearest")
+    return functional.interpolate(cells, scale_factor=2.0, mode="nearest")
 
 
 def parameters_in(network: nn.Module) -> int:

@@ -82,7 +82,7 @@ def sample_of(
         frame = replace(frame, points=frame.points[stays], ring=frame.ring[stays])
     placement = drawn_placement(draw, x, y, varied=varied.placed)
     grid = Grid.around(0.0, 0.0, half, cell_m)
-    near = np.abs(frame.points[:, :2] - np.float32([x, y])).max(axis=1) < 1.5 * half
+    near = np.abs(frame.points[:, :2] - np.array([x, y], np.float32)).max(axis=1) < 1.5 * half
     points = placement.points(frame.points[near])
     boxes = placement.boxes(frame.box)
     held = np.bincount(points_in_boxes(points, boxes, 0.05) + 1, minlength=len(boxes) + 1)[1:]

@@ -64,9 +64,6 @@ def targets_of(
         cells = grid.coarser(head.stride)
         shape = (cells.cells, cells.cells)
         heat, counts = np.zeros(shape, np.float32), np.ones(shape, np.float32)
-        if counted is not None:
-            step = head.stride
-            counts *= counted[step // 2 :: step, step // 2 :: step]
         drawn_ignored(counts, boxes[classes < 0], cells.low, cells.cell_m, _IGNORED_MARGIN_M)
         mine = boxes[classes == number]
         spread = _SPREAD * np.sqrt(mine[:, 3] * mine[:, 4])
@@ -78,8 +75,12 @@ def targets_of(
             cells.cell_m,
             _REGRESSES,
         )
-        counts[heat == 1] = 1.0
+        counts[heat == 1] = 1.0  # whoever is known beside one who does not count
+        if counted is not None:
+            step = head.stride
+            counts *= counted[step // 2 :: step, step // 2 :: step]
+            weight = weight * counts.ravel()[cell]
         told = encoded(mine[whose], cells.middles(cell), cells.cell_m, head)
-        objects = int((heat == 1).sum())
+        objects = int(((heat == 1) & (counts > 0)).sum())
         found.append(ClassTarget(heat, counts, cell, weight.astype(np.float32), told, objects))
     return found

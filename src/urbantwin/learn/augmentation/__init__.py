@@ -1,1 +1,1 @@
-"""Samples made different: turned, flipped, scaled, with fewer beams, with objects of other frames."""
+"""Samples made different: turned, flipped, scaled, fewer beams, objects of other frames."""

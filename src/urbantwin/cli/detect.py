@@ -1,0 +1,42 @@
+"""``urbantwin detect``: road users in the frames of a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import urbantwin as ut
+from urbantwin.cli.console import Console
+from urbantwin.cli.options import AsJson, Out, Quiet
+
+__all__ = ["EXAMPLES", "detect"]
+
+EXAMPLES = """
+urbantwin detect model/ dataset/ -o detections/
+urbantwin detect model/ kitti/training/ -o detections/
+urbantwin detect model/ real/ -o detections/ --least 0.3
+"""
+
+
+def detect(
+    model: Annotated[Path, typer.Argument(help="A folder that `urbantwin train` wrote.")],
+    frames: Annotated[Path, typer.Argument(help="Frames: a dataset or a real recording.")],
+    out: Out = None,
+    least: Annotated[
+        float,
+        typer.Option(metavar="SCORE", min=0.001, max=0.999, help="Leave out what is less likely."),
+    ] = 0.05,
+    layout: Annotated[
+        str | None, typer.Option(help="How the frames lie.  [default: found out]")
+    ] = None,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Detect road users: boxes with classes and scores for `track` and `evaluate`."""
+    made = ut.detect(
+        model, frames, out, least=least, layout=layout, device=device, progress=not quiet
+    )
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

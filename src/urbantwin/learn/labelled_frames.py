@@ -1,0 +1,163 @@
+"""Datasets as training takes them: their frames levelled and kept, and what is in them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from shapely.geometry import shape
+
+from urbantwin.artefact import read_json_value, write_json
+from urbantwin.artefact.checksum import sha256_of
+from urbantwin.errors import InputError
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.readers import open_recording
+from urbantwin.learn.augmentation.pasting import ObjectBank, bank_of, read_bank, write_bank
+from urbantwin.learn.frames import (
+    LevelFrame,
+    level_frame_from,
+    read_level_frame,
+    write_level_frame,
+)
+from urbantwin.learn.model import Design
+from urbantwin.progress import Progress
+
+__all__ = ["LabelledFrames", "digest_of", "labelled_frames"]
+
+_INDEX = "frames.json"
+_BANK = "objects.npz"
+_REGIONS = "ignore_regions.geojson"
+#: Intensities are told from 0 to 1.
+_MOST_INTENSITY = 1.0
+
+
+@dataclass(frozen=True)
+class LabelledFrames:
+    """Levelled frames in a folder.
+
+    Attributes:
+        folder: of their files.
+        rigs: (frames,) the number of each frame's dataset.
+        objects: how many of each class count, in the order of the classes.
+    """
+
+    folder: Path
+    rigs: tuple[int, ...]
+    objects: tuple[int, ...]
+
+    def __len__(self) -> int:
+        """Return how many frames there are."""
+        return len(self.rigs)
+
+    def frame(self, number: int) -> LevelFrame:
+        """Read one."""
+        return read_level_frame(_file(self.folder, number))
+
+    @property
+    def bank(self) -> ObjectBank:
+        """Objects that are cut out of them."""
+        return read_bank(self.folder / _BANK)
+
+
+def digest_of(dataset: Path) -> str:
+    """Return what tells a dataset from another: the SHA-256 of its list of checksums.
+
+    Of a recording without one, that of the names and sizes of its files.
+    """
+    import hashlib
+
+    sums = dataset / "SHA256SUMS"
+    if sums.is_file():
+        return sha256_of(sums)
+    files = sorted(one for one in dataset.rglob("*") if one.is_file())
+    text = "\n".join(f"{one.relative_to(dataset)} {one.stat().st_size}" for one in files)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def labelled_frames(
+    datasets: Sequence[Path], design: Design, folder: Path, tell: Progress
+) -> LabelledFrames:
+    """Return the frames of datasets, levelled; what a folder already has is not made again.
+
+    Args:
+        datasets: labelled: ours, or any that `open_recording` reads.
+        design: the classes, and how far it looks.
+        folder: where levelled frames are kept.
+        tell: called with the share that is done.
+
+    Raises:
+        InputError: a dataset cannot be used, or has no box of a class.
+    """
+    index = folder / _INDEX
+    if index.is_file():
+        told = read_json_value(index, "an index of levelled frames")
+        return LabelledFrames(folder, tuple(told["rigs"]), tuple(told["objects"]))
+    folder.mkdir(parents=True, exist_ok=True)
+    rigs: list[int] = []
+    objects = np.zeros(len(design.classes), np.int64)
+    for rig, dataset in enumerate(datasets):
+        recording = open_recording(dataset)
+        regions = _regions(dataset)
+        for frame in recording:
+            tell(rig / len(datasets), f"reading {dataset.name}: frame {frame.name}")
+            if design.intensity:
+                _check_intensity(frame, dataset)
+            level = level_frame_from(
+                frame,
+                design.classes,
+                design.range_m,
+                file=dataset,
+                intensity=design.intensity,
+                passed_over=regions,
+            )
+            write_level_frame(_file(folder, len(rigs)), level)
+            objects += np.bincount(level.number[level.number >= 0], minlength=len(objects))
+            rigs.append(rig)
+    for name, count in zip(design.classes, objects, strict=True):
+        if not count:
+            others = [one for one, n in zip(design.classes, objects, strict=True) if n]
+            raise InputError(
+                f"no box of class {name} in {len(rigs)} frames",
+                file=", ".join(map(str, datasets)),
+                expected=f"boxes of every class asked for; `--classes {','.join(others)}` has some",
+            )
+    found = LabelledFrames(folder, tuple(rigs), tuple(int(one) for one in objects))
+    # A bank holds some hundred objects of each class and rig: of long datasets a part is looked at.
+    some = np.unique(np.linspace(0, len(rigs) - 1, 400).astype(int))
+    bank = bank_of([(found.frame(k), rigs[k]) for k in some], len(design.classes))
+    write_bank(folder / _BANK, bank)
+    write_json(index, {"rigs": rigs, "objects": list(found.objects)})
+    return found
+
+
+def _file(folder: Path, number: int) -> Path:
+    return folder / f"{number:06}.npz"
+
+
+def _regions(dataset: Path) -> shapely.Geometry | None:
+    """Return where a dataset of ours says that its labels do not count; None where nowhere."""
+    file = dataset / _REGIONS
+    if not file.is_file():
+        return None
+    features = json.loads(file.read_text(encoding="utf-8")).get("features", [])
+    areas = shapely.union_all([shape(one["geometry"]) for one in features])
+    return None if areas.is_empty else areas
+
+
+def _check_intensity(frame: Frame, dataset: Path) -> None:
+    if frame.intensity is None:
+        raise InputError(
+            "has no intensities", file=dataset, place=f"frame {frame.name}", expected="0 to 1"
+        )
+    most = float(np.nanmax(frame.intensity, initial=0.0))
+    if most > _MOST_INTENSITY:
+        raise InputError(
+            f"has intensities up to {most:g}",
+            file=dataset,
+            place=f"frame {frame.name}",
+            expected="0 to 1",
+        )

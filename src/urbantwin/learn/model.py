@@ -1,0 +1,145 @@
+"""A trained detector in a folder: ``model.safetensors`` and ``model.yaml``, never a pickle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import safetensors
+import safetensors.torch
+import yaml
+from pydantic import Field
+
+from urbantwin.artefact.checksum import sha256_of
+from urbantwin.artefact.manifest import Part, validated
+from urbantwin.detections import DETECTED_CLASSES
+from urbantwin.errors import InputError
+from urbantwin.learn.heads import ClassHead, class_heads
+from urbantwin.learn.network import Detector
+from urbantwin.learn.pillars import features_of
+
+__all__ = ["KIND", "Design", "Model", "new_network", "read_model", "write_model"]
+
+KIND = "model"
+#: Which fields there are; a later one adds to them.
+SCHEMA = 1
+_EXPECTED = "a folder that `urbantwin train` wrote"
+_WEIGHTS = "model.safetensors"
+_TEXT = "model.yaml"
+
+
+@dataclass(frozen=True)
+class Design:
+    """What a network sees and says.
+
+    Attributes:
+        classes: that it tells apart, each one of `DETECTED_CLASSES`.
+        range_m: it looks so far from the middle of the sensors, along x and along y.
+        cell_m: edge of a pillar.
+        intensity: whether it is told of intensities.
+        width: multiple of the channels.
+    """
+
+    classes: tuple[str, ...] = DETECTED_CLASSES
+    range_m: float = 60.0
+    cell_m: float = 0.4
+    intensity: bool = False
+    width: float = 1.0
+
+    @property
+    def heads(self) -> tuple[ClassHead, ...]:
+        """The heads of its classes."""
+        return class_heads(self.classes)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A detector.
+
+    Attributes:
+        design: what it sees and says.
+        network: in evaluation mode.
+        trained: on which datasets (with their hashes), for how many steps, by which version.
+    """
+
+    design: Design
+    network: Detector
+    trained: Mapping[str, Any]
+
+
+class _Manifest(Part):
+    kind: Literal["model"]
+    schema_: Literal[1] = Field(alias="schema")
+    classes: Annotated[list[str], Field(min_length=1)]
+    range_m: Annotated[float, Field(ge=5, le=500)]
+    cell_m: Annotated[float, Field(ge=0.05, le=2)]
+    intensity: bool
+    width: Annotated[float, Field(ge=0.25, le=16)]
+    weights_sha256: str
+    trained: dict[str, Any]
+
+
+def new_network(design: Design) -> Detector:
+    """Return a network of a design; its weights are drawn by torch's generator."""
+    return Detector(features_of(intensity=design.intensity), design.heads, design.width)
+
+
+def write_model(folder: Path, model: Model) -> None:
+    """Write a model into a folder that exists.
+
+    Args:
+        folder: see `artefact.replaced_folder`.
+        model: to write; its weights as they are, wherever the network is.
+    """
+    weights = {name: one.detach().cpu() for name, one in model.network.state_dict().items()}
+    safetensors.torch.save_file(weights, folder / _WEIGHTS)
+    design = asdict(model.design) | {"classes": list(model.design.classes)}
+    told = {"kind": KIND, "schema": SCHEMA, **design}
+    told |= {"weights_sha256": sha256_of(folder / _WEIGHTS), "trained": dict(model.trained)}
+    text = yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
+    (folder / _TEXT).write_text(text, encoding="utf-8")
+
+
+def read_model(folder: Path, device: str = "cpu") -> Model:
+    """Read what `write_model` wrote.
+
+    Args:
+        folder: the model's.
+        device: where the network is to be.
+
+    Raises:
+        InputError: it is no model's folder, or its files are damaged or do not belong together.
+    """
+    file, weights = folder / _TEXT, folder / _WEIGHTS
+    try:
+        value = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError("is not there", file=file, expected=_EXPECTED) from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        text = " ".join(str(error).split())
+        raise InputError(f"cannot be read: {text:.120}", file=file, expected=_EXPECTED) from None
+    if not isinstance(value, dict):
+        raise InputError("says nothing of a model", file=file, expected=_EXPECTED)
+    told = validated(value, _Manifest, file=file, expected=_EXPECTED)
+    for name in told.classes:
+        if name not in DETECTED_CLASSES:
+            expected = "some of " + ", ".join(DETECTED_CLASSES)
+            raise InputError(f"names {name!r:.40}", file=file, place="classes", expected=expected)
+    if len(set(told.classes)) < len(told.classes):
+        raise InputError("names a class twice", file=file, place="classes", expected="each once")
+    design = Design(tuple(told.classes), told.range_m, told.cell_m, told.intensity, told.width)
+    network = new_network(design)
+    try:
+        if sha256_of(weights) != told.weights_sha256:
+            raise InputError(
+                "is not the file that belongs to model.yaml (its SHA-256 differs)",
+                file=weights,
+                expected=_EXPECTED,
+            )
+        network.load_state_dict(safetensors.torch.load_file(weights))
+    except (OSError, safetensors.SafetensorError, RuntimeError) as error:
+        text = " ".join(str(error).split())
+        raise InputError(f"cannot be read: {text:.120}", file=weights, expected=_EXPECTED) from None
+    return Model(design, network.to(device).eval(), told.trained)
