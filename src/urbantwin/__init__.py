@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.site_file import Site, init
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.tracked_objects import TrackedObjects, track
+    from urbantwin.interface.trained_model import DetectedObjects, TrainedModel, detect, train
     from urbantwin.interface.tuning import Tuning, tune
     from urbantwin.interface.twin import Twin, build
     from urbantwin.interface.variation import Variation, vary
@@ -66,6 +67,7 @@ __all__ = [
     "Curriculum",
     "Dataset",
     "Datasheet",
+    "DetectedObjects",
     "DiscoveredRig",
     "Evaluation",
     "Exported",
@@ -88,6 +90,7 @@ __all__ = [
     "Suite",
     "Summary",
     "TrackedObjects",
+    "TrainedModel",
     "Tuning",
     "Twin",
     "UrbanTwinError",
@@ -104,6 +107,7 @@ __all__ = [
     "coverage",
     "curriculum",
     "demo",
+    "detect",
     "discover",
     "drive",
     "evaluate",
@@ -120,6 +124,7 @@ __all__ = [
     "sensors",
     "suite",
     "track",
+    "train",
     "tune",
     "vary",
     "verify",

@@ -18,9 +18,9 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "actors align background build calibrate carla compare coverage curriculum demo discover "
+    "actors align background build calibrate carla compare coverage curriculum demo detect discover "
     "evaluate export film init inspect observe record replay reproduce run sensors suite "
-    "track traffic tune vary verify".split()
+    "track traffic train tune vary verify".split()
 )
 
 

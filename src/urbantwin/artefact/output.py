@@ -39,6 +39,7 @@ KINDS = (
         "observation",
         "detections",
         "evaluation",
+        "model",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

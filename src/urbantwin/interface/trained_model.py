@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -122,9 +124,7 @@ def train(  # noqa: PLR0913 - the options of the command
     from urbantwin.learn.training import Recipe, trained
     from urbantwin.progress import between
 
-    several = (
-        [datasets] if isinstance(datasets, str) or hasattr(datasets, "__fspath__") else datasets
-    )
+    several = [datasets] if isinstance(datasets, str | os.PathLike) else datasets
     sources = [Path(one) for one in several]
     if not sources:
         raise InputError("no dataset is given", expected="one or more")
@@ -141,7 +141,8 @@ def train(  # noqa: PLR0913 - the options of the command
     check_folder(target, kind=KIND, inputs=sources)
     with shown_stage("train", progress, brief=True) as tell:
         digests = [digest_of(one) for one in sources]
-        key = repr((__version__, digests, design, steps, minutes, batch, seed, device))
+        recipe_text = repr((__version__, digests, design, steps, minutes, batch, seed, device))
+        key = hashlib.sha256(recipe_text.encode()).hexdigest()[:16]
         with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
             work = scratch / "training"
             frames = labelled_frames(sources, design, work, between(tell, 0.0, 0.1))

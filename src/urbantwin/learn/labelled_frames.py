@@ -11,8 +11,9 @@ import numpy as np
 import shapely
 from shapely.geometry import shape
 
-from urbantwin.artefact import read_json_value, write_json
+from urbantwin.artefact import write_json
 from urbantwin.artefact.checksum import sha256_of
+from urbantwin.artefact.document import read_json_value
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording
@@ -106,12 +107,14 @@ def labelled_frames(
             tell(rig / len(datasets), f"reading {dataset.name}: frame {frame.name}")
             if design.intensity:
                 _check_intensity(frame, dataset)
+            marks = None if frame.boxes is None else frame.boxes.ignored
             level = level_frame_from(
                 frame,
                 design.classes,
                 design.range_m,
                 file=dataset,
                 intensity=design.intensity,
+                ignored=None if marks is None else np.array([one != "" for one in marks], bool),
                 passed_over=regions,
             )
             write_level_frame(_file(folder, len(rigs)), level)

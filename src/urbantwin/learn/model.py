@@ -12,6 +12,7 @@ import safetensors.torch
 import yaml
 from pydantic import Field
 
+from urbantwin.artefact import write_json
 from urbantwin.artefact.checksum import sha256_of
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.detections import DETECTED_CLASSES
@@ -100,6 +101,8 @@ def write_model(folder: Path, model: Model) -> None:
     told |= {"weights_sha256": sha256_of(folder / _WEIGHTS), "trained": dict(model.trained)}
     text = yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
     (folder / _TEXT).write_text(text, encoding="utf-8")
+    # What every folder of ours is told by; all that it says stands in model.yaml.
+    write_json(folder / f"{KIND}.json", {"kind": KIND, "schema": SCHEMA, "told_in": _TEXT})
 
 
 def read_model(folder: Path, device: str = "cpu") -> Model:

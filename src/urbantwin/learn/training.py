@@ -11,7 +11,7 @@ import math
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +38,6 @@ _DECAY, _LARGEST_GRADIENT = 0.01, 10.0
 _TRIED = 48
 #: Steps by which the speed of this machine is told; of the first one code is still compiled.
 _TIMED = 12
-#: A state is kept so often, seconds.
-_KEPT_EVERY_S = 120.0
 #: What random numbers are for: samples, weights, and how many objects are usual.
 _SAMPLES, _USUAL = 0, 1
 
@@ -56,6 +54,7 @@ class Recipe:
         seed: of all random numbers.
         device: of torch.
         workers: threads that make samples.
+        kept_every_s: the state is kept so often, seconds.
         varied: how samples are varied.
     """
 
@@ -66,7 +65,8 @@ class Recipe:
     seed: int = 0
     device: str = "cpu"
     workers: int = 1
-    varied: Varied = Varied()
+    kept_every_s: float = 20.0
+    varied: Varied = field(default_factory=Varied)
 
 
 def inputs_of(pillars: Pillars, cells: int, device: str) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -125,7 +125,7 @@ def trained(
                 said = network(*given)
             loss = detection_loss(said, wanted, heads, usual.tolist()).sum()
             optimiser.zero_grad()
-            scaler.scale(loss).backward()
+            torch.autograd.backward(scaler.scale(loss))
             scaler.unscale_(optimiser)
             torch.nn.utils.clip_grad_norm_(parameters, _LARGEST_GRADIENT)
             scaler.step(optimiser)
@@ -139,7 +139,7 @@ def trained(
                 steps = max(_TIMED + 1, round(60 * (recipe.minutes or 1.0) / each))
             recent = np.mean(losses[-50:])
             tell(step / (steps or 1e9), f"step {step} of {steps or '?'}, loss {recent:.2f}")
-            if time.monotonic() - kept > _KEPT_EVERY_S:
+            if time.monotonic() - kept > recipe.kept_every_s:
                 _keep(state, network, names, optimiser, step, steps, losses)
                 kept = time.monotonic()
         for ready in coming:
