@@ -17,6 +17,10 @@ COMPILING := tests/interface/test_same_as_commands.py tests/lidar/test_scanner.p
 install = { $(BIN)/uv pip install --quiet --python $(1)/bin/python $(2) 2>/dev/null \
   || $(1)/bin/python -m pip install --quiet --disable-pip-version-check $(2); }
 
+# PyTorch for a processor alone (200 MB): by pip as it is set up, else from PyTorch's own index.
+TORCH := torch==2.13.0
+cpu_torch = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH) safetensors==0.8.0
+
 RUNTIME     := $(VENV)/.runtime-installed
 DEVELOPMENT := $(VENV)/.development-installed
 
@@ -85,6 +89,7 @@ $(RUNTIME): requirements.lock pyproject.toml | $(BIN)/python
 $(DEVELOPMENT): requirements-dev.lock $(RUNTIME)
 	@echo "installing what the tests need"
 	@$(call install,$(VENV),-r requirements-dev.lock)
+	@$(call cpu_torch)
 	@touch $@
 
 judges: $(JUDGES)/.installed

@@ -119,9 +119,16 @@ def train(  # noqa: PLR0913 - the options of the command
     from urbantwin import __version__
     from urbantwin.artefact import check_folder, replaced_folder
     from urbantwin.detections import DETECTED_CLASSES
-    from urbantwin.learn.labelled_frames import digest_of, labelled_frames
-    from urbantwin.learn.model import KIND, Design, Model, write_model
-    from urbantwin.learn.training import Recipe, trained
+    from urbantwin.learn import (
+        Design,
+        Model,
+        Recipe,
+        digest_of,
+        labelled_frames,
+        trained,
+        write_model,
+    )
+    from urbantwin.learn.model import KIND
     from urbantwin.progress import between
 
     several = [datasets] if isinstance(datasets, str | os.PathLike) else datasets
@@ -137,7 +144,8 @@ def train(  # noqa: PLR0913 - the options of the command
     if steps is None and minutes is None:
         minutes = 10.0
     design = Design(chosen, reach, cell, intensity, width)
-    recipe = Recipe(steps, minutes, batch, seed=seed, device=device, workers=workers)
+    window = min(Recipe.window_m, 2 * reach)
+    recipe = Recipe(steps, minutes, batch, window, seed, device, workers)
     check_folder(target, kind=KIND, inputs=sources)
     with shown_stage("train", progress, brief=True) as tell:
         digests = [digest_of(one) for one in sources]
@@ -194,8 +202,7 @@ def detect(
     _check_installed(device)
     from urbantwin.detections import check_detections_folder, write_detections
     from urbantwin.fidelity.readers import open_recording
-    from urbantwin.learn.detecting import detected
-    from urbantwin.learn.model import read_model
+    from urbantwin.learn import detected, read_model
 
     source, real = Path(model), Path(frames)
     target = beside(real, "detections") if out is None else Path(out)

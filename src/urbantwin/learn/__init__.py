@@ -1,1 +1,31 @@
-"""Detectors that learn from labelled frames: pillars, a network, its training, what it detects."""
+"""Detectors that learn from labelled frames: pillars, a network, its training, what it detects.
+
+It needs torch, so nothing of it is imported before it is asked for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.learn.detecting import detected
+    from urbantwin.learn.labelled_frames import LabelledFrames, digest_of, labelled_frames
+    from urbantwin.learn.model import Design, Model, read_model, write_model
+    from urbantwin.learn.training import Recipe, trained
+
+__all__ = [
+    "Design",
+    "LabelledFrames",
+    "Model",
+    "Recipe",
+    "detected",
+    "digest_of",
+    "labelled_frames",
+    "read_model",
+    "trained",
+    "write_model",
+]
+
+names_on_demand(__name__)

@@ -26,8 +26,8 @@ _START_M, _BELOW_M, _ABOVE_M = 1.2, 0.6, 0.25
 #: The ground is smooth over so many cells.
 _SMOOTH = 1.5
 _ROUNDS = 5
-#: A column is told from below and above if its points reach over so much, metres.
-_TALL_M, _EDGE_M = 1.0, 0.25
+#: What is so far from the surface is none of it, metres; so few points say nothing.
+_CLEAR_M, _FEW = 0.7, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,22 +93,25 @@ def ground_of(points: NDArray[np.float64]) -> Ground:
 
 
 def is_upside_down(points: NDArray[np.float64]) -> bool:
-    """Return whether z points down: the sharp edge of what stands in the street is at its top.
+    """Return whether z points down: what stands in the street then hangs below its surface.
+
+    The surface is that of the middle heights of cells, smoothed by medians of what is around them:
+    upside down it is the same one.
 
     Args:
         points: (N, 3) metres.
     """
-    cell = np.floor(points[:, :2] / _CELL_M).astype(np.int64)
-    _, number = np.unique(cell, axis=0, return_inverse=True)
-    number = number.ravel()
-    low = np.full(number.max() + 1, np.inf)
-    high = np.full(number.max() + 1, -np.inf)
-    np.minimum.at(low, number, points[:, 2])
-    np.maximum.at(high, number, points[:, 2])
-    tall = (high - low)[number] > _TALL_M
-    at_foot = int((points[tall, 2] < low[number[tall]] + _EDGE_M).sum())
-    at_head = int((points[tall, 2] > high[number[tall]] - _EDGE_M).sum())
-    return at_head > 1.5 * at_foot
+    column, row = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / _CELL_M).astype(np.int64).T
+    shape = (int(row.max()) + 1, int(column.max()) + 1)
+    cell = row * shape[1] + column
+    order = np.lexsort((points[:, 2], cell))
+    cells, first, count = np.unique(cell[order], return_index=True, return_counts=True)
+    middle = np.full(shape, np.nan)
+    middle[cells // shape[1], cells % shape[1]] = points[order[first + count // 2], 2]
+    surface = percentile_filter(_filled(middle), 50, size=_WINDOW, mode="nearest")
+    off = points[:, 2] - surface[row, column]
+    above, below = int((off > _CLEAR_M).sum()), int((off < -_CLEAR_M).sum())
+    return below > 2 * above + _FEW
 
 
 def _plane(design: NDArray[np.float64], lowest: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -86,9 +86,10 @@ class Detector(nn.Module):
         self.merge4 = _layer(four, four)
         self.up2 = _layer(four, two, kernel=1)
         self.merge2 = _layer(two, two)
-        self.up1 = _layer(two, one, kernel=1)
-        self.merge1 = _layer(one, one)
         self.strides = tuple(head.stride for head in heads)
+        if 1 in self.strides:
+            self.up1 = _layer(two, one, kernel=1)
+            self.merge1 = _layer(one, one)
         self.heads = nn.ModuleList()
         for head in heads:
             last = nn.Conv2d(own, OUTPUTS, 1)

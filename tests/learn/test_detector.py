@@ -1,0 +1,193 @@
+"""Detectors: what they are told and say, and that training finds, goes on and refuses."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import urbantwin as ut
+
+torch = pytest.importorskip(
+    "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
+)
+
+from urbantwin.artefact.output import kind_of  # noqa: E402
+from urbantwin.learn import Design, Recipe, labelled_frames, read_model, trained  # noqa: E402
+from urbantwin.learn.augmentation.placement import Placement  # noqa: E402
+from urbantwin.learn.compiled.box_points import points_in_boxes  # noqa: E402
+from urbantwin.learn.decoding import boxes_of_maps  # noqa: E402
+from urbantwin.learn.grid import Grid  # noqa: E402
+from urbantwin.learn.heads import OUTPUTS, class_heads  # noqa: E402
+from urbantwin.learn.targets import ClassTarget, targets_of  # noqa: E402
+from urbantwin.progress import untold  # noqa: E402
+
+pytestmark = pytest.mark.xdist_group("learn")
+
+NAMES = ("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian")
+HEADS = class_heads(NAMES)
+
+
+def maps_of(targets: list[ClassTarget]) -> list[NDArray[np.float32]]:
+    """What a network says that is right everywhere."""
+    found = []
+    for target in targets:
+        said = np.zeros((OUTPUTS, *target.heat.shape), np.float32)
+        heat = np.clip(target.heat, 1e-6, 1 - 1e-6)
+        said[0] = np.log(heat / (1 - heat))
+        flat = said[1:].reshape(OUTPUTS - 1, -1)
+        flat[:, target.cell] = target.box.T
+        flat[-2:, target.cell] = flat[-2:, target.cell] * 8 - 4
+        found.append(said)
+    return found
+
+
+def test_boxes_come_out_as_they_were_told() -> None:
+    draw = np.random.default_rng(1)
+    grid = Grid.around(0, 0, 25.6, 0.4)
+    across = np.arange(-20, 21, 13.0)
+    plan = np.stack(np.meshgrid(across, across), -1).reshape(-1, 2) + draw.uniform(
+        -0.3, 0.3, (16, 2)
+    )
+    number = np.arange(16) % 6
+    size = np.array([HEADS[one].usual for one in number]) * draw.uniform(0.9, 1.1, (16, 3))
+    yaw = draw.uniform(-np.pi, np.pi, 16)
+    box = np.column_stack([plan, size[:, 2] / 2 + 0.1, size, yaw])
+    found = boxes_of_maps(maps_of(targets_of(box, number, grid, HEADS)), grid, HEADS, 0.5)
+    assert len(found.box) == 16
+    for one, which in zip(found.box, found.number, strict=True):
+        own = np.argmin(np.hypot(*(box[:, :2] - one[:2]).T))
+        assert which == number[own]
+        off = one - box[own]
+        off[6] = np.arctan2(np.sin(off[6]), np.cos(off[6]))
+        assert np.abs(off).max() < 1e-5
+
+
+def test_who_is_ignored_and_where_nothing_counts_teaches_nothing() -> None:
+    grid = Grid.around(0, 0, 12.8, 0.4)
+    box = np.array([[0.0, 0, 0.8, 4.5, 1.85, 1.6, 0.3]])
+    target = targets_of(box, np.array([-1]), grid, HEADS)[0]
+    assert target.objects == 0
+    assert 0 < (target.counts == 0).sum() < 40
+    nowhere = np.zeros((grid.cells, grid.cells), bool)
+    target = targets_of(box, np.array([0]), grid, HEADS, nowhere)[0]
+    assert target.objects == 0
+    assert not target.counts.any()
+    assert not target.weight.any()
+
+
+def test_points_stay_in_their_boxes_when_a_frame_is_turned_mirrored_and_scaled() -> None:
+    draw = np.random.default_rng(2)
+    box = np.array([[5.0, -3, 0.8, 4.5, 1.8, 1.6, 0.7], [-8, 2, 0.9, 0.7, 0.6, 1.8, -2.0]])
+    points = np.concatenate([draw.normal(one[:3], 0.6, (50, 3)) for one in box])
+    there = Placement(2.0, 1.0, 1.1, mirrored=True, scale=1.04)
+    before = points_in_boxes(points.astype(np.float32), box, 0.0)
+    after = points_in_boxes(there.points(points), there.boxes(box), 0.0)
+    assert 20 < (before >= 0).sum() < 100
+    assert (before == after).mean() > 0.99  # float32 at the faces
+
+
+def surface(box: NDArray[np.float64], draw: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """Points on the sides and the roof of a box."""
+    at = draw.uniform(-0.5, 0.5, (count, 3))
+    side = draw.integers(0, 3, count)
+    ends = np.where(draw.random(count) < 0.5, -0.5, 0.5)
+    at[np.arange(count), side] = np.where(side == 2, 0.5, ends)
+    at *= box[3:6]
+    c, s = np.cos(box[6]), np.sin(box[6])
+    return at @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + box[:3]
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two frames in the OpenPCDet layout: boxes on a slope, seen from a mast 5 m above it."""
+    folder = tmp_path_factory.mktemp("street") / "dataset"
+    for name in ("points", "labels"):
+        (folder / name).mkdir(parents=True)
+    draw = np.random.default_rng(3)
+    for number in range(2):
+        plan = np.array([[-10.0, -9], [-9, 8], [2, -1], [10, 9], [11, -8]])
+        plan += draw.uniform(-1, 1, plan.shape)
+        size = np.tile([4.5, 1.85, 1.6], (5, 1)) * draw.uniform(0.9, 1.1, (5, 1))
+        height = 0.05 * plan[:, 0] - 5 + size[:, 2] / 2
+        box = np.column_stack([plan, height, size, draw.uniform(-np.pi, np.pi, 5)])
+        ground = draw.uniform(-16, 16, (6000, 3))
+        ground[:, 2] = 0.05 * ground[:, 0] - 5 + draw.normal(0, 0.01, 6000)
+        points = np.concatenate([ground, *(surface(one, draw, 300) for one in box)])
+        intensity = np.zeros((len(points), 1))
+        np.save(folder / f"points/{number:06}.npy", np.hstack([points, intensity]).astype("f4"))
+        rows = [" ".join(f"{value:.4f}" for value in one) + " car" for one in box]
+        (folder / f"labels/{number:06}.txt").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
+    model = ut.train(
+        street, tmp_path / "model", steps=110, classes=["car"], reach=16, progress=False
+    )
+    assert kind_of(model.folder) == "model"
+    assert not (model.folder / "training").exists()
+    assert model.trained["objects"] == {"car": 10}
+    found = ut.detect(model, street, tmp_path / "detections", least=0.3, progress=False).found
+    for number, name in enumerate(found.frames):
+        rows = (street / f"labels/{name}.txt").read_text().splitlines()
+        wanted = np.array([[float(word) for word in row.split()[:7]] for row in rows])
+        said = found.of(number).box
+        apart = np.linalg.norm(wanted[:, None, :3] - said[None, :, :3], axis=2)
+        assert apart.min(axis=1).max() < 0.5
+
+
+def test_an_interrupted_training_ends_in_the_same_weights(street: Path, tmp_path: Path) -> None:
+    design = Design(("car",), 16.0)
+    frames = labelled_frames([street], design, tmp_path / "frames", untold)
+    recipe = Recipe(steps=6, batch=2, window_m=19.2, seed=4, kept_every_s=0)
+    whole, *_ = trained(frames, design, recipe, tmp_path / "whole", untold)
+
+    def interrupts(at: int) -> Callable[[float, str], None]:
+        def tell(share: float, doing: str) -> None:
+            if doing.startswith(f"step {at} "):
+                raise KeyboardInterrupt
+
+        return tell
+
+    state = tmp_path / "parts"
+    for at in (3, 5):
+        with pytest.raises(KeyboardInterrupt):
+            trained(frames, design, recipe, state, interrupts(at))
+    threads = Recipe(steps=6, batch=2, window_m=19.2, seed=4, workers=3)
+    parts, *_ = trained(frames, design, threads, state, untold)
+    for name, one in whole.state_dict().items():
+        assert torch.equal(one, parts.state_dict()[name]), name
+    other, *_ = trained(frames, design, Recipe(steps=1, batch=2, seed=5), tmp_path / "x", untold)
+    assert not torch.equal(other.encoder.linear.weight, whole.encoder.linear.weight)
+
+
+def test_bad_input_is_refused_in_a_line(street: Path, tmp_path: Path) -> None:
+    with pytest.raises(ut.InputError, match="no box of class bus"):
+        ut.train(street, tmp_path / "m", steps=1, classes=["bus", "car"], progress=False)
+    with pytest.raises(ut.InputError, match="unknown class 'tank'"):
+        ut.train(street, tmp_path / "m", steps=1, classes=["tank"], progress=False)
+    with pytest.raises(ut.InputError, match="no device"):
+        ut.train(street, tmp_path / "m", steps=1, device="abacus", progress=False)
+    model = ut.train(
+        street, tmp_path / "m", steps=1, batch=1, classes=["car"], reach=12, progress=False
+    )
+    with pytest.raises(ut.InputError, match="is not there"):
+        ut.detect(street, street, tmp_path / "d", progress=False)
+    down = tmp_path / "down" / "points"
+    down.mkdir(parents=True)
+    for file in (street / "points").iterdir():
+        np.save(down / file.name, np.load(file) * np.array([1, 1, -1, 1], "f4"))
+    with pytest.raises(ut.InputError, match="z pointing down"):
+        ut.detect(model, down.parent, tmp_path / "d", progress=False)
+    weights = model.folder / "model.safetensors"
+    weights.write_bytes(weights.read_bytes()[:-4] + b"\0\0\0\1")
+    with pytest.raises(ut.InputError, match="SHA-256 differs"):
+        read_model(model.folder)
+    text = (model.folder / "model.yaml").read_text()
+    (model.folder / "model.yaml").write_text(text.replace("- car", "- tank"))
+    with pytest.raises(ut.InputError, match="names 'tank'"):
+        read_model(model.folder)
+    assert json.loads((model.folder / "model.json").read_text())["kind"] == "model"
