@@ -125,7 +125,7 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
     model = ut.train(
-        street, tmp_path / "model", steps=110, classes=["car"], reach=16, progress=False
+        street, tmp_path / "model", steps=100, batch=2, classes=["car"], reach=16, progress=False
     )
     assert kind_of(model.folder) == "model"
     assert not (model.folder / "training").exists()

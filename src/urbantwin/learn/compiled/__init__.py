@@ -1,1 +1,7 @@
-"""Loops over points and boxes that numba compiles."""
+"""The loops over points and cells that numba compiles."""
+
+from urbantwin.learn.compiled.box_points import points_in_boxes
+from urbantwin.learn.compiled.gather import cells_of, gathered
+from urbantwin.learn.compiled.splat import drawn_centres, drawn_ignored
+
+__all__ = ["cells_of", "drawn_centres", "drawn_ignored", "gathered", "points_in_boxes"]
