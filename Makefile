@@ -19,7 +19,7 @@ install = { $(BIN)/uv pip install --quiet --python $(1)/bin/python $(2) 2>/dev/n
 
 # PyTorch for a processor alone (200 MB): by pip as it is set up, else from PyTorch's own index.
 TORCH := torch==2.13.0
-cpu_torch = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH) safetensors==0.8.0
+cpu_torch = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH) safetensors==0.8.0 onnx==1.23.2 onnxruntime==1.32.0
 
 RUNTIME     := $(VENV)/.runtime-installed
 DEVELOPMENT := $(VENV)/.development-installed

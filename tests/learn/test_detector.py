@@ -15,16 +15,32 @@ torch = pytest.importorskip(
 )
 
 from urbantwin.artefact.output import kind_of  # noqa: E402
-from urbantwin.learn import Design, Recipe, labelled_frames, read_model, trained  # noqa: E402
+from urbantwin.learn import (
+    Design,
+    Model,
+    Recipe,
+    labelled_frames,
+    read_model,
+    trained,
+    write_model,
+)
 from urbantwin.learn.augmentation.placement import Placement  # noqa: E402
 from urbantwin.learn.compiled.box_points import points_in_boxes  # noqa: E402
 from urbantwin.learn.decoding import boxes_of_maps  # noqa: E402
 from urbantwin.learn.grid import Grid  # noqa: E402
 from urbantwin.learn.heads import OUTPUTS, class_heads  # noqa: E402
+from urbantwin.learn.sample import Varied  # noqa: E402
 from urbantwin.learn.targets import ClassTarget, targets_of  # noqa: E402
 from urbantwin.progress import untold  # noqa: E402
 
 pytestmark = pytest.mark.xdist_group("learn")
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> None:
+    """Other tests run beside."""
+    torch.set_num_threads(1)
+
 
 NAMES = ("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian")
 HEADS = class_heads(NAMES)
@@ -123,14 +139,34 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def same_in_onnxruntime(model: Model, file: Path) -> None:
+    """Another program says the same of other pillars, more of them."""
+    onnxruntime = pytest.importorskip("onnxruntime", reason="needs onnxruntime")
+    cells = Grid.around(0, 0, model.design.range_m, model.design.cell_m).cells
+    draw = torch.Generator().manual_seed(7)
+    pillars = 900
+    features = torch.randn((pillars, 16, 8), generator=draw)
+    points = torch.randint(1, 17, (pillars,), generator=draw)
+    cell = torch.randperm(cells**2, generator=draw)[:pillars]
+    with torch.inference_mode():
+        wanted = model.network(features, points, cell, torch.zeros((1, 0, cells, cells)))
+    session = onnxruntime.InferenceSession(file)
+    given = {"features": features.numpy(), "points": points.numpy(), "cell": cell.numpy()}
+    for one, said in zip(wanted, session.run(None, given), strict=True):
+        assert np.abs(one.numpy() - said).max() < 1e-4
+
+
 def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
-    model = ut.train(
-        street, tmp_path / "model", steps=100, batch=2, classes=["car"], reach=16, progress=False
-    )
-    assert kind_of(model.folder) == "model"
-    assert not (model.folder / "training").exists()
-    assert model.trained["objects"] == {"car": 10}
-    found = ut.detect(model, street, tmp_path / "detections", least=0.3, progress=False).found
+    design = Design(("car",), 16.0)
+    frames = labelled_frames([street], design, tmp_path / "frames", untold)
+    assert frames.objects == (10,)
+    same = Varied(placed=False, beams=False, objects=False)
+    recipe = Recipe(steps=70, batch=2, window_m=32.0, varied=same)
+    network, *_ = trained(frames, design, recipe, tmp_path / "state", untold)
+    folder = tmp_path / "model"
+    folder.mkdir()
+    write_model(folder, Model(design, network, {}))
+    found = ut.detect(folder, street, tmp_path / "detections", least=0.3, progress=False).found
     for number, name in enumerate(found.frames):
         rows = (street / f"labels/{name}.txt").read_text().splitlines()
         wanted = np.array([[float(word) for word in row.split()[:7]] for row in rows])
@@ -182,6 +218,9 @@ def test_bad_input_is_refused_in_a_line(street: Path, tmp_path: Path) -> None:
         np.save(down / file.name, np.load(file) * np.array([1, 1, -1, 1], "f4"))
     with pytest.raises(ut.InputError, match="z pointing down"):
         ut.detect(model, down.parent, tmp_path / "d", progress=False)
+    assert kind_of(model.folder) == "model"
+    assert not (model.folder / "training").exists()
+    same_in_onnxruntime(read_model(model.folder), model.folder / "model.onnx")
     weights = model.folder / "model.safetensors"
     weights.write_bytes(weights.read_bytes()[:-4] + b"\0\0\0\1")
     with pytest.raises(ut.InputError, match="SHA-256 differs"):

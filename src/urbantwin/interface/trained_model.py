@@ -129,6 +129,7 @@ def train(  # noqa: PLR0913 - the options of the command
         write_model,
     )
     from urbantwin.learn.model import KIND
+    from urbantwin.learn.onnx_file import write_onnx
     from urbantwin.progress import between
 
     several = [datasets] if isinstance(datasets, str | os.PathLike) else datasets
@@ -170,7 +171,9 @@ def train(  # noqa: PLR0913 - the options of the command
                 "seed": seed,
                 "loss": round(loss, 4),
             }
-            write_model(scratch, Model(design, network, told))
+            made = Model(design, network, told)
+            write_model(scratch, made)
+            write_onnx(scratch / "model.onnx", made)
             _remove(work)
     return TrainedModel(target, told)
 
@@ -229,6 +232,7 @@ def _remove(folder: Path) -> None:
 def _check_installed(device: str) -> None:
     """Refuse in one line what cannot be done without torch, or without a device."""
     try:
+        import onnx  # noqa: F401
         import safetensors.torch  # noqa: F401
         import torch
     except ImportError as error:
