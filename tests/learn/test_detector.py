@@ -15,7 +15,7 @@ torch = pytest.importorskip(
 )
 
 from urbantwin.artefact.output import kind_of  # noqa: E402
-from urbantwin.learn import (
+from urbantwin.learn import (  # noqa: E402
     Design,
     Model,
     Recipe,
@@ -124,13 +124,13 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / name).mkdir(parents=True)
     draw = np.random.default_rng(3)
     for number in range(2):
-        plan = np.array([[-10.0, -9], [-9, 8], [2, -1], [10, 9], [11, -8]])
+        plan = np.array([[-6.0, -6], [-7, 6], [1, -1], [6, 7], [7, -6]])
         plan += draw.uniform(-1, 1, plan.shape)
         size = np.tile([4.5, 1.85, 1.6], (5, 1)) * draw.uniform(0.9, 1.1, (5, 1))
         height = 0.05 * plan[:, 0] - 5 + size[:, 2] / 2
         box = np.column_stack([plan, height, size, draw.uniform(-np.pi, np.pi, 5)])
-        ground = draw.uniform(-16, 16, (6000, 3))
-        ground[:, 2] = 0.05 * ground[:, 0] - 5 + draw.normal(0, 0.01, 6000)
+        ground = draw.uniform(-12, 12, (3500, 3))
+        ground[:, 2] = 0.05 * ground[:, 0] - 5 + draw.normal(0, 0.01, 3500)
         points = np.concatenate([ground, *(surface(one, draw, 300) for one in box)])
         intensity = np.zeros((len(points), 1))
         np.save(folder / f"points/{number:06}.npy", np.hstack([points, intensity]).astype("f4"))
@@ -157,11 +157,11 @@ def same_in_onnxruntime(model: Model, file: Path) -> None:
 
 
 def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
-    design = Design(("car",), 16.0)
+    design = Design(("car",), 12.0)
     frames = labelled_frames([street], design, tmp_path / "frames", untold)
     assert frames.objects == (10,)
     same = Varied(placed=False, beams=False, objects=False)
-    recipe = Recipe(steps=70, batch=2, window_m=32.0, varied=same)
+    recipe = Recipe(steps=130, batch=2, window_m=24.0, varied=same)
     network, *_ = trained(frames, design, recipe, tmp_path / "state", untold)
     folder = tmp_path / "model"
     folder.mkdir()
