@@ -173,6 +173,9 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
         said = found.of(number).box
         apart = np.linalg.norm(wanted[:, None, :3] - said[None, :, :3], axis=2)
         assert apart.min(axis=1).max() < 0.5
+    judged = ut.evaluate(folder, street, tmp_path / "report", progress=False)
+    assert (tmp_path / "report-detections" / "detections.json").is_file()
+    assert judged.manifest["frames"] == 2
 
 
 def test_an_interrupted_training_ends_in_the_same_weights(street: Path, tmp_path: Path) -> None:

@@ -17,11 +17,14 @@ EXAMPLES = """
 urbantwin evaluate detections/ dataset/ -o report/
 urbantwin evaluate detections/ kitti/training/ -o report/ --within 40
 urbantwin evaluate detections/ real/ -o report/ --class car --class pedestrian
+urbantwin evaluate model/ dataset/ -o report/
 """
 
 
 def evaluate(
-    detections: Annotated[Path, typer.Argument(help="A folder of detections.")],
+    detections: Annotated[
+        Path, typer.Argument(help="A folder of detections, or a model, which detects first.")
+    ],
     data: Annotated[
         Path, typer.Argument(help="Labelled frames: a dataset of ours or a real recording.")
     ],

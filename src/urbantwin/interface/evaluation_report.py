@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import check_folder, read_json, replaced_folder
+from urbantwin.artefact.output import kind_of
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
+from urbantwin.interface.trained_model import detect
 
 __all__ = ["Evaluation", "evaluate"]
 
@@ -90,7 +92,8 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     """Judge detections by the labels of the same frames.
 
     Args:
-        detections: a folder of detections.
+        detections: a folder of detections; or a model, which then detects first, into
+            ``OUT-detections`` beside the report.
         data: the labelled frames: a dataset of ours or a real recording.
         out: the folder to write; one beside the detections when not given.
         classes: which to judge; all that are labelled when not given.
@@ -114,6 +117,9 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     target = beside(source, _KIND) if out is None else Path(out)
     fewest = FEWEST_POINTS if fewest_points is None else fewest_points
     check_folder(target, kind=_KIND, inputs=[source, real])
+    if kind_of(source) == "model":
+        said = target.with_name(f"{target.name}-detections")
+        source = detect(source, real, said, layout=layout, progress=progress).folder
     with shown_stage("evaluate", progress, brief=True) as tell:
         recording = open_recording(real, layout)
         seen = read_labelled(
