@@ -1,11 +1,12 @@
-"""Labelled frames of twins alone, to train detectors with that real frames will judge.
+"""Detectors trained on twins alone, and judged by real frames.
 
     python benchmarks/learning.py roadside WORK     # twin, traffic, labelled frames
     python benchmarks/learning.py car WORK
+    python benchmarks/learning.py judge WORK        # trains on both, judges: docs/detectors.md
 
 Every step is a command of `urbantwin`, printed as it is run; what is there is not made again, so a
 second call goes on after an interruption. WORK/times.jsonl gets the seconds of each. Recordings and
-maps are those of ../shared/data. No label of a real frame is read.
+maps are those of ../shared/data. Labels of real frames judge in the end; nothing else reads them.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ DRIVES = (
 )
 #: Seconds of a drive, between its frames, and before the first.
 SECONDS, EVERY_S, START_S = 302.0, 4.0, 2.0
+#: How long one detector is trained.
+TRAIN_MINUTES = 30
 #: Towns by car: extract, seed, use; the share of spaces that are taken, and times the guesses.
 TOWNS = (
     ("munich", 1, "train"),
@@ -170,16 +173,32 @@ def car_data(work: Path) -> None:
             run(work, "record", twin, motion, "--rig", file, *times, *how, out=out)
 
 
+def judged(work: Path) -> None:
+    """Train one detector on all that was recorded; judge it by simulated and by real frames."""
+    datasets = sorted(work.glob("*/train/*"))
+    model = work / "model"
+    run(work, "train", *datasets, "--minutes", TRAIN_MINUTES, "--seed", 1, out=model)
+    held = sorted(work.glob("*/held/*"))
+    for data in (*held, REAL / "recordings" / "kitti-training", LUMPI):
+        report = work / "judged" / "-".join(data.parts[-2:])
+        run(work, "evaluate", model, data, out=report)
+        told = json.loads((report / "evaluation.json").read_text())
+        print(data.name, told["in_short"], flush=True)
+
+
 def main() -> None:
     """Do what is asked for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("model", choices=("roadside", "car"))
+    parser.add_argument("model", choices=("roadside", "car", "judge"))
     parser.add_argument("work", type=Path)
     given = parser.parse_args()
-    work = given.work.resolve() / given.model
-    {"roadside": roadside_data, "car": car_data}[given.model](work)
+    work = given.work.resolve()
+    if given.model == "judge":
+        judged(work)
+    else:
+        {"roadside": roadside_data, "car": car_data}[given.model](work / given.model)
 
 
 if __name__ == "__main__":
