@@ -28,6 +28,8 @@ _SMOOTH = 1.5
 _ROUNDS = 5
 #: What is so far from the surface is none of it, metres; so few points say nothing.
 _CLEAR_M, _FEW = 0.7, 20
+#: A cell has a head and a foot if its points reach over so much; how high these are, metres.
+_TALL_M, _EDGE_M = 1.0, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +95,11 @@ def ground_of(points: NDArray[np.float64]) -> Ground:
 
 
 def is_upside_down(points: NDArray[np.float64]) -> bool:
-    """Return whether z points down: what stands in the street then hangs below its surface.
+    """Return whether z points down, where two signs of it agree.
 
-    The surface is that of the middle heights of cells, smoothed by medians of what is around them:
-    upside down it is the same one.
+    What stands in the street then hangs below its surface, which is that of the middle heights of
+    cells, smoothed by medians of what is around them: upside down it is the same one. And the sharp
+    edge of what stands there is at its top, not at its foot.
 
     Args:
         points: (N, 3) metres.
@@ -111,7 +114,14 @@ def is_upside_down(points: NDArray[np.float64]) -> bool:
     surface = percentile_filter(_filled(middle), 50, size=_WINDOW, mode="nearest")
     off = points[:, 2] - surface[row, column]
     above, below = int((off > _CLEAR_M).sum()), int((off < -_CLEAR_M).sum())
-    return below > 2 * above + _FEW
+    low = np.full(shape, np.nan)
+    high = np.full(shape, np.nan)
+    at = (cells // shape[1], cells % shape[1])
+    low[at], high[at] = points[order[first], 2], points[order[first + count - 1], 2]
+    tall = (high - low)[row, column] > _TALL_M
+    at_foot = int((points[tall, 2] < low[row, column][tall] + _EDGE_M).sum())
+    at_head = int((points[tall, 2] > high[row, column][tall] - _EDGE_M).sum())
+    return below > 2 * above + _FEW and at_head > at_foot
 
 
 def _plane(design: NDArray[np.float64], lowest: NDArray[np.float64]) -> NDArray[np.float64]:
