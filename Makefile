@@ -17,7 +17,7 @@ COMPILING := tests/interface/test_same_as_commands.py tests/lidar/test_scanner.p
 install = { $(BIN)/uv pip install --quiet --python $(1)/bin/python $(2) 2>/dev/null \
   || $(1)/bin/python -m pip install --quiet --disable-pip-version-check $(2); }
 
-# PyTorch for a processor alone (200 MB): by pip as it is set up, else from PyTorch's own index.
+# PyTorch and what models are written with: by pip, as it is set up to find a build for a processor.
 TORCH := torch==2.13.0
 cpu_torch = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH) safetensors==0.8.0 onnx==1.23.2 onnxruntime==1.32.0
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
+    from urbantwin.interface.detected_objects import DetectedObjects, detect
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
     from urbantwin.interface.exported import Exported, export
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.site_file import Site, init
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.tracked_objects import TrackedObjects, track
-    from urbantwin.interface.trained_model import DetectedObjects, TrainedModel, detect, train
+    from urbantwin.interface.trained_model import TrainedModel, train
     from urbantwin.interface.tuning import Tuning, tune
     from urbantwin.interface.twin import Twin, build
     from urbantwin.interface.variation import Variation, vary

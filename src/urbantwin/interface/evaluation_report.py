@@ -8,10 +8,10 @@ from typing import Any
 
 from urbantwin.artefact import check_folder, read_json, replaced_folder
 from urbantwin.artefact.output import kind_of
+from urbantwin.interface.detected_objects import detect
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
-from urbantwin.interface.trained_model import detect
 
 __all__ = ["Evaluation", "evaluate"]
 

@@ -1,23 +1,20 @@
-"""Detectors that learn from datasets, and what they detect."""
+"""Detectors that learn from datasets."""
 
 from __future__ import annotations
 
-import hashlib
 import os
+import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 
-if TYPE_CHECKING:
-    from urbantwin.detections import Detections
-
-__all__ = ["DetectedObjects", "TrainedModel", "detect", "train"]
+__all__ = ["TrainedModel", "train"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,38 +40,6 @@ class TrainedModel:
     def summary(self) -> Summary:
         """Return what it learned from in a few values."""
         return Summary(path=str(self.folder), **self.trained)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class DetectedObjects:
-    """Detections in a folder; it stands for its folder: ``ut.evaluate(found, data)``.
-
-    Attributes:
-        folder: where it was written.
-        found: the boxes.
-    """
-
-    folder: Path
-    found: Detections
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
-    def __repr__(self) -> str:
-        """Return how many boxes there are, and the folder."""
-        return f"{len(self.found)} detections ({self.folder})"
-
-    def summary(self) -> Summary:
-        """Return what was detected in a few values; likely ones are those above one half."""
-        names = self.found.class_names
-        likely = self.found.only(self.found.score > 0.5).class_names
-        return Summary(
-            path=str(self.folder),
-            frames=len(self.found.frames),
-            boxes={name: names.count(name) for name in sorted(set(names))},
-            likely={name: likely.count(name) for name in sorted(set(likely))},
-        )
 
 
 def train(  # noqa: PLR0913 - the options of the command
@@ -115,9 +80,12 @@ def train(  # noqa: PLR0913 - the options of the command
     Raises:
         InputError: torch is not installed, or a dataset cannot be used.
     """
-    _check_installed(device)
+    from urbantwin.learn.torch_device import check_torch
+
+    check_torch(device)
     from urbantwin import __version__
     from urbantwin.artefact import check_folder, replaced_folder
+    from urbantwin.dataset.manifest import recipe_key
     from urbantwin.detections import DETECTED_CLASSES
     from urbantwin.learn import (
         Design,
@@ -140,7 +108,7 @@ def train(  # noqa: PLR0913 - the options of the command
     for name in classes or ():
         if name not in DETECTED_CLASSES:
             known = ", ".join(DETECTED_CLASSES)
-            raise InputError(f"unknown class {name!r:.40}", place="--classes", expected=known)
+            raise InputError(f"unknown class {name!r:.40}", place="--class", expected=known)
     chosen = tuple(one for one in DETECTED_CLASSES if classes is None or one in classes)
     if steps is None and minutes is None:
         minutes = 10.0
@@ -150,8 +118,13 @@ def train(  # noqa: PLR0913 - the options of the command
     check_folder(target, kind=KIND, inputs=sources)
     with shown_stage("train", progress, brief=True) as tell:
         digests = [digest_of(one) for one in sources]
-        recipe_text = repr((__version__, digests, design, steps, minutes, batch, seed, device))
-        key = hashlib.sha256(recipe_text.encode()).hexdigest()[:16]
+        asked: dict[str, Any] = {
+            "urbantwin": __version__,
+            "datasets": digests,
+            "design": asdict(design),
+        }
+        asked |= {"steps": steps, "minutes": minutes, "batch": batch, "seed": seed}
+        key = recipe_key(asked | {"device": device})
         with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
             work = scratch / "training"
             frames = labelled_frames(sources, design, work, between(tell, 0.0, 0.1))
@@ -174,74 +147,5 @@ def train(  # noqa: PLR0913 - the options of the command
             made = Model(design, network, told)
             write_model(scratch, made)
             write_onnx(scratch / "model.onnx", made)
-            _remove(work)
+            shutil.rmtree(work)
     return TrainedModel(target, told)
-
-
-def detect(
-    model: AnyPath,
-    frames: AnyPath,
-    out: AnyPath | None = None,
-    *,
-    least: float = 0.05,
-    layout: str | None = None,
-    device: str = "cpu",
-    progress: ShowProgress = True,
-) -> DetectedObjects:
-    """Detect road users in the frames of a recording.
-
-    Args:
-        model: a folder that `train` wrote.
-        frames: a dataset of ours or any recording that is read; no label of it is looked at.
-        out: the folder to write; ``detections`` beside the frames when not given.
-        least: boxes with a lower score are left out.
-        layout: how the frames lie; found out when not given.
-        device: of torch: ``cpu``, ``cuda``.
-        progress: show how far it is; or a function that is told (share, doing).
-
-    Raises:
-        InputError: torch is not installed, or the model or the frames cannot be used.
-    """
-    _check_installed(device)
-    from urbantwin.detections import check_detections_folder, write_detections
-    from urbantwin.fidelity.readers import open_recording
-    from urbantwin.learn import detected, read_model
-
-    source, real = Path(model), Path(frames)
-    target = beside(real, "detections") if out is None else Path(out)
-    inputs = [source, real]
-    check_detections_folder(target, inputs)
-    with shown_stage("detect", progress, brief=True) as tell:
-        detector = read_model(source, device)
-        recording = open_recording(real, layout)
-        count = len(recording) if hasattr(recording, "__len__") else None
-        found = detected(
-            detector, recording, file=real, count=count, device=device, least=least, tell=tell
-        )
-        made_by = {"urbantwin": "detect", "least": least, "model": dict(detector.trained)}
-        write_detections(target, found, made_by, inputs)
-    return DetectedObjects(target, found)
-
-
-def _remove(folder: Path) -> None:
-    import shutil
-
-    shutil.rmtree(folder)
-
-
-def _check_installed(device: str) -> None:
-    """Refuse in one line what cannot be done without torch, or without a device."""
-    try:
-        import onnx  # noqa: F401
-        import safetensors.torch  # noqa: F401
-        import torch
-    except ImportError as error:
-        raise InputError(
-            f"training and detecting need PyTorch ({error})",
-            expected="pip install 'urbantwin[learn]' (README says how without CUDA)",
-        ) from None
-    kind = device.split(":", maxsplit=1)[0]
-    if kind not in {"cpu", "cuda"} or (kind == "cuda" and not torch.cuda.is_available()):
-        raise InputError(
-            f"no device {device!r:.40}", place="--device", expected="cpu, or cuda where it is"
-        )

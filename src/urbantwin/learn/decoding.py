@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from urbantwin.geometry import box_corners
+from urbantwin.geometry.box_overlap import box_footprints
 from urbantwin.learn.grid import Grid
 from urbantwin.learn.heads import ClassHead, decoded
 
@@ -79,10 +79,10 @@ def boxes_of_maps(
 
 
 def kept_of_overlapping(found: Found, names: Sequence[str]) -> Found:
-    """Return what is left when of boxes that overlap only the likeliest stays.
+    """Return what non-maximum suppression leaves: of boxes that overlap the one of highest score.
 
-    Cars, trucks and buses are told apart by their likeliest; a person may stand by a bicycle, so
-    other classes are left alone by each other.
+    Cars, trucks and buses suppress each other; a person may stand by a bicycle, so every other
+    class suppresses itself alone.
 
     Args:
         found: the likeliest first.
@@ -92,7 +92,7 @@ def kept_of_overlapping(found: Found, names: Sequence[str]) -> Found:
         return found
     vehicles = [number for number, name in enumerate(names) if name in _ROAD_VEHICLES]
     group = np.where(np.isin(found.number, vehicles), -1, found.number)
-    outlines = shapely.polygons([box_corners(box)[:4, :2] for box in found.box])
+    outlines = box_footprints(found.box)
     area = shapely.area(outlines)
     tree = shapely.STRtree(outlines)
     first, second = tree.query(outlines, predicate="intersects")

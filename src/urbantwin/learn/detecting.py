@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from pathlib import Path
-
 import numpy as np
 import torch
 
 from urbantwin.detections import Detections, joined
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.learn.decoding import LEAST_SCORE, Found, boxes_of_maps
 from urbantwin.learn.frames import levelled, refuse_upside_down
 from urbantwin.learn.grid import Grid
 from urbantwin.learn.model import Model
 from urbantwin.learn.pillars import pillars_of
 from urbantwin.learn.training import inputs_of
-from urbantwin.progress import Progress
+from urbantwin.progress import Progress, each
 
 __all__ = ["detected", "found_in"]
 
@@ -48,10 +46,8 @@ def found_in(
 
 def detected(
     model: Model,
-    frames: Iterable[Frame],
+    recording: Recording,
     *,
-    file: Path,
-    count: int | None = None,
     device: str = "cpu",
     least: float = LEAST_SCORE,
     tell: Progress,
@@ -60,9 +56,7 @@ def detected(
 
     Args:
         model: a detector.
-        frames: of the recording.
-        file: where they are from, for errors.
-        count: how many there are, where that is known.
+        recording: of any sensor.
         device: where the model's network is.
         least: boxes that are less likely are left out.
         tell: called with the share that is done.
@@ -71,13 +65,13 @@ def detected(
         InputError: z points down, or intensities are wanted that the frames do not have.
     """
     names, rows = [], []
-    for number, frame in enumerate(frames):
-        tell(number / count if count else 0.0, f"frame {frame.name}")
-        refuse_upside_down(frame, file)
+    for number in each(range(len(recording)), tell, "detecting"):
+        frame = recording.read(number)
+        refuse_upside_down(frame, recording.path)
         if model.design.intensity and frame.intensity is None:
             raise InputError(
                 "has no intensities, which the model was trained with",
-                file=file,
+                file=recording.path,
                 place=f"frame {frame.name}",
                 expected="0 to 1, or a model without intensities",
             )

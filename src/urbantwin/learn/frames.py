@@ -52,7 +52,6 @@ class LevelFrame:
         sensors: (S, 3) float64, where the sensors are, in the same frame.
         box: (B, 7) float64, z above the ground.
         number: (B,) int64 class of each, or `IGNORED`.
-        track: (B,) int64, -1 where unknown.
         counted: (K, K) bool, cells of `COUNTED_M` about the middle, in which labels count.
     """
 
@@ -61,7 +60,6 @@ class LevelFrame:
     sensors: NDArray[np.float64]
     box: NDArray[np.float64]
     number: NDArray[np.int64]
-    track: NDArray[np.int64]
     counted: NDArray[np.bool_]
 
 
@@ -104,7 +102,6 @@ def levelled(
         sensors,
         np.zeros((0, 7)),
         np.zeros(0, np.int64),
-        np.zeros(0, np.int64),
         np.ones((1, 1), bool),
     )
     return found, ground, middle
@@ -140,13 +137,13 @@ def level_frame_from(
         )
     refuse_upside_down(frame, file)
     found, ground, middle = levelled(frame, half_m + _BEYOND_M, intensity=intensity)
-    box, number, track = _boxes_of(frame.boxes, classes)
+    box, number = _boxes_of(frame.boxes, classes)
     if ignored is not None:
         number[ignored] = IGNORED
     box[:, 2] -= ground.at(box)
     box[:, :2] -= middle
     inside = np.abs(box[:, :2]).max(axis=1, initial=0) < half_m
-    box, number, track = box[inside], number[inside], track[inside]
+    box, number = box[inside], number[inside]
     held = np.bincount(points_in_boxes(found.points, box, 0.05) + 1, minlength=len(box) + 1)[1:]
     number[held < LEAST_POINTS] = IGNORED
     real = held >= 10
@@ -161,7 +158,7 @@ def level_frame_from(
     counted = np.ones((1, 1), bool)
     if passed_over is not None:
         counted = _counted(frame, passed_over, middle, half_m + _BEYOND_M)
-    return replace(found, box=box, number=number, track=track, counted=counted)
+    return replace(found, box=box, number=number, counted=counted)
 
 
 def _counted(
@@ -195,11 +192,11 @@ def refuse_upside_down(frame: Frame, file: Path) -> None:
 
 def _boxes_of(
     boxes: Boxes, classes: Sequence[str]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     place = {name: number for number, name in enumerate(classes)}
     names = [detected_class(name) for name in boxes.class_names]
     number = np.array([place.get(str(name), IGNORED) for name in names], np.int64)
-    return boxes.box.copy(), number, boxes.track.copy()
+    return boxes.box.copy(), number
 
 
 def write_level_frame(path: Path, frame: LevelFrame) -> None:

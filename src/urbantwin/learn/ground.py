@@ -64,16 +64,11 @@ def ground_of(points: NDArray[np.float64]) -> Ground:
     Args:
         points: (N, 3) metres, z up, N >= 1.
     """
-    low = points[:, :2].min(axis=0)
-    column, row = np.floor((points[:, :2] - low) / _CELL_M).astype(np.int64).T
-    shape = (int(row.max()) + 1, int(column.max()) + 1)
-    cell = row * shape[1] + column
-    order = np.lexsort((points[:, 2], cell))
-    cells, first, count = np.unique(cell[order], return_index=True, return_counts=True)
-    lowest = points[order[first + (_LOWEST_SHARE * count).astype(np.int64)], 2]
-    seen = (cells // shape[1], cells % shape[1])
+    cells = _cells_of(points)
+    seen, shape = cells.seen, cells.shape
+    lowest = cells.sorted_z[cells.first + (_LOWEST_SHARE * cells.count).astype(np.int64)]
 
-    plane = _plane(np.column_stack([*seen, np.ones(len(cells))]), lowest)
+    plane = _plane(np.column_stack([*seen, np.ones(len(lowest))]), lowest)
     rows, columns = np.indices(shape)
     tilt = plane[0] * rows + plane[1] * columns + plane[2]
     raw = np.full(shape, np.nan)
@@ -90,7 +85,7 @@ def ground_of(points: NDArray[np.float64]) -> Ground:
         level = _filled(np.where(known, gaussian_filter(value, _SMOOTH) / np.maximum(share, 1e-3),
                                  np.nan))  # fmt: skip
         below, above = _BELOW_M, _ABOVE_M
-    middle = low + _CELL_M / 2
+    middle = points[:, :2].min(axis=0) + _CELL_M / 2
     return Ground(float(middle[0]), float(middle[1]), level + tilt)
 
 
@@ -104,24 +99,39 @@ def is_upside_down(points: NDArray[np.float64]) -> bool:
     Args:
         points: (N, 3) metres.
     """
-    column, row = np.floor((points[:, :2] - points[:, :2].min(axis=0)) / _CELL_M).astype(np.int64).T
+    cells = _cells_of(points)
+    z, first, count = cells.sorted_z, cells.first, cells.count
+    middle = np.full(cells.shape, np.nan)
+    middle[cells.seen] = z[first + count // 2]
+    surface = percentile_filter(_filled(middle), 50, size=_WINDOW, mode="nearest")[cells.seen]
+    off = z - np.repeat(surface, count)
+    above, below = int((off > _CLEAR_M).sum()), int((off < -_CLEAR_M).sum())
+    low, high = z[first], z[first + count - 1]
+    tall = np.repeat(high - low > _TALL_M, count)
+    at_foot = int((tall & (z < np.repeat(low, count) + _EDGE_M)).sum())
+    at_head = int((tall & (z > np.repeat(high, count) - _EDGE_M)).sum())
+    return below > 2 * above + _FEW and at_head > at_foot
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Points by cells of `_CELL_M`: in each from the lowest to the highest."""
+
+    shape: tuple[int, int]
+    seen: tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns of the occupied ones
+    sorted_z: NDArray[np.float64]
+    first: NDArray[np.int64]  # of each occupied cell's points
+    count: NDArray[np.int64]
+
+
+def _cells_of(points: NDArray[np.float64]) -> _Cells:
+    low = points[:, :2].min(axis=0)
+    column, row = np.floor((points[:, :2] - low) / _CELL_M).astype(np.int64).T
     shape = (int(row.max()) + 1, int(column.max()) + 1)
     cell = row * shape[1] + column
     order = np.lexsort((points[:, 2], cell))
     cells, first, count = np.unique(cell[order], return_index=True, return_counts=True)
-    middle = np.full(shape, np.nan)
-    middle[cells // shape[1], cells % shape[1]] = points[order[first + count // 2], 2]
-    surface = percentile_filter(_filled(middle), 50, size=_WINDOW, mode="nearest")
-    off = points[:, 2] - surface[row, column]
-    above, below = int((off > _CLEAR_M).sum()), int((off < -_CLEAR_M).sum())
-    low = np.full(shape, np.nan)
-    high = np.full(shape, np.nan)
-    at = (cells // shape[1], cells % shape[1])
-    low[at], high[at] = points[order[first], 2], points[order[first + count - 1], 2]
-    tall = (high - low)[row, column] > _TALL_M
-    at_foot = int((points[tall, 2] < low[row, column][tall] + _EDGE_M).sum())
-    at_head = int((points[tall, 2] > high[row, column][tall] - _EDGE_M).sum())
-    return below > 2 * above + _FEW and at_head > at_foot
+    return _Cells(shape, (cells // shape[1], cells % shape[1]), points[order, 2], first, count)
 
 
 def _plane(design: NDArray[np.float64], lowest: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry.angle import wrapped
+
 __all__ = ["OUTPUTS", "REGRESSED", "ClassHead", "class_heads", "decoded", "encoded"]
 
 #: Of each box: offset of its centre from the cell's middle (2, in cells), its floor above the
@@ -39,14 +41,12 @@ class ClassHead:
         name: a detector's class.
         stride: cells of the pillars along an edge of its cells.
         usual: its length, width and height, metres.
-        weight: of its loss among the classes.
         box_weights: of what is regressed (`REGRESSED`), within its loss.
     """
 
     name: str
     stride: int
     usual: tuple[float, float, float]
-    weight: float
     box_weights: tuple[float, ...]
 
 
@@ -60,7 +60,7 @@ def class_heads(names: Sequence[str]) -> tuple[ClassHead, ...]:
         small = name in _SMALL
         angle = 0.25 if name == "pedestrian" else 1.0
         weights = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, angle, angle, 0.2 * angle, 0.2 * angle)
-        heads.append(ClassHead(name, 1 if small else 2, _USUAL[name], 1.0, weights))
+        heads.append(ClassHead(name, 1 if small else 2, _USUAL[name], weights))
     return tuple(heads)
 
 
@@ -105,5 +105,5 @@ def decoded(
     yaw = np.arctan2(told[:, 7], told[:, 6]) / 2
     ahead = told[:, 8] * np.cos(yaw) + told[:, 9] * np.sin(yaw)
     yaw = np.where(ahead < 0, yaw + np.pi, yaw)
-    box[:, 6] = np.arctan2(np.sin(yaw), np.cos(yaw))
+    box[:, 6] = wrapped(yaw)
     return box

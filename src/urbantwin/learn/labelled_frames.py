@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import json
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import shapely
-from shapely.geometry import shape
 
 from urbantwin.artefact import write_json
 from urbantwin.artefact.checksum import sha256_of
 from urbantwin.artefact.document import read_json_value
+from urbantwin.artefact.inventory import INVENTORY
+from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording
@@ -25,13 +26,12 @@ from urbantwin.learn.frames import (
     write_level_frame,
 )
 from urbantwin.learn.model import Design
-from urbantwin.progress import Progress
+from urbantwin.progress import Progress, between, each
 
 __all__ = ["LabelledFrames", "digest_of", "labelled_frames"]
 
 _INDEX = "frames.json"
 _BANK = "objects.npz"
-_REGIONS = "ignore_regions.geojson"
 #: Intensities are told from 0 to 1.
 _MOST_INTENSITY = 1.0
 
@@ -69,9 +69,7 @@ def digest_of(dataset: Path) -> str:
 
     Of a recording without one, that of the names and sizes of its files.
     """
-    import hashlib
-
-    sums = dataset / "SHA256SUMS"
+    sums = dataset / INVENTORY
     if sums.is_file():
         return sha256_of(sums)
     files = sorted(one for one in dataset.rglob("*") if one.is_file())
@@ -103,8 +101,9 @@ def labelled_frames(
     for rig, dataset in enumerate(datasets):
         recording = open_recording(dataset)
         regions = _regions(dataset)
-        for frame in recording:
-            tell(rig / len(datasets), f"reading {dataset.name}: frame {frame.name}")
+        share = between(tell, rig / len(datasets), (rig + 1) / len(datasets))
+        for number in each(range(len(recording)), share, f"reading {dataset.name}"):
+            frame = recording.read(number)
             if design.intensity:
                 _check_intensity(frame, dataset)
             marks = None if frame.boxes is None else frame.boxes.ignored
@@ -122,11 +121,13 @@ def labelled_frames(
             rigs.append(rig)
     for name, count in zip(design.classes, objects, strict=True):
         if not count:
-            others = [one for one, n in zip(design.classes, objects, strict=True) if n]
+            others = " ".join(
+                f"--class {one}" for one, n in zip(design.classes, objects, strict=True) if n
+            )
             raise InputError(
                 f"no box of class {name} in {len(rigs)} frames",
                 file=", ".join(map(str, datasets)),
-                expected=f"boxes of every class asked for; `--classes {','.join(others)}` has some",
+                expected=f"boxes of every class asked for; there are some with `{others}`",
             )
     found = LabelledFrames(folder, tuple(rigs), tuple(int(one) for one in objects))
     # A bank holds some hundred objects of each class and rig: of long datasets a part is looked at.
@@ -143,12 +144,9 @@ def _file(folder: Path, number: int) -> Path:
 
 def _regions(dataset: Path) -> shapely.Geometry | None:
     """Return where a dataset of ours says that its labels do not count; None where nowhere."""
-    file = dataset / _REGIONS
-    if not file.is_file():
-        return None
-    features = json.loads(file.read_text(encoding="utf-8")).get("features", [])
-    areas = shapely.union_all([shape(one["geometry"]) for one in features])
-    return None if areas.is_empty else areas
+    file = dataset / IGNORE_REGIONS
+    areas = [one.area for one in read_ignore_regions(file)] if file.is_file() else []
+    return shapely.union_all(areas) if areas else None
 
 
 def _check_intensity(frame: Frame, dataset: Path) -> None:

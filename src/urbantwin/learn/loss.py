@@ -1,7 +1,7 @@
 """How wrong the network is: centres by a focal loss, boxes by absolute differences.
 
 Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. Each class is measured by how
-many of it there are in a sample on average, and then weighted: people are many, buses few.
+many of it there are in a sample on average: people are many, buses few.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ __all__ = ["BatchTarget", "detection_loss", "on_device"]
 
 #: Exponents of the focal loss: of what is nearly right already, and near to a centre.
 _EASY, _NEAR = 2.0, 4.0
-#: Of boxes, beside that of centres.
-_BOX_WEIGHT = 1.0
 #: A class that is rarer than this, objects a sample, counts as if it were not.
 _RAREST = 0.2
 
@@ -71,7 +69,7 @@ def detection_loss(
     heads: Sequence[ClassHead],
     usual: Sequence[float],
 ) -> Tensor:
-    """Return the loss of each class (classes, 2): of its centres, and of its boxes; weighted.
+    """Return the loss of each class (classes, 2): of its centres, and of its boxes.
 
     Args:
         said: by the network: (samples, `heads.OUTPUTS`, rows, columns) for each class.
@@ -81,7 +79,7 @@ def detection_loss(
     """
     rows = []
     for told, target, head, many in zip(said, wanted, heads, usual, strict=True):
-        per = head.weight / (max(many, _RAREST) * len(told))
+        per = 1 / (max(many, _RAREST) * len(told))
         maps = told.float()
         logit = maps[:, 0]
         likely = torch.sigmoid(logit)
@@ -104,6 +102,6 @@ def detection_loss(
             dim=1,
         )
         weights = off.new_tensor(head.box_weights)
-        boxes = ((off * weights).sum(dim=1) * target.weight).sum() * per * _BOX_WEIGHT
+        boxes = ((off * weights).sum(dim=1) * target.weight).sum() * per
         rows.append(torch.stack([centres, boxes]))
     return torch.stack(rows)

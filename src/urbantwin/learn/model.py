@@ -17,6 +17,7 @@ from urbantwin.artefact.checksum import sha256_of
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.detections import DETECTED_CLASSES
 from urbantwin.errors import InputError
+from urbantwin.fidelity.readers.documents import read_yaml_document
 from urbantwin.learn.heads import ClassHead, class_heads
 from urbantwin.learn.network import Detector
 from urbantwin.learn.pillars import features_of
@@ -116,13 +117,9 @@ def read_model(folder: Path, device: str = "cpu") -> Model:
         InputError: it is no model's folder, or its files are damaged or do not belong together.
     """
     file, weights = folder / _TEXT, folder / _WEIGHTS
-    try:
-        value = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError("is not there", file=file, expected=_EXPECTED) from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        text = " ".join(str(error).split())
-        raise InputError(f"cannot be read: {text:.120}", file=file, expected=_EXPECTED) from None
+    if not file.is_file():
+        raise InputError("is not there", file=file, expected=_EXPECTED)
+    value = read_yaml_document(file, _EXPECTED)
     if not isinstance(value, dict):
         raise InputError("says nothing of a model", file=file, expected=_EXPECTED)
     told = validated(value, _Manifest, file=file, expected=_EXPECTED)

@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from urbantwin.learn.heads import OUTPUTS, ClassHead
 
-__all__ = ["Detector", "parameters_in"]
+__all__ = ["Detector"]
 
 #: Channels in cells 1, 2, 4 and 8 times as large as the pillars', of the smallest network.
 _CHANNELS = (32, 48, 64, 96)
@@ -130,8 +130,3 @@ class Detector(nn.Module):
 
 def _doubled(cells: Tensor) -> Tensor:
     return functional.interpolate(cells, scale_factor=2.0, mode="nearest")
-
-
-def parameters_in(network: nn.Module) -> int:
-    """Return how many numbers a network learns."""
-    return sum(one.numel() for one in network.parameters())

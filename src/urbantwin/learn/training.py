@@ -38,7 +38,7 @@ _DECAY, _LARGEST_GRADIENT = 0.01, 10.0
 _TRIED = 48
 #: Steps by which the speed of this machine is told; of the first one code is still compiled.
 _TIMED = 12
-#: What random numbers are for: samples, weights, and how many objects are usual.
+#: What random numbers are for: samples of steps, and those that tell how many objects are usual.
 _SAMPLES, _USUAL = 0, 1
 
 
@@ -114,7 +114,7 @@ def trained(
         first = step
         while step < (steps or step + 1):
             samples = [ready() for ready in coming]
-            coming = asked(step + 1)
+            coming = asked(step + 1) if step + 1 != steps else []
             rate = _rate(step, steps)
             for group in optimiser.param_groups:
                 group["lr"] = rate
@@ -142,8 +142,6 @@ def trained(
             if time.monotonic() - kept > recipe.kept_every_s:
                 _keep(state, network, names, optimiser, step, steps, losses)
                 kept = time.monotonic()
-        for ready in coming:
-            ready()
     last = losses[-max(1, len(losses) // 10) :]
     return network.eval(), step, float(np.mean(last))
 

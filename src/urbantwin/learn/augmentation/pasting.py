@@ -28,7 +28,7 @@ PASTED: Mapping[str, float] = {
 _LEAST_POINTS, _MOST_OBJECTS = 8, 600
 #: Points this near to the ground are the ground's, metres.
 _FOOT_M = 0.08
-#: Directions are told apart by so much, degrees: of neighbouring beams and rings.
+#: Resolution of shadows in azimuth and elevation, degrees: some beams and rings wide.
 _AROUND_DEG, _UP_DEG = 0.5, 0.8
 #: What lies this much behind is hidden, metres.
 _BEHIND_M = 0.3
@@ -58,10 +58,6 @@ class ObjectBank:
     first: NDArray[np.int64]
     points: NDArray[np.float32]
     ring: NDArray[np.int32]
-
-    def __len__(self) -> int:
-        """Return how many objects there are."""
-        return len(self.box)
 
 
 def bank_of(frames: Sequence[tuple[LevelFrame, int]], classes: int) -> ObjectBank:
@@ -170,7 +166,6 @@ def _with_one(
         ring=np.concatenate([frame.ring[stays], bank.ring[rows][seen]]),
         box=np.concatenate([frame.box, box[None]]),
         number=np.concatenate([frame.number, bank.number[k : k + 1]]),
-        track=np.concatenate([frame.track, [-1]]),
     )
 
 

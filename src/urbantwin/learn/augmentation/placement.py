@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry.angle import wrapped
+
 __all__ = ["Placement", "drawn_placement"]
 
 #: The streets of one country are so much larger than those of another, and its cars.
@@ -51,7 +53,7 @@ class Placement:
         found[:, :2] = (box[:, :2] - (self.x, self.y)) @ self.matrix.T
         found[:, 2:6] *= self.scale
         yaw = (-box[:, 6] if self.mirrored else box[:, 6]) + self.yaw
-        found[:, 6] = np.arctan2(np.sin(yaw), np.cos(yaw))
+        found[:, 6] = wrapped(yaw)
         return found
 
     def back(self, places: NDArray[np.float64]) -> NDArray[np.float64]:

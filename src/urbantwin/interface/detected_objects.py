@@ -1,0 +1,92 @@
+"""What a detector detects in a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.detections import Detections
+
+__all__ = ["DetectedObjects", "detect"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DetectedObjects:
+    """Detections in a folder; it stands for its folder: ``ut.evaluate(found, data)``.
+
+    Attributes:
+        folder: where it was written.
+        found: the boxes.
+    """
+
+    folder: Path
+    found: Detections
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return how many boxes there are, and the folder."""
+        return f"{len(self.found)} detections ({self.folder})"
+
+    def summary(self) -> Summary:
+        """Return what was detected in a few values; likely ones are those above one half."""
+        names = self.found.class_names
+        likely = self.found.only(self.found.score > 0.5).class_names
+        return Summary(
+            path=str(self.folder),
+            frames=len(self.found.frames),
+            boxes={name: names.count(name) for name in sorted(set(names))},
+            likely={name: likely.count(name) for name in sorted(set(likely))},
+        )
+
+
+def detect(
+    model: AnyPath,
+    frames: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    least: float = 0.05,
+    layout: str | None = None,
+    device: str = "cpu",
+    progress: ShowProgress = True,
+) -> DetectedObjects:
+    """Detect road users in the frames of a recording.
+
+    Args:
+        model: a folder that `train` wrote.
+        frames: a dataset of ours or any recording that is read; no label of it is looked at.
+        out: the folder to write; ``detections`` beside the frames when not given.
+        least: boxes with a lower score are left out.
+        layout: how the frames lie; found out when not given.
+        device: of torch: ``cpu``, ``cuda``.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: torch is not installed, or the model or the frames cannot be used.
+    """
+    from urbantwin.detections import check_detections_folder, write_detections
+    from urbantwin.fidelity.readers import open_recording
+    from urbantwin.learn.torch_device import check_torch
+
+    check_torch(device)
+    from urbantwin.learn import detected, read_model
+
+    source, real = Path(model), Path(frames)
+    target = beside(real, "detections") if out is None else Path(out)
+    inputs = [source, real]
+    check_detections_folder(target, inputs)
+    with shown_stage("detect", progress, brief=True) as tell:
+        detector = read_model(source, device)
+        recording = open_recording(real, layout)
+        found = detected(detector, recording, device=device, least=least, tell=tell)
+        made_by = {"urbantwin": "detect", "least": least, "model": dict(detector.trained)}
+        write_detections(target, found, made_by, inputs)
+    return DetectedObjects(target, found)
