@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.learn.augmentation.beams import thinned
+from urbantwin.learn.augmentation.clutter import cluttered
 from urbantwin.learn.augmentation.pasting import ObjectBank, pasted
 from urbantwin.learn.augmentation.placement import Placement, drawn_placement
 from urbantwin.learn.compiled.box_points import points_in_boxes
@@ -32,11 +33,13 @@ class Varied:
         placed: turned, mirrored, scaled.
         beams: with fewer beams.
         objects: with objects of other frames.
+        clutter: with things that have no label.
     """
 
     placed: bool = True
     beams: bool = True
     objects: bool = True
+    clutter: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,8 @@ def sample_of(
     half = window_m / 2
     reach = float(np.abs(frame.points[:, :2]).max(initial=0.0))
     x, y = _middle_of_window(frame, half, reach, draw)
+    if varied.clutter:
+        frame = cluttered(frame, (x, y, half), draw)
     if varied.objects and bank is not None:
         names = [head.name for head in heads]
         frame = pasted(frame, bank, rig, names, (x, y, half), draw)

@@ -1,0 +1,183 @@
+"""Bushes, hedges, walls, trunks and bins without a label, set into frames with their shadows.
+
+A twin made from a map alone knows little of what stands beside streets, and who learned on bare
+ones takes every bush for a car. A beam that meets one ends there; plants let beams in. What stands
+how often, and how large it is, are estimates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.learn.compiled.obstacles import met
+from urbantwin.learn.frames import LevelFrame
+
+__all__ = ["Obstacles", "cluttered", "with_obstacles"]
+
+#: So many samples are cluttered, with so many things on average: few in most, a garden in some.
+_OFTEN, _THINGS = 0.7, 20.0
+#: Nothing stands nearer to a sensor, nor to a labelled box, metres.
+_FROM_SENSOR_M, _BESIDE_M = 2.5, 0.3
+#: Noise of ranges, metres.
+_NOISE_M = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Ellipsoids and boxes of which things are made.
+
+    Attributes:
+        middle: (K, 3) metres, height above the ground.
+        half: (K, 3) half of length, width and height, metres.
+        yaw: (K,) radians.
+        is_round: (K,) an ellipsoid.
+        depth: (K,) how deep beams get in on average, metres; 0 for what is solid.
+    """
+
+    middle: NDArray[np.float64]
+    half: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+    is_round: NDArray[np.bool_]
+    depth: NDArray[np.float64]
+
+
+def cluttered(
+    frame: LevelFrame, window: tuple[float, float, float], draw: np.random.Generator
+) -> LevelFrame:
+    """Return a frame with things in it that have no label; of some samples the frame as it is.
+
+    Args:
+        frame: whose points tell which sensor they are of, if there are several.
+        window: x, y and half the width of where things are set, metres.
+        draw: random numbers.
+    """
+    if draw.random() > _OFTEN:
+        return frame
+    parts: list[_Part] = []
+    for _ in range(int(draw.poisson(draw.exponential(_THINGS)))):
+        kind = _KINDS[int(draw.choice(len(_KINDS), p=_SHARES))]
+        x, y = np.array(window[:2]) + draw.uniform(-window[2], window[2], 2)
+        thing = kind(float(x), float(y), draw.uniform(-np.pi, np.pi), draw)
+        if not any(_is_taken(frame, part) for part in thing):
+            parts += thing
+    if not parts:
+        return frame
+    columns = [np.array(column, np.float64) for column in zip(*parts, strict=True)]
+    x, y, z, length, width, height, yaw, is_round, depth = columns
+    stands = Obstacles(
+        np.column_stack([x, y, z]),
+        np.column_stack([length, width, height]) / 2,
+        yaw,
+        is_round > 0,
+        depth,
+    )
+    return with_obstacles(frame, stands, draw)
+
+
+def with_obstacles(frame: LevelFrame, stands: Obstacles, draw: np.random.Generator) -> LevelFrame:
+    """Return a frame whose points lie on obstacles where these are in the way.
+
+    Args:
+        frame: see `cluttered`.
+        stands: what is set into it.
+        draw: random numbers: of noise, and how deep beams get.
+    """
+    whose = np.zeros(len(frame.points), np.int64)
+    if len(frame.sensors) > 1:
+        whose = np.where(frame.ring >= 0, frame.ring // 4096, -1)
+    start = frame.sensors[np.maximum(whose, 0)]
+    deep = draw.exponential(size=len(whose))
+    noise = draw.normal(0.0, _NOISE_M, len(whose))
+    brightness = draw.uniform(0.05, 0.6, len(stands.yaw))
+    share, which = met(frame.points, start, stands.middle, stands.half, stands.yaw,
+                       stands.is_round, stands.depth, deep)  # fmt: skip
+    moved = (which >= 0) & (whose >= 0)
+    points = frame.points.copy()
+    way = points[moved, :3] - start[moved]
+    far = np.linalg.norm(way, axis=1, keepdims=True)
+    ends = share[moved, None] + noise[moved, None] / far
+    points[moved, :3] = (start[moved] + way * ends).astype(np.float32)
+    if points.shape[1] > 3:
+        points[moved, 3] = brightness[which[moved]]
+    return replace(frame, points=points)
+
+
+#: x, y, z of the middle, length, width, height, yaw, whether round, depth.
+_Part = tuple[float, float, float, float, float, float, float, float, float]
+
+
+def _is_taken(frame: LevelFrame, part: _Part) -> bool:
+    """Return whether a part would stand in a box, or at a sensor."""
+    reach = np.hypot(part[3], part[4]) / 2
+    boxes = frame.box
+    apart = np.hypot(boxes[:, 0] - part[0], boxes[:, 1] - part[1])
+    if (apart < reach + np.hypot(boxes[:, 3], boxes[:, 4]) / 2 + _BESIDE_M).any():
+        return True
+    away = np.hypot(frame.sensors[:, 0] - part[0], frame.sensors[:, 1] - part[1])
+    return bool((away < reach + _FROM_SENSOR_M).any())
+
+
+def _bush(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
+    """Return some ellipsoids that grow into each other."""
+    parts, size = [], draw.uniform(0.4, 1.6)
+    for _ in range(int(draw.integers(2, 6))):
+        at = draw.normal(0.0, 0.6 * size, 2)
+        wide, long = 2 * size * draw.uniform(0.5, 1.0, 2)
+        high = draw.uniform(0.7, 2.6)
+        parts.append((x + at[0], y + at[1], 0.4 * high, long, wide, 1.2 * high, yaw, 1.0,
+                      draw.uniform(0.05, 0.4)))  # fmt: skip
+    return parts
+
+
+def _row(
+    x: float, y: float, yaw: float, draw: np.random.Generator, *, is_plant: bool
+) -> Sequence[_Part]:
+    """Return a hedge, or a wall or fence, piece by piece."""
+    high = draw.uniform(0.5, 2.2)
+    wide = draw.uniform(0.4, 1.3) if is_plant else draw.uniform(0.1, 0.35)
+    depth = draw.uniform(0.03, 0.3) if is_plant else 0.0
+    edge, parts = draw.uniform(1.2, 2.0), []
+    for k in range(int(draw.integers(2, 9))):
+        lift = high * (draw.uniform(0.85, 1.15) if is_plant else 1.0)
+        at = (x + k * edge * np.cos(yaw), y + k * edge * np.sin(yaw))
+        parts.append((*at, lift / 2, edge, wide, lift, yaw, 0.0, depth))
+    return parts
+
+
+def _hedge(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
+    return _row(x, y, yaw, draw, is_plant=True)
+
+
+def _wall(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
+    return _row(x, y, yaw, draw, is_plant=False)
+
+
+def _bin(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
+    """Return a bin, cabinet, heap or container: a box, from 0.3 to 3 m."""
+    length = np.exp(draw.uniform(np.log(0.3), np.log(3.0)))
+    width, high = length * draw.uniform(0.4, 1.0), draw.uniform(0.5, 2.0)
+    return [(x, y, high / 2, length, width, high, yaw, float(draw.random() < 0.3), 0.0)]
+
+
+def _tree(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
+    """Return a trunk or post, and often a crown that hangs down to where people walk."""
+    thick, high = draw.uniform(0.08, 0.6), draw.uniform(1.5, 5.0)
+    parts = [(x, y, high / 2, thick, thick, high, yaw, 0.0, 0.0)]
+    if draw.random() < 0.5:
+        wide, below = draw.uniform(1.0, 4.0), draw.uniform(0.8, 3.0)
+        parts.append((x, y, below + 1.5, wide, wide, 3.0, yaw, 1.0, draw.uniform(0.3, 1.0)))
+    return parts
+
+
+_KINDS: tuple[Callable[[float, float, float, np.random.Generator], Sequence[_Part]], ...] = (
+    _bush,
+    _hedge,
+    _wall,
+    _bin,
+    _tree,
+)
+_SHARES = (0.35, 0.15, 0.1, 0.2, 0.2)
