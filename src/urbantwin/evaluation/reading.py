@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from urbantwin.detections import Detections
 from urbantwin.errors import InputError
 from urbantwin.evaluation.truth import FEWEST_POINTS, Truth, why_not
-from urbantwin.evaluation.view import View, view_of
 from urbantwin.fidelity.frame import Boxes, Frame
+from urbantwin.fidelity.labelled_view import View, view_of
 from urbantwin.fidelity.readers import Recording
 from urbantwin.fidelity.readers.box_list import frame_number
 from urbantwin.geometry import points_in_box

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from urbantwin.detections import detected_class
@@ -115,7 +114,7 @@ def level_frame_from(
     file: Path,
     intensity: bool = False,
     ignored: NDArray[np.bool_] | None = None,
-    passed_over: shapely.Geometry | None = None,
+    labelled: Callable[[Frame, NDArray[np.float64]], NDArray[np.bool_]] | None = None,
 ) -> LevelFrame:
     """Return a labelled frame on level ground.
 
@@ -126,7 +125,7 @@ def level_frame_from(
         file: where it is from, for errors.
         intensity: tell it.
         ignored: (boxes,) which of them the labels themselves say not to count.
-        passed_over: where labels do not count, in the recording's world.
+        labelled: tells of boxes (N, 7) in the frame whether they stand where all is labelled.
 
     Raises:
         InputError: it has no boxes, z points down, or boxes do not stand on the ground.
@@ -156,23 +155,16 @@ def level_frame_from(
             expected="boxes that stand on the ground, z up",
         )
     counted = np.ones((1, 1), bool)
-    if passed_over is not None:
-        counted = _counted(frame, passed_over, middle, half_m + _BEYOND_M)
+    if labelled is not None:
+        half = int(np.ceil((half_m + _BEYOND_M) / COUNTED_M))
+        along = (np.arange(-half, half) + 0.5) * COUNTED_M
+        y, x = np.meshgrid(along, along, indexing="ij")
+        cells = np.ones((x.size, 7))
+        cells[:, :2] = np.column_stack([x.ravel(), y.ravel()]) + middle
+        cells[:, 2], cells[:, 6] = ground.at(cells) + 0.5, 0.0
+        found_there = labelled(frame, cells).reshape(x.shape)
+        counted = counted if found_there.all() else found_there
     return replace(found, box=box, number=number, counted=counted)
-
-
-def _counted(
-    frame: Frame, passed_over: shapely.Geometry, middle: NDArray[np.float64], reach_m: float
-) -> NDArray[np.bool_]:
-    """Return where labels count, as `LevelFrame` has it."""
-    half = int(np.ceil(reach_m / COUNTED_M))
-    along = (np.arange(-half, half) + 0.5) * COUNTED_M
-    y, x = np.meshgrid(along, along, indexing="ij")
-    places = np.column_stack([x.ravel() + middle[0], y.ravel() + middle[1], np.zeros(x.size)])
-    if frame.world_SE3_frame is not None:
-        places = frame.world_SE3_frame.apply(places)
-    inside = shapely.contains_xy(passed_over, places[:, 0], places[:, 1])
-    return np.asarray(~inside).reshape(x.shape)
 
 
 def refuse_upside_down(frame: Frame, file: Path) -> None:

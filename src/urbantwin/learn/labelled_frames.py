@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import shapely
 
 from urbantwin.artefact import write_json
 from urbantwin.artefact.checksum import sha256_of
 from urbantwin.artefact.document import read_json_value
 from urbantwin.artefact.inventory import INVENTORY
-from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.labelled_view import view_of
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.learn.augmentation.pasting import ObjectBank, bank_of, read_bank, write_bank
 from urbantwin.learn.frames import (
@@ -100,7 +99,7 @@ def labelled_frames(
     objects = np.zeros(len(design.classes), np.int64)
     for rig, dataset in enumerate(datasets):
         recording = open_recording(dataset)
-        regions = _regions(dataset)
+        view = view_of(recording)
         share = between(tell, rig / len(datasets), (rig + 1) / len(datasets))
         for number in each(range(len(recording)), share, f"reading {dataset.name}"):
             frame = recording.read(number)
@@ -114,7 +113,7 @@ def labelled_frames(
                 file=dataset,
                 intensity=design.intensity,
                 ignored=None if marks is None else np.array([one != "" for one in marks], bool),
-                passed_over=regions,
+                labelled=view.covers,
             )
             write_level_frame(_file(folder, len(rigs)), level)
             objects += np.bincount(level.number[level.number >= 0], minlength=len(objects))
@@ -140,13 +139,6 @@ def labelled_frames(
 
 def _file(folder: Path, number: int) -> Path:
     return folder / f"{number:06}.npz"
-
-
-def _regions(dataset: Path) -> shapely.Geometry | None:
-    """Return where a dataset of ours says that its labels do not count; None where nowhere."""
-    file = dataset / IGNORE_REGIONS
-    areas = [one.area for one in read_ignore_regions(file)] if file.is_file() else []
-    return shapely.union_all(areas) if areas else None
 
 
 def _check_intensity(frame: Frame, dataset: Path) -> None:

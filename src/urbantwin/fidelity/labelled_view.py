@@ -1,4 +1,4 @@
-"""Where a recording is labelled: a box that is found elsewhere is neither right nor wrong."""
+"""Where a recording is labelled: what is said elsewhere is neither right nor wrong."""
 
 from __future__ import annotations
 
@@ -128,12 +128,14 @@ class _CameraView:
         regions = read_regions(self.path / "label_2" / f"{frame.name}.txt")
         if not len(regions):
             return np.asarray(found)
-        seen = image_boxes(boxes, calibration.camera_SE3_lidar, calibration.projection)
+        inside = np.flatnonzero(found)
+        seen = image_boxes(boxes[inside], calibration.camera_SE3_lidar, calibration.projection)
         low = np.maximum(seen[:, None, :2], regions[None, :, :2])
         high = np.minimum(seen[:, None, 2:], regions[None, :, 2:])
         common = np.maximum(high - low, 0).prod(axis=2)
         area = np.maximum((seen[:, 2:] - seen[:, :2]).prod(axis=1), 1e-9)
-        return np.asarray(found & ~(common > _MOSTLY * area[:, None]).any(axis=1))
+        found[inside] &= ~(common > _MOSTLY * area[:, None]).any(axis=1)
+        return np.asarray(found)
 
 
 def image_boxes(
@@ -143,11 +145,14 @@ def image_boxes(
 ) -> NDArray[np.float64]:
     """Return left, top, right, bottom (N, 4) of boxes (N, 7) in the image, cut at its borders."""
     found = np.zeros((len(boxes), 4))
-    for row, box in enumerate(boxes):
-        pixels, ahead = _projected(box_corners(box), camera_SE3_lidar, projection)
-        if ahead.any():
-            found[row, :2] = pixels[ahead].min(axis=0)
-            found[row, 2:] = pixels[ahead].max(axis=0)
+    if not len(boxes):
+        return found
+    corners = np.concatenate([box_corners(box) for box in boxes])
+    pixels, ahead = _projected(corners, camera_SE3_lidar, projection)
+    pixels, ahead = pixels.reshape(-1, 8, 2), ahead.reshape(-1, 8)
+    seen = ahead.any(axis=1)
+    found[seen, :2] = np.where(ahead[..., None], pixels, np.inf)[seen].min(axis=1)
+    found[seen, 2:] = np.where(ahead[..., None], pixels, -np.inf)[seen].max(axis=1)
     found[:, ::2] = found[:, ::2].clip(0, _IMAGE[0])
     found[:, 1::2] = found[:, 1::2].clip(0, _IMAGE[1])
     return found
