@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
     from urbantwin.interface.site_file import Site, init
     from urbantwin.interface.summary import Summary
+    from urbantwin.interface.teaching import Taught, teach
     from urbantwin.interface.tracked_objects import TrackedObjects, track
     from urbantwin.interface.trained_model import TrainedModel, train
     from urbantwin.interface.tuning import Tuning, tune
@@ -90,6 +91,7 @@ __all__ = [
     "StageError",
     "Suite",
     "Summary",
+    "Taught",
     "TrackedObjects",
     "TrainedModel",
     "Tuning",
@@ -124,6 +126,7 @@ __all__ = [
     "run",
     "sensors",
     "suite",
+    "teach",
     "track",
     "train",
     "tune",

@@ -20,7 +20,7 @@ Run = Callable[..., Any]
 COMMANDS = tuple(
     "actors align background build calibrate carla compare coverage curriculum demo detect "
     "discover evaluate export film init inspect observe record replay reproduce run sensors suite "
-    "track traffic train tune vary verify".split()
+    "teach track traffic train tune vary verify".split()
 )
 
 

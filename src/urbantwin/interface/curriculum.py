@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset import Dataset, recorded
-from urbantwin.interface.motion import Motion
+from urbantwin.interface.motion import Motion, driven
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def curriculum(  # noqa: PLR0913 - an option of the command each
         if one.density not in motions:
             folder = place / _motion_name(one.density)
             traffic = traffics[one.density]
-            motions[one.density] = _driven(opened, folder, traffic, seconds, seed, progress)
+            motions[one.density] = driven(opened, folder, traffic, seconds, seed, progress)
         motion = motions[one.density]
         if not any(sensor.rides for sensor in its.sensors):
             times = frame_times(stands.rate_hz, start, stop, motion.times())
@@ -183,18 +183,3 @@ def _traffic(twin: Twin, grade: Grade) -> dict[str, Any]:
         )
     usual = traffic["per_hour"]
     return {"per_hour": {name: round(grade.density * rate, 3) for name, rate in usual.items()}}
-
-
-def _driven(
-    twin: Twin,
-    folder: Path,
-    changes: dict[str, Any],
-    seconds: float | None,
-    seed: int | None,
-    progress: ShowProgress,
-) -> Motion:
-    from urbantwin.traffic.run import run_traffic
-
-    with shown_stage("traffic", progress) as tell:
-        made = run_traffic(twin, folder, seconds=seconds, seed=seed, changes=changes, progress=tell)
-    return Motion.of(made, folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from urbantwin.interface.twin import Twin
 
-__all__ = ["Motion", "drive"]
+__all__ = ["Motion", "drive", "driven"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -192,3 +193,19 @@ def drive(  # noqa: PLR0913 - the options of the command
         )
     tell_result("traffic", place, made.warnings, progress)
     return Motion.of(made, place)
+
+
+def driven(
+    twin: Twin,
+    folder: Path,
+    changes: Mapping[str, object],
+    seconds: float | None,
+    seed: int | None,
+    progress: ShowProgress,
+) -> Motion:
+    """Drive a twin's traffic with changes to the site's; see `drive`. No pictures are drawn."""
+    from urbantwin.traffic.run import run_traffic
+
+    with shown_stage("traffic", progress) as tell:
+        made = run_traffic(twin, folder, seconds=seconds, seed=seed, changes=changes, progress=tell)
+    return Motion.of(made, folder)

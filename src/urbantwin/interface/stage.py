@@ -14,7 +14,7 @@ from typing import Any
 from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 
-__all__ = ["ShowProgress", "shown_stage", "tell_result"]
+__all__ = ["ShowProgress", "shown_stage", "tell_line", "tell_result"]
 
 #: What every function takes as ``progress``: whether to show it, or what is called with the share
 #: that is done (0..1, of each stage) and what is being done.
@@ -71,6 +71,13 @@ def tell_result(
             print(f"{title}: pictures in {folder / 'pictures'}", file=sys.stderr, flush=True)
         for one in warnings:
             print(f"warning: {one}", file=sys.stderr, flush=True)
+
+
+def tell_line(text: str, progress: ShowProgress = True) -> None:
+    """Print a line on stderr, unless no progress is shown."""
+    if progress is True:
+        with suppress(OSError, ValueError):  # nobody listens any more
+            print(text, file=sys.stderr, flush=True)
 
 
 def _in_notebook() -> bool:

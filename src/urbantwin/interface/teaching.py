@@ -1,0 +1,424 @@
+"""From a place to a detector for its own sensors: twin, drives, training, judgement, model card."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.errors import InputError
+from urbantwin.interface.dataset import recorded
+from urbantwin.interface.evaluation_report import Evaluation, evaluate
+from urbantwin.interface.motion import Motion, driven
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, tell_line
+from urbantwin.interface.summary import Summary
+from urbantwin.interface.trained_model import train
+from urbantwin.interface.twin import Twin, build_of, site_with_known_sensors
+
+if TYPE_CHECKING:
+    from urbantwin.learn.lessons import Lesson
+    from urbantwin.site.rig import RigSpec
+
+__all__ = ["Taught", "teach"]
+
+#: Seconds of a drive before its first frame.
+_START_S = 2.0
+#: What two processors of a laptop need: seconds at least and at most for a twin; for a second of
+#: traffic; for a frame of one sensor; for the judgement of one.
+_TWIN_S, _TRAFFIC_S, _FRAME_S, _JUDGED_S = (15.0, 200.0), (0.12, 1.2), (0.1, 0.8), (0.3, 1.5)
+_STEP_S = (0.1, 0.5)
+#: Reading of datasets and what else training takes beside its minutes.
+_AROUND_TRAINING = (1.05, 1.4)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Taught:
+    """A detector for one place, in a folder.
+
+    Attributes:
+        folder: with ``model/``, ``card.md``, a report of each judgement, and ``lessons/``.
+        reports: the judgements by name.
+        seconds: the least and the most that it was reckoned to take.
+    """
+
+    folder: Path
+    reports: Mapping[str, Evaluation]
+    seconds: tuple[float, float]
+
+    def __fspath__(self) -> str:
+        """Return the folder of the model: ``ut.detect(taught, frames)``."""
+        return str(self.folder / "model")
+
+    def __repr__(self) -> str:
+        """Return the folder, and how it was judged."""
+        lines = [f"a detector ({self.folder})"]
+        return "\n".join(lines + [f"{name}: {one.in_short}" for name, one in self.reports.items()])
+
+    def summary(self) -> Summary:
+        """Return how it was judged, and where everything is."""
+        return Summary(
+            path=str(self.folder),
+            reckoned_minutes=[round(one / 60, 1) for one in self.seconds],
+            **(
+                {
+                    "model": str(self.folder / "model"),
+                    "onnx": str(self.folder / "model" / "model.onnx"),
+                    "card": str(self.folder / "card.md"),
+                }
+                if self.reports
+                else {}
+            ),
+            judged={name: one.in_short for name, one in self.reports.items()},
+        )
+
+
+def teach(  # noqa: PLR0913 - the options of the command
+    site: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    minutes: float = 30.0,
+    steps: int | None = None,
+    drives: int = 6,
+    judging: int = 2,
+    seconds: float = 200.0,
+    every: float = 4.0,
+    real: Sequence[AnyPath] = (),
+    background: Sequence[str] = (),
+    within: tuple[float, float] = (0.05, 0.3),
+    seed: int = 1,
+    workers: int | None = None,
+    device: str = "cpu",
+    plan: bool = False,
+    progress: ShowProgress = True,
+) -> Taught:
+    """Make a detector for the sensors of one place; interrupted, the same call goes on.
+
+    The site's twin is built and driven several times, at other hours, with other demand, weather,
+    light and seeds, its sensors moved by what is uncertain of them; a detector is trained on what
+    they record; it is judged by drives of other seeds and hours, and by real frames if given.
+
+    Args:
+        site: the ``site.yaml``.
+        out: the folder to write; ``detector`` beside the site when not given.
+        minutes: of training.
+        steps: of training, in place of minutes.
+        drives: that teach.
+        judging: drives that judge.
+        seconds: length of each drive.
+        every: seconds between its frames.
+        real: labelled real frames, to judge by.
+        background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world; two
+            of three drives that teach, and those that judge, see it.
+        within: how far off the rig's places (metres) and angles (degrees) may be.
+        seed: of every random choice.
+        workers: processes to record with.
+        device: of torch.
+        plan: only say what would be done, and how long it takes.
+        progress: show how far it is; or a function that is told (share, doing), of each stage.
+
+    Raises:
+        InputError: the site, a file that it names, or real frames cannot be used; no torch.
+        StageError: a stage failed.
+    """
+    from urbantwin.learn.torch_device import check_torch
+
+    check_torch(device)
+    from urbantwin import __version__
+    from urbantwin.artefact import replaced_file, sha256_of
+    from urbantwin.learn import digest_of, read_model
+    from urbantwin.learn.lessons import lessons_of, moved_rig
+
+    if drives < 1 or judging < 1:
+        raise InputError(f"{drives} drives, {judging} that judge", expected="at least one of each")
+    if seconds <= _START_S:
+        raise InputError(f"drives of {seconds:g} s", expected=f"longer than {_START_S:g} s")
+    checked = site_with_known_sensors(Path(site))
+    target = beside(Path(site), "detector") if out is None else Path(out)
+    judges = _named(real)
+    lessons = lessons_of(drives, judging, seed)
+    frames = int((seconds - _START_S) / every) + 1
+    reckoned = _reckoned(len(lessons), judging + len(judges), seconds, frames,
+                         len(checked.rig.sensors), minutes, steps)  # fmt: skip
+    low, high = (max(1, round(one / 60)) for one in reckoned)
+    tell_line(
+        f"teach: {drives} drives of {seconds:g} s to learn from and {judging} to judge by, "
+        f"{frames} frames each; about {low} to {high} minutes on two processors",
+        progress,
+    )
+    if plan:
+        return Taught(target, {}, reckoned)
+    work = target / "lessons"
+    done = _Steps(work / "steps.json")
+    base = done.once(
+        "twin",
+        {
+            "urbantwin": __version__,
+            "files": sorted(map(sha256_of, filter(Path.is_file, checked.files()))),
+        },
+        work / "twin",
+        partial(build_of, checked, pictures=False, progress=progress),
+    )
+    twin = Twin.open(work / "twin")
+    course = _Course(twin, checked.rig_file, seconds, every, workers, progress)
+    datasets: dict[str, Path] = {}
+    began = time.monotonic()
+    for number, lesson in enumerate(lessons):
+        sees = list(background) if lesson.held or number % 3 != 2 else []
+        rig = moved_rig(checked.rig, lesson, *within)
+        drove = done.once(
+            f"{lesson.name}-motion",
+            {"lesson": lesson.told(), "seconds": seconds, "twin": base},
+            work / f"{lesson.name}-motion",
+            partial(course.drive, lesson),
+        )
+        measured = [sha256_of(Path(one.rpartition("=")[2])) for one in sees]
+        datasets[lesson.name] = work / lesson.name
+        done.once(
+            lesson.name,
+            {"motion": drove, "every": every, "within": list(within), "background": measured},
+            datasets[lesson.name],
+            partial(course.record, lesson, rig, sees),
+        )
+        if number == 0 and time.monotonic() - began > 1.0:
+            left = (time.monotonic() - began) * (len(lessons) - 1) + minutes * 60 * 1.1
+            tell_line(f"teach: by the first drive, about {left / 60:.0f} minutes to go", progress)
+    model = target / "model"
+    teaching = [datasets[one.name] for one in lessons if not one.held]
+    learned: dict[str, Any] = {"classes": _classes_of(teaching), "seed": seed, "device": device}
+    learned |= {"steps": steps, "minutes": None if steps else minutes}
+    taught = done.once(
+        "model",
+        {"datasets": [done.key(one.name) for one in teaching], **learned},
+        model,
+        partial(train, teaching, **learned, progress=progress),
+    )
+    held = {one.name: datasets[one.name] for one in lessons if one.held}
+    reports = {}
+    for name, data in (held | judges).items():
+        report = target / f"report-{name}"
+        done.once(
+            report.name,
+            {"model": taught, "data": digest_of(data)},
+            report,
+            partial(evaluate, model, data, progress=progress),
+        )
+        reports[name] = Evaluation(report)
+    trained = read_model(model).trained
+    card = _card(checked.name, twin, lessons, trained, reports, list(held))
+    with replaced_file(target / "card.md") as file:
+        file.write_text(card)
+    return Taught(target, reports, reckoned)
+
+
+@dataclass(frozen=True)
+class _Course:
+    """How all drives are driven and recorded; what that takes is told to ``progress``."""
+
+    twin: Twin
+    rig_file: Path
+    seconds: float
+    every_s: float
+    workers: int | None
+    progress: ShowProgress
+
+    def drive(self, lesson: Lesson, folder: Path) -> None:
+        """Drive the traffic; counted traffic stays as it is."""
+        traffic: Mapping[str, Any] = self.twin.site["traffic"]
+        changes: dict[str, Any] = {}
+        if not traffic.get("counts"):
+            usual = {name: float(rate) for name, rate in traffic["per_hour"].items()}
+            changes = {"per_hour": lesson.per_hour(usual), "time_of_day": lesson.time_of_day}
+        driven(self.twin, folder, changes, self.seconds, lesson.seed, self.progress)
+
+    def record(self, lesson: Lesson, rig: RigSpec, seen: Sequence[str], folder: Path) -> None:
+        """Record it; ``seen`` is what real sensors measured of the static world."""
+        recorded(
+            self.twin,
+            Motion.open(folder.with_name(f"{lesson.name}-motion")),
+            rig,
+            self.rig_file,
+            folder,
+            background=seen,
+            fuse=bool(seen),
+            start_s=_START_S,
+            every=max(1, round(self.every_s * rig.rate_hz)),
+            workers=self.workers,
+            seed=lesson.seed,
+            inputs=[self.twin.folder],
+            pictures=False,
+            progress=self.progress,
+        )
+
+
+class _Steps:
+    """Which steps are done, and of what: a step is done again only if what it is of changed."""
+
+    def __init__(self, file: Path) -> None:
+        from urbantwin.artefact.document import read_json_value
+
+        self._file = file
+        known = read_json_value(file, "a list of steps") if file.is_file() else {}
+        self._done: dict[str, str] = known if isinstance(known, dict) else {}
+
+    def key(self, name: str) -> str:
+        """Return what a step that is done was of."""
+        return self._done[name]
+
+    def once(
+        self, name: str, asked: Mapping[str, Any], folder: Path, make: Callable[[Path], object]
+    ) -> str:
+        """Do a step unless its folder is there and of the same; return what it is of."""
+        from urbantwin.artefact import write_json
+        from urbantwin.dataset.manifest import recipe_key
+
+        key = recipe_key({"step": name, **asked})
+        if self._done.get(name) != key or not folder.is_dir():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            make(folder)
+            self._done[name] = key
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            write_json(self._file, self._done)
+        return key
+
+
+def _named(real: Sequence[AnyPath]) -> dict[str, Path]:
+    """Return real recordings by name.
+
+    Raises:
+        InputError: one has no labels.
+    """
+    from urbantwin.fidelity.readers import open_recording
+
+    found: dict[str, Path] = {}
+    for one in map(Path, real):
+        recording = open_recording(one)
+        if not any(recording.read(number).boxes is not None for number in range(len(recording))):
+            raise InputError("has no boxes to judge by", file=one, expected="labelled frames")
+        name = one.resolve().name
+        found[name if name not in found else f"{name}-{len(found) + 1}"] = one
+    return found
+
+
+def _reckoned(
+    lessons: int,
+    judged: int,
+    seconds: float,
+    frames: int,
+    sensors: int,
+    minutes: float,
+    steps: int | None,
+) -> tuple[float, float]:
+    """Return the least and the most seconds that all of it is reckoned to take."""
+    ends = []
+    for k in range(2):
+        each = seconds * _TRAFFIC_S[k] + frames * (1 + sensors) * _FRAME_S[k]
+        training = 60 * minutes if steps is None else steps * _STEP_S[k]
+        ends.append(
+            _TWIN_S[k]
+            + lessons * each
+            + training * _AROUND_TRAINING[k]
+            + judged * frames * _JUDGED_S[k]
+        )
+    return ends[0], ends[1]
+
+
+def _classes_of(datasets: Sequence[Path]) -> list[str]:
+    """Return the classes that a detector can learn of some datasets.
+
+    Raises:
+        InputError: there is nobody in them.
+    """
+    from urbantwin.artefact.tables import read_parquet
+    from urbantwin.detections import DETECTED_CLASSES, detected_class
+    from urbantwin.evaluation import FEWEST_POINTS
+
+    seen: set[str] = set()
+    for one in datasets:
+        file = one / "boxes.parquet"
+        table = read_parquet(file, "a dataset of urbantwin record", columns=["class", "num_points"])
+        rows = zip(table["class"].to_pylist(), table["num_points"].to_pylist(), strict=True)
+        seen |= {str(detected_class(name)) for name, points in rows if points >= FEWEST_POINTS}
+    found = [name for name in DETECTED_CLASSES if name in seen]
+    if not found:
+        raise InputError(
+            "nobody is in any frame", file=datasets[0], expected="traffic that the rig sees"
+        )
+    return found
+
+
+def _card(
+    site: str,
+    twin: Twin,
+    lessons: Sequence[Lesson],
+    trained: Mapping[str, Any],
+    reports: Mapping[str, Evaluation],
+    simulated: Sequence[str],
+) -> str:
+    """Return the model card (Mitchell et al. 2019, "Model Cards for Model Reporting")."""
+    objects = ", ".join(f"{count} of {name}" for name, count in trained["objects"].items())
+    lines = [
+        f"# A detector for {site}",
+        "",
+        "Boxes of road users in LiDAR frames of this place's sensors. Trained on simulated frames",
+        "alone; no real label was used to train or to choose.",
+        "",
+        f"- Learned from {trained['frames']} frames ({objects}), {trained['steps']} steps, "
+        f"seed {trained['seed']}, UrbanTwin {trained['urbantwin']}.",
+        "- Files: `model/model.onnx`, `model/model.safetensors`, `model/model.yaml` "
+        "(classes, range, cells).",
+        "- Use: `urbantwin detect model/ FRAMES -o detections/`.",
+        "",
+        "## Drives",
+        "",
+        "| drive | judges | hour | weather | seed |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {one.name} | {'yes' if one.held else 'no'} | {one.time_of_day} | {one.weather} "
+        f"| {one.seed} |"
+        for one in lessons
+    ]
+    for name, report in reports.items():
+        kind = "simulated, not trained on" if name in simulated else "real frames"
+        lines += [
+            "",
+            f"## Judged on {name} ({kind}, {report.manifest['frames']} frames)",
+            "",
+            "Average precision in per cent, in brackets the middle 95 % of draws of frames.",
+            "",
+            "| class | objects | within 1 m | within 2 m | BEV IoU 0.5 | 3D IoU 0.5 |",
+            "|---|---|---|---|---|---|",
+        ]
+        for label, row in report.figures.items():
+            if row.get("objects"):
+                told = " | ".join(
+                    _figure(row["ap"][one])
+                    for one in ("within_1_m", "within_2_m", "bev_iou_0.5", "iou_3d_0.5")
+                )
+                lines.append(f"| {label} | {row['objects']} | {told} |")
+    lines += [
+        "",
+        "## What it was not judged on",
+        "",
+        "Other places, other sensors or poses than the rig's, weather that no judging drive has, "
+        "and any class with few objects above."
+        + ("" if len(reports) > len(simulated) else " It was judged on no real frame."),
+        "",
+        "## Whose data",
+        "",
+    ]
+    sources = dict.fromkeys(str(item["attribution"]) for item in twin.manifest["inputs"])
+    lines += [f"- {one}" for one in sources]
+    return "\n".join(lines) + "\n"
+
+
+def _figure(row: Mapping[str, Any]) -> str:
+    if row["ap"] is None:
+        return "-"
+    ends = row.get("ap_ci95") or ()
+    told = " to ".join("-" if one is None else f"{100 * one:.0f}" for one in ends)
+    return f"{100 * row['ap']:.0f} ({told})"

@@ -1,0 +1,148 @@
+"""What a detector for one place is taught with: drives that differ in what is uncertain there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from urbantwin.site.rig import RigSpec
+from urbantwin.site.rig_changes import RigChanges
+
+__all__ = ["Lesson", "lessons_of", "moved_rig"]
+
+#: Hours of drives to learn from, one after the other; and of those that judge.
+_HOURS = ("08:00", "12:30", "17:15", "10:30", "15:00", "20:00")
+_OTHER_HOURS = ("09:15", "18:30", "13:45")
+#: The traffic as a whole is between so many times the site's; whoever is rare, times up to this.
+_DENSITY, _MORE = (0.6, 1.5), 3.0
+_RARE = ("truck", "bus", "motorcycle", "bicycle", "pedestrian")
+#: Every so many drives it rains, or there is fog or snow; how far one sees then, metres.
+_BAD_WEATHER = 4
+_VISIBILITY_M = {"rain": (500.0, 3000.0), "fog": (150.0, 500.0), "snow": (400.0, 2000.0)}
+#: In which fields the place of a sensor is told: three of them.
+_LENGTHS = ("east_m", "north_m", "forward_m", "left_m", "height_m", "up_m", "altitude_m")
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """One drive.
+
+    Attributes:
+        name: of its folder.
+        held: whether it judges; else it teaches.
+        seed: of all that is random in it.
+        time_of_day: when it begins.
+        demand: times the site's traffic, by class.
+        weather: clear, rain, fog or snow.
+        visibility_m: how far one sees; ``None``: as in clear air.
+        wet_ground: 0 to 1.
+        sun_elevation_deg: of the sun.
+    """
+
+    name: str
+    held: bool
+    seed: int
+    time_of_day: str
+    demand: Mapping[str, float]
+    weather: str
+    visibility_m: float | None
+    wet_ground: float
+    sun_elevation_deg: float
+
+    def per_hour(self, usual: Mapping[str, float]) -> dict[str, float]:
+        """Return the demand (actors an hour by class) of a site whose usual one is given."""
+        return {name: round(rate * self.demand.get(name, 1.0), 1) for name, rate in usual.items()}
+
+    def conditions(self) -> RigChanges:
+        """Return weather and light as changes to a rig."""
+        return RigChanges(
+            weather=self.weather,
+            visibility_m=self.visibility_m,
+            wet_ground=self.wet_ground,
+            sun_elevation_deg=self.sun_elevation_deg,
+            fused=True,
+        )
+
+    def told(self) -> dict[str, Any]:
+        """Return it as a row of a report."""
+        return {
+            "name": self.name,
+            "judges": self.held,
+            "seed": self.seed,
+            "time_of_day": self.time_of_day,
+            "demand": {name: round(times, 3) for name, times in sorted(self.demand.items())},
+            "weather": self.weather,
+            "visibility_m": self.visibility_m,
+            "wet_ground": self.wet_ground,
+            "sun_elevation_deg": self.sun_elevation_deg,
+        }
+
+
+def lessons_of(teaching: int, judging: int, seed: int) -> tuple[Lesson, ...]:
+    """Return the drives of a course, those that judge last.
+
+    Those that judge have other seeds and other hours, the usual demand and clear air.
+
+    Args:
+        teaching: how many teach.
+        judging: how many judge.
+        seed: of every random choice.
+    """
+    found = []
+    for number in range(teaching):
+        draw = np.random.default_rng([seed, number])
+        density = float(np.exp(draw.uniform(*np.log(_DENSITY))))
+        demand = {"car": density}
+        demand |= {name: density * float(draw.uniform(1.0, _MORE)) for name in _RARE}
+        weather, visibility, wet = "clear", None, 0.0
+        if number % _BAD_WEATHER == _BAD_WEATHER - 1:
+            weather = "rain" if number % (2 * _BAD_WEATHER) < _BAD_WEATHER else "fog"
+            weather = "snow" if number % (4 * _BAD_WEATHER) == 4 * _BAD_WEATHER - 1 else weather
+            visibility = round(float(np.exp(draw.uniform(*np.log(_VISIBILITY_M[weather])))))
+            wet = round(float(draw.uniform(0.5, 1.0)), 2) if weather == "rain" else 0.0
+        found.append(
+            Lesson(
+                f"teach-{number + 1}", False, seed * 1000 + number + 1,
+                _HOURS[number % len(_HOURS)], demand, weather, visibility, wet,
+                round(float(draw.uniform(5.0, 60.0)), 1),
+            )
+        )  # fmt: skip
+    found += [
+        Lesson(
+            f"judge-{number + 1}", True, seed * 1000 + 501 + number,
+            _OTHER_HOURS[number % len(_OTHER_HOURS)], {}, "clear", None, 0.0, 35.0,
+        )
+        for number in range(judging)
+    ]  # fmt: skip
+    return tuple(found)
+
+
+def moved_rig(spec: RigSpec, lesson: Lesson, within_m: float, within_deg: float) -> RigSpec:
+    """Return a rig as a drive sees it: its weather, and sensors moved by what is uncertain.
+
+    Sensors of a drive that judges stand where the rig says.
+
+    Args:
+        spec: the rig.
+        lesson: the drive.
+        within_m: every coordinate is off by at most this, metres.
+        within_deg: every angle, degrees.
+    """
+    spec = lesson.conditions().applied_to(spec)
+    if lesson.held:
+        return spec
+    draw = np.random.default_rng([lesson.seed, 7])
+    sensors = []
+    for one in spec.sensors:
+        off = draw.uniform(-1.0, 1.0, 6)
+        lengths = [name for name in _LENGTHS if getattr(one, name) is not None]
+        moved = {name: getattr(one, name) + within_m * off[k] for k, name in enumerate(lengths[:3])}
+        moved |= {
+            name: getattr(one, name) + within_deg * off[3 + k]
+            for k, name in enumerate(("yaw_deg", "pitch_deg", "roll_deg"))
+        }
+        sensors.append(one.model_copy(update=moved))
+    return spec.model_copy(update={"sensors": sensors})

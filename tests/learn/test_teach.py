@@ -1,0 +1,102 @@
+"""From a site to a detector: what is taught, judged and told, and that what is done stays."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import urbantwin as ut
+from urbantwin.detections import read_detections
+from urbantwin.errors import InputError
+from urbantwin.learn.lessons import lessons_of, moved_rig
+from urbantwin.site import load_site
+
+torch = pytest.importorskip(
+    "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
+)
+pytestmark = pytest.mark.xdist_group("learn")
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "two-avenues"
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """The example with one small sensor, and little around it."""
+    folder = tmp_path / "site"
+    shutil.copytree(EXAMPLE, folder)
+    file = folder / "site.yaml"
+    told = yaml.safe_load(file.read_text())
+    told["region"]["radius_m"] = 80
+    told["traffic"] |= {"warmup_s": 10}
+    told["rig"]["sensors"] = told["rig"]["sensors"][1:]
+    file.write_text(yaml.safe_dump(told))
+    return file
+
+
+def test_a_place_becomes_a_detector_and_the_same_call_does_nothing(
+    site: Path, tmp_path: Path
+) -> None:
+    torch.set_num_threads(1)
+    out = tmp_path / "detector"
+    asked = {"drives": 1, "judging": 1, "seconds": 4.0, "every": 1.0, "progress": False}
+    planned = ut.teach(site, out, plan=True, **asked)
+    assert not out.exists()
+    assert 0 < planned.seconds[0] < planned.seconds[1]
+
+    made = ut.teach(site, out, steps=2, workers=1, **asked)
+    card = (out / "card.md").read_text()
+    report = json.loads((out / "report-judge-1" / "evaluation.json").read_text())
+    assert f"{report['frames']} frames" in card
+    assert "It was judged on no real frame." in card
+    assert (out / "model" / "model.onnx").is_file()
+    ut.detect(made, out / "lessons" / "judge-1", tmp_path / "found", progress=False)
+    assert len(read_detections(tmp_path / "found").frames) == report["frames"]
+    drives = [ut.open(out / "lessons" / name).manifest for name in ("teach-1", "judge-1")]
+    assert drives[0]["seeds"] != drives[1]["seeds"]
+
+    before = {one: one.stat().st_mtime_ns for one in out.rglob("*") if one.is_file()}
+    ut.teach(site, out, steps=2, workers=1, **asked)
+    again = {
+        one for one in out.rglob("*") if one.is_file() and before[one] != one.stat().st_mtime_ns
+    }
+    assert again <= {out / "card.md"}
+
+    ut.teach(site, out, steps=3, workers=1, **asked)
+    changed = {
+        one.relative_to(out).parts[0]
+        for one, when in before.items()
+        if one.stat().st_mtime_ns != when and one.name != "steps.json"
+    }
+    assert "model" in changed
+    assert "lessons" not in changed
+
+
+def test_drives_that_judge_differ_from_those_that_teach(site: Path) -> None:
+    lessons = lessons_of(40, 3, 5)
+    teaching = [one for one in lessons if not one.held]
+    judging = [one for one in lessons if one.held]
+    assert len(judging) == 3
+    assert len({one.seed for one in lessons}) == 43
+    assert not {one.time_of_day for one in judging} & {one.time_of_day for one in teaching}
+    assert {one.weather for one in teaching} == {"clear", "rain", "fog", "snow"}
+    spec = load_site(site).rig
+    off = []
+    for one in teaching:
+        sensor = moved_rig(spec, one, 0.1, 0.5).sensors[0]
+        off.append([sensor.east_m - spec.sensors[0].east_m,
+                    (sensor.yaw_deg - spec.sensors[0].yaw_deg) / 5])  # fmt: skip
+    assert np.abs(off).max() <= 0.1
+    assert (np.ptp(off, axis=0) > 0.15).all()
+    assert moved_rig(spec, judging[0], 0.1, 0.5).sensors == spec.sensors
+
+
+def test_frames_without_labels_cannot_judge(site: Path, tmp_path: Path) -> None:
+    cloud = tmp_path / "clouds"
+    cloud.mkdir()
+    np.zeros((10, 3), np.float32).tofile(cloud / "0001.bin")
+    with pytest.raises(InputError):
+        ut.teach(site, tmp_path / "out", real=[cloud], progress=False)
+    assert not (tmp_path / "out").exists()
