@@ -208,6 +208,8 @@ def test_bad_input_is_refused_in_a_line(street: Path, tmp_path: Path) -> None:
         ut.train(street, tmp_path / "m", steps=1, classes=["bus", "car"], progress=False)
     with pytest.raises(ut.InputError, match="unknown class 'tank'"):
         ut.train(street, tmp_path / "m", steps=1, classes=["tank"], progress=False)
+    with pytest.raises(ut.InputError, match="no kind 'colour'"):
+        ut.train(street, tmp_path / "m", steps=1, without=["colour"], progress=False)
     with pytest.raises(ut.InputError, match="no device"):
         ut.train(street, tmp_path / "m", steps=1, device="abacus", progress=False)
     model = ut.train(

@@ -46,6 +46,14 @@ def train(
     intensity: Annotated[
         bool, typer.Option("--intensity", help="Tell it of intensities, too.")
     ] = False,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND",
+            help="Do not vary samples so: placed (turned, mirrored, scaled), beams (fewer), "
+            "objects (of other frames), clutter (bushes, walls).",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights and samples.")] = 0,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Threads that make samples.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
@@ -64,6 +72,7 @@ def train(
         batch=batch,
         width=width,
         intensity=intensity,
+        without=without or (),
         seed=seed,
         workers=workers,
         device=device,

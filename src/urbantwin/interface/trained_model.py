@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,7 @@ def train(  # noqa: PLR0913 - the options of the command
     batch: int = 4,
     width: float = 1.0,
     intensity: bool = False,
+    without: Sequence[str] = (),
     seed: int = 0,
     workers: int = 1,
     device: str = "cpu",
@@ -72,6 +73,7 @@ def train(  # noqa: PLR0913 - the options of the command
         batch: windows of frames in a step.
         width: multiple of the channels of the network for two processors.
         intensity: tell it of intensities (0..1): those of other sensors may mean something else.
+        without: how samples are not varied: ``placed``, ``beams``, ``objects``, ``clutter``.
         seed: of the weights at the start and of all samples.
         workers: threads that make samples; the weights are the same.
         device: of torch: ``cpu``, ``cuda``.
@@ -98,6 +100,7 @@ def train(  # noqa: PLR0913 - the options of the command
     )
     from urbantwin.learn.model import KIND
     from urbantwin.learn.onnx_file import write_onnx
+    from urbantwin.learn.sample import Varied
     from urbantwin.progress import between
 
     several = [datasets] if isinstance(datasets, str | os.PathLike) else datasets
@@ -109,12 +112,17 @@ def train(  # noqa: PLR0913 - the options of the command
         if name not in DETECTED_CLASSES:
             known = ", ".join(DETECTED_CLASSES)
             raise InputError(f"unknown class {name!r:.40}", place="--class", expected=known)
+    kinds = [one.name for one in fields(Varied)]
+    for name in without:
+        if name not in kinds:
+            raise InputError(f"no kind {name!r:.40}", place="--without", expected=", ".join(kinds))
+    varied = Varied(**{name: name not in without for name in kinds})
     chosen = tuple(one for one in DETECTED_CLASSES if classes is None or one in classes)
     if steps is None and minutes is None:
         minutes = 10.0
     design = Design(chosen, reach, cell, intensity, width)
     window = min(Recipe.window_m, 2 * reach)
-    recipe = Recipe(steps, minutes, batch, window, seed, device, workers)
+    recipe = Recipe(steps, minutes, batch, window, seed, device, workers, varied=varied)
     check_folder(target, kind=KIND, inputs=sources)
     with shown_stage("train", progress, brief=True) as tell:
         digests = [digest_of(one) for one in sources]
@@ -124,6 +132,7 @@ def train(  # noqa: PLR0913 - the options of the command
             "design": asdict(design),
         }
         asked |= {"steps": steps, "minutes": minutes, "batch": batch, "seed": seed}
+        asked["varied"] = asdict(varied)
         key = recipe_key(asked | {"device": device})
         with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
             work = scratch / "training"
@@ -142,6 +151,7 @@ def train(  # noqa: PLR0913 - the options of the command
                 "steps": done,
                 "batch": batch,
                 "seed": seed,
+                "without": sorted(set(without)),
                 "loss": round(loss, 4),
             }
             made = Model(design, network, told)
