@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-# The judges of exported OpenDRIVE: ASAM's checker and CARLA's map. The checker needs numpy 1.
+# Judges: TrackEval of tracks; ASAM's checker (which needs numpy 1) and CARLA's map of OpenDRIVE.
 JUDGES := .venv-judges
 
 # Tests that call nearly all that numba compiles and keeps, which takes a minute: they run first.
@@ -94,11 +94,13 @@ $(DEVELOPMENT): requirements-dev.lock $(RUNTIME)
 
 judges: $(JUDGES)/.installed
 
+# Of TrackEval the metrics alone are used, which need nothing of what it asks for.
 # CARLA has wheels for some Pythons only: without them its tests skip, and say so.
 $(JUDGES)/.installed: requirements-judges.lock | $(BIN)/python
-	@echo "installing the judges of OpenDRIVE into $(JUDGES)"
+	@echo "installing the judges into $(JUDGES)"
 	@{ $(PYTHON) -m venv $(JUDGES) \
 	  && $(call install,$(JUDGES),-r $<) \
+	  && $(call install,$(JUDGES),--no-deps trackeval==1.3.0) \
 	  && touch $@; } \
 	  || { rm -rf $(JUDGES); echo "the judges cannot be installed here: their tests will skip" >&2; }
 

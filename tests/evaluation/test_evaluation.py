@@ -1,6 +1,7 @@
 """Detections whose precision and errors are known by how they were made."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import urbantwin as ut
 from urbantwin.detections import joined, write_detections
 from urbantwin.errors import InputError
 from urbantwin.evaluation import evaluate, read_labelled
+from urbantwin.evaluation.tracks import judged_tracks
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry.box_overlap import plan_overlaps
 
@@ -71,6 +73,38 @@ def test_all_found_is_a_precision_of_one(data: Path) -> None:
     figures = _judged(data, lambda frame, boxes: (boxes, [0.9] * CARS))
     assert figures["objects"] == FRAMES * CARS
     assert {row["ap"] for row in figures["ap"].values()} == {1.0}
+
+
+def test_tracks_are_told_where_both_sides_have_them(data: Path) -> None:
+    recording = open_recording(data)
+    names = [f"{frame + 1:04d}" for frame in range(FRAMES)]
+    boxes = [_boxes(frame) for frame in range(FRAMES)]
+    # A box where an ignored one is, one of nobody, and two cars that change names halfway.
+    extra = np.array([[-30, 0, 0.75, 4, 2, 1.5, 0], [0, -40, 0.75, 4, 2, 1.5, 0]])
+    found = joined(
+        names,
+        [(np.concatenate([one, extra]), ["car"] * (CARS + 2), np.full(CARS + 2, 0.9))
+         for one in boxes],
+    )  # fmt: skip
+    whose = np.tile(np.arange(CARS + 2), (FRAMES, 1))
+    whose[FRAMES // 2 :, :2] = [1, 0]
+    untold = read_labelled(found, recording)
+    assert judged_tracks(evaluate(untold, layout=recording.layout, draws=2)) is None
+    seen = read_labelled(replace(found, track=whose.ravel()), recording)
+    # Plain boxes have no tracks: here their order tells who is who.
+    labelled = np.tile(np.arange(CARS + 2), FRAMES)
+    seen = replace(seen, truth=replace(seen.truth, track=labelled))
+    told = judged_tracks(evaluate(seen, layout=recording.layout, draws=2))
+    assert told is not None
+    cars = told["car"]
+    objects = FRAMES * CARS
+    assert cars["objects"] == objects
+    assert cars["tracks"] == CARS
+    assert cars["tracks_found"] == CARS + 1
+    assert cars["swaps"] == 2
+    assert cars["mota"] == pytest.approx((objects - FRAMES - 2) / objects)
+    right = objects - 2 * (FRAMES // 2)
+    assert cars["idf1"] == pytest.approx(2 * right / (2 * objects + FRAMES))
 
 
 def test_half_found_is_half_the_recall(data: Path) -> None:

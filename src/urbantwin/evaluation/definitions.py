@@ -28,6 +28,12 @@ DEFINITIONS: dict[str, str] = {
     "errors": "Of detections within 2 m in plan, at any score. ATE: distance of centres in plan; "
     "ASE: 1 - IoU after centres and headings are laid on each other; AOE: smallest difference of "
     "yaw (nuScenes, Argoverse 2). Signed ones are found less labelled, along the labelled heading.",
+    "HOTA, DetA, AssA": "How well objects are found and followed (Luiten et al. 2021), the mean "
+    "over 19 similarities. Boxes are as similar as centres are near in plan: 0.5 at 1 m (trucks, "
+    "buses, large: 2 m), 0 twice as far. At the threshold of the best F1, as MOTA and IDF1.",
+    "MOTA, swaps": "1 less the misses, wrong boxes and swaps of tracks over the objects, of all "
+    "frames, at a similarity of 0.5 (Bernardin and Stiefelhagen 2008).",
+    "IDF1": "F1 of boxes whose whole tracks are assigned to each other (Ristani et al. 2016).",
     "false alarms": "Wrong detections at or above the threshold of the best F1. Standing ones come "
     "within 1 m of the same place in half of the frames or more: posts, signs, hedges.",
 }

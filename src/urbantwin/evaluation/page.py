@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,6 @@ def write_page(
     report: Mapping[str, Any],
     pictures: Mapping[str, Path],
     path: Path,
-    more: Iterable[str] = (),
 ) -> None:
     """Write the page.
 
@@ -44,7 +43,6 @@ def write_page(
         report: what ``evaluation.json`` holds.
         pictures: ``figures``, and ``misses`` and ``false_alarms`` where there are any.
         path: the HTML file; the same report gives the same bytes.
-        more: further sections of HTML, before the definitions.
     """
     title = f"{report['predictions']} on {report['data']}"
     classes = report["classes"]
@@ -59,6 +57,7 @@ def write_page(
         html_picture("Precision and range", pictures["figures"], head=False),
         _operation(classes),
         _errors(classes),
+        _tracks(report["tracking"]),
     ]
     for kind, name in (("misses", "Worst misses"), ("false_alarms", "Worst false alarms")):
         if kind in pictures:
@@ -67,7 +66,6 @@ def write_page(
         "<details><summary>By range, points and what is hidden</summary>",
         *(_breakdown(classes, kind) for kind in KINDS),
         "</details>",
-        *more,
         "<details><summary>Definitions</summary>",
         html_table(("Figure", "Definition"), DEFINITIONS.items(), text=True),
         "</details>",
@@ -171,6 +169,36 @@ def _errors(classes: Mapping[str, Any]) -> str:
         return ""
     head = ("Within 2 m", *(title for title, _ in _ERRORS.values()), "turned round, %")
     return "<h2>How far off the boxes are</h2>" + html_table(head, rows)
+
+
+def _tracks(classes: Mapping[str, Any] | None) -> str:
+    if not classes:
+        return ""
+    head = (
+        "Tracks",
+        "n",
+        "tracks",
+        "found",
+        "HOTA, %",
+        "DetA",
+        "AssA",
+        "MOTA, %",
+        "swaps",
+        "IDF1, %",
+    )
+    rows = [
+        (
+            name,
+            str(row["objects"]),
+            str(row["tracks"]),
+            str(row["tracks_found"]),
+            *(_percent(row[key]) for key in ("hota", "deta", "assa", "mota")),
+            str(row["swaps"]),
+            _percent(row["idf1"]),
+        )
+        for name, row in classes.items()
+    ]
+    return "<h2>Who is who</h2>" + html_table(head, rows)
 
 
 def _breakdown(classes: Mapping[str, Any], kind: str) -> str:

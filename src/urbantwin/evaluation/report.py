@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from urbantwin.evaluation.definitions import DEFINITIONS
 from urbantwin.evaluation.evaluate import Figures
 from urbantwin.evaluation.figure import draw_figures
 from urbantwin.evaluation.page import in_short, write_page
+from urbantwin.evaluation.tracks import judged_tracks
 from urbantwin.evaluation.worst import worst_false_alarms, worst_misses
 from urbantwin.fidelity.readers import Recording
 
@@ -31,9 +32,6 @@ def write_evaluation(
     figures: Figures,
     recording: Recording,
     told: Mapping[str, Any],
-    *,
-    tracking: Mapping[str, Any] | None = None,
-    more: Iterable[str] = (),
 ) -> dict[str, Any]:
     """Write ``evaluation.json``, ``evaluation.html`` and ``pictures/`` into a folder.
 
@@ -42,8 +40,6 @@ def write_evaluation(
         figures: of all classes.
         recording: whose points are drawn.
         told: names of predictions and data, and the settings.
-        tracking: figures of tracks, where detections and labels have them.
-        more: sections of HTML about them.
 
     Returns:
         What ``evaluation.json`` holds.
@@ -81,14 +77,14 @@ def write_evaluation(
         "notes": list(seen.notes),
         "classes": {name: one.figures for name, one in figures.classes.items()},
         "members": {name: list(JUDGED[name]) for name in figures.classes},
-        "tracking": None if tracking is None else dict(tracking),
+        "tracking": judged_tracks(figures),
         "worst_misses": [one.row(seen.truth.frames) for one in cases["misses"]],
         "worst_false_alarms": [one.row(seen.truth.frames) for one in cases["false_alarms"]],
         "frame_names": list(seen.truth.frames),
         "definitions": DEFINITIONS,
     }
     report["in_short"] = in_short(report)
-    write_page(report, paths, folder / f"{KIND}.html", more)
+    write_page(report, paths, folder / f"{KIND}.html")
     written: dict[str, Any] = as_json(report)
     write_json(folder / f"{KIND}.json", written)
     return written

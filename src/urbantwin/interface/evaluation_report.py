@@ -67,6 +67,10 @@ class Evaluation:
                 }
                 for name, row in self.figures.items()
             },
+            tracking={
+                name: {key: round(100 * row[key], 1) for key in ("hota", "mota", "idf1")}
+                for name, row in (told["tracking"] or {}).items()
+            },
             notes=told["notes"],
         )
 

@@ -1,0 +1,215 @@
+"""Detections that were followed, against labelled tracks: HOTA, MOTA and IDF1.
+
+Luiten et al. 2021, "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking"; Bernardin
+and Stiefelhagen 2008, "Evaluating Multiple Object Tracking Performance: The CLEAR MOT Metrics";
+Ristani et al. 2016, "Performance Measures and a Data Set for Multi-Target, Multi-Camera Tracking".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from urbantwin.evaluation.criterion import near
+from urbantwin.evaluation.evaluate import Figures, Judged
+
+__all__ = ["ALPHAS", "Moment", "clear_mot", "hota", "identities", "judged_tracks"]
+
+#: Similarities at which HOTA localises.
+ALPHAS = np.arange(0.05, 0.99, 0.05)
+#: As similar as this is the same object for MOTA and IDF1: as near as detections have to be.
+_SAME = 0.5
+_EPS = np.finfo(np.float64).eps
+_MOSTLY = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One frame.
+
+    Attributes:
+        labelled: (G,) numbers of labelled tracks, 0 on without gaps over all frames.
+        followed: (T,) numbers of detected ones, too.
+        similarity: (G, T) 0..1.
+    """
+
+    labelled: NDArray[np.int64]
+    followed: NDArray[np.int64]
+    similarity: NDArray[np.float64]
+
+
+def judged_tracks(figures: Figures) -> dict[str, Any] | None:
+    """Return the figures of the tracks of each class; None where either side has none.
+
+    Two boxes are as similar as their centres are near in plan: 1 at the same place, 0.5 where
+    detections just count (1 m; trucks, buses 2 m), 0 twice as far away. Detections below the
+    score of the best F1 are left out, and those of objects that do not count.
+
+    Args:
+        figures: of all classes.
+    """
+    seen = figures.seen
+    if not (seen.truth.track >= 0).any() or not (seen.detections.track >= 0).any():
+        return None
+    found = {}
+    for name, one in figures.classes.items():
+        moments = _moments(figures, name, one)
+        if sum(len(one.labelled) for one in moments):
+            found[name] = {
+                **hota(moments),
+                **clear_mot(moments),
+                **identities(moments),
+                "objects": sum(len(one.labelled) for one in moments),
+                "tracks": _tracks(moments, "labelled"),
+                "tracks_found": _tracks(moments, "followed"),
+                "score": one.threshold,
+            }
+    return found or None
+
+
+def _tracks(moments: Sequence[Moment], side: str) -> int:
+    numbers = [getattr(one, side) for one in moments]
+    return int(max((one.max() for one in numbers if len(one)), default=-1)) + 1
+
+
+def _moments(figures: Figures, name: str, judged: Judged) -> list[Moment]:
+    """Return the frames of one class."""
+    seen, pairs = figures.seen, figures.pairs
+    detections, truth = seen.detections, seen.truth
+    chosen = np.zeros(len(detections), bool)
+    chosen[judged.order] = True
+    chosen &= (detections.score >= judged.threshold) & (detections.track >= 0)
+    mine = chosen[pairs.detection] & (judged.roles[pairs.label] != 0)
+    first, second = pairs.detection[mine], pairs.label[mine]
+    alike = np.maximum(0.0, 1 - pairs.distance_m[mine] / (2 * near(name).limit))
+    neutral = (judged.roles[second] < 0) & (pairs.covered[mine] >= _MOSTLY)
+    excused = ~seen.in_view
+    excused[first[neutral]] = True
+    asked = (judged.roles > 0) & (truth.track >= 0)
+    frames = []
+    for number in range(len(truth.frames)):
+        ours = np.flatnonzero(chosen & (detections.frame == number))
+        theirs = np.flatnonzero((judged.roles != 0) & (truth.frame == number))
+        similarity = np.zeros((len(theirs), len(ours)))
+        here = detections.frame[first] == number
+        similarity[np.searchsorted(theirs, second[here]), np.searchsorted(ours, first[here])] = (
+            alike[here]
+        )
+        # Whoever belongs to what does not count is left out, and wrong ones where nothing counts.
+        rows, columns = _assigned(np.where(similarity >= _SAME - _EPS, similarity, 0.0))
+        left = excused[ours]
+        left[columns] = ~asked[theirs[rows]]
+        kept = asked[theirs]
+        frames.append(
+            (
+                truth.track[theirs[kept]],
+                detections.track[ours[~left]],
+                similarity[np.ix_(kept, ~left)],
+            )
+        )
+    labelled = np.unique(np.concatenate([one for one, _, _ in frames]))
+    followed = np.unique(np.concatenate([one for _, one, _ in frames]))
+    return [
+        Moment(np.searchsorted(labelled, one), np.searchsorted(followed, other), similarity)
+        for one, other, similarity in frames
+    ]
+
+
+def _assigned(worth: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs of the best assignment that are worth anything."""
+    rows, columns = linear_sum_assignment(-worth)
+    real = worth[rows, columns] > 0
+    return rows[real], columns[real]
+
+
+def _counts(moments: Sequence[Moment]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return in how many frames each labelled and each detected track is."""
+    labelled = np.bincount(np.concatenate([one.labelled for one in moments]))
+    followed = np.bincount(np.concatenate([one.followed for one in moments]))
+    return labelled.astype(np.float64), followed.astype(np.float64)
+
+
+def hota(moments: Sequence[Moment]) -> dict[str, float]:
+    """Return HOTA and its parts, DetA and AssA, each the mean over `ALPHAS`.
+
+    Args:
+        moments: in their order, at least one label among them.
+    """
+    labelled, followed = _counts(moments)
+    shared = np.zeros((len(labelled), len(followed)))
+    for one in moments:
+        sums = one.similarity.sum(0)[None, :] + one.similarity.sum(1)[:, None] - one.similarity
+        shared[np.ix_(one.labelled, one.followed)] += np.divide(
+            one.similarity, sums, out=np.zeros_like(sums), where=sums > _EPS
+        )
+    globally = shared / np.maximum(labelled[:, None] + followed[None, :] - shared, _EPS)
+    right = np.zeros(len(ALPHAS))
+    same = np.zeros((len(ALPHAS), len(labelled), len(followed)))
+    for one in moments:
+        worth = globally[np.ix_(one.labelled, one.followed)] * one.similarity
+        rows, columns = linear_sum_assignment(-worth)
+        for k, alpha in enumerate(ALPHAS):
+            near_enough = one.similarity[rows, columns] >= alpha - _EPS
+            right[k] += near_enough.sum()
+            same[k, one.labelled[rows[near_enough]], one.followed[columns[near_enough]]] += 1
+    either = labelled[:, None] + followed[None, :]
+    association = (same * same / np.maximum(1, either[None] - same)).sum(axis=(1, 2))
+    association /= np.maximum(1, right)
+    detection = right / np.maximum(1, labelled.sum() + followed.sum() - right)
+    return {
+        "hota": float(np.sqrt(detection * association).mean()),
+        "deta": float(detection.mean()),
+        "assa": float(association.mean()),
+    }
+
+
+def clear_mot(moments: Sequence[Moment]) -> dict[str, float | int]:
+    """Return MOTA, the mean similarity of what is found (MOTP), and how often tracks swap.
+
+    Args:
+        moments: in their order, at least one label among them.
+    """
+    last: dict[int, int] = {}
+    before: dict[int, int] = {}
+    right, similar, swaps = 0, 0.0, 0
+    for one in moments:
+        kept = np.array([before.get(int(number), -1) for number in one.labelled], np.int64)
+        worth = 1000.0 * (kept[:, None] == one.followed[None, :]) + one.similarity
+        worth[one.similarity < _SAME - _EPS] = 0.0
+        rows, columns = _assigned(worth)
+        before = {}
+        for row, column in zip(rows, columns, strict=True):
+            whose, who = int(one.labelled[row]), int(one.followed[column])
+            swaps += last.get(whose, who) != who
+            last[whose] = before[whose] = who
+        right += len(rows)
+        similar += float(one.similarity[rows, columns].sum())
+    labelled, followed = _counts(moments)
+    wrong = followed.sum() - right
+    return {
+        "mota": float((right - wrong - swaps) / max(1.0, labelled.sum())),
+        "motp": similar / max(1, right),
+        "swaps": int(swaps),
+    }
+
+
+def identities(moments: Sequence[Moment]) -> dict[str, float]:
+    """Return IDF1: of the best assignment of whole tracks.
+
+    Args:
+        moments: in their order, at least one label among them.
+    """
+    labelled, followed = _counts(moments)
+    shared = np.zeros((len(labelled), len(followed)))
+    for one in moments:
+        same = one.similarity >= _SAME - _EPS
+        shared[np.ix_(one.labelled, one.followed)] += same
+    # Fewest wrong frames is most right ones: a track that is assigned to none loses nothing more.
+    rows, columns = linear_sum_assignment(-shared)
+    right = shared[rows, columns].sum()
+    return {"idf1": float(2 * right / max(1.0, labelled.sum() + followed.sum()))}
