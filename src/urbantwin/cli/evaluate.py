@@ -23,7 +23,7 @@ urbantwin evaluate model/ dataset/ -o report/
 
 def evaluate(
     detections: Annotated[
-        Path, typer.Argument(help="A folder of detections, or a model, which detects first.")
+        Path, typer.Argument(help="Detections (ours, KITTI's, OpenPCDet's, nuScenes'), or a model.")
     ],
     data: Annotated[
         Path, typer.Argument(help="Labelled frames: a dataset of ours or a real recording.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +97,8 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     """Judge detections by the labels of the same frames.
 
     Args:
-        detections: a folder of detections; or a model, which then detects first, into
+        detections: a folder of detections, of ours or in the form of KITTI, OpenPCDet or nuScenes
+            (`detections.forms`); or a model, which then detects first, into
             ``OUT-detections`` beside the report.
         data: the labelled frames: a dataset of ours or a real recording.
         out: the folder to write; one beside the detections when not given.
@@ -110,7 +112,7 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     Raises:
         InputError: the detections or the data cannot be used, or have no frame in common.
     """
-    from urbantwin.detections import read_detections
+    from urbantwin.detections.forms import read_any_form
     from urbantwin.evaluation import FEWEST_POINTS, read_labelled
     from urbantwin.evaluation import evaluate as judged
     from urbantwin.evaluation.report import write_evaluation
@@ -126,13 +128,15 @@ def evaluate(  # noqa: PLR0913 - the options of the command
         source = detect(source, real, said, layout=layout, progress=progress).folder
     with shown_stage("evaluate", progress, brief=True) as tell:
         recording = open_recording(real, layout)
+        said_there, notes = read_any_form(source, lambda: recording)
         seen = read_labelled(
-            read_detections(source),
+            said_there,
             recording,
             fewest_points=fewest,
             most_m=within,
             tell=between(tell, 0.0, 0.5),
         )
+        seen = replace(seen, notes=(*seen.notes, *notes))
         found = judged(
             seen, layout=recording.layout, classes=classes, vans=vans, tell=between(tell, 0.5, 0.8)
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,7 +72,7 @@ def track(  # noqa: PLR0913 - the options of the command
     """Follow road users through detections of frames: one class and size each, gaps filled.
 
     Args:
-        detections: a folder of detections.
+        detections: a folder of detections, of ours or another's form (see `evaluate`).
         out: the folder to write; one beside the detections when not given.
         frames: the recording: where the sensor rides, its frames say where it is; a dataset of
             ours says when its frames were taken.
@@ -87,7 +87,9 @@ def track(  # noqa: PLR0913 - the options of the command
     Raises:
         InputError: the detections cannot be used, or nothing says when frames were taken.
     """
-    from urbantwin.detections import check_detections_folder, read_detections, write_detections
+    from urbantwin.detections import check_detections_folder, write_detections
+    from urbantwin.detections.forms import read_any_form
+    from urbantwin.fidelity.readers import open_recording
     from urbantwin.progress import between
     from urbantwin.tracking import Linking, tracked
     from urbantwin.tracking.moments import moments, poses_of
@@ -99,7 +101,8 @@ def track(  # noqa: PLR0913 - the options of the command
     check_detections_folder(target, inputs)
     how = Linking(birth=birth, lowest=lowest, gap_s=gap)
     with shown_stage("track", progress, brief=True) as tell:
-        found = read_detections(source)
+        opens = None if recording is None else partial(open_recording, recording)
+        found, _ = read_any_form(source, opens)
         times = moments(found, source, rate=rate, frames=recording)
         poses = None
         if recording is not None:

@@ -26,7 +26,7 @@ from urbantwin.fidelity.readers.labels import (
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
 
-__all__ = ["is_nuscenes", "open_nuscenes"]
+__all__ = ["is_nuscenes", "names_of_samples", "open_nuscenes"]
 
 _EXPECTED = "a table of nuScenes"
 _CHANNEL = "/LIDAR_TOP/"
@@ -88,6 +88,23 @@ def open_nuscenes(path: Path) -> Recording:
     if len(sweeps) < len(listed):
         notes.append(f"{len(listed) - len(sweeps)} of {len(listed)} sweeps are not there.")
     return Recording(path, "nuscenes", names, read, tuple(notes))
+
+
+def names_of_samples(path: Path) -> dict[str, str]:
+    """Return the name of the key frame of each sample.
+
+    Raises:
+        InputError: a table is missing or not right.
+    """
+    version = _version(path)
+    if version is None:
+        raise InputError("holds no tables", file=path, expected="v1.0-mini or the like")
+    with laid_out(version / "sample_data.json", _EXPECTED):
+        return {
+            row["sample_token"]: Path(row["filename"]).name.split(".")[0]
+            for row in _rows(version, "sample_data")
+            if row["is_key_frame"] and _CHANNEL in f"/{row['filename']}"
+        }
 
 
 class _Labels:
