@@ -32,6 +32,7 @@ urbantwin export out/motion/ --to tracks -o tracks.csv
 urbantwin export out/motion/ --to openlabel -o openlabel.json
 urbantwin export out/motion/ --to openscenario -o traffic.xosc
 urbantwin export out/dataset/ --to challenge -o submission/
+urbantwin export out/dataset/ --to openpcdet -o pointpillar.yaml
 """
 
 
@@ -48,7 +49,8 @@ def export(
             "geojson (for QGIS: one file, or one per layer in a folder), plan (SVG, PNG), or the "
             "scene as glb, obj, ply, usd, fbx, or its buildings as cityjson; a motion as tracks "
             "(CSV), openlabel or openscenario (ASAM OpenLABEL, OpenSCENARIO XML); or a dataset's "
-            "frames as a submission to the UrbanTwin challenge (challenge).",
+            "frames as a submission to the UrbanTwin challenge (challenge), or an OpenPCDet config "
+            "with its statistics (openpcdet).",
         ),
     ],
     version: Annotated[

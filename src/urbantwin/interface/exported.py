@@ -59,11 +59,11 @@ def export(
     """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes.
 
     Args:
-        twin: the twin, or its folder; for ``challenge``, a dataset; for ``tracks``,
+        twin: the twin, or its folder; for ``challenge``, ``openpcdet``, a dataset; for ``tracks``,
             ``openlabel`` and ``openscenario``, a motion.
         to: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``, ``obj``, ``ply``,
             ``usd``, ``fbx``, ``cityjson``, ``tracks`` (CSV), ``openlabel``,
-            ``openscenario`` or ``challenge``.
+            ``openscenario``, ``challenge`` or ``openpcdet`` (a config to train with).
         out: the file or folder to write; one named after the twin, in the current folder, when not
             given.
         version: of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
@@ -89,6 +89,11 @@ def export(
             found = None if detections is None else Path(detections)
             notes = write_challenge(Path(twin), folder, frames=frames, detections=found)
         return Exported(folder, to, tuple(notes))
+    if to == "openpcdet":
+        from urbantwin.exports.openpcdet import write_openpcdet
+
+        file = place or Path("pointpillar.yaml")
+        return Exported(file, to, tuple(write_openpcdet(Path(twin), file)))
     if to in _OF_MOTIONS:
         from urbantwin.exports.openscenario import write_openscenario
         from urbantwin.exports.tracks import write_openlabel, write_tracks
