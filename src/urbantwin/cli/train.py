@@ -51,9 +51,12 @@ def train(
         typer.Option(
             metavar="KIND",
             help="Do not vary samples so: placed (turned, mirrored, scaled), beams (fewer), "
-            "objects (of other frames), clutter (bushes, walls).",
+            "objects (of other frames).",
         ),
     ] = None,
+    clutter: Annotated[
+        bool, typer.Option("--clutter", help="Set bushes, walls and bins into samples.")
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights and samples.")] = 0,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Threads that make samples.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
@@ -73,6 +76,7 @@ def train(
         width=width,
         intensity=intensity,
         without=without or (),
+        clutter=clutter,
         seed=seed,
         workers=workers,
         device=device,

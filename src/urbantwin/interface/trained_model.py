@@ -55,6 +55,7 @@ def train(  # noqa: PLR0913 - the options of the command
     width: float = 1.0,
     intensity: bool = False,
     without: Sequence[str] = (),
+    clutter: bool = False,
     seed: int = 0,
     workers: int = 1,
     device: str = "cpu",
@@ -73,7 +74,8 @@ def train(  # noqa: PLR0913 - the options of the command
         batch: windows of frames in a step.
         width: multiple of the channels of the network for two processors.
         intensity: tell it of intensities (0..1): those of other sensors may mean something else.
-        without: how samples are not varied: ``placed``, ``beams``, ``objects``, ``clutter``.
+        without: how samples are not varied: ``placed``, ``beams``, ``objects``.
+        clutter: set bushes, hedges, walls and bins without a label into samples.
         seed: of the weights at the start and of all samples.
         workers: threads that make samples; the weights are the same.
         device: of torch: ``cpu``, ``cuda``.
@@ -112,11 +114,11 @@ def train(  # noqa: PLR0913 - the options of the command
         if name not in DETECTED_CLASSES:
             known = ", ".join(DETECTED_CLASSES)
             raise InputError(f"unknown class {name!r:.40}", place="--class", expected=known)
-    kinds = [one.name for one in fields(Varied)]
+    kinds = [one.name for one in fields(Varied) if one.name != "clutter"]
     for name in without:
         if name not in kinds:
             raise InputError(f"no kind {name!r:.40}", place="--without", expected=", ".join(kinds))
-    varied = Varied(**{name: name not in without for name in kinds})
+    varied = Varied(**{name: name not in without for name in kinds}, clutter=clutter)
     chosen = tuple(one for one in DETECTED_CLASSES if classes is None or one in classes)
     if steps is None and minutes is None:
         minutes = 10.0
@@ -152,6 +154,7 @@ def train(  # noqa: PLR0913 - the options of the command
                 "batch": batch,
                 "seed": seed,
                 "without": sorted(set(without)),
+                "clutter": clutter,
                 "loss": round(loss, 4),
             }
             made = Model(design, network, told)
