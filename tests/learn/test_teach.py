@@ -93,10 +93,16 @@ def test_drives_that_judge_differ_from_those_that_teach(site: Path) -> None:
     assert moved_rig(spec, judging[0], 0.1, 0.5).sensors == spec.sensors
 
 
-def test_frames_without_labels_cannot_judge(site: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_used_is_refused_before_anything_is_built(
+    site: Path, tmp_path: Path
+) -> None:
     cloud = tmp_path / "clouds"
     cloud.mkdir()
     np.zeros((10, 3), np.float32).tofile(cloud / "0001.bin")
     with pytest.raises(InputError):
         ut.teach(site, tmp_path / "out", real=[cloud], progress=False)
+    with pytest.raises(InputError, match="is not there"):
+        ut.teach(site, tmp_path / "out", background=["a=none.npz"], progress=False)
+    with pytest.raises(InputError, match="-1 0"):
+        ut.teach(site, tmp_path / "out", within=(-1.0, 0.0), progress=False)
     assert not (tmp_path / "out").exists()

@@ -31,6 +31,8 @@ _START_S = 2.0
 #: traffic; for a frame of one sensor; for the judgement of one.
 _TWIN_S, _TRAFFIC_S, _FRAME_S, _JUDGED_S = (15.0, 200.0), (0.12, 1.2), (0.1, 0.8), (0.3, 1.5)
 _STEP_S = (0.1, 0.5)
+#: A rig that is farther off than this is another one, metres and degrees.
+_MOST_OFF = (5.0, 45.0)
 #: Reading of datasets and what else training takes beside its minutes.
 _AROUND_TRAINING = (1.05, 1.4)
 
@@ -132,10 +134,7 @@ def teach(  # noqa: PLR0913 - the options of the command
     from urbantwin.learn import digest_of, read_model
     from urbantwin.learn.lessons import lessons_of, moved_rig
 
-    if drives < 1 or judging < 1:
-        raise InputError(f"{drives} drives, {judging} that judge", expected="at least one of each")
-    if seconds <= _START_S:
-        raise InputError(f"drives of {seconds:g} s", expected=f"longer than {_START_S:g} s")
+    _check(drives, judging, seconds, within, background)
     checked = site_with_known_sensors(Path(site))
     target = beside(Path(site), "detector") if out is None else Path(out)
     judges = _named(real)
@@ -252,6 +251,34 @@ class _Course:
             pictures=False,
             progress=self.progress,
         )
+
+
+def _check(
+    drives: int,
+    judging: int,
+    seconds: float,
+    within: tuple[float, float],
+    background: Sequence[str],
+) -> None:
+    """Refuse what would fail after the twin is built.
+
+    Raises:
+        InputError: a number is out of range, or a background is not there.
+    """
+    if drives < 1 or judging < 1:
+        raise InputError(f"{drives} drives, {judging} that judge", expected="at least one of each")
+    if seconds <= _START_S:
+        raise InputError(f"drives of {seconds:g} s", expected=f"longer than {_START_S:g} s")
+    if not all(0 <= one <= most for one, most in zip(within, _MOST_OFF, strict=True)):
+        raise InputError(
+            f"is {within[0]:g} {within[1]:g}",
+            place="--within",
+            expected=f"0 to {_MOST_OFF[0]:g} m and 0 to {_MOST_OFF[1]:g} degrees",
+        )
+    for one in background:
+        file = Path(one.rpartition("=")[2])
+        if not file.is_file():
+            raise InputError("is not there", file=file, expected="a file of `background`")
 
 
 class _Steps:
