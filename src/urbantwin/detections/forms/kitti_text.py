@@ -74,6 +74,13 @@ def read_kitti_text(path: Path, recording: Recording) -> tuple[Detections, tuple
                     place=f"line {number}",
                     expected=_EXPECTED,
                 ) from None
+            if (values[7:10] <= 0).any() or not 0 <= values[14] <= 1:
+                raise InputError(
+                    "has a size of 0 m or less, or a score outside of 0 to 1",
+                    file=file,
+                    place=f"line {number}",
+                    expected=_EXPECTED,
+                )
             boxes.append(box_of_values(values[7:14], lidar_SE3_camera))
             called.append(words[0])
             scores.append(values[14])

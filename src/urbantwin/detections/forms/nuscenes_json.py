@@ -58,6 +58,10 @@ def read_nuscenes_json(file: Path, recording: Recording) -> tuple[Detections, tu
                 place=f"sample {token:.60}",
                 expected=f"samples of {recording.path}",
             )
+        if not isinstance(rows, list):
+            raise InputError(
+                "is no list of boxes", file=file, place=f"sample {token:.60}", expected=_EXPECTED
+            )
         frame = recording.read(number[names[token]])
         if frame.world_SE3_frame is None:
             raise InputError(

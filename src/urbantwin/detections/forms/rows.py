@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.detections.checks import checked
-from urbantwin.detections.classes import DETECTED_CLASSES, detected_class
+from urbantwin.detections.classes import DETECTED_CLASSES, LARGE, detected_class
 from urbantwin.detections.detections import Detections, joined
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers.labels import actor_class
@@ -36,6 +36,12 @@ class FoundIn:
     score: NDArray[np.float64]
 
 
+def _class_of(called: str) -> str | None:
+    """Return a detector's class, or that of another large vehicle, which reports count as such."""
+    actor = actor_class(called)
+    return detected_class(actor) or (actor if actor in LARGE else None)
+
+
 def table_of(found: Sequence[FoundIn], file: Path) -> tuple[Detections, tuple[str, ...]]:
     """Return the boxes of classes that detectors have here, and a note of the others.
 
@@ -48,7 +54,7 @@ def table_of(found: Sequence[FoundIn], file: Path) -> tuple[Detections, tuple[st
     others: Counter[str] = Counter()
     rows = []
     for one in found:
-        names = [detected_class(actor_class(name)) for name in one.called]
+        names = [_class_of(name) for name in one.called]
         kept = np.array([name is not None for name in names], bool)
         others.update(name for name, keeps in zip(one.called, kept, strict=True) if not keeps)
         rows.append(
