@@ -14,6 +14,7 @@ import yaml
 from numpy.typing import NDArray
 
 from urbantwin.artefact import replaced_file
+from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.errors import InputError
 
@@ -21,6 +22,7 @@ __all__ = ["write_openpcdet"]
 
 _EXPECTED = "a dataset of urbantwin record"
 _COLUMNS = {
+    "frame": "text",
     "class": "text", **dict.fromkeys(("x", "y", "z", "length", "width", "height"), "number"),
     "num_points": "whole",
 }  # fmt: skip
@@ -28,7 +30,7 @@ _COLUMNS = {
 _FEWEST_POINTS, _FEWEST_BOXES = 5, 10
 #: Edge of a pillar, metres; so many of them along an edge are a multiple of this (strides 2, 2, 2).
 _PILLAR_M, _MULTIPLE = 0.16, 16
-#: The range holds this share of the boxes, and so much more on every side, metres.
+#: The range holds this share of the middles of boxes, and so much more on every side, metres.
 _HELD, _MARGIN_M = 0.99, 2.0
 #: KITTI's name of each class, by which OpenPCDet evaluates.
 _IN_KITTI = {
@@ -57,7 +59,11 @@ def write_openpcdet(dataset: Path, file: Path) -> list[str]:
     boxes = columns_of(
         read_parquet(table, _EXPECTED, columns=list(_COLUMNS)), _COLUMNS, table, _EXPECTED
     )
-    seen = boxes["num_points"] >= _FEWEST_POINTS
+    # Its evaluation looks every labelled name up, also of classes that are not learned.
+    labelled = sorted(set(boxes["class"].astype(str).tolist()))
+    split = dataset / "ImageSets" / "train.txt"
+    training = read_bytes(split, _EXPECTED).decode(errors="replace").split()
+    seen = (boxes["num_points"] >= _FEWEST_POINTS) & np.isin(boxes["frame"].astype(str), training)
     boxes = {name: column[seen] for name, column in boxes.items()}
     names, counts = np.unique(boxes["class"].astype(str), return_counts=True)
     known = dict(zip(names.tolist(), counts.tolist(), strict=True))
@@ -69,6 +75,8 @@ def write_openpcdet(dataset: Path, file: Path) -> list[str]:
             expected="labelled road users",
         )
     config = _config(dataset, boxes, classes, {name: known[name] for name in classes})
+    others = {name: _IN_KITTI.get(name, "DontCare") for name in labelled}
+    config["DATA_CONFIG"]["MAP_CLASS_TO_KITTI"] |= others
     with replaced_file(file, inputs=[dataset]) as passing:
         passing.write_text(yaml.safe_dump(config, sort_keys=False, width=100))
     few = sorted(set(known) - set(classes))
