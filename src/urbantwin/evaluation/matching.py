@@ -12,9 +12,6 @@ from urbantwin.evaluation.pairs import Pairs
 
 __all__ = ["Matched", "matched"]
 
-#: A detection with this much of its footprint in an object that does not count is of that object.
-_MOSTLY = 0.5
-
 
 @dataclass(frozen=True, eq=False)
 class Matched:
@@ -71,7 +68,7 @@ def matched(
         if label[row] < 0 and object_ not in taken:
             label[row] = object_
             taken.add(object_)
-    neutral = mine & (roles[pairs.label] < 0) & (meets | (pairs.covered >= _MOSTLY))
+    neutral = mine & (roles[pairs.label] < 0) & (meets | pairs.mostly_inside)
     excused = ~counts
     excused[pairs.detection[neutral]] = True
     kept = (label >= 0) | ~excused[order]

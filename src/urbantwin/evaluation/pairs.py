@@ -17,6 +17,10 @@ __all__ = ["Pairs", "pairs_of"]
 _FARTHEST_M = max(one.limit for one in CRITERIA if one.measure == "distance_m")
 
 
+#: A detection with this much of its footprint in an object that does not count is of that object.
+_MOSTLY = 0.5
+
+
 @dataclass(frozen=True, eq=False)
 class Pairs:
     """Pairs (P,) of a detection and an object, with what they have in common.
@@ -36,6 +40,11 @@ class Pairs:
     bev_iou: NDArray[np.float64]
     iou_3d: NDArray[np.float64]
     covered: NDArray[np.float64]
+
+    @property
+    def mostly_inside(self) -> NDArray[np.bool_]:
+        """Which detections (P,) lie in the object by half or more in plan."""
+        return np.asarray(self.covered >= _MOSTLY)
 
     def worth(self, criterion: Criterion) -> NDArray[np.float64]:
         """Return how good each pair (P,) is by a criterion: more is better."""

@@ -7,7 +7,7 @@ Ristani et al. 2016, "Performance Measures and a Data Set for Multi-Target, Mult
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +25,6 @@ ALPHAS = np.arange(0.05, 0.99, 0.05)
 #: As similar as this is the same object for MOTA and IDF1: as near as detections have to be.
 _SAME = 0.5
 _EPS = np.finfo(np.float64).eps
-_MOSTLY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,22 +58,18 @@ def judged_tracks(figures: Figures) -> dict[str, Any] | None:
     found = {}
     for name, one in figures.classes.items():
         moments = _moments(figures, name, one)
-        if sum(len(one.labelled) for one in moments):
+        labelled, followed = _counts(moments)
+        if len(labelled):
             found[name] = {
                 **hota(moments),
                 **clear_mot(moments),
                 **identities(moments),
-                "objects": sum(len(one.labelled) for one in moments),
-                "tracks": _tracks(moments, "labelled"),
-                "tracks_found": _tracks(moments, "followed"),
+                "objects": int(labelled.sum()),
+                "tracks": len(labelled),
+                "tracks_found": len(followed),
                 "score": one.threshold,
             }
     return found or None
-
-
-def _tracks(moments: Sequence[Moment], side: str) -> int:
-    numbers = [getattr(one, side) for one in moments]
-    return int(max((one.max() for one in numbers if len(one)), default=-1)) + 1
 
 
 def _moments(figures: Figures, name: str, judged: Judged) -> list[Moment]:
@@ -87,7 +82,7 @@ def _moments(figures: Figures, name: str, judged: Judged) -> list[Moment]:
     mine = chosen[pairs.detection] & (judged.roles[pairs.label] != 0)
     first, second = pairs.detection[mine], pairs.label[mine]
     alike = np.maximum(0.0, 1 - pairs.distance_m[mine] / (2 * near(name).limit))
-    neutral = (judged.roles[second] < 0) & (pairs.covered[mine] >= _MOSTLY)
+    neutral = (judged.roles[second] < 0) & pairs.mostly_inside[mine]
     excused = ~seen.in_view
     excused[first[neutral]] = True
     asked = (judged.roles > 0) & (truth.track >= 0)
@@ -134,6 +129,21 @@ def _counts(moments: Sequence[Moment]) -> tuple[NDArray[np.float64], NDArray[np.
     return labelled.astype(np.float64), followed.astype(np.float64)
 
 
+def _summed(moments: Sequence[Moment], values: Iterable[NDArray[Any]]) -> NDArray[np.float64]:
+    """Return the sum over frames of values (G, T) for each labelled and each detected track."""
+    labelled, followed = _counts(moments)
+    found = np.zeros((len(labelled), len(followed)))
+    for one, value in zip(moments, values, strict=True):
+        found[np.ix_(one.labelled, one.followed)] += value
+    return found
+
+
+def _among_all(similarity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how much of what both of a pair are similar to is each other."""
+    sums = similarity.sum(0)[None, :] + similarity.sum(1)[:, None] - similarity
+    return np.asarray(np.divide(similarity, sums, out=np.zeros_like(sums), where=sums > _EPS))
+
+
 def hota(moments: Sequence[Moment]) -> dict[str, float]:
     """Return HOTA and its parts, DetA and AssA, each the mean over `ALPHAS`.
 
@@ -141,12 +151,7 @@ def hota(moments: Sequence[Moment]) -> dict[str, float]:
         moments: in their order, at least one label among them.
     """
     labelled, followed = _counts(moments)
-    shared = np.zeros((len(labelled), len(followed)))
-    for one in moments:
-        sums = one.similarity.sum(0)[None, :] + one.similarity.sum(1)[:, None] - one.similarity
-        shared[np.ix_(one.labelled, one.followed)] += np.divide(
-            one.similarity, sums, out=np.zeros_like(sums), where=sums > _EPS
-        )
+    shared = _summed(moments, (_among_all(one.similarity) for one in moments))
     globally = shared / np.maximum(labelled[:, None] + followed[None, :] - shared, _EPS)
     right = np.zeros(len(ALPHAS))
     same = np.zeros((len(ALPHAS), len(labelled), len(followed)))
@@ -205,10 +210,7 @@ def identities(moments: Sequence[Moment]) -> dict[str, float]:
         moments: in their order, at least one label among them.
     """
     labelled, followed = _counts(moments)
-    shared = np.zeros((len(labelled), len(followed)))
-    for one in moments:
-        same = one.similarity >= _SAME - _EPS
-        shared[np.ix_(one.labelled, one.followed)] += same
+    shared = _summed(moments, (one.similarity >= _SAME - _EPS for one in moments))
     # Fewest wrong frames is most right ones: a track that is assigned to none loses nothing more.
     rows, columns = linear_sum_assignment(-shared)
     right = shared[rows, columns].sum()

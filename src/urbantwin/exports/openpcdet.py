@@ -138,7 +138,7 @@ def _config(
             "src_feature_list": features,
         },
         "DATA_AUGMENTOR": {
-            "DISABLE_AUG_LIST": ["placeholder"],
+            "DISABLE_AUG_LIST": [],
             "AUG_CONFIG_LIST": [
                 {
                     "NAME": "gt_sampling",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -153,7 +153,6 @@ def drive(  # noqa: PLR0913 - the options of the command
     from urbantwin.site import load_traffic_changes
     from urbantwin.site.traffic import checked_time_of_day
     from urbantwin.traffic.demand.counts_table import read_counts
-    from urbantwin.traffic.run import run_traffic
 
     place = beside(twin, "motion", out)
     file = None if demand is None else Path(demand)
@@ -181,18 +180,9 @@ def drive(  # noqa: PLR0913 - the options of the command
         picture_of_motion(driven, loaded, folder / "pictures" / "paths.png")
         pictures_of_events(driven, loaded, folder / "pictures")
 
-    with shown_stage("traffic", progress) as tell:
-        made = run_traffic(
-            loaded,
-            place,
-            seconds=seconds,
-            seed=seed,
-            changes=changes,
-            also=draw if pictures else None,
-            progress=tell,
-        )
+    made = driven(loaded, place, changes, seconds, seed, progress, also=draw if pictures else None)
     tell_result("traffic", place, made.warnings, progress)
-    return Motion.of(made, place)
+    return made
 
 
 def driven(
@@ -202,10 +192,17 @@ def driven(
     seconds: float | None,
     seed: int | None,
     progress: ShowProgress,
+    *,
+    also: Callable[[DrivenMotion, Path], None] | None = None,
 ) -> Motion:
-    """Drive a twin's traffic with changes to the site's; see `drive`. No pictures are drawn."""
+    """Drive a twin's traffic with changes to the site's; see `drive`.
+
+    Nothing is drawn but what ``also`` draws into the motion's folder, and nothing is told of it.
+    """
     from urbantwin.traffic.run import run_traffic
 
     with shown_stage("traffic", progress) as tell:
-        made = run_traffic(twin, folder, seconds=seconds, seed=seed, changes=changes, progress=tell)
+        made = run_traffic(
+            twin, folder, seconds=seconds, seed=seed, changes=changes, also=also, progress=tell
+        )
     return Motion.of(made, folder)

@@ -66,11 +66,10 @@ def tell_result(
     """
     if progress is not True:
         return
-    with suppress(OSError, ValueError):  # nobody listens any more
-        if (folder / "pictures").is_dir():
-            print(f"{title}: pictures in {folder / 'pictures'}", file=sys.stderr, flush=True)
-        for one in warnings:
-            print(f"warning: {one}", file=sys.stderr, flush=True)
+    if (folder / "pictures").is_dir():
+        tell_line(f"{title}: pictures in {folder / 'pictures'}", progress)
+    for one in warnings:
+        tell_line(f"warning: {one}", progress)
 
 
 def tell_line(text: str, progress: ShowProgress = True) -> None:

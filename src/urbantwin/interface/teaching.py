@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -133,6 +133,7 @@ def teach(  # noqa: PLR0913 - the options of the command
     from urbantwin.artefact import replaced_file, sha256_of
     from urbantwin.learn import digest_of, read_model
     from urbantwin.learn.lessons import lessons_of, moved_rig
+    from urbantwin.lidar.background_file import named_background
 
     _check(drives, judging, seconds, within, background)
     checked = site_with_known_sensors(Path(site))
@@ -164,19 +165,20 @@ def teach(  # noqa: PLR0913 - the options of the command
     twin = Twin.open(work / "twin")
     course = _Course(twin, checked.rig_file, seconds, every, workers, progress)
     datasets: dict[str, Path] = {}
+    keys: dict[str, str] = {}
     began = time.monotonic()
     for number, lesson in enumerate(lessons):
         sees = list(background) if lesson.held or number % 3 != 2 else []
         rig = moved_rig(checked.rig, lesson, *within)
         drove = done.once(
             f"{lesson.name}-motion",
-            {"lesson": lesson.told(), "seconds": seconds, "twin": base},
+            {"lesson": asdict(lesson), "seconds": seconds, "twin": base},
             work / f"{lesson.name}-motion",
             partial(course.drive, lesson),
         )
-        measured = [sha256_of(Path(one.rpartition("=")[2])) for one in sees]
+        measured = [sha256_of(named_background(one)[1]) for one in sees]
         datasets[lesson.name] = work / lesson.name
-        done.once(
+        keys[lesson.name] = done.once(
             lesson.name,
             {"motion": drove, "every": every, "within": list(within), "background": measured},
             datasets[lesson.name],
@@ -191,7 +193,7 @@ def teach(  # noqa: PLR0913 - the options of the command
     learned |= {"steps": steps, "minutes": None if steps else minutes}
     taught = done.once(
         "model",
-        {"datasets": [done.key(one.name) for one in teaching], **learned},
+        {"datasets": [keys[one.name] for one in lessons if not one.held], **learned},
         model,
         partial(train, teaching, **learned, progress=progress),
     )
@@ -265,6 +267,8 @@ def _check(
     Raises:
         InputError: a number is out of range, or a background is not there.
     """
+    from urbantwin.lidar.background_file import named_background
+
     if drives < 1 or judging < 1:
         raise InputError(f"{drives} drives, {judging} that judge", expected="at least one of each")
     if seconds <= _START_S:
@@ -276,7 +280,7 @@ def _check(
             expected=f"0 to {_MOST_OFF[0]:g} m and 0 to {_MOST_OFF[1]:g} degrees",
         )
     for one in background:
-        file = Path(one.rpartition("=")[2])
+        _, file = named_background(one)
         if not file.is_file():
             raise InputError("is not there", file=file, expected="a file of `background`")
 
@@ -287,13 +291,10 @@ class _Steps:
     def __init__(self, file: Path) -> None:
         from urbantwin.artefact.document import read_json_value
 
+        file.parent.mkdir(parents=True, exist_ok=True)
         self._file = file
         known = read_json_value(file, "a list of steps") if file.is_file() else {}
         self._done: dict[str, str] = known if isinstance(known, dict) else {}
-
-    def key(self, name: str) -> str:
-        """Return what a step that is done was of."""
-        return self._done[name]
 
     def once(
         self, name: str, asked: Mapping[str, Any], folder: Path, make: Callable[[Path], object]
@@ -304,10 +305,8 @@ class _Steps:
 
         key = recipe_key({"step": name, **asked})
         if self._done.get(name) != key or not folder.is_dir():
-            folder.parent.mkdir(parents=True, exist_ok=True)
             make(folder)
             self._done[name] = key
-            self._file.parent.mkdir(parents=True, exist_ok=True)
             write_json(self._file, self._done)
         return key
 

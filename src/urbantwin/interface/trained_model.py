@@ -114,7 +114,7 @@ def train(  # noqa: PLR0913 - the options of the command
         if name not in DETECTED_CLASSES:
             known = ", ".join(DETECTED_CLASSES)
             raise InputError(f"unknown class {name!r:.40}", place="--class", expected=known)
-    kinds = [one.name for one in fields(Varied) if one.name != "clutter"]
+    kinds = [one.name for one in fields(Varied) if one.default]
     for name in without:
         if name not in kinds:
             raise InputError(f"no kind {name!r:.40}", place="--without", expected=", ".join(kinds))

@@ -20,6 +20,7 @@ __all__ = [
     "COUNTED_M",
     "IGNORED",
     "LEAST_POINTS",
+    "RINGS",
     "LevelFrame",
     "level_frame_from",
     "levelled",
@@ -28,6 +29,8 @@ __all__ = [
     "write_level_frame",
 ]
 
+#: A beam's number in a frame is that of its sensor times this, and its row.
+RINGS = 4096
 #: Class of a box that is neither right nor wrong.
 IGNORED = -1
 #: Edge of the cells in which it is known where labels count, metres.
@@ -47,7 +50,7 @@ class LevelFrame:
     Attributes:
         points: (N, 3 or 4) float32: x, y from the middle, height above the ground, and intensity
             if it is told.
-        ring: (N,) int32, the sensor's number times 4096 and the beam's row; -1 where unknown.
+        ring: (N,) int32, the sensor's number times `RINGS` and the beam's row; -1 where unknown.
         sensors: (S, 3) float64, where the sensors are, in the same frame.
         box: (B, 7) float64, z above the ground.
         number: (B,) int64 class of each, or `IGNORED`.
@@ -91,7 +94,7 @@ def levelled(
     if frame.ring is not None:
         sensor = 0 if frame.sensor is None else frame.sensor[near][kept]
         row = frame.ring[near][kept]
-        ring = np.where(row >= 0, sensor * 4096 + row, -1).astype(np.int32)
+        ring = np.where(row >= 0, sensor * RINGS + row, -1).astype(np.int32)
     sensors = frame.sensor_places.copy()
     sensors[:, 2] -= ground.at(sensors)
     sensors[:, :2] -= middle

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -65,20 +64,6 @@ class Lesson:
             sun_elevation_deg=self.sun_elevation_deg,
             fused=True,
         )
-
-    def told(self) -> dict[str, Any]:
-        """Return it as a row of a report."""
-        return {
-            "name": self.name,
-            "judges": self.held,
-            "seed": self.seed,
-            "time_of_day": self.time_of_day,
-            "demand": {name: round(times, 3) for name, times in sorted(self.demand.items())},
-            "weather": self.weather,
-            "visibility_m": self.visibility_m,
-            "wet_ground": self.wet_ground,
-            "sun_elevation_deg": self.sun_elevation_deg,
-        }
 
 
 def lessons_of(teaching: int, judging: int, seed: int) -> tuple[Lesson, ...]:

@@ -9,14 +9,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from urbantwin.detections.detections import Detections
 from urbantwin.detections.forms.rows import FoundIn, table_of
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import Recording
-from urbantwin.fidelity.readers.documents import finite_numbers, read_lines
-from urbantwin.fidelity.readers.kitti import box_of_values, read_calibration
+from urbantwin.fidelity.readers.kitti import box_of_values, label_rows, read_calibration
 
 __all__ = ["is_kitti_text", "read_kitti_text"]
 
@@ -53,38 +50,22 @@ def read_kitti_text(path: Path, recording: Recording) -> tuple[Detections, tuple
             file=path,
             expected=f"{recording.path} with calib/, as KITTI has it",
         )
+    order = {name: number for number, name in enumerate(recording.names)}
     found = []
     for file in _texts(path):
-        if file.stem not in recording.names:
+        if file.stem not in order:
             raise InputError("is of no frame", file=file, expected=f"frames of {recording.path}")
         lidar_SE3_camera = read_calibration(calibrations / file.name).camera_SE3_lidar.inverse()
-        boxes, called, scores = [], [], []
-        for number, line in enumerate(read_lines(file, _EXPECTED), 1):
-            words = line.split()
-            if not words or words[0] == "DontCare":
+        rows = []
+        for number, name, values in label_rows(file, _VALUES):
+            if len(values) != _VALUES - 1:
+                problem = f"has {len(values) + 1} words"
+            elif (values[7:10] <= 0).any() or not 0 <= values[14] <= 1:
+                problem = "has a size of 0 m or less, or a score outside of 0 to 1"
+            else:
+                box = box_of_values(values[7:14], lidar_SE3_camera)
+                rows.append((box, name, float(values[14])))
                 continue
-            try:
-                values = np.array(finite_numbers(words[1:]))
-                if len(words) != _VALUES:
-                    raise ValueError
-            except ValueError:
-                raise InputError(
-                    f"has {len(words)} words, or one that is no number",
-                    file=file,
-                    place=f"line {number}",
-                    expected=_EXPECTED,
-                ) from None
-            if (values[7:10] <= 0).any() or not 0 <= values[14] <= 1:
-                raise InputError(
-                    "has a size of 0 m or less, or a score outside of 0 to 1",
-                    file=file,
-                    place=f"line {number}",
-                    expected=_EXPECTED,
-                )
-            boxes.append(box_of_values(values[7:14], lidar_SE3_camera))
-            called.append(words[0])
-            scores.append(values[14])
-        box = np.array(boxes, np.float64).reshape(-1, 7)
-        found.append(FoundIn(file.stem, box, called, np.array(scores, np.float64)))
-    order = {name: number for number, name in enumerate(recording.names)}
+            raise InputError(problem, file=file, place=f"line {number}", expected=_EXPECTED)
+        found.append(FoundIn.of_rows(file.stem, rows))
     return table_of(sorted(found, key=lambda one: order[one.frame]), path)

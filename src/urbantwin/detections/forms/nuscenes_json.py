@@ -9,15 +9,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from urbantwin.detections.detections import Detections
 from urbantwin.detections.forms.rows import FoundIn, table_of
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import Recording
 from urbantwin.fidelity.readers.documents import read_json_document
-from urbantwin.fidelity.readers.labels import heading, pose_of_quaternion
-from urbantwin.fidelity.readers.nuscenes import names_of_samples
+from urbantwin.fidelity.readers.nuscenes import box_of_row, names_of_samples
 from urbantwin.geometry import Pose
 
 __all__ = ["nuscenes_file", "read_nuscenes_json"]
@@ -80,17 +77,11 @@ def _found_in(
     frame_SE3_world: Pose,
     file: Path,
 ) -> FoundIn:
-    boxes, called, scores = [], [], []
+    told = []
     for index, row in enumerate(rows):
         try:
-            w, x, y, z = (float(value) for value in row["rotation"])
-            pose = frame_SE3_world @ pose_of_quaternion(w, x, y, z, row["translation"])
-            width, length, height = (float(value) for value in row["size"])
-            boxes.append(
-                (*pose.translation.tolist(), length, width, height, heading(pose.rotation))
-            )
-            called.append(str(row["detection_name"]))
-            scores.append(float(row["detection_score"]))
+            box = box_of_row(row, frame_SE3_world)
+            told.append((box, str(row["detection_name"]), float(row["detection_score"])))
         except (KeyError, TypeError, ValueError):
             raise InputError(
                 "is not laid out so",
@@ -98,5 +89,4 @@ def _found_in(
                 place=f"sample {token:.60}, box {index}",
                 expected=_EXPECTED,
             ) from None
-    box = np.array(boxes, np.float64).reshape(-1, 7)
-    return FoundIn(name, box, called, np.array(scores, np.float64))
+    return FoundIn.of_rows(name, told)

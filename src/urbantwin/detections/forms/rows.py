@@ -19,6 +19,10 @@ from urbantwin.fidelity.readers.labels import actor_class
 __all__ = ["FoundIn", "table_of"]
 
 
+#: x, y, z of the centre, length, width, height, yaw.
+Box = tuple[float, float, float, float, float, float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class FoundIn:
     """What was found in one frame.
@@ -34,6 +38,16 @@ class FoundIn:
     box: NDArray[np.float64]
     called: Sequence[str]
     score: NDArray[np.float64]
+
+    @classmethod
+    def of_rows(cls, frame: str, rows: Sequence[tuple[Box, str, float]]) -> FoundIn:
+        """Return boxes, classes and scores that are told row by row."""
+        return cls(
+            frame,
+            np.array([box for box, _, _ in rows], np.float64).reshape(-1, 7),
+            [called for _, called, _ in rows],
+            np.array([score for _, _, score in rows], np.float64),
+        )
 
 
 def _class_of(called: str) -> str | None:
@@ -57,9 +71,7 @@ def table_of(found: Sequence[FoundIn], file: Path) -> tuple[Detections, tuple[st
         names = [_class_of(name) for name in one.called]
         kept = np.array([name is not None for name in names], bool)
         others.update(name for name, keeps in zip(one.called, kept, strict=True) if not keeps)
-        rows.append(
-            (one.box.reshape(-1, 7)[kept], [n for n in names if n is not None], one.score[kept])
-        )
+        rows.append((one.box[kept], [n for n in names if n is not None], one.score[kept]))
     if others and not any(len(names) for _, names, _ in rows):
         raise InputError(
             f"knows only classes like {min(others)!r:.60}",

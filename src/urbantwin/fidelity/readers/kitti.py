@@ -10,6 +10,7 @@ own (``velodyne_reduced``), as OpenPCDet and MMDetection3D write it: it is read 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +32,7 @@ __all__ = [
     "Calibration",
     "box_of_values",
     "is_kitti",
+    "label_rows",
     "open_kitti",
     "read_calibration",
     "read_regions",
@@ -108,25 +110,39 @@ def read_calibration(path: Path) -> Calibration:
 def _read_boxes(path: Path, camera_SE3_lidar: Pose) -> Boxes:
     lidar_SE3_camera = camera_SE3_lidar.inverse()
     labelled = []
+    for _, name, values in label_rows(path, _VALUES):
+        box = box_of_values(values[7:14], lidar_SE3_camera)
+        hidden = _HIDDEN.get(int(values[1]), math.nan)
+        labelled.append(LabelledBox(box, name, occlusion=hidden))
+    return boxes_of(labelled)
+
+
+def label_rows(path: Path, fewest: int) -> Iterator[tuple[int, str, NDArray[np.float64]]]:
+    """Yield the line, the class and the numbers of each object of a text, without ``DontCare``.
+
+    Args:
+        path: of the text.
+        fewest: words that a line has at least.
+
+    Raises:
+        InputError: a line has fewer, or one that is no number.
+    """
     for number, line in enumerate(read_lines(path, "labels of KITTI"), 1):
         words = line.split()
         if not words or words[0] == "DontCare":
             continue
         try:
             values = np.array(finite_numbers(words[1:]))
-            if len(values) + 1 < _VALUES:
+            if len(words) < fewest:
                 raise ValueError
         except ValueError:
             raise InputError(
                 "is not a KITTI label",
                 file=path,
                 place=f"line {number}",
-                expected="15 values of KITTI",
+                expected=f"{fewest} values of KITTI",
             ) from None
-        box = box_of_values(values[7:14], lidar_SE3_camera)
-        hidden = _HIDDEN.get(int(values[1]), math.nan)
-        labelled.append(LabelledBox(box, words[0], occlusion=hidden))
-    return boxes_of(labelled)
+        yield number, words[0], values
 
 
 def read_regions(path: Path) -> NDArray[np.float64]:

@@ -26,7 +26,7 @@ from urbantwin.fidelity.readers.labels import (
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
 
-__all__ = ["is_nuscenes", "names_of_samples", "open_nuscenes"]
+__all__ = ["box_of_row", "is_nuscenes", "names_of_samples", "open_nuscenes"]
 
 _EXPECTED = "a table of nuScenes"
 _CHANNEL = "/LIDAR_TOP/"
@@ -56,12 +56,12 @@ def open_nuscenes(path: Path) -> Recording:
     if version is None:
         raise InputError("holds no tables", file=path, expected="v1.0-mini or the like")
     with laid_out(version / "sample_data.json", _EXPECTED):
-        listed = [row for row in _rows(version, "sample_data") if _CHANNEL in f"/{row['filename']}"]
+        listed = _of_lidar(version)
         listed.sort(key=lambda row: int(row["timestamp"]))
         if any("\0" in row["filename"] for row in listed):
             raise ValueError("a name of a file with a NUL")
         sweeps = [row for row in listed if (path / row["filename"]).is_file()]
-        names = tuple(Path(row["filename"]).name.split(".")[0] for row in sweeps)
+        names = tuple(map(_name, sweeps))
     if not sweeps:
         raise InputError(f"none of its {len(listed)} sweeps is there", file=path)
     sensors = _by_token(version, "calibrated_sensor")
@@ -101,9 +101,7 @@ def names_of_samples(path: Path) -> dict[str, str]:
         raise InputError("holds no tables", file=path, expected="v1.0-mini or the like")
     with laid_out(version / "sample_data.json", _EXPECTED):
         return {
-            row["sample_token"]: Path(row["filename"]).name.split(".")[0]
-            for row in _rows(version, "sample_data")
-            if row["is_key_frame"] and _CHANNEL in f"/{row['filename']}"
+            row["sample_token"]: _name(row) for row in _of_lidar(version) if row["is_key_frame"]
         }
 
 
@@ -126,18 +124,34 @@ class _Labels:
 
     def of(self, sample: str, world_SE3_sensor: Pose) -> Boxes:
         sensor_SE3_world = world_SE3_sensor.inverse()
-        labelled = []
-        for row in self._annotations.get(sample, []):
-            pose = sensor_SE3_world @ _pose(row)
-            width, length, height = (float(value) for value in row["size"])
-            labelled.append(
+        return boxes_of(
+            [
                 LabelledBox(
-                    (*pose.translation.tolist(), length, width, height, heading(pose.rotation)),
+                    box_of_row(row, sensor_SE3_world),
                     self._called[row["instance_token"]],
                     track_of(row["instance_token"]),
                 )
-            )
-        return boxes_of(labelled)
+                for row in self._annotations.get(sample, [])
+            ]
+        )
+
+
+def box_of_row(
+    row: Row, frame_SE3_world: Pose
+) -> tuple[float, float, float, float, float, float, float]:
+    """Return a box in a frame from its translation, size and rotation in the world."""
+    pose = frame_SE3_world @ _pose(row)
+    width, length, height = (float(value) for value in row["size"])
+    x, y, z = pose.translation.tolist()
+    return x, y, z, length, width, height, heading(pose.rotation)
+
+
+def _of_lidar(version: Path) -> list[Row]:
+    return [row for row in _rows(version, "sample_data") if _CHANNEL in f"/{row['filename']}"]
+
+
+def _name(row: Row) -> str:
+    return Path(row["filename"]).name.split(".")[0]
 
 
 def _rows(version: Path, name: str) -> list[Row]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.learn.frames import RINGS
+
 __all__ = ["thinned"]
 
 #: How often anything is taken away.
@@ -28,11 +30,11 @@ def thinned(ring: NDArray[np.int32], draw: np.random.Generator) -> NDArray[np.bo
     kind, first, share = draw.random(), int(draw.integers(0, 4)), draw.random()
     if kind < _OFTEN / 2 and (ring >= 0).any():
         keep = 2 + first % 3
-        stays &= (ring % 4096) % keep == first % keep
+        stays &= (ring % RINGS) % keep == first % keep
     elif kind < _OFTEN * 0.7:
-        sensors = np.unique(ring[ring >= 0] // 4096)
+        sensors = np.unique(ring[ring >= 0] // RINGS)
         if len(sensors) > 2:
-            stays &= ring // 4096 != sensors[first % len(sensors)]
+            stays &= ring // RINGS != sensors[first % len(sensors)]
         else:
             stays &= draw.random(len(ring)) > _MOST_DROPPED * share
     elif kind < _OFTEN:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.learn.compiled.obstacles import met
-from urbantwin.learn.frames import LevelFrame
+from urbantwin.learn.frames import RINGS, LevelFrame
 
 __all__ = ["Obstacles", "cluttered", "with_obstacles"]
 
@@ -86,9 +86,9 @@ def with_obstacles(frame: LevelFrame, stands: Obstacles, draw: np.random.Generat
         stands: what is set into it.
         draw: random numbers: of noise, and how deep beams get.
     """
-    whose = np.zeros(len(frame.points), np.int64)
+    whose = np.zeros(len(frame.points), np.int32)
     if len(frame.sensors) > 1:
-        whose = np.where(frame.ring >= 0, frame.ring // 4096, -1)
+        whose = frame.ring // RINGS  # -1 where it is unknown
     start = frame.sensors[np.maximum(whose, 0)]
     deep = draw.exponential(size=len(whose))
     noise = draw.normal(0.0, _NOISE_M, len(whose))

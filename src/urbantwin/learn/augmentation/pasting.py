@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from urbantwin.learn.augmentation.placement import Placement
 from urbantwin.learn.compiled.box_points import points_in_boxes
-from urbantwin.learn.frames import LevelFrame
+from urbantwin.learn.frames import RINGS, LevelFrame
 
 __all__ = ["PASTED", "ObjectBank", "bank_of", "pasted", "read_bank", "write_bank"]
 
@@ -202,10 +202,10 @@ def _shadows(
     hidden = np.zeros(len(points), bool)
     several = len(frame.sensors) > 1
     for sensor, place in enumerate(frame.sensors):
-        mine = ring // 4096 == sensor if several else np.ones(len(points), bool)
+        mine = ring // RINGS == sensor if several else np.ones(len(points), bool)
         if not mine.any():
             continue
-        theirs = np.flatnonzero(frame.ring // 4096 == sensor) if several else None
+        theirs = np.flatnonzero(frame.ring // RINGS == sensor) if several else None
         scene = frame.points if theirs is None else frame.points[theirs]
         name, range_m = _directions(points[mine], place)
         here = _within(scene, place, points[mine])
