@@ -82,6 +82,8 @@ def test_drives_that_judge_differ_from_those_that_teach(site: Path) -> None:
     assert len({one.seed for one in lessons}) == 43
     assert not {one.time_of_day for one in judging} & {one.time_of_day for one in teaching}
     assert {one.weather for one in teaching} == {"clear", "rain", "fog", "snow"}
+    many = lessons_of(700, 700, 1)
+    assert len({one.seed for one in many}) == 1400
     spec = load_site(site).rig
     off = []
     for one in teaching:

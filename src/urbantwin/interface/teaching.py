@@ -169,7 +169,8 @@ def teach(  # noqa: PLR0913 - the options of the command
     began = time.monotonic()
     for number, lesson in enumerate(lessons):
         sees = list(background) if lesson.held or number % 3 != 2 else []
-        rig = moved_rig(checked.rig, lesson, *within)
+        # What was measured was seen from where the sensors stood.
+        rig = moved_rig(checked.rig, lesson, *((0.0, 0.0) if sees else within))
         drove = done.once(
             f"{lesson.name}-motion",
             {"lesson": asdict(lesson), "seconds": seconds, "twin": base},
@@ -185,7 +186,7 @@ def teach(  # noqa: PLR0913 - the options of the command
             partial(course.record, lesson, rig, sees),
         )
         if number == 0 and time.monotonic() - began > 1.0:
-            left = (time.monotonic() - began) * (len(lessons) - 1) + minutes * 60 * 1.1
+            left = (time.monotonic() - began) * (len(lessons) - 1) + _training_s(minutes, steps)[1]
             tell_line(f"teach: by the first drive, about {left / 60:.0f} minutes to go", progress)
     model = target / "model"
     teaching = [datasets[one.name] for one in lessons if not one.held]
@@ -342,14 +343,19 @@ def _reckoned(
     ends = []
     for k in range(2):
         each = seconds * _TRAFFIC_S[k] + frames * (1 + sensors) * _FRAME_S[k]
-        training = 60 * minutes if steps is None else steps * _STEP_S[k]
         ends.append(
             _TWIN_S[k]
             + lessons * each
-            + training * _AROUND_TRAINING[k]
+            + _training_s(minutes, steps)[k]
             + judged * frames * _JUDGED_S[k]
         )
     return ends[0], ends[1]
+
+
+def _training_s(minutes: float, steps: int | None) -> tuple[float, float]:
+    """Return the least and the most seconds of training with what is around it."""
+    low, high = (60 * minutes if steps is None else steps * one for one in _STEP_S)
+    return low * _AROUND_TRAINING[0], high * _AROUND_TRAINING[1]
 
 
 def _classes_of(datasets: Sequence[Path]) -> list[str]:

@@ -69,7 +69,7 @@ class Lesson:
 def lessons_of(teaching: int, judging: int, seed: int) -> tuple[Lesson, ...]:
     """Return the drives of a course, those that judge last.
 
-    Those that judge have other seeds and other hours, the usual demand and clear air.
+    Those that judge have other seeds (odd ones) and other hours, the usual demand and clear air.
 
     Args:
         teaching: how many teach.
@@ -90,14 +90,14 @@ def lessons_of(teaching: int, judging: int, seed: int) -> tuple[Lesson, ...]:
             wet = round(float(draw.uniform(0.5, 1.0)), 2) if weather == "rain" else 0.0
         found.append(
             Lesson(
-                f"teach-{number + 1}", False, seed * 1000 + number + 1,
+                f"teach-{number + 1}", False, 2 * (seed * 1000 + number),
                 _HOURS[number % len(_HOURS)], demand, weather, visibility, wet,
                 round(float(draw.uniform(5.0, 60.0)), 1),
             )
         )  # fmt: skip
     found += [
         Lesson(
-            f"judge-{number + 1}", True, seed * 1000 + 501 + number,
+            f"judge-{number + 1}", True, 2 * (seed * 1000 + number) + 1,
             _OTHER_HOURS[number % len(_OTHER_HOURS)], {}, "clear", None, 0.0, 35.0,
         )
         for number in range(judging)
