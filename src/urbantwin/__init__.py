@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.teaching import Taught, teach
     from urbantwin.interface.tracked_objects import TrackedObjects, track
-    from urbantwin.interface.trained_model import TrainedModel, train
+    from urbantwin.interface.trained_model import TrainedModel, pretrain, train
     from urbantwin.interface.tuning import Tuning, tune
     from urbantwin.interface.twin import Twin, build
     from urbantwin.interface.variation import Variation, vary
@@ -120,6 +120,7 @@ __all__ = [
     "inspect",
     "observe",
     "open",
+    "pretrain",
     "record",
     "replay",
     "reproduce",

@@ -14,8 +14,8 @@ def frame_of(points: np.ndarray, sensors: np.ndarray, ring: np.ndarray) -> Level
     """A frame with one car at (12, -5)."""
     car = np.array([[12.0, -5.0, 0.8, 4.5, 1.8, 1.6, 0.3]])
     return LevelFrame(
-        points.astype(np.float32), ring.astype(np.int32), sensors, car, np.zeros(1, np.int64),
-        np.ones((1, 1), bool),
+        points.astype(np.float32), ring.astype(np.int32), np.zeros(len(points), np.uint8), sensors,
+        car, np.zeros(1, np.int64), np.ones((1, 1), bool),
     )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Detectors: what they are told and say, and that training finds, goes on and refuses."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +18,7 @@ torch = pytest.importorskip(
 from urbantwin.artefact.output import kind_of  # noqa: E402
 from urbantwin.learn import (  # noqa: E402
     Design,
+    LabelledFrames,
     Model,
     Recipe,
     labelled_frames,
@@ -27,8 +29,13 @@ from urbantwin.learn import (  # noqa: E402
 from urbantwin.learn.augmentation.placement import Placement  # noqa: E402
 from urbantwin.learn.compiled.box_points import points_in_boxes  # noqa: E402
 from urbantwin.learn.decoding import boxes_of_maps  # noqa: E402
+from urbantwin.learn.frames import LevelFrame  # noqa: E402
 from urbantwin.learn.grid import Grid  # noqa: E402
 from urbantwin.learn.heads import OUTPUTS, class_heads  # noqa: E402
+from urbantwin.learn.model import first_weights  # noqa: E402
+from urbantwin.learn.onnx_file import write_onnx  # noqa: E402
+from urbantwin.learn.pillars import pillars_of  # noqa: E402
+from urbantwin.learn.pretraining import hidden_of  # noqa: E402
 from urbantwin.learn.sample import Varied  # noqa: E402
 from urbantwin.learn.targets import ClassTarget, targets_of  # noqa: E402
 from urbantwin.progress import untold  # noqa: E402
@@ -120,7 +127,7 @@ def surface(box: NDArray[np.float64], draw: np.random.Generator, count: int) -> 
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two frames in the OpenPCDet layout: boxes on a slope, seen from a mast 5 m above it."""
     folder = tmp_path_factory.mktemp("street") / "dataset"
-    for name in ("points", "labels"):
+    for name in ("points", "labels", "semantic"):
         (folder / name).mkdir(parents=True)
     draw = np.random.default_rng(3)
     for number in range(2):
@@ -134,6 +141,8 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
         points = np.concatenate([ground, *(surface(one, draw, 300) for one in box)])
         intensity = np.zeros((len(points), 1))
         np.save(folder / f"points/{number:06}.npy", np.hstack([points, intensity]).astype("f4"))
+        semantic = np.repeat([40, 10], [3500, len(points) - 3500]).astype("<u4")
+        semantic.tofile(folder / f"semantic/{number:06}.label")
         rows = [" ".join(f"{value:.4f}" for value in one) + " car" for one in box]
         (folder / f"labels/{number:06}.txt").write_text("\n".join(rows) + "\n")
     return folder
@@ -152,12 +161,19 @@ def same_in_onnxruntime(model: Model, file: Path) -> None:
         wanted = model.network(features, points, cell, torch.zeros((1, 0, cells, cells)))
     session = onnxruntime.InferenceSession(file)
     given = {"features": features.numpy(), "points": points.numpy(), "cell": cell.numpy()}
+    if model.design.points:
+        told = torch.randn((500, 3), generator=draw)
+        at = torch.randint(0, cells**2, (500,), generator=draw)
+        given |= {"told": told.numpy(), "at": at.numpy()}
+        with torch.inference_mode():
+            wanted = model.network(features, points, cell, torch.zeros((1, 0, cells, cells)),
+                                   told, at)  # fmt: skip
     for one, said in zip(wanted, session.run(None, given), strict=True):
         assert np.abs(one.numpy() - said).max() < 1e-4
 
 
 def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
-    design = Design(("car",), 12.0)
+    design = Design(("car",), 12.0, points=("car", "road"))
     frames = labelled_frames([street], design, tmp_path / "frames", untold)
     assert frames.objects == (10,)
     same = Varied(placed=False, beams=False, objects=False)
@@ -176,6 +192,84 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
     judged = ut.evaluate(folder, street, tmp_path / "report", progress=False)
     assert (tmp_path / "report-detections" / "detections.json").is_file()
     assert judged.manifest["frames"] == 2
+    of_points = judged.manifest["semantic"]
+    assert of_points["classes"]["road"]["points"] == 7000
+    assert of_points["looked_at"] == 1.0
+    right = wrong = 0
+    for name in found.frames:
+        told = [np.fromfile(one / "semantic" / f"{name}.label", "<u4")
+                for one in (street, tmp_path / "detections")]  # fmt: skip
+        right += int(((told[0] == 10) & (told[1] == 10)).sum())
+        wrong += int(((told[0] == 10) ^ (told[1] == 10)).sum())
+    assert of_points["classes"]["car"]["iou"] == pytest.approx(right / (right + wrong))
+    assert of_points["mean_iou"] > 0.85
+    same_in_onnxruntime_of(folder, tmp_path / "model.onnx")
+
+
+def same_in_onnxruntime_of(folder: Path, file: Path) -> None:
+    """Also with the head for points."""
+    model = read_model(folder)
+    write_onnx(file, model)
+    same_in_onnxruntime(model, file)
+
+
+def test_blocks_are_hidden_and_what_was_in_them_is_asked_for() -> None:
+    draw = np.random.default_rng(5)
+    grid = Grid.around(0, 0, 12.8, 0.4)
+    points = draw.uniform((-12, -12, 0), (12, 12, 2), (3000, 3)).astype("f4")
+    whole = pillars_of(points, grid)
+    hidden = hidden_of(whole, grid.cells, draw)
+    column, row = np.floor((points[:, :2].astype(float) - grid.low) / grid.cell_m).astype(int).T
+    high = np.zeros((grid.cells, grid.cells))
+    np.maximum.at(high, (row, column), points[:, 2] / 2)
+    assert np.array_equal(hidden.occupied > 0, high > 0)
+    assert np.abs(hidden.highest - high).max() < 1e-6
+    assert 0.35 < hidden.asked.mean() < 0.65
+    shown = np.zeros(grid.cells**2, bool)
+    shown[hidden.pillars.cell] = True
+    assert np.array_equal(shown.reshape(high.shape), (high > 0) & ~hidden.asked)
+    blocks = hidden.asked.reshape(16, 4, 16, 4).mean(axis=(1, 3))
+    assert set(np.unique(blocks)) == {0, 1}
+
+
+def test_what_was_learned_without_labels_begins_a_detector(street: Path, tmp_path: Path) -> None:
+    bare = tmp_path / "bare"
+    shutil.copytree(street / "points", bare / "points")
+    first = ut.pretrain(bare, tmp_path / "first", steps=2, reach=12, progress=False)
+    with pytest.raises(ut.InputError, match="tells nothing"):
+        ut.detect(first, street, tmp_path / "d", progress=False)
+    given = {"reach": 12, "classes": ["car"], "progress": False}
+    with pytest.raises(ut.InputError, match=r"has cell_m 0.4 m.*expected.*cell_m 0.5"):
+        ut.train(street, tmp_path / "m", start=first, steps=1, cell=0.5, **given)
+    known = read_model(first.folder).network.state_dict()
+    weights = first_weights(first.folder, Design(("car",), 12.0)).weights
+    assert set(weights) == {name for name in known if not name.startswith("heads")}
+    assert all(torch.equal(known[name], one) for name, one in weights.items())
+    one = ut.train(street, tmp_path / "one", start=first, steps=1, **given)
+    two = ut.train(street, tmp_path / "two", start=one, steps=1, **given)
+    assert two.trained["start"] not in (None, one.trained["start"])
+    began = first_weights(one.folder, Design(("bus", "car"), 12.0)).weights
+    head = read_model(one.folder).network.state_dict()["heads.0.1.weight"]
+    assert torch.equal(began["heads.1.1.weight"], head)
+    assert "heads.0.1.weight" not in began
+
+
+def test_a_curriculum_goes_through_its_datasets_in_order(street: Path, tmp_path: Path) -> None:
+    design = Design(("car",), 12.0)
+    frames = labelled_frames([street, street, street], design, tmp_path / "frames", untold)
+    asked: list[int] = []
+
+    class Watched(LabelledFrames):
+        def frame(self, number: int) -> LevelFrame:
+            asked.append(number)
+            return super().frame(number)
+
+    watched = Watched(frames.folder, frames.rigs, frames.objects, frames.points)
+    recipe = Recipe(steps=6, batch=2, window_m=19.2, in_order=True)
+    trained(watched, design, recipe, tmp_path / "state", untold)
+    assert [frames.rigs[number] for number in asked[-12:]] == [0] * 4 + [1] * 4 + [2] * 4
+    with pytest.raises(ut.InputError, match="need a number of steps"):
+        ut.train(street, tmp_path / "m", in_order=True, progress=False)
 
 
 def test_an_interrupted_training_ends_in_the_same_weights(street: Path, tmp_path: Path) -> None:
@@ -208,7 +302,7 @@ def test_bad_input_is_refused_in_a_line(street: Path, tmp_path: Path) -> None:
         ut.train(street, tmp_path / "m", steps=1, classes=["bus", "car"], progress=False)
     with pytest.raises(ut.InputError, match="unknown class 'tank'"):
         ut.train(street, tmp_path / "m", steps=1, classes=["tank"], progress=False)
-    with pytest.raises(ut.InputError, match="no kind 'colour'"):
+    with pytest.raises(ut.InputError, match="unknown without 'colour'"):
         ut.train(street, tmp_path / "m", steps=1, without=["colour"], progress=False)
     with pytest.raises(ut.InputError, match="no device"):
         ut.train(street, tmp_path / "m", steps=1, device="abacus", progress=False)

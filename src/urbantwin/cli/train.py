@@ -17,6 +17,8 @@ EXAMPLES = """
 urbantwin train dataset/ -o model/
 urbantwin train munich/dataset/ taipei/dataset/ -o model/ --minutes 30
 urbantwin train dataset/ -o model/ --steps 2000 --class car --class pedestrian
+urbantwin train dataset/ -o model/ --head boxes --head points
+urbantwin train dataset/ -o finer/ --from model/ --minutes 20
 """
 
 
@@ -57,6 +59,22 @@ def train(
     clutter: Annotated[
         bool, typer.Option("--clutter", help="Set bushes, walls and bins into samples.")
     ] = False,
+    heads: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--head",
+            metavar="NAME",
+            help="What it tells: boxes, points (the class of each).  [default: boxes]",
+        ),
+    ] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="MODEL", help="Begin with the weights of this model."),
+    ] = None,
+    in_order: Annotated[
+        bool,
+        typer.Option("--in-order", help="One dataset after the other; needs --steps."),
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights and samples.")] = 0,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Threads that make samples.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
@@ -77,6 +95,9 @@ def train(
         intensity=intensity,
         without=without or (),
         clutter=clutter,
+        heads=heads or ("boxes",),
+        start=start,
+        in_order=in_order,
         seed=seed,
         workers=workers,
         device=device,

@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from urbantwin.detections.detections import Detections, joined
     from urbantwin.detections.folder import (
         check_detections_folder,
+        put_detections,
         read_detections,
         write_detections,
     )
+    from urbantwin.detections.semantic import read_semantic, write_semantic
 
 __all__ = [
     "DETECTED_CLASSES",
@@ -26,8 +28,11 @@ __all__ = [
     "check_detections_folder",
     "detected_class",
     "joined",
+    "put_detections",
     "read_detections",
+    "read_semantic",
     "write_detections",
+    "write_semantic",
 ]
 
 names_on_demand(__name__)

@@ -16,7 +16,8 @@ from urbantwin.detections.checks import checked
 from urbantwin.detections.detections import Detections
 from urbantwin.errors import InputError
 
-__all__ = ["KIND", "SCHEMA", "check_detections_folder", "read_detections", "write_detections"]
+__all__ = ["KIND", "SCHEMA", "check_detections_folder", "put_detections", "read_detections"]
+__all__ += ["write_detections"]
 
 KIND = "detections"
 #: Which columns and fields there are; a later one adds to them.
@@ -67,6 +68,12 @@ def write_detections(
     Raises:
         InputError: the folder cannot be written.
     """
+    with replaced_folder(folder, kind=KIND, inputs=inputs) as scratch:
+        put_detections(scratch, detections, made_by)
+
+
+def put_detections(folder: Path, detections: Detections, made_by: Mapping[str, Any]) -> None:
+    """Write the files of detections into a folder that exists; see `write_detections`."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -91,9 +98,8 @@ def write_detections(
         "frames": list(detections.frames),
         "times_s": None if detections.time_s is None else detections.time_s.tolist(),
     }
-    with replaced_folder(folder, kind=KIND, inputs=inputs) as scratch:
-        pq.write_table(pa.table(columns), scratch / _TABLE, compression="zstd")
-        write_json(scratch / f"{KIND}.json", told)
+    pq.write_table(pa.table(columns), folder / _TABLE, compression="zstd")
+    write_json(folder / f"{KIND}.json", told)
 
 
 def read_detections(path: Path) -> Detections:

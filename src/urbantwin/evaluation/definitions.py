@@ -34,6 +34,9 @@ DEFINITIONS: dict[str, str] = {
     "MOTA, swaps": "1 less the misses, wrong boxes and swaps of tracks over the objects, of all "
     "frames, at a similarity of 0.5 (Bernardin and Stiefelhagen 2008).",
     "IDF1": "F1 of boxes whose whole tracks are assigned to each other (Ristani et al. 2016).",
+    "IoU of points": "Of each class the points rightly said to be of it over those that are or are "
+    "said to be (SemanticKITTI, Behley et al. 2019), over all frames; unlabelled points and those "
+    "beyond the model's range do not count. The mean is over the classes that are labelled.",
     "false alarms": "Wrong detections at or above the threshold of the best F1. Standing ones come "
     "within 1 m of the same place in half of the frames or more: posts, signs, hedges.",
 }

@@ -58,6 +58,7 @@ def write_page(
         _operation(classes),
         _errors(classes),
         _tracks(report["tracking"]),
+        _semantic(report["semantic"]),
     ]
     for kind, name in (("misses", "Worst misses"), ("false_alarms", "Worst false alarms")):
         if kind in pictures:
@@ -73,6 +74,18 @@ def write_page(
         "<ul>" + "".join(f"<li>{escape(one)}</li>" for one in report["notes"]) + "</ul>",
     ]
     write_html(path, title, parts)
+
+
+def _semantic(told: Mapping[str, Any] | None) -> str:
+    if told is None:
+        return ""
+    rows = [
+        (name, str(row["points"]), _percent(row["iou"]), _percent(row["recall"]))
+        for name, row in told["classes"].items()
+    ]
+    rows.append(("mean", "", _percent(told["mean_iou"]), ""))
+    head = ("Classes of points, %", "n", "IoU", "recall")
+    return html_table(head, rows)
 
 
 def _percent(value: float | None) -> str:

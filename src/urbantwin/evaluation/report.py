@@ -32,6 +32,7 @@ def write_evaluation(
     figures: Figures,
     recording: Recording,
     told: Mapping[str, Any],
+    semantic: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write ``evaluation.json``, ``evaluation.html`` and ``pictures/`` into a folder.
 
@@ -40,6 +41,7 @@ def write_evaluation(
         figures: of all classes.
         recording: whose points are drawn.
         told: names of predictions and data, and the settings.
+        semantic: what `semantic.judged_semantic` says.
 
     Returns:
         What ``evaluation.json`` holds.
@@ -78,6 +80,7 @@ def write_evaluation(
         "classes": {name: one.figures for name, one in figures.classes.items()},
         "members": {name: list(JUDGED[name]) for name in figures.classes},
         "tracking": judged_tracks(figures),
+        "semantic": semantic,
         "worst_misses": [one.row(seen.truth.frames) for one in cases["misses"]],
         "worst_false_alarms": [one.row(seen.truth.frames) for one in cases["false_alarms"]],
         "frame_names": list(seen.truth.frames),

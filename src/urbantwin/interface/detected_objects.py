@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,7 +59,7 @@ def detect(
     device: str = "cpu",
     progress: ShowProgress = True,
 ) -> DetectedObjects:
-    """Detect road users in the frames of a recording.
+    """Detect road users in the frames of a recording, and the classes of points if the model can.
 
     Args:
         model: a folder that `train` wrote.
@@ -72,7 +73,8 @@ def detect(
     Raises:
         InputError: torch is not installed, or the model or the frames cannot be used.
     """
-    from urbantwin.detections import check_detections_folder, write_detections
+    from urbantwin.artefact import replaced_folder
+    from urbantwin.detections import check_detections_folder, put_detections, write_semantic
     from urbantwin.fidelity.readers import open_recording
     from urbantwin.learn.torch_device import check_torch
 
@@ -86,7 +88,15 @@ def detect(
     with shown_stage("detect", progress, brief=True) as tell:
         detector = read_model(source, device)
         recording = open_recording(real, layout)
-        found = detected(detector, recording, device=device, least=least, tell=tell)
         made_by = {"urbantwin": "detect", "least": least, "model": dict(detector.trained)}
-        write_detections(target, found, made_by, inputs)
+        with replaced_folder(target, kind="detections", inputs=inputs) as scratch:
+            found = detected(
+                detector,
+                recording,
+                device=device,
+                least=least,
+                semantic=partial(write_semantic, scratch),
+                tell=tell,
+            )
+            put_detections(scratch, found, made_by)
     return DetectedObjects(target, found)

@@ -72,8 +72,15 @@ class Evaluation:
                 name: {key: round(100 * row[key], 1) for key in ("hota", "mota", "idf1")}
                 for name, row in (told["tracking"] or {}).items()
             },
+            **({"points": _points(told["semantic"])} if told.get("semantic") else {}),
             notes=told["notes"],
         )
+
+
+def _points(told: dict[str, Any]) -> dict[str, float]:
+    """Return the IoU of each class of points, per cent, and their mean."""
+    found = {name: round(100 * row["iou"], 1) for name, row in told["classes"].items()}
+    return {"mean IoU": round(100 * told["mean_iou"], 1), **found}
 
 
 def _rounded(figure: dict[str, Any]) -> list[float | None]:
@@ -116,6 +123,7 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     from urbantwin.evaluation import FEWEST_POINTS, read_labelled
     from urbantwin.evaluation import evaluate as judged
     from urbantwin.evaluation.report import write_evaluation
+    from urbantwin.evaluation.semantic import judged_semantic
     from urbantwin.fidelity.readers import open_recording
     from urbantwin.progress import between
 
@@ -146,5 +154,6 @@ def evaluate(  # noqa: PLR0913 - the options of the command
             "settings": {"fewest_points": fewest, "within_m": within, "vans": vans},
         }
         with replaced_folder(target, kind=_KIND, inputs=[source, real]) as scratch:
-            write_evaluation(scratch, found, recording, told)
+            semantic = judged_semantic(source, recording, between(tell, 0.8, 0.95))
+            write_evaluation(scratch, found, recording, told, semantic)
     return Evaluation(target)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,17 @@ from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 
-__all__ = ["TrainedModel", "train"]
+__all__ = ["TrainedModel", "pretrain", "train"]
+
+#: What a model may tell.
+_HEADS = ("boxes", "points")
+#: A semantic class with fewer points is not learned.
+_FEWEST_POINTS = 200
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainedModel:
-    """A detector in a folder; it stands for its folder: ``ut.detect(model, frames)``.
+    """A model in a folder; it stands for its folder: ``ut.detect(model, frames)``.
 
     Attributes:
         folder: where it was written.
@@ -35,7 +40,7 @@ class TrainedModel:
 
     def __repr__(self) -> str:
         """Return how much it learned from, and the folder."""
-        return f"a detector, {self.trained['steps']} steps ({self.folder})"
+        return f"a model, {self.trained['steps']} steps ({self.folder})"
 
     def summary(self) -> Summary:
         """Return what it learned from in a few values."""
@@ -56,6 +61,9 @@ def train(  # noqa: PLR0913 - the options of the command
     intensity: bool = False,
     without: Sequence[str] = (),
     clutter: bool = False,
+    heads: Sequence[str] = ("boxes",),
+    start: AnyPath | None = None,
+    in_order: bool = False,
     seed: int = 0,
     workers: int = 1,
     device: str = "cpu",
@@ -76,13 +84,17 @@ def train(  # noqa: PLR0913 - the options of the command
         intensity: tell it of intensities (0..1): those of other sensors may mean something else.
         without: how samples are not varied: ``placed``, ``beams``, ``objects``.
         clutter: set bushes, hedges, walls and bins without a label into samples.
+        heads: what it tells: ``boxes``, and ``points``: the semantic class of every point.
+        start: a model of the same cells and channels: its weights are the first, where it has
+            them (a model of `pretrain` has no heads).
+        in_order: learn from the datasets one after the other, as of a curriculum; needs ``steps``.
         seed: of the weights at the start and of all samples.
         workers: threads that make samples; the weights are the same.
         device: of torch: ``cpu``, ``cuda``.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
-        InputError: torch is not installed, or a dataset cannot be used.
+        InputError: torch is not installed, or a dataset or ``start`` cannot be used.
     """
     from urbantwin.learn.torch_device import check_torch
 
@@ -100,31 +112,30 @@ def train(  # noqa: PLR0913 - the options of the command
         trained,
         write_model,
     )
-    from urbantwin.learn.model import KIND
+    from urbantwin.learn.model import KIND, first_weights
     from urbantwin.learn.onnx_file import write_onnx
     from urbantwin.learn.sample import Varied
     from urbantwin.progress import between
 
-    several = [datasets] if isinstance(datasets, str | os.PathLike) else datasets
-    sources = [Path(one) for one in several]
-    if not sources:
-        raise InputError("no dataset is given", expected="one or more")
+    sources = _several(datasets)
     target = beside(sources[0], KIND) if out is None else Path(out)
-    for name in classes or ():
-        if name not in DETECTED_CLASSES:
-            known = ", ".join(DETECTED_CLASSES)
-            raise InputError(f"unknown class {name!r:.40}", place="--class", expected=known)
     kinds = [one.name for one in fields(Varied) if one.default]
-    for name in without:
-        if name not in kinds:
-            raise InputError(f"no kind {name!r:.40}", place="--without", expected=", ".join(kinds))
+    _check_names("class", classes or (), DETECTED_CLASSES)
+    _check_names("without", without, kinds)
+    _check_names("head", heads, _HEADS)
+    if in_order and steps is None:
+        raise InputError(
+            "datasets in order need a number of steps", place="--in-order", expected="--steps N"
+        )
     varied = Varied(**{name: name not in without for name in kinds}, clutter=clutter)
     chosen = tuple(one for one in DETECTED_CLASSES if classes is None or one in classes)
     if steps is None and minutes is None:
         minutes = 10.0
-    design = Design(chosen, reach, cell, intensity, width)
+    design = Design(chosen if "boxes" in heads else (), reach, cell, intensity, width)
+    first = None if start is None else first_weights(Path(start), design)
     window = min(Recipe.window_m, 2 * reach)
-    recipe = Recipe(steps, minutes, batch, window, seed, device, workers, varied=varied)
+    recipe = Recipe(steps, minutes, batch, window, seed, device, workers, varied=varied,
+                    in_order=in_order)  # fmt: skip
     check_folder(target, kind=KIND, inputs=sources)
     with shown_stage("train", progress, brief=True) as tell:
         digests = [digest_of(one) for one in sources]
@@ -134,13 +145,17 @@ def train(  # noqa: PLR0913 - the options of the command
             "design": asdict(design),
         }
         asked |= {"steps": steps, "minutes": minutes, "batch": batch, "seed": seed}
-        asked["varied"] = asdict(varied)
+        asked |= {"varied": asdict(varied), "heads": sorted(heads), "in_order": in_order}
+        asked["start"] = None if first is None else first.sha256
         key = recipe_key(asked | {"device": device})
         with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
             work = scratch / "training"
             frames = labelled_frames(sources, design, work, between(tell, 0.0, 0.1))
+            if "points" in heads:
+                design = replace(design, points=_known_points(frames.points, sources))
+            weights = None if first is None else first.weights
             network, done, loss = trained(
-                frames, design, recipe, work / "state.safetensors", between(tell, 0.1, 1.0)
+                frames, design, recipe, work / "state.safetensors", between(tell, 0.1, 1.0), weights
             )
             told = {
                 "urbantwin": __version__,
@@ -150,6 +165,9 @@ def train(  # noqa: PLR0913 - the options of the command
                 ],
                 "frames": len(frames),
                 "objects": dict(zip(design.classes, frames.objects, strict=True)),
+                "points": {name: frames.points[name] for name in design.points},
+                "start": None if first is None else first.sha256,
+                "in_order": in_order,
                 "steps": done,
                 "batch": batch,
                 "seed": seed,
@@ -160,5 +178,145 @@ def train(  # noqa: PLR0913 - the options of the command
             made = Model(design, network, told)
             write_model(scratch, made)
             write_onnx(scratch / "model.onnx", made)
+            shutil.rmtree(work)
+    return TrainedModel(target, told)
+
+
+def _several(given: Sequence[AnyPath] | AnyPath) -> list[Path]:
+    """Return the folders that one or several are.
+
+    Raises:
+        InputError: there is none.
+    """
+    sources = [Path(one) for one in ([given] if isinstance(given, str | os.PathLike) else given)]
+    if not sources:
+        raise InputError("no dataset is given", expected="one or more")
+    return sources
+
+
+def _check_names(option: str, names: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse names that an option does not know.
+
+    Raises:
+        InputError: there is one.
+    """
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"unknown {option} {name!r:.40}", place=f"--{option}", expected=", ".join(known)
+            )
+
+
+def _known_points(points: Mapping[str, int], sources: Sequence[Path]) -> tuple[str, ...]:
+    """Return the semantic classes that can be learned.
+
+    Raises:
+        InputError: there are none.
+    """
+    found = tuple(name for name, count in points.items() if count >= _FEWEST_POINTS)
+    if len(found) < 2:
+        raise InputError(
+            "no two semantic classes of points are labelled",
+            file=", ".join(map(str, sources)),
+            expected=f"{_FEWEST_POINTS} points of each, as in datasets of `record`",
+        )
+    return found
+
+
+def pretrain(  # noqa: PLR0913 - the options of the command
+    frames: Sequence[AnyPath] | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    steps: int | None = None,
+    minutes: float | None = None,
+    reach: float = 60.0,
+    cell: float = 0.4,
+    batch: int = 4,
+    width: float = 1.0,
+    intensity: bool = False,
+    seed: int = 0,
+    workers: int = 1,
+    device: str = "cpu",
+    progress: ShowProgress = True,
+) -> TrainedModel:
+    """Train a network without labels, to begin a detector with; interrupted, the call goes on.
+
+    Blocks of pillars are hidden, and it learns to say where anything is in them, and how high.
+
+    Args:
+        frames: recordings, real or simulated; no label of them is looked at.
+        out: the folder to write; ``pretrained`` beside the first recording when not given.
+        steps: so many; when neither is given, ten minutes.
+        minutes: as many steps as this machine does in so long, reading left out.
+        reach: as of `train`.
+        cell: as of `train`: edge of its pillars, metres.
+        batch: windows of frames in a step.
+        width: as of `train`.
+        intensity: tell it of intensities.
+        seed: of the weights at the start and of all samples.
+        workers: threads that make samples; the weights are the same.
+        device: of torch: ``cpu``, ``cuda``.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: torch is not installed, or a recording cannot be used.
+    """
+    from urbantwin.learn.torch_device import check_torch
+
+    check_torch(device)
+    from urbantwin import __version__
+    from urbantwin.artefact import check_folder, replaced_folder
+    from urbantwin.dataset.manifest import recipe_key
+    from urbantwin.learn import (
+        Design,
+        Model,
+        Recipe,
+        digest_of,
+        pretrained,
+        unlabelled_frames,
+        write_model,
+    )
+    from urbantwin.learn.model import KIND
+    from urbantwin.progress import between
+
+    sources = _several(frames)
+    target = beside(sources[0], "pretrained") if out is None else Path(out)
+    if steps is None and minutes is None:
+        minutes = 10.0
+    design = Design((), reach, cell, intensity, width)
+    window = min(Recipe.window_m, 2 * reach)
+    recipe = Recipe(steps, minutes, batch, window, seed, device, workers)
+    check_folder(target, kind=KIND, inputs=sources)
+    with shown_stage("pretrain", progress, brief=True) as tell:
+        digests = [digest_of(one) for one in sources]
+        asked: dict[str, Any] = {"urbantwin": __version__, "frames": digests}
+        asked |= {
+            "design": asdict(design),
+            "steps": steps,
+            "minutes": minutes,
+            "batch": batch,
+            "seed": seed,
+        }
+        key = recipe_key({"pretrain": asked, "device": device})
+        with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
+            work = scratch / "training"
+            seen = unlabelled_frames(sources, design, work, between(tell, 0.0, 0.1))
+            network, done, loss = pretrained(
+                seen, design, recipe, work / "state.safetensors", between(tell, 0.1, 1.0)
+            )
+            told = {
+                "urbantwin": __version__,
+                "without_labels": True,
+                "datasets": [
+                    {"name": one.name, "sha256": digest}
+                    for one, digest in zip(sources, digests, strict=True)
+                ],
+                "frames": len(seen),
+                "steps": done,
+                "batch": batch,
+                "seed": seed,
+                "loss": round(loss, 4),
+            }
+            write_model(scratch, Model(design, network, told))
             shutil.rmtree(work)
     return TrainedModel(target, told)

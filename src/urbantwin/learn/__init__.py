@@ -11,9 +11,16 @@ from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
     from urbantwin.learn.detecting import detected
-    from urbantwin.learn.labelled_frames import LabelledFrames, digest_of, labelled_frames
+    from urbantwin.learn.from_labels import trained
+    from urbantwin.learn.labelled_frames import (
+        LabelledFrames,
+        digest_of,
+        labelled_frames,
+        unlabelled_frames,
+    )
     from urbantwin.learn.model import Design, Model, read_model, write_model
-    from urbantwin.learn.training import Recipe, trained
+    from urbantwin.learn.pretraining import pretrained
+    from urbantwin.learn.training import Recipe
 
 __all__ = [
     "Design",
@@ -23,8 +30,10 @@ __all__ = [
     "detected",
     "digest_of",
     "labelled_frames",
+    "pretrained",
     "read_model",
     "trained",
+    "unlabelled_frames",
     "write_model",
 ]
 

@@ -61,7 +61,7 @@ def boxes_of_maps(
         heads: the classes.
         least_score: what is less likely is left out.
     """
-    boxes, numbers, scores = [], [], []
+    boxes, numbers, scores = [np.zeros((0, 7))], [np.zeros(0, np.int64)], [np.zeros(0)]
     for number, (said, head) in enumerate(zip(maps, heads, strict=True)):
         cells = grid.coarser(head.stride)
         logit = np.asarray(said[0], np.float64)

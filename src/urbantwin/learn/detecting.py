@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from urbantwin.detections import Detections, joined
 from urbantwin.errors import InputError
@@ -13,17 +16,21 @@ from urbantwin.learn.decoding import LEAST_SCORE, Found, boxes_of_maps
 from urbantwin.learn.frames import levelled, refuse_upside_down
 from urbantwin.learn.grid import Grid
 from urbantwin.learn.model import Model
-from urbantwin.learn.pillars import pillars_of
-from urbantwin.learn.training import inputs_of
+from urbantwin.learn.network import inputs_of
+from urbantwin.learn.pillars import pillars_of, told_of_points
 from urbantwin.progress import Progress, each
+from urbantwin.taxonomy import semantic_id
 
 __all__ = ["detected", "found_in"]
 
 
 def found_in(
     model: Model, frame: Frame, *, device: str = "cpu", least: float = LEAST_SCORE
-) -> Found:
-    """Return what a model finds in one frame, in the frame of its points.
+) -> tuple[Found, NDArray[np.uint8] | None]:
+    """Return what a model finds in one frame, in the frame of its points, and their classes.
+
+    The classes (N,) are ids of ``taxonomy.semantic_classes``, 0 for points beyond the model's
+    range; None where it tells none.
 
     Args:
         model: a detector.
@@ -32,16 +39,27 @@ def found_in(
         least: boxes that are less likely are left out.
     """
     design = model.design
-    level, ground, middle = levelled(frame, design.range_m, intensity=design.intensity)
+    level = levelled(frame, design.range_m, intensity=design.intensity)
+    points = level.frame.points
     grid = Grid.around(0.0, 0.0, design.range_m, design.cell_m)
+    semantic = None
     with torch.inference_mode():
-        said = model.network(*inputs_of(pillars_of(level.points, grid), grid.cells, device))
+        given = inputs_of(pillars_of(points, grid), grid.cells, device)
+        if design.points:
+            told, at, inside = told_of_points(points, grid)
+            asked = (torch.from_numpy(told).to(device), torch.from_numpy(at).to(device))
+            *said, logits = model.network(*given, *asked)
+            ids = np.array([semantic_id(name) for name in design.points], np.uint8)
+            semantic = np.zeros(len(frame.points), np.uint8)
+            semantic[level.kept[inside]] = ids[logits.argmax(dim=1).cpu().numpy()]
+        else:
+            said = model.network(*given)
         maps = [one[0].float().cpu().numpy() for one in said]
     found = boxes_of_maps(maps, grid, design.heads, least)
     box = found.box.copy()
-    box[:, :2] += middle
-    box[:, 2] += ground.at(box)
-    return Found(box, found.number, found.score)
+    box[:, :2] += level.middle
+    box[:, 2] += level.ground.at(box)
+    return Found(box, found.number, found.score), semantic
 
 
 def detected(
@@ -50,6 +68,7 @@ def detected(
     *,
     device: str = "cpu",
     least: float = LEAST_SCORE,
+    semantic: Callable[[str, NDArray[np.uint8]], None] | None = None,
     tell: Progress,
 ) -> Detections:
     """Return what a model finds in the frames of a recording.
@@ -59,11 +78,18 @@ def detected(
         recording: of any sensor.
         device: where the model's network is.
         least: boxes that are less likely are left out.
+        semantic: called with the name of each frame and the classes of its points, if it tells any.
         tell: called with the share that is done.
 
     Raises:
-        InputError: z points down, or intensities are wanted that the frames do not have.
+        InputError: the model has no head, z points down, or intensities are wanted that the frames
+            do not have.
     """
+    if not model.design.classes and not model.design.points:
+        raise InputError(
+            "the model tells nothing: it was pre-trained",
+            expected="a model of `urbantwin train`, which may begin --from this one",
+        )
     names, rows = [], []
     for number in each(range(len(recording)), tell, "detecting"):
         frame = recording.read(number)
@@ -75,7 +101,9 @@ def detected(
                 place=f"frame {frame.name}",
                 expected="0 to 1, or a model without intensities",
             )
-        found = found_in(model, frame, device=device, least=least)
+        found, of_points = found_in(model, frame, device=device, least=least)
+        if semantic is not None and of_points is not None:
+            semantic(frame.name, of_points)
         classes = [model.design.classes[one] for one in found.number]
         names.append(frame.name)
         rows.append((found.box, classes, np.asarray(found.score)))

@@ -17,11 +17,13 @@ from urbantwin.learn.grid import HIGHEST_M, LOWEST_M
 from urbantwin.learn.ground import Ground, ground_of, is_upside_down
 
 __all__ = [
+    "BEYOND_M",
     "COUNTED_M",
     "IGNORED",
     "LEAST_POINTS",
     "RINGS",
     "LevelFrame",
+    "Levelled",
     "level_frame_from",
     "levelled",
     "read_level_frame",
@@ -38,7 +40,7 @@ COUNTED_M = 1.0
 #: A box with fewer points is neither.
 LEAST_POINTS = 2
 #: Points beyond the range by this are kept for crops that are turned, metres.
-_BEYOND_M = 4.0
+BEYOND_M = 4.0
 #: A box's lower edge lies on the ground, but for this, metres: else z is no height.
 _MOST_OFF_M = 1.5
 
@@ -51,6 +53,7 @@ class LevelFrame:
         points: (N, 3 or 4) float32: x, y from the middle, height above the ground, and intensity
             if it is told.
         ring: (N,) int32, the sensor's number times `RINGS` and the beam's row; -1 where unknown.
+        semantic: (N,) uint8, id of the class (``taxonomy.semantic_classes``); 0 where unknown.
         sensors: (S, 3) float64, where the sensors are, in the same frame.
         box: (B, 7) float64, z above the ground.
         number: (B,) int64 class of each, or `IGNORED`.
@@ -59,18 +62,32 @@ class LevelFrame:
 
     points: NDArray[np.float32]
     ring: NDArray[np.int32]
+    semantic: NDArray[np.uint8]
     sensors: NDArray[np.float64]
     box: NDArray[np.float64]
     number: NDArray[np.int64]
     counted: NDArray[np.bool_]
 
 
-def levelled(
-    frame: Frame, reach_m: float, *, intensity: bool = False
-) -> tuple[LevelFrame, Ground, NDArray[np.float64]]:
-    """Return a frame on level ground without its boxes, its ground, and its middle (2,).
+@dataclass(frozen=True, eq=False)
+class Levelled:
+    """A frame on level ground without its boxes.
 
-    The middle is that of its sensors.
+    Attributes:
+        frame: the same on level ground.
+        ground: beneath it.
+        middle: (2,) of its sensors, where the level frame has its origin.
+        kept: (N,) int64, which points of the frame these are.
+    """
+
+    frame: LevelFrame
+    ground: Ground
+    middle: NDArray[np.float64]
+    kept: NDArray[np.int64]
+
+
+def levelled(frame: Frame, reach_m: float, *, intensity: bool = False) -> Levelled:
+    """Return a frame on level ground without its boxes.
 
     Args:
         frame: any recording's.
@@ -86,27 +103,33 @@ def levelled(
         near = np.arange(len(frame.points)) == 0
     ground = ground_of(points)
     above = points[:, 2] - ground.at(points)
-    kept = (above >= LOWEST_M) & (above < HIGHEST_M)
-    told = [points[kept, :2] - middle, above[kept, None]]
+    inside = (above >= LOWEST_M) & (above < HIGHEST_M)
+    kept = np.flatnonzero(near)[inside]
+    told = [points[inside, :2] - middle, above[inside, None]]
     if intensity and frame.intensity is not None:
-        told.append(np.nan_to_num(frame.intensity)[near][kept, None])
-    ring = np.full(int(kept.sum()), -1, np.int32)
+        told.append(np.nan_to_num(frame.intensity[kept])[:, None])
+    ring = np.full(len(kept), -1, np.int32)
     if frame.ring is not None:
-        sensor = 0 if frame.sensor is None else frame.sensor[near][kept]
-        row = frame.ring[near][kept]
+        sensor = 0 if frame.sensor is None else frame.sensor[kept]
+        row = frame.ring[kept]
         ring = np.where(row >= 0, sensor * RINGS + row, -1).astype(np.int32)
+    semantic = np.zeros(len(kept), np.uint8)
+    if frame.semantic is not None:
+        known = frame.semantic[kept]
+        semantic = np.where((known >= 0) & (known < 256), known, 0).astype(np.uint8)
     sensors = frame.sensor_places.copy()
     sensors[:, 2] -= ground.at(sensors)
     sensors[:, :2] -= middle
     found = LevelFrame(
         np.column_stack(told).astype(np.float32),
         ring,
+        semantic,
         sensors,
         np.zeros((0, 7)),
         np.zeros(0, np.int64),
         np.ones((1, 1), bool),
     )
-    return found, ground, middle
+    return Levelled(found, ground, middle, kept)
 
 
 def level_frame_from(
@@ -138,7 +161,8 @@ def level_frame_from(
             "has no boxes", file=file, place=f"frame {frame.name}", expected="labelled frames"
         )
     refuse_upside_down(frame, file)
-    found, ground, middle = levelled(frame, half_m + _BEYOND_M, intensity=intensity)
+    level = levelled(frame, half_m + BEYOND_M, intensity=intensity)
+    found, ground, middle = level.frame, level.ground, level.middle
     box, number = _boxes_of(frame.boxes, classes)
     if ignored is not None:
         number[ignored] = IGNORED
@@ -159,7 +183,7 @@ def level_frame_from(
         )
     counted = np.ones((1, 1), bool)
     if labelled is not None:
-        half = int(np.ceil((half_m + _BEYOND_M) / COUNTED_M))
+        half = int(np.ceil((half_m + BEYOND_M) / COUNTED_M))
         along = (np.arange(-half, half) + 0.5) * COUNTED_M
         y, x = np.meshgrid(along, along, indexing="ij")
         cells = np.ones((x.size, 7))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,18 +19,24 @@ from urbantwin.fidelity.labelled_view import view_of
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.learn.augmentation.pasting import ObjectBank, bank_of, read_bank, write_bank
 from urbantwin.learn.frames import (
+    BEYOND_M,
     LevelFrame,
     level_frame_from,
+    levelled,
     read_level_frame,
+    refuse_upside_down,
     write_level_frame,
 )
 from urbantwin.learn.model import Design
 from urbantwin.progress import Progress, between, each
+from urbantwin.taxonomy import semantic_classes
 
-__all__ = ["LabelledFrames", "digest_of", "labelled_frames"]
+__all__ = ["LabelledFrames", "digest_of", "labelled_frames", "unlabelled_frames"]
 
 _INDEX = "frames.json"
 _BANK = "objects.npz"
+#: Semantic classes that say nothing: unlabelled, outlier.
+_UNKNOWN = (0, 1)
 #: Intensities are told from 0 to 1.
 _MOST_INTENSITY = 1.0
 
@@ -43,11 +49,13 @@ class LabelledFrames:
         folder: of their files.
         rigs: (frames,) the number of each frame's dataset.
         objects: how many of each class count, in the order of the classes.
+        points: how many points there are of each semantic class that is known.
     """
 
     folder: Path
     rigs: tuple[int, ...]
     objects: tuple[int, ...]
+    points: Mapping[str, int]
 
     def __len__(self) -> int:
         """Return how many frames there are."""
@@ -76,6 +84,41 @@ def digest_of(dataset: Path) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def unlabelled_frames(
+    recordings: Sequence[Path], design: Design, folder: Path, tell: Progress
+) -> LabelledFrames:
+    """Return the frames of recordings without labels, levelled; see `labelled_frames`.
+
+    Args:
+        recordings: that `open_recording` reads; no label of them is looked at.
+        design: how far it looks, and whether it is told of intensities.
+        folder: where levelled frames are kept.
+        tell: called with the share that is done.
+
+    Raises:
+        InputError: a recording cannot be used.
+    """
+    index = folder / _INDEX
+    if index.is_file():
+        told = read_json_value(index, "an index of levelled frames")
+        return LabelledFrames(folder, tuple(told["rigs"]), (), {})
+    folder.mkdir(parents=True, exist_ok=True)
+    rigs: list[int] = []
+    for rig, path in enumerate(recordings):
+        recording = open_recording(path)
+        share = between(tell, rig / len(recordings), (rig + 1) / len(recordings))
+        for number in each(range(len(recording)), share, f"reading {path.name}"):
+            frame = recording.read(number)
+            if design.intensity:
+                _check_intensity(frame, path)
+            refuse_upside_down(frame, path)
+            level = levelled(frame, design.range_m + BEYOND_M, intensity=design.intensity)
+            write_level_frame(_file(folder, len(rigs)), level.frame)
+            rigs.append(rig)
+    write_json(index, {"rigs": rigs})
+    return LabelledFrames(folder, tuple(rigs), (), {})
+
+
 def labelled_frames(
     datasets: Sequence[Path], design: Design, folder: Path, tell: Progress
 ) -> LabelledFrames:
@@ -93,10 +136,11 @@ def labelled_frames(
     index = folder / _INDEX
     if index.is_file():
         told = read_json_value(index, "an index of levelled frames")
-        return LabelledFrames(folder, tuple(told["rigs"]), tuple(told["objects"]))
+        return LabelledFrames(folder, tuple(told["rigs"]), tuple(told["objects"]), told["points"])
     folder.mkdir(parents=True, exist_ok=True)
     rigs: list[int] = []
     objects = np.zeros(len(design.classes), np.int64)
+    points = np.zeros(256, np.int64)
     for rig, dataset in enumerate(datasets):
         recording = open_recording(dataset)
         view = view_of(recording)
@@ -117,6 +161,7 @@ def labelled_frames(
             )
             write_level_frame(_file(folder, len(rigs)), level)
             objects += np.bincount(level.number[level.number >= 0], minlength=len(objects))
+            points += np.bincount(level.semantic, minlength=256)
             rigs.append(rig)
     for name, count in zip(design.classes, objects, strict=True):
         if not count:
@@ -128,12 +173,14 @@ def labelled_frames(
                 file=", ".join(map(str, datasets)),
                 expected=f"boxes of every class asked for; there are some with `{others}`",
             )
-    found = LabelledFrames(folder, tuple(rigs), tuple(int(one) for one in objects))
+    of_points = {one.name: int(points[one.id]) for one in semantic_classes().values()
+                 if points[one.id] and one.id not in _UNKNOWN}  # fmt: skip
+    found = LabelledFrames(folder, tuple(rigs), tuple(int(one) for one in objects), of_points)
     # A bank holds some hundred objects of each class and rig: of long datasets a part is looked at.
     some = np.unique(np.linspace(0, len(rigs) - 1, 400).astype(int))
     bank = bank_of([(found.frame(k), rigs[k]) for k in some], len(design.classes))
     write_bank(folder / _BANK, bank)
-    write_json(index, {"rigs": rigs, "objects": list(found.objects)})
+    write_json(index, {"rigs": rigs, "objects": list(found.objects), "points": of_points})
     return found
 
 

@@ -1,4 +1,4 @@
-"""How wrong the network is: centres by a focal loss, boxes by absolute differences.
+"""How wrong it is: centres by a focal loss, boxes by absolute differences, points by entropy.
 
 Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. Each class is measured by how
 many of it there are in a sample on average: people are many, buses few.
@@ -15,9 +15,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from urbantwin.learn.heads import ClassHead
-from urbantwin.learn.targets import ClassTarget
+from urbantwin.learn.targets import ClassTarget, PointTarget
 
-__all__ = ["BatchTarget", "detection_loss", "on_device"]
+__all__ = ["BatchTarget", "detection_loss", "on_device", "point_loss", "points_on_device"]
 
 #: Exponents of the focal loss: of what is nearly right already, and near to a centre.
 _EASY, _NEAR = 2.0, 4.0
@@ -105,3 +105,33 @@ def detection_loss(
         boxes = ((off * weights).sum(dim=1) * target.weight).sum() * per
         rows.append(torch.stack([centres, boxes]))
     return torch.stack(rows)
+
+
+def points_on_device(
+    samples: Sequence[PointTarget], cells: int, device: str
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Return what is told of points, their cells and the wanted classes, of a batch as tensors.
+
+    Args:
+        samples: one of each.
+        cells: of a grid, all of them.
+        device: where to.
+    """
+    told = np.concatenate([one.told for one in samples])
+    cell = np.concatenate([one.cell + k * cells for k, one in enumerate(samples)])
+    wanted = np.concatenate([one.wanted for one in samples])
+    first, second, third = (torch.from_numpy(one).to(device) for one in (told, cell, wanted))
+    return first, second, third
+
+
+def point_loss(said: Tensor, wanted: Tensor, weights: Sequence[float]) -> Tensor:
+    """Return the weighted cross-entropy of the classes of points.
+
+    Args:
+        said: (N, classes) by the network.
+        wanted: (N,) index of the class.
+        weights: of each class.
+    """
+    if not len(wanted):
+        return said.sum() * 0
+    return functional.cross_entropy(said.float(), wanted, weight=said.new_tensor(weights).float())

@@ -11,6 +11,7 @@ import safetensors
 import safetensors.torch
 import yaml
 from pydantic import Field
+from torch import Tensor
 
 from urbantwin.artefact import write_json
 from urbantwin.artefact.checksum import sha256_of
@@ -21,8 +22,10 @@ from urbantwin.fidelity.readers.documents import read_yaml_document
 from urbantwin.learn.heads import ClassHead, class_heads
 from urbantwin.learn.network import Detector
 from urbantwin.learn.pillars import features_of
+from urbantwin.taxonomy import semantic_classes
 
-__all__ = ["KIND", "Design", "Model", "new_network", "read_model", "write_model"]
+__all__ = ["KIND", "Design", "FirstWeights", "Model", "first_weights", "new_network"]
+__all__ += ["read_model", "write_model"]
 
 KIND = "model"
 #: Which fields there are; a later one adds to them.
@@ -42,6 +45,7 @@ class Design:
         cell_m: edge of a pillar.
         intensity: whether it is told of intensities.
         width: multiple of the channels.
+        points: classes of points that it tells (``taxonomy.semantic_classes``).
     """
 
     classes: tuple[str, ...] = DETECTED_CLASSES
@@ -49,6 +53,7 @@ class Design:
     cell_m: float = 0.4
     intensity: bool = False
     width: float = 1.0
+    points: tuple[str, ...] = ()
 
     @property
     def heads(self) -> tuple[ClassHead, ...]:
@@ -74,18 +79,72 @@ class Model:
 class _Manifest(Part):
     kind: Literal["model"]
     schema_: Literal[1] = Field(alias="schema")
-    classes: Annotated[list[str], Field(min_length=1)]
+    classes: list[str]
     range_m: Annotated[float, Field(ge=5, le=500)]
     cell_m: Annotated[float, Field(ge=0.05, le=2)]
     intensity: bool
     width: Annotated[float, Field(ge=0.25, le=16)]
+    points: list[str] = Field(default=[])
     weights_sha256: str
     trained: dict[str, Any]
 
 
 def new_network(design: Design) -> Detector:
     """Return a network of a design; its weights are drawn by torch's generator."""
-    return Detector(features_of(intensity=design.intensity), design.heads, design.width)
+    return Detector(
+        features_of(intensity=design.intensity), design.heads, design.width, len(design.points)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class FirstWeights:
+    """Weights that a training begins with.
+
+    Attributes:
+        weights: by name.
+        sha256: of the file that they are from.
+    """
+
+    weights: Mapping[str, Tensor]
+    sha256: str
+
+
+def first_weights(folder: Path, design: Design) -> FirstWeights:
+    """Return the weights of a model that fit into a network of a design.
+
+    Heads fit where the model has a class of the same name, at whatever place.
+
+    Args:
+        folder: of the model.
+        design: of the network.
+
+    Raises:
+        InputError: it is no model, or its cells, channels or input differ.
+    """
+    model = read_model(folder)
+    for name, unit in (("cell_m", " m"), ("width", ""), ("intensity", "")):
+        is_, wanted = getattr(model.design, name), getattr(design, name)
+        if is_ != wanted:
+            raise InputError(
+                f"has {name} {is_}{unit}",
+                file=folder / _TEXT,
+                place="--from",
+                expected=f"a model with {name} {wanted}{unit}",
+            )
+    found = {}
+    for name, value in model.network.state_dict().items():
+        if name.startswith("of_points"):
+            continue  # which classes of points there are is known once the frames are read
+        kind, _, rest = name.partition(".")
+        if kind == "heads":
+            number, _, rest = rest.partition(".")
+            told = model.design.classes[int(number)]
+            if told not in design.classes:
+                continue
+            found[f"heads.{design.classes.index(told)}.{rest}"] = value
+        else:
+            found[name] = value
+    return FirstWeights(found, sha256_of(folder / _WEIGHTS))
 
 
 def write_model(folder: Path, model: Model) -> None:
@@ -98,6 +157,7 @@ def write_model(folder: Path, model: Model) -> None:
     weights = {name: one.detach().cpu() for name, one in model.network.state_dict().items()}
     safetensors.torch.save_file(weights, folder / _WEIGHTS)
     design = asdict(model.design) | {"classes": list(model.design.classes)}
+    design["points"] = list(model.design.points)
     told = {"kind": KIND, "schema": SCHEMA, **design}
     told |= {"weights_sha256": sha256_of(folder / _WEIGHTS), "trained": dict(model.trained)}
     text = yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
@@ -123,13 +183,16 @@ def read_model(folder: Path, device: str = "cpu") -> Model:
     if not isinstance(value, dict):
         raise InputError("says nothing of a model", file=file, expected=_EXPECTED)
     told = validated(value, _Manifest, file=file, expected=_EXPECTED)
-    for name in told.classes:
-        if name not in DETECTED_CLASSES:
-            expected = "some of " + ", ".join(DETECTED_CLASSES)
-            raise InputError(f"names {name!r:.40}", file=file, place="classes", expected=expected)
-    if len(set(told.classes)) < len(told.classes):
-        raise InputError("names a class twice", file=file, place="classes", expected="each once")
-    design = Design(tuple(told.classes), told.range_m, told.cell_m, told.intensity, told.width)
+    known = {"classes": DETECTED_CLASSES, "points": tuple(semantic_classes())}
+    for place, names in (("classes", told.classes), ("points", told.points)):
+        for name in names:
+            if name not in known[place]:
+                expected = "some of " + ", ".join(known[place])
+                raise InputError(f"names {name!r:.40}", file=file, place=place, expected=expected)
+        if len(set(names)) < len(names):
+            raise InputError("names a class twice", file=file, place=place, expected="each once")
+    design = Design(tuple(told.classes), told.range_m, told.cell_m, told.intensity, told.width,
+                    tuple(told.points))  # fmt: skip
     network = new_network(design)
     try:
         if sha256_of(weights) != told.weights_sha256:

@@ -1,10 +1,10 @@
-"""The network: pillars, a backbone seen from above, and a head for each class.
+"""The network: pillars, a backbone seen from above, a head for each class, and one for points.
 
 PointPillars (Lang et al. 2019) for the encoder, CenterPoint (Yin, Zhou and Kraehenbuehl 2021,
 "Center-based 3D Object Detection and Tracking") for the heads, and a pyramid (Lin et al. 2017,
 "Feature Pyramid Networks for Object Detection") that leads back to the finest cells, so that people
-have heads there. Tensors are NCHW: channels last, the backward pass of a convolution with stride 2
-is 35 times slower on a processor.
+have heads there. A point's class is told by its cell and by where it is in it. Tensors are NCHW:
+channels last, the backward pass of a convolution with stride 2 is 35 times slower on a processor.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from urbantwin.learn.heads import OUTPUTS, ClassHead
+from urbantwin.learn.pillars import Pillars, told_of_point
 
-__all__ = ["Detector"]
+__all__ = ["Detector", "inputs_of"]
 
 #: Channels in cells 1, 2, 4 and 8 times as large as the pillars', of the smallest network.
 _CHANNELS = (32, 48, 64, 96)
-#: Of a class's own layer.
-_OWN = 16
+#: Of a class's own layer, and of the one that tells classes of points.
+_OWN, _OF_POINTS = 16, 48
 #: What a head says at first: one cell in a hundred is a centre (Lin et al. 2017, focal loss).
 _AT_FIRST = -math.log((1 - 0.01) / 0.01)
 
@@ -66,9 +67,12 @@ class Detector(nn.Module):
         features: values of each point of a pillar.
         heads: the classes.
         width: multiple of the channels; 1 for two processors.
+        points: how many classes of points it tells; none without the head for them.
     """
 
-    def __init__(self, features: int, heads: Sequence[ClassHead], width: float = 1.0) -> None:
+    def __init__(
+        self, features: int, heads: Sequence[ClassHead], width: float = 1.0, points: int = 0
+    ) -> None:
         super().__init__()
         one, two, four, eight = (8 * max(1, round(width * count / 8)) for count in _CHANNELS)
         own = 8 * max(1, round(width * _OWN / 8))
@@ -87,7 +91,8 @@ class Detector(nn.Module):
         self.up2 = _layer(four, two, kernel=1)
         self.merge2 = _layer(two, two)
         self.strides = tuple(head.stride for head in heads)
-        if 1 in self.strides:
+        self.is_fine = 1 in self.strides or bool(points) or not heads
+        if self.is_fine:
             self.up1 = _layer(two, one, kernel=1)
             self.merge1 = _layer(one, one)
         self.heads = nn.ModuleList()
@@ -98,18 +103,48 @@ class Detector(nn.Module):
             bias[0] = _AT_FIRST
             last.bias = nn.Parameter(bias)
             self.heads.append(nn.Sequential(_layer(one if head.stride == 1 else two, own), last))
+        self.of_points: nn.Sequential | None = None
+        if points:
+            wide = 8 * max(1, round(width * _OF_POINTS / 8))
+            self.of_points = nn.Sequential(
+                nn.Linear(one + told_of_point(features), wide),
+                nn.ReLU(inplace=True),
+                nn.Linear(wide, points),
+            )
 
     def forward(
-        self, features: Tensor, points: Tensor, cell: Tensor, shape: Tensor
+        self,
+        features: Tensor,
+        points: Tensor,
+        cell: Tensor,
+        shape: Tensor,
+        told: Tensor | None = None,
+        at: Tensor | None = None,
     ) -> list[Tensor]:
-        """Return (grids, `OUTPUTS`, rows, columns) for each class.
+        """Return (grids, `OUTPUTS`, rows, columns) for each class, and (N, classes) of points.
 
         Args:
             features: (P, M, features) of pillars.
             points: (P,) int64, how many of the M are points.
             cell: (P,) int64.
             shape: (grids, 0, rows, columns): a tensor whose shape is that of the batch.
+            told: (N, `told_of_point`) of points whose class is asked for, if it tells any.
+            at: (N,) int64, the cell of each of these.
         """
+        fine, half = self.maps(features, points, cell, shape)
+        said = [
+            head(fine if stride == 1 else half)
+            for head, stride in zip(self.heads, self.strides, strict=True)
+        ]
+        if self.of_points is not None and told is not None and at is not None:
+            cells = fine.permute(0, 2, 3, 1).reshape(-1, self.channels)
+            said.append(self.of_points(torch.cat([cells.index_select(0, at), told], dim=1)))
+        return said
+
+    def maps(
+        self, features: Tensor, points: Tensor, cell: Tensor, shape: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return what is known of the cells, and of cells twice as large; see `forward`."""
         grids, rows, columns = shape.shape[0], shape.shape[2], shape.shape[3]
         pillar = self.encoder(features, points)
         canvas = pillar.new_zeros((grids * rows * columns, self.channels))
@@ -121,12 +156,17 @@ class Detector(nn.Module):
         eighth = self.down8(quarter)
         quarter = self.merge4(quarter + _doubled(self.up4(eighth)))
         half = self.merge2(half + _doubled(self.up2(quarter)))
-        fine = self.merge1(fine + _doubled(self.up1(half))) if 1 in self.strides else fine
-        return [
-            head(fine if stride == 1 else half)
-            for head, stride in zip(self.heads, self.strides, strict=True)
-        ]
+        fine = self.merge1(fine + _doubled(self.up1(half))) if self.is_fine else fine
+        return fine, half
 
 
 def _doubled(cells: Tensor) -> Tensor:
     return functional.interpolate(cells, scale_factor=2.0, mode="nearest")
+
+
+def inputs_of(pillars: Pillars, cells: int, device: str) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Return what `Detector.maps` takes for the pillars of grids of ``cells`` each way."""
+    features, points, cell = (
+        torch.from_numpy(one).to(device) for one in (pillars.features, pillars.points, pillars.cell)
+    )
+    return features, points, cell, torch.zeros((pillars.grids, 0, cells, cells), device=device)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from urbantwin.learn.compiled.gather import cells_of, gathered
 from urbantwin.learn.grid import HIGHEST_M, LOWEST_M, Grid
 
-__all__ = ["MOST_POINTS", "Pillars", "features_of", "pillars_of", "stacked"]
+__all__ = ["MOST_POINTS", "Pillars", "features_of", "pillars_of", "stacked", "told_of_point"]
+__all__ += ["told_of_points"]
 
 #: Points that are kept of a pillar.
 MOST_POINTS = 16
@@ -43,6 +44,31 @@ class Pillars:
 def features_of(*, intensity: bool) -> int:
     """Return how many values a pillar has for each of its points."""
     return 9 if intensity else 8
+
+
+def told_of_point(features: int) -> int:
+    """Return how many values a single point has beside its cell, if pillars have ``features``."""
+    return features - 5
+
+
+def told_of_points(
+    points: NDArray[np.float32], grid: Grid
+) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
+    """Return what a point's class is told by: values (K, 3+), cell (K,), and which points (K,).
+
+    The values are its offset from the cell's middle (2, in cells), its height, and intensity if it
+    is told.
+
+    Args:
+        points: (N, 3 or 4) as `pillars_of` takes them; those outside the grid are left out.
+        grid: the cells.
+    """
+    cell = cells_of(points, grid.low, grid.cell_m, grid.cells, grid.cells, LOWEST_M, HIGHEST_M)
+    inside = np.flatnonzero(cell >= 0)
+    told = points[inside].copy()
+    told[:, :2] = (points[inside, :2] - grid.middles(cell[inside])) / grid.cell_m
+    told[:, 2] /= _HEIGHT_M
+    return told, cell[inside], inside
 
 
 def pillars_of(points: NDArray[np.float32], grid: Grid) -> Pillars:

@@ -17,9 +17,9 @@ from urbantwin.learn.frames import COUNTED_M, IGNORED, LEAST_POINTS, LevelFrame
 from urbantwin.learn.grid import Grid
 from urbantwin.learn.heads import ClassHead
 from urbantwin.learn.pillars import Pillars, pillars_of
-from urbantwin.learn.targets import ClassTarget, targets_of
+from urbantwin.learn.targets import ClassTarget, PointTarget, point_target_of, targets_of
 
-__all__ = ["Sample", "Varied", "sample_of"]
+__all__ = ["Sample", "Varied", "sample_of", "varied_window"]
 
 #: So many windows are laid about one of the boxes, by its class: a rare one as often as a car.
 _ABOUT_A_BOX = 0.8
@@ -48,15 +48,55 @@ class Sample:
 
     pillars: Pillars
     targets: list[ClassTarget]
+    points: PointTarget | None = None
 
 
-def sample_of(
+def varied_window(
+    frame: LevelFrame,
+    window_m: float,
+    draw: np.random.Generator,
+    *,
+    classes: Sequence[str] = (),
+    bank: ObjectBank | None = None,
+    rig: int = 0,
+    varied: Varied | None = None,
+) -> tuple[LevelFrame, Placement]:
+    """Return the part of a frame about a window, varied, and how it is placed: about 0, 0.
+
+    Args:
+        frame: labelled or not.
+        window_m: width of the square window of it.
+        draw: random numbers.
+        classes: whose objects are pasted.
+        bank: objects to paste.
+        rig: of the frame.
+        varied: how; in every way if not given.
+    """
+    varied = varied or Varied()
+    half = window_m / 2
+    reach = float(np.abs(frame.points[:, :2]).max(initial=0.0))
+    x, y = _middle_of_window(frame, half, reach, draw)
+    if varied.clutter:
+        frame = cluttered(frame, (x, y, half), draw)
+    if varied.objects and bank is not None:
+        frame = pasted(frame, bank, rig, classes, (x, y, half), draw)
+    if varied.beams:
+        stays = thinned(frame.ring, draw)
+        frame = _some_points(frame, stays)
+    placement = drawn_placement(draw, x, y, varied=varied.placed)
+    near = np.abs(frame.points[:, :2] - np.array([x, y], np.float32)).max(axis=1) < 1.5 * half
+    frame = _some_points(frame, near)
+    return replace(frame, points=placement.points(frame.points)), placement
+
+
+def sample_of(  # noqa: PLR0913 - a frame, the window, the network, the draws
     frame: LevelFrame,
     window_m: float,
     cell_m: float,
     heads: Sequence[ClassHead],
     draw: np.random.Generator,
     *,
+    semantic: Sequence[int] = (),
     bank: ObjectBank | None = None,
     rig: int = 0,
     varied: Varied | None = None,
@@ -69,31 +109,33 @@ def sample_of(
         cell_m: edge of a pillar.
         heads: the classes.
         draw: all random numbers of this sample.
+        semantic: ids of the classes of points that are learned.
         bank: objects to paste.
         rig: of the frame.
         varied: how; in every way if not given.
     """
-    varied = varied or Varied()
-    half = window_m / 2
-    reach = float(np.abs(frame.points[:, :2]).max(initial=0.0))
-    x, y = _middle_of_window(frame, half, reach, draw)
-    if varied.clutter:
-        frame = cluttered(frame, (x, y, half), draw)
-    if varied.objects and bank is not None:
-        names = [head.name for head in heads]
-        frame = pasted(frame, bank, rig, names, (x, y, half), draw)
-    if varied.beams:
-        stays = thinned(frame.ring, draw)
-        frame = replace(frame, points=frame.points[stays], ring=frame.ring[stays])
-    placement = drawn_placement(draw, x, y, varied=varied.placed)
-    grid = Grid.around(0.0, 0.0, half, cell_m)
-    near = np.abs(frame.points[:, :2] - np.array([x, y], np.float32)).max(axis=1) < 1.5 * half
-    points = placement.points(frame.points[near])
-    boxes = placement.boxes(frame.box)
+    names = [head.name for head in heads]
+    frame, placement = varied_window(
+        frame, window_m, draw, classes=names, bank=bank, rig=rig, varied=varied
+    )
+    grid = Grid.around(0.0, 0.0, window_m / 2, cell_m)
+    points, boxes = frame.points, placement.boxes(frame.box)
     held = np.bincount(points_in_boxes(points, boxes, 0.05) + 1, minlength=len(boxes) + 1)[1:]
     number = np.where(held < LEAST_POINTS, IGNORED, frame.number)
     counted = _counted(frame, grid, placement)
-    return Sample(pillars_of(points, grid), targets_of(boxes, number, grid, heads, counted))
+    of_points = point_target_of(points, frame.semantic, grid, semantic, draw) if semantic else None
+    return Sample(
+        pillars_of(points, grid), targets_of(boxes, number, grid, heads, counted), of_points
+    )
+
+
+def _some_points(frame: LevelFrame, chosen: NDArray[np.bool_]) -> LevelFrame:
+    return replace(
+        frame,
+        points=frame.points[chosen],
+        ring=frame.ring[chosen],
+        semantic=frame.semantic[chosen],
+    )
 
 
 def _middle_of_window(

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from urbantwin.learn.compiled.splat import drawn_centres, drawn_ignored
 from urbantwin.learn.grid import Grid
 from urbantwin.learn.heads import ClassHead, encoded
+from urbantwin.learn.pillars import told_of_points
 
-__all__ = ["ClassTarget", "targets_of"]
+__all__ = ["ClassTarget", "PointTarget", "point_target_of", "targets_of"]
 
 #: Standard deviation of a centre's surroundings over the root of its area in plan; at least, most.
 _SPREAD, _LEAST_M, _MOST_M = 0.28, 0.35, 1.5
@@ -20,6 +21,8 @@ _SPREAD, _LEAST_M, _MOST_M = 0.28, 0.35, 1.5
 _REGRESSES = 0.4
 #: What is ignored is grown by this in plan, metres.
 _IGNORED_MARGIN_M = 0.3
+#: Points of a sample whose classes are asked for.
+_MOST_ASKED = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,3 +87,44 @@ def targets_of(
         objects = int(((heat == 1) & (counts > 0)).sum())
         found.append(ClassTarget(heat, counts, cell, weight.astype(np.float32), told, objects))
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class PointTarget:
+    """Which classes points of one grid have.
+
+    Attributes:
+        told: (K, 3 or 4) float32, see `pillars.told_of_points`.
+        cell: (K,) int64.
+        wanted: (K,) int64, index of the class.
+    """
+
+    told: NDArray[np.float32]
+    cell: NDArray[np.int64]
+    wanted: NDArray[np.int64]
+
+
+def point_target_of(
+    points: NDArray[np.float32],
+    semantic: NDArray[np.uint8],
+    grid: Grid,
+    classes: Sequence[int],
+    draw: np.random.Generator,
+) -> PointTarget:
+    """Return what is to be said of some points whose classes are known and learned.
+
+    Args:
+        points: (N, 3 or 4) as `pillars.pillars_of` takes them.
+        semantic: (N,) ids of their classes.
+        grid: the cells.
+        classes: ids that are learned, in their order.
+        draw: random numbers.
+    """
+    index = np.full(256, -1, np.int64)
+    index[list(classes)] = np.arange(len(classes))
+    told, cell, inside = told_of_points(points, grid)
+    wanted = index[semantic[inside]]
+    known = np.flatnonzero(wanted >= 0)
+    if len(known) > _MOST_ASKED:
+        known = np.sort(draw.choice(known, _MOST_ASKED, replace=False))
+    return PointTarget(told[known], cell[known], wanted[known])

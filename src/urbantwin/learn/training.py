@@ -3,43 +3,47 @@
 AdamW (Loshchilov and Hutter 2019) with a rate that rises and falls once (Smith and Topin 2018,
 "Super-Convergence"). Every random number comes from the seed, the step and the sample's number in
 it, so it does not matter how often a training was interrupted, nor how many workers made samples.
+What is learned is a `Task`: from labels (`from_labels`), or from what was hidden (`pretraining`).
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import numpy as np
 import safetensors.torch
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from urbantwin.interruption import deferred
-from urbantwin.learn.grid import Grid
-from urbantwin.learn.labelled_frames import LabelledFrames
-from urbantwin.learn.loss import detection_loss, on_device
-from urbantwin.learn.model import Design, new_network
-from urbantwin.learn.network import Detector
-from urbantwin.learn.pillars import Pillars, stacked
-from urbantwin.learn.sample import Sample, Varied, sample_of
+from urbantwin.learn.sample import Varied
 from urbantwin.progress import Progress
 
-__all__ = ["Recipe", "inputs_of", "trained"]
+__all__ = ["Recipe", "Task", "optimised"]
 
 #: Largest learning rate, its share at the start and at the end, and when it is reached.
 _RATE, _START, _END, _RISES = 4e-3, 0.1, 1e-3, 0.3
 _DECAY, _LARGEST_GRADIENT = 0.01, 10.0
-#: Samples that tell how many objects of a class one has on average.
-_TRIED = 48
 #: Steps by which the speed of this machine is told; of the first one code is still compiled.
 _TIMED = 12
-#: What random numbers are for: samples of steps, and those that tell how many objects are usual.
-_SAMPLES, _USUAL = 0, 1
+
+_Sample = TypeVar("_Sample")
+
+
+class Task(Protocol[_Sample]):
+    """What is learned."""
+
+    def sample(self, step: int, slot: int) -> _Sample:
+        """Return a sample of a step; all random numbers come from the two and a seed."""
+
+    def loss(self, samples: Sequence[_Sample]) -> Tensor:
+        """Return how wrong the network is on a batch."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ class Recipe:
         workers: threads that make samples.
         kept_every_s: the state is kept so often, seconds.
         varied: how samples are varied.
+        in_order: the datasets after each other, equally long, in place of all at once; needs
+            ``steps``.
     """
 
     steps: int | None = None
@@ -67,48 +73,31 @@ class Recipe:
     workers: int = 1
     kept_every_s: float = 20.0
     varied: Varied = field(default_factory=Varied)
+    in_order: bool = False
 
 
-def inputs_of(pillars: Pillars, cells: int, device: str) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return what `Detector.forward` takes for the pillars of grids of ``cells`` each way."""
-    features, points, cell = (
-        torch.from_numpy(one).to(device) for one in (pillars.features, pillars.points, pillars.cell)
-    )
-    return features, points, cell, torch.zeros((pillars.grids, 0, cells, cells), device=device)
-
-
-def trained(
-    frames: LabelledFrames,
-    design: Design,
-    recipe: Recipe,
-    state: Path,
-    tell: Progress,
-) -> tuple[Detector, int, float]:
-    """Return a trained network, the number of steps, and the mean loss of the last tenth of them.
+def optimised(
+    network: nn.Module, task: Task[_Sample], recipe: Recipe, state: Path, tell: Progress
+) -> tuple[int, float]:
+    """Train a network; return the number of steps, and the mean loss of the last tenth of them.
 
     Args:
-        frames: to learn from.
-        design: of the network.
+        network: on its device; left in evaluation mode.
+        task: what is learned.
         recipe: how; ``steps`` or ``minutes`` is given.
         state: a file that keeps the state: where it is, training goes on from it.
         tell: called with the share that is done and the loss.
     """
-    torch.manual_seed(recipe.seed)
-    network = new_network(design).to(recipe.device).train()
+    network.train()
     names, parameters = zip(*network.named_parameters(), strict=True)
     optimiser = torch.optim.AdamW(parameters, lr=_RATE, weight_decay=_DECAY)
     step, steps, losses = _restored(state, network, names, optimiser, recipe)
-    grid = Grid.around(0.0, 0.0, recipe.window_m / 2, design.cell_m)
-    heads = design.heads
-    make = _maker(frames, design, recipe)
-    tried = [make(_USUAL, k, 0) for k in range(_TRIED)]
-    usual = np.mean([[one.objects for one in sample.targets] for sample in tried], axis=0)
     scaler = torch.amp.GradScaler(enabled=recipe.device.startswith("cuda"))
     began, kept = time.monotonic(), time.monotonic()
     with ThreadPoolExecutor(recipe.workers) as pool:
 
-        def asked(number: int) -> list[Callable[[], Sample]]:
-            return [pool.submit(make, _SAMPLES, number, k).result for k in range(recipe.batch)]
+        def asked(number: int) -> list[Callable[[], _Sample]]:
+            return [pool.submit(task.sample, number, k).result for k in range(recipe.batch)]
 
         coming = asked(step)
         first = step
@@ -118,12 +107,8 @@ def trained(
             rate = _rate(step, steps)
             for group in optimiser.param_groups:
                 group["lr"] = rate
-            given = inputs_of(stacked([one.pillars for one in samples], grid.cells), grid.cells,
-                              recipe.device)  # fmt: skip
-            wanted = on_device([one.targets for one in samples], recipe.device)
             with torch.autocast(recipe.device.split(":")[0], enabled=scaler.is_enabled()):
-                said = network(*given)
-            loss = detection_loss(said, wanted, heads, usual.tolist()).sum()
+                loss = task.loss(samples)
             optimiser.zero_grad()
             torch.autograd.backward(scaler.scale(loss))
             scaler.unscale_(optimiser)
@@ -142,8 +127,8 @@ def trained(
             if time.monotonic() - kept > recipe.kept_every_s:
                 _keep(state, network, names, optimiser, step, steps, losses)
                 kept = time.monotonic()
-    last = losses[-max(1, len(losses) // 10) :]
-    return network.eval(), step, float(np.mean(last))
+    network.eval()
+    return step, float(np.mean(losses[-max(1, len(losses) // 10) :]))
 
 
 def _rate(step: int, steps: int | None) -> float:
@@ -158,32 +143,9 @@ def _rate(step: int, steps: int | None) -> float:
     return _RATE * (low + (1 - low) * share)
 
 
-def _maker(
-    frames: LabelledFrames, design: Design, recipe: Recipe
-) -> Callable[[int, int, int], Sample]:
-    """Return what makes a sample from what it is for, the step and its number in it."""
-    bank, heads = frames.bank, design.heads
-
-    def make(use: int, step: int, slot: int) -> Sample:
-        draw = np.random.default_rng([recipe.seed, use, step, slot])
-        number = int(draw.integers(len(frames)))
-        return sample_of(
-            frames.frame(number),
-            recipe.window_m,
-            design.cell_m,
-            heads,
-            draw,
-            bank=bank,
-            rig=frames.rigs[number],
-            varied=recipe.varied,
-        )
-
-    return make
-
-
 def _keep(
     state: Path,
-    network: Detector,
+    network: nn.Module,
     names: tuple[str, ...],
     optimiser: torch.optim.AdamW,
     step: int,
@@ -203,7 +165,7 @@ def _keep(
 
 def _restored(
     state: Path,
-    network: Detector,
+    network: nn.Module,
     names: tuple[str, ...],
     optimiser: torch.optim.AdamW,
     recipe: Recipe,

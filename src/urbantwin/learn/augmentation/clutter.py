@@ -103,7 +103,8 @@ def with_obstacles(frame: LevelFrame, stands: Obstacles, draw: np.random.Generat
     points[moved, :3] = (start[moved] + way * ends).astype(np.float32)
     if points.shape[1] > 3:
         points[moved, 3] = brightness[which[moved]]
-    return replace(frame, points=points)
+    # What stands there has no class that labels know.
+    return replace(frame, points=points, semantic=np.where(moved, 0, frame.semantic))
 
 
 #: x, y, z of the middle, length, width, height, yaw, whether round, depth.

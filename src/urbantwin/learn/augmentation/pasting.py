@@ -49,6 +49,7 @@ class ObjectBank:
         first: (K + 1,) int64: points of object k are rows ``first[k]`` to ``first[k + 1]``.
         points: (N, 3 or 4) float32 in the frame that they are from.
         ring: (N,) int32.
+        semantic: (N,) uint8.
     """
 
     box: NDArray[np.float64]
@@ -58,6 +59,7 @@ class ObjectBank:
     first: NDArray[np.int64]
     points: NDArray[np.float32]
     ring: NDArray[np.int32]
+    semantic: NDArray[np.uint8]
 
 
 def bank_of(frames: Sequence[tuple[LevelFrame, int]], classes: int) -> ObjectBank:
@@ -74,7 +76,8 @@ def bank_of(frames: Sequence[tuple[LevelFrame, int]], classes: int) -> ObjectBan
         for b in np.flatnonzero(frame.number >= 0):
             mine = (owner == b) & (frame.points[:, 2] > _FOOT_M)
             if mine.sum() >= _LEAST_POINTS:
-                one = (frame.box[b], sensor, frame.points[mine], frame.ring[mine])
+                one = (frame.box[b], sensor, frame.points[mine], frame.ring[mine],
+                       frame.semantic[mine])  # fmt: skip
                 found.setdefault((int(frame.number[b]), rig), []).append(one)
     rows: list[tuple[NDArray[np.float64], ...]] = []
     keys: list[tuple[int, int]] = []
@@ -87,7 +90,8 @@ def bank_of(frames: Sequence[tuple[LevelFrame, int]], classes: int) -> ObjectBan
         nothing = np.zeros((0, 7))
         whole = np.zeros(0, np.int64)
         return ObjectBank(nothing, whole, whole, np.zeros((0, 2)), np.zeros(1, np.int64),
-                          np.zeros((0, 3), np.float32), np.zeros(0, np.int32))  # fmt: skip
+                          np.zeros((0, 3), np.float32), np.zeros(0, np.int32),
+                          np.zeros(0, np.uint8))  # fmt: skip
     sizes = [len(one[2]) for one in rows]
     return ObjectBank(
         np.stack([one[0] for one in rows]),
@@ -97,6 +101,7 @@ def bank_of(frames: Sequence[tuple[LevelFrame, int]], classes: int) -> ObjectBan
         np.concatenate([[0], np.cumsum(sizes)]),
         np.concatenate([one[2] for one in rows]).astype(np.float32),
         np.concatenate([one[3] for one in rows]).astype(np.int32),
+        np.concatenate([one[4] for one in rows]).astype(np.uint8),
     )
 
 
@@ -164,6 +169,7 @@ def _with_one(
         frame,
         points=np.concatenate([frame.points[stays], points[seen].astype(np.float32)]),
         ring=np.concatenate([frame.ring[stays], bank.ring[rows][seen]]),
+        semantic=np.concatenate([frame.semantic[stays], bank.semantic[rows][seen]]),
         box=np.concatenate([frame.box, box[None]]),
         number=np.concatenate([frame.number, bank.number[k : k + 1]]),
     )

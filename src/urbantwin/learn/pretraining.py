@@ -1,0 +1,148 @@
+"""Pre-training without labels: what stands in cells that were hidden, and how high.
+
+Masked pillars: blocks of cells are taken from the input, and the network says of each of their
+cells whether anything is there and how high it reaches, as Hess et al. 2023, "Masked Autoencoder
+for Self-Supervised Pre-training on Lidar Point Clouds", do with voxels. What it learned begins a
+detector; its last layer is thrown away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from urbantwin.learn.grid import Grid
+from urbantwin.learn.labelled_frames import LabelledFrames
+from urbantwin.learn.model import Design, new_network
+from urbantwin.learn.network import Detector, inputs_of
+from urbantwin.learn.pillars import Pillars, pillars_of, stacked
+from urbantwin.learn.sample import varied_window
+from urbantwin.learn.training import Recipe, optimised
+from urbantwin.progress import Progress
+
+__all__ = ["Hidden", "hidden_of", "pretrained"]
+
+#: Blocks of so many cells each way are hidden, so many of all.
+_BLOCK, _SHARE = 4, 0.5
+#: Which of a pillar's features is the height of its highest point (`pillars.pillars_of`).
+_HIGHEST = 6
+#: Of a cell that is not empty, against one that is.
+_OCCUPIED_WEIGHT = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Hidden:
+    """A sample.
+
+    Attributes:
+        pillars: those that are shown.
+        asked: (cells, cells) bool, which cells are hidden.
+        occupied: (cells, cells) float32, 1 where anything is.
+        highest: (cells, cells) float32, as `pillars.Pillars.features` tells it; 0 where nothing is.
+    """
+
+    pillars: Pillars
+    asked: NDArray[np.bool_]
+    occupied: NDArray[np.float32]
+    highest: NDArray[np.float32]
+
+
+def hidden_of(pillars: Pillars, cells: int, draw: np.random.Generator) -> Hidden:
+    """Return pillars of one grid with blocks of them hidden.
+
+    Args:
+        pillars: of the grid.
+        cells: along its sides: a multiple of 8.
+        draw: random numbers.
+    """
+    blocks = draw.random((cells // _BLOCK, cells // _BLOCK)) < _SHARE
+    asked = np.repeat(np.repeat(blocks, _BLOCK, axis=0), _BLOCK, axis=1)
+    occupied, highest = np.zeros((2, cells * cells), np.float32)
+    occupied[pillars.cell] = 1.0
+    highest[pillars.cell] = pillars.features[:, 0, _HIGHEST]
+    shown = ~asked.ravel()[pillars.cell]
+    rest = replace(
+        pillars,
+        features=pillars.features[shown],
+        points=pillars.points[shown],
+        cell=pillars.cell[shown],
+    )
+    shape = (cells, cells)
+    return Hidden(rest, asked, occupied.reshape(shape), highest.reshape(shape))
+
+
+def pretrained(
+    frames: LabelledFrames, design: Design, recipe: Recipe, state: Path, tell: Progress
+) -> tuple[Detector, int, float]:
+    """Return a network without heads that was trained on what was hidden from it.
+
+    Args:
+        frames: their labels are not looked at.
+        design: of the network, without classes.
+        recipe: how.
+        state: a file that keeps the state: where it is, training goes on from it.
+        tell: called with the share that is done and the loss.
+
+    Returns:
+        The network, the number of steps, and the mean loss of the last tenth of them.
+    """
+    torch.manual_seed(recipe.seed)
+    network = _Guesser(new_network(design)).to(recipe.device)
+    task = _FromHidden(network, frames, design, recipe)
+    steps, loss = optimised(network, task, recipe, state, tell)
+    return network.body, steps, loss
+
+
+class _Guesser(nn.Module):
+    """A network that says of each cell whether anything is there and how high it reaches."""
+
+    def __init__(self, body: Detector) -> None:
+        super().__init__()
+        self.body = body
+        self.last = nn.Conv2d(body.channels, 2, 1)
+
+    def forward(self, features: Tensor, points: Tensor, cell: Tensor, shape: Tensor) -> Tensor:
+        """Return (grids, 2, rows, columns); see `Detector.forward`."""
+        fine, _ = self.body.maps(features, points, cell, shape)
+        return torch.as_tensor(self.last(fine))
+
+
+class _FromHidden:
+    """Windows of frames with blocks hidden, and how wrong a network is about these."""
+
+    def __init__(
+        self, network: _Guesser, frames: LabelledFrames, design: Design, recipe: Recipe
+    ) -> None:
+        self._network, self._frames, self._design = network, frames, design
+        self._recipe = recipe
+        self._grid = Grid.around(0.0, 0.0, recipe.window_m / 2, design.cell_m)
+
+    def sample(self, step: int, slot: int) -> Hidden:
+        draw = np.random.default_rng([self._recipe.seed, step, slot])
+        frame = self._frames.frame(int(draw.integers(len(self._frames))))
+        varied = replace(self._recipe.varied, objects=False)
+        frame, _ = varied_window(frame, self._recipe.window_m, draw, varied=varied)
+        return hidden_of(pillars_of(frame.points, self._grid), self._grid.cells, draw)
+
+    def loss(self, samples: Sequence[Hidden]) -> Tensor:
+        cells, device = self._grid.cells, self._recipe.device
+        said = self._network(
+            *inputs_of(stacked([one.pillars for one in samples], cells), cells, device)
+        ).float()
+        asked, occupied, highest = (
+            torch.from_numpy(np.stack([getattr(one, name) for one in samples])).to(device)
+            for name in ("asked", "occupied", "highest")
+        )
+        there = functional.binary_cross_entropy_with_logits(
+            said[:, 0], occupied, weight=1 + (_OCCUPIED_WEIGHT - 1) * occupied, reduction="none"
+        )
+        high = (said[:, 1] - highest).abs() * occupied
+        off: Tensor = ((there + high) * asked).sum() / asked.sum().clamp(min=1)
+        return off
