@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
     from urbantwin.interface.inspection import inspect
+    from urbantwin.interface.labelled_recording import LabelledRecording, label
     from urbantwin.interface.measured_background import Background, background
     from urbantwin.interface.motion import Motion, drive
     from urbantwin.interface.objects_report import ObjectsReport
@@ -76,6 +77,7 @@ __all__ = [
     "Film",
     "Frame",
     "InputError",
+    "LabelledRecording",
     "Motion",
     "ObjectsReport",
     "ObservedTraffic",
@@ -118,6 +120,7 @@ __all__ = [
     "film",
     "init",
     "inspect",
+    "label",
     "observe",
     "open",
     "pretrain",

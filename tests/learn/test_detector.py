@@ -16,6 +16,8 @@ torch = pytest.importorskip(
 )
 
 from urbantwin.artefact.output import kind_of  # noqa: E402
+from urbantwin.detections import joined  # noqa: E402
+from urbantwin.fidelity.readers import open_recording  # noqa: E402
 from urbantwin.learn import (  # noqa: E402
     Design,
     LabelledFrames,
@@ -29,9 +31,10 @@ from urbantwin.learn import (  # noqa: E402
 from urbantwin.learn.augmentation.placement import Placement  # noqa: E402
 from urbantwin.learn.compiled.box_points import points_in_boxes  # noqa: E402
 from urbantwin.learn.decoding import boxes_of_maps  # noqa: E402
-from urbantwin.learn.frames import LevelFrame  # noqa: E402
+from urbantwin.learn.frames import IGNORED, LevelFrame, level_frame_from  # noqa: E402
 from urbantwin.learn.grid import Grid  # noqa: E402
 from urbantwin.learn.heads import OUTPUTS, class_heads  # noqa: E402
+from urbantwin.learn.labelling import write_labelled  # noqa: E402
 from urbantwin.learn.model import first_weights  # noqa: E402
 from urbantwin.learn.onnx_file import write_onnx  # noqa: E402
 from urbantwin.learn.pillars import pillars_of  # noqa: E402
@@ -252,6 +255,58 @@ def test_what_was_learned_without_labels_begins_a_detector(street: Path, tmp_pat
     head = read_model(one.folder).network.state_dict()["heads.0.1.weight"]
     assert torch.equal(began["heads.1.1.weight"], head)
     assert "heads.0.1.weight" not in began
+
+
+def test_what_a_teacher_is_sure_of_is_a_label_and_what_it_doubts_does_not_count(
+    tmp_path: Path,
+) -> None:
+    draw = np.random.default_rng(1)
+    bare = tmp_path / "bare" / "points"
+    bare.mkdir(parents=True)
+    for number in range(3):
+        np.save(
+            bare / f"{number:06}.npy", draw.uniform(-9, 9, (2000, 4)).astype("f4") * [1, 1, 0, 0]
+        )
+    box = [
+        [2.0, 1, 0.1, 4, 2, 1.5, 0.5],
+        [-3, 4, 0.1, 4.2, 1.9, 1.4, 2],
+        [5, -6, 0.1, 0.6, 0.6, 1.8, 0],
+    ]
+    rows = [(np.array(box) + 0.1 * k, ["car", "car", "pedestrian"], np.array([0.9, 0.2, 0.6]))
+            for k in range(3)]  # fmt: skip
+    recording = open_recording(bare.parent)
+    found = joined(recording.names, rows)
+    folder = tmp_path / "labelled"
+    folder.mkdir()
+    counts = write_labelled(folder, recording, found, sure=0.5, made_by={}, tell=untold)
+    assert counts == {"car": 3, "doubted": 3, "pedestrian": 3}
+    again = open_recording(folder)
+    assert again.names == recording.names
+    for number, (wanted, names, _) in enumerate(rows):
+        frame = again.read(number)
+        assert np.allclose(frame.points, recording.read(number).points)
+        assert frame.boxes is not None
+        assert np.abs(frame.boxes.box - wanted).max() < 1e-4
+        assert frame.boxes.class_names == ("car", "other", "pedestrian")
+        level = level_frame_from(frame, ("car", "pedestrian"), 12, file=folder)
+        assert level.number.tolist() == [0, IGNORED, 1]
+        assert names[1] == "car"
+
+
+def test_a_model_labels_frames_that_another_learns_from(street: Path, tmp_path: Path) -> None:
+    given = {"steps": 1, "reach": 12, "classes": ["car"], "progress": False}
+    teacher = ut.train(street, tmp_path / "teacher", **given)
+    with pytest.raises(ut.InputError, match="--doubtful"):
+        ut.label(teacher, street, tmp_path / "l", sure=0.1, doubtful=0.2, progress=False)
+    made = ut.label(teacher, street, tmp_path / "labelled", sure=0.012, doubtful=0.01, rate=10,
+                    progress=False)  # fmt: skip
+    told = json.loads((made.folder / "labelling.json").read_text())
+    assert told["made_by"]["tracked"] is True
+    assert sum(made.labels.values()) == sum(
+        len(one.read_text().splitlines()) for one in (made.folder / "labels").iterdir()
+    )
+    student = ut.train([street, made], tmp_path / "student", start=teacher, **given)
+    assert student.trained["frames"] == 4
 
 
 def test_a_curriculum_goes_through_its_datasets_in_order(street: Path, tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ KINDS = (
         "detections",
         "evaluation",
         "model",
+        "labelling",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

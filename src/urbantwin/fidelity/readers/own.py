@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
 from urbantwin.artefact import read_json
 from urbantwin.artefact.document import read_bytes
-from urbantwin.artefact.manifest import validated
+from urbantwin.artefact.manifest import Part, validated
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.frame_files import read_rays
@@ -27,8 +28,12 @@ from urbantwin.geometry import Pose
 from urbantwin.reconstruct.recording import RecordedFrames
 from urbantwin.taxonomy import ACTOR_CLASSES
 
-__all__ = ["is_own", "open_own"]
+__all__ = ["LABELLING", "is_own", "open_own"]
 
+#: Frames that a model labelled say in this file where their sensors are.
+LABELLING = "labelling.json"
+
+_Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 _RAYS = {"sensor": "sensor", "ring": "ring", "column": "column", "time": "time_s"}
 _EXPECTED = "a dataset of urbantwin record"
@@ -66,6 +71,7 @@ def open_own(path: Path, columns: int | None) -> Recording:
     discovered = None
     if (path / "discovery.json").is_file():
         discovered = np.array([one.place for one in RecordedFrames(path).sensors])
+    labelled = _labelled_places(path / LABELLING)
     boxes = _BoxTable(path / "boxes.parquet")
 
     def read(index: int) -> Frame:
@@ -85,7 +91,7 @@ def open_own(path: Path, columns: int | None) -> Recording:
                 code = np.frombuffer(read_bytes(labels, _LABELS), "<u4")
             given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
         dataset_SE3_site = poses.get(name, poses.get(""))
-        seen_from = discovered
+        seen_from = labelled.get(name, discovered)
         if dataset_SE3_site is not None:
             seen_from = places.of(name, dataset_SE3_site)
         return frame_of(
@@ -126,6 +132,20 @@ def read_label_lines(path: Path) -> Boxes | None:
             ) from None
         labelled.append(LabelledBox((x, y, z, length, width, height, yaw), name))
     return boxes_of(labelled)
+
+
+class _Labelling(Part):
+    kind: Literal["labelling"]
+    sensors: dict[str, list[Annotated[list[_Metres], Field(min_length=3, max_length=3)]]]
+
+
+def _labelled_places(file: Path) -> dict[str, NDArray[np.float64]]:
+    """Return where the sensors are in frames that a model labelled, by name of frame."""
+    if not file.is_file():
+        return {}
+    expected = "a folder of urbantwin label"
+    told = validated(read_json(file, kind="labelling"), _Labelling, file=file, expected=expected)
+    return {name: np.array(one) for name, one in told.sensors.items() if one}
 
 
 def _poses(told: FramePoses) -> dict[str, Pose]:
