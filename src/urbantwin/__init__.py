@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
+    from urbantwin.interface.improvement import Improved, improve
     from urbantwin.interface.inspection import inspect
     from urbantwin.interface.labelled_recording import LabelledRecording, label
     from urbantwin.interface.measured_background import Background, background
@@ -76,6 +77,7 @@ __all__ = [
     "Exported",
     "Film",
     "Frame",
+    "Improved",
     "InputError",
     "LabelledRecording",
     "Motion",
@@ -118,6 +120,7 @@ __all__ = [
     "evaluate",
     "export",
     "film",
+    "improve",
     "init",
     "inspect",
     "label",

@@ -57,6 +57,30 @@ def test_a_place_becomes_a_detector_and_the_same_call_does_nothing(
     drives = [ut.open(out / "lessons" / name).manifest for name in ("teach-1", "judge-1")]
     assert drives[0]["seeds"] != drives[1]["seeds"]
 
+    better = ut.improve(
+        made, out / "lessons" / "twin", tmp_path / "improved", drives=1, events=3, seconds=8.0,
+        every=2.0, steps=1, workers=1, progress=False,
+    )  # fmt: skip
+    drives = tmp_path / "improved" / "drives"
+    scenario = yaml.safe_load((drives / "more-1-motion-scenario.yaml").read_text())["events"]
+    bare, more = (ut.open(drives / name).actors for name in ("more-1-motion-bare", "more-1-motion"))
+    added = set(more["track"].to_pylist()) - set(bare["track"].to_pylist())
+    assert len(added) == len(scenario) > 0
+    new = more.filter(np.isin(more["track"].to_numpy(), sorted(added)))
+    for event in scenario:
+        assert better.missed[event["actor"]] > 0
+        x, y = (new[axis].to_numpy() - event["place"][axis] for axis in ("x", "y"))
+        assert np.hypot(x, y).min() < 35
+    seeds = [ut.open(drives / name).manifest["seed"] for name in ("held-motion", "more-1-motion")]
+    assert seeds[0] != seeds[1]
+    for name, report in (*better.before.items(), *better.after.items()):
+        assert name == "held"
+        assert report.manifest["frames"] == 3
+    assert (
+        "## held (a drive with a seed of its own, 3 frames)"
+        in (better.folder / "improvement.md").read_text()
+    )
+
     before = {one: one.stat().st_mtime_ns for one in out.rglob("*") if one.is_file()}
     ut.teach(site, out, steps=2, workers=1, **asked)
     again = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset import recorded
+from urbantwin.interface.done_steps import DoneSteps
 from urbantwin.interface.evaluation_report import Evaluation, evaluate
 from urbantwin.interface.motion import Motion, driven
 from urbantwin.interface.place import AnyPath, beside
@@ -152,7 +153,7 @@ def teach(  # noqa: PLR0913 - the options of the command
     if plan:
         return Taught(target, {}, reckoned)
     work = target / "lessons"
-    done = _Steps(work / "steps.json")
+    done = DoneSteps(work / "steps.json")
     base = done.once(
         "twin",
         {
@@ -284,32 +285,6 @@ def _check(
         _, file = named_background(one)
         if not file.is_file():
             raise InputError("is not there", file=file, expected="a file of `background`")
-
-
-class _Steps:
-    """Which steps are done, and of what: a step is done again only if what it is of changed."""
-
-    def __init__(self, file: Path) -> None:
-        from urbantwin.artefact.document import read_json_value
-
-        file.parent.mkdir(parents=True, exist_ok=True)
-        self._file = file
-        known = read_json_value(file, "a list of steps") if file.is_file() else {}
-        self._done: dict[str, str] = known if isinstance(known, dict) else {}
-
-    def once(
-        self, name: str, asked: Mapping[str, Any], folder: Path, make: Callable[[Path], object]
-    ) -> str:
-        """Do a step unless its folder is there and of the same; return what it is of."""
-        from urbantwin.artefact import write_json
-        from urbantwin.dataset.manifest import recipe_key
-
-        key = recipe_key({"step": name, **asked})
-        if self._done.get(name) != key or not folder.is_dir():
-            make(folder)
-            self._done[name] = key
-            write_json(self._file, self._done)
-        return key
 
 
 def _named(real: Sequence[AnyPath]) -> dict[str, Path]:

@@ -150,7 +150,8 @@ def train(  # noqa: PLR0913 - the options of the command
         key = recipe_key(asked | {"device": device})
         with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
             work = scratch / "training"
-            frames = labelled_frames(sources, design, work, between(tell, 0.0, 0.1))
+            known = () if first is None else first.classes
+            frames = labelled_frames(sources, design, work, between(tell, 0.0, 0.1), known=known)
             if "points" in heads:
                 design = replace(design, points=_known_points(frames.points, sources))
             weights = None if first is None else first.weights

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,7 +120,12 @@ def unlabelled_frames(
 
 
 def labelled_frames(
-    datasets: Sequence[Path], design: Design, folder: Path, tell: Progress
+    datasets: Sequence[Path],
+    design: Design,
+    folder: Path,
+    tell: Progress,
+    *,
+    known: Collection[str] = (),
 ) -> LabelledFrames:
     """Return the frames of datasets, levelled; what a folder already has is not made again.
 
@@ -129,6 +134,7 @@ def labelled_frames(
         design: the classes, and how far it looks.
         folder: where levelled frames are kept.
         tell: called with the share that is done.
+        known: classes that need not be there: the model that is begun with has learned them.
 
     Raises:
         InputError: a dataset cannot be used, or has no box of a class.
@@ -164,7 +170,7 @@ def labelled_frames(
             points += np.bincount(level.semantic, minlength=256)
             rigs.append(rig)
     for name, count in zip(design.classes, objects, strict=True):
-        if not count:
+        if not count and name not in known:
             others = " ".join(
                 f"--class {one}" for one, n in zip(design.classes, objects, strict=True) if n
             )

@@ -103,10 +103,12 @@ class FirstWeights:
     Attributes:
         weights: by name.
         sha256: of the file that they are from.
+        classes: that it has heads for.
     """
 
     weights: Mapping[str, Tensor]
     sha256: str
+    classes: tuple[str, ...]
 
 
 def first_weights(folder: Path, design: Design) -> FirstWeights:
@@ -144,7 +146,7 @@ def first_weights(folder: Path, design: Design) -> FirstWeights:
             found[f"heads.{design.classes.index(told)}.{rest}"] = value
         else:
             found[name] = value
-    return FirstWeights(found, sha256_of(folder / _WEIGHTS))
+    return FirstWeights(found, sha256_of(folder / _WEIGHTS), model.design.classes)
 
 
 def write_model(folder: Path, model: Model) -> None:

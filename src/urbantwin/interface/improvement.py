@@ -1,0 +1,380 @@
+"""A model that learns from more of what it misses."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from urbantwin.errors import InputError, StageError
+from urbantwin.interface.dataset import record
+from urbantwin.interface.detected_objects import detect
+from urbantwin.interface.done_steps import DoneSteps
+from urbantwin.interface.evaluation_report import Evaluation, evaluate
+from urbantwin.interface.motion import drive
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, tell_line
+from urbantwin.interface.summary import Summary
+from urbantwin.interface.trained_model import train
+from urbantwin.interface.twin import Twin
+
+if TYPE_CHECKING:
+    from urbantwin.evaluation.worst import Case
+
+    #: Somebody who was missed, and where in the site: x, y, metres.
+    _Missed = tuple[Case, tuple[float, float]]
+
+__all__ = ["Improved", "improve"]
+
+#: Seconds of a drive before its first frame, and before and after which nobody is put in.
+_START_S, _APART_S = 2.0, 3.0
+#: What is missed nearer to something missed before is put in once, metres.
+_BESIDE_M = 3.0
+#: Whoever is put in passes so near to the place, metres.
+_NEAR_M = 30.0
+_FIGURES = ("within_1_m", "within_2_m", "bev_iou_0.5", "iou_3d_0.5")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Improved:
+    """A model that went on learning, in a folder, and how it was judged before and after.
+
+    Attributes:
+        folder: with ``model/``, ``improvement.md`` and the reports.
+        missed: how many different objects of each class the model had missed.
+        before: its judgements by name.
+        after: those of the one that learned on, of the same frames.
+    """
+
+    folder: Path
+    missed: Mapping[str, int]
+    before: Mapping[str, Evaluation]
+    after: Mapping[str, Evaluation]
+
+    def __fspath__(self) -> str:
+        """Return the folder of the model: ``ut.detect(improved, frames)``."""
+        return str(self.folder / "model")
+
+    def __repr__(self) -> str:
+        """Return the folder, and how it was judged."""
+        lines = [f"a model that learned on ({self.folder})"]
+        lines += [f"{name}: {one.in_short}" for name, one in self.after.items()]
+        return "\n".join(lines)
+
+    def summary(self) -> Summary:
+        """Return what was missed, and average precisions before and after, per cent."""
+        gained = {}
+        for name, one in self.after.items():
+            known = self.before[name].figures
+            gained[name] = {
+                label: {
+                    figure: [_percent(known.get(label), figure), _percent(row, figure)]
+                    for figure in _FIGURES
+                }
+                for label, row in one.figures.items()
+                if row.get("objects")
+            }
+        return Summary(
+            path=str(self.folder),
+            model=str(self.folder / "model"),
+            report=str(self.folder / "improvement.md"),
+            missed=dict(self.missed),
+            before_and_after=gained,
+        )
+
+
+def improve(  # noqa: PLR0913 - the options of the command
+    model: AnyPath,
+    twin: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    rig: AnyPath | None = None,
+    drives: int = 2,
+    events: int = 20,
+    seconds: float = 120.0,
+    every: float = 2.0,
+    minutes: float = 10.0,
+    steps: int | None = None,
+    also: Sequence[AnyPath] = (),
+    real: Sequence[AnyPath] = (),
+    seed: int = 1,
+    workers: int | None = None,
+    device: str = "cpu",
+    progress: ShowProgress = True,
+) -> Improved:
+    """Find what a model misses on a twin, drive more of exactly that, and let it learn on.
+
+    A drive is looked at by the model. Whom it misses is put into further drives, of the same class
+    at the same places, as events of a ``scenario.yaml``; it learns on from these; and another
+    drive, with a seed of its own and nobody put in, judges it before and after. Interrupted, the
+    same call goes on.
+
+    Args:
+        model: a folder that `train` wrote.
+        twin: the twin's folder, with its rig.
+        out: the folder to write; ``improved`` beside the model when not given.
+        rig: a ``rig.yaml``; the twin's own rig if not given.
+        drives: with more of what was missed.
+        events: put into each of them, at most; one that cannot be staged is left out.
+        seconds: length of each drive.
+        every: seconds between its frames.
+        minutes: of training.
+        steps: of training, in place of minutes.
+        also: datasets to learn from, too, so that what was known is not forgotten.
+        real: labelled real frames, to judge by.
+        seed: of every random choice.
+        workers: processes to record with.
+        device: of torch.
+        progress: show how far it is; or a function that is told (share, doing), of each stage.
+
+    Raises:
+        InputError: the model, the twin or frames cannot be used.
+        StageError: a stage failed, or the model misses nobody.
+    """
+    from urbantwin.learn.torch_device import check_torch
+
+    check_torch(device)
+    from urbantwin.artefact import replaced_file, sha256_of
+    from urbantwin.learn import digest_of, read_model
+
+    source = Path(model)
+    design = read_model(source).design
+    if not design.classes:
+        raise InputError("finds no boxes", file=source, expected="a model with a head for them")
+    if drives < 1 or events < 1 or seconds <= 2 * _APART_S:
+        raise InputError(
+            f"{drives} drives of {seconds:g} s with {events} events",
+            expected=f"one or more, above {2 * _APART_S:g} s",
+        )
+    target = beside(source, "improved") if out is None else Path(out)
+    practice = _Practice.on(Twin.open(twin), target, rig, seconds, every, workers, progress)
+    done, work = practice.done, practice.work
+    look, held = practice.drive("look", 2 * seed), practice.drive("held", 2 * seed + 1)
+    weights = sha256_of(source / "model.safetensors")
+    found = work / "look-detections"
+    done.once(found.name, {"model": weights, "look": digest_of(look)}, found,
+              partial(detect, source, look, progress=progress))  # fmt: skip
+    cases = _missed(found, look, design.classes)
+    if not cases:
+        raise StageError(f"{source} misses nobody in {look}: there is nothing to learn")
+    counts = Counter(one.class_name for one, _ in cases)
+    missed = {name: counts[name] for name in design.classes if counts[name]}
+    told = ", ".join(f"{count} of {name}" for name, count in missed.items())
+    tell_line(f"improve: missed on a drive of its own: {told}", progress)
+    sources = [look]
+    for number in range(drives):
+        # The drives share them out where there are enough.
+        some = cases[number::drives] if len(cases) >= drives * events else cases
+        sources.append(
+            practice.drive(f"more-{number + 1}", 2 * (1000 * seed + number), some[:events])
+        )
+    sources += map(Path, also)
+    learned: dict[str, Any] = {"classes": list(design.classes), "seed": seed, "device": device}
+    learned |= {"reach": design.range_m, "cell": design.cell_m, "width": design.width}
+    learned |= {"intensity": design.intensity, "steps": steps}
+    learned |= {"minutes": None if steps else minutes}
+    if design.points:
+        learned["heads"] = ["boxes", "points"]
+    taught = done.once(
+        "model",
+        {"model": weights, "datasets": [digest_of(one) for one in sources], **learned},
+        target / "model",
+        partial(train, sources, start=source, progress=progress, **learned),
+    )
+    judges = {"held": held} | {Path(one).resolve().name: Path(one) for one in real}
+    reports: dict[str, dict[str, Evaluation]] = {"before": {}, "after": {}}
+    for when, judged, key in (("before", source, weights), ("after", target / "model", taught)):
+        for name, data in judges.items():
+            report = target / f"{when}-{name}"
+            done.once(report.name, {"model": key, "data": digest_of(data)}, report,
+                      partial(evaluate, judged, data, progress=progress))  # fmt: skip
+            reports[when][name] = Evaluation(report)
+    made = Improved(target, missed, reports["before"], reports["after"])
+    with replaced_file(target / "improvement.md") as file:
+        file.write_text(_text(made))
+    return made
+
+
+@dataclass(frozen=True)
+class _Practice:
+    """Drives of a twin, recorded; what is done is not done again."""
+
+    twin: Twin
+    work: Path
+    rig: AnyPath | None
+    seconds: float
+    every: int
+    done: DoneSteps
+    asked: Mapping[str, Any]
+    workers: int | None
+    progress: ShowProgress
+
+    @classmethod
+    def on(
+        cls,
+        twin: Twin,
+        target: Path,
+        rig: AnyPath | None,
+        seconds: float,
+        every_s: float,
+        workers: int | None,
+        progress: ShowProgress,
+    ) -> _Practice:
+        """Return it; ``every_s`` are the seconds between frames."""
+        from urbantwin import __version__
+        from urbantwin.artefact import sha256_of
+        from urbantwin.interface.rig import rig_spec_on
+        from urbantwin.site.rig_changes import RigChanges
+
+        spec, _ = rig_spec_on(twin, None if rig is None else Path(rig), RigChanges(fused=True))
+        every = max(1, round(every_s * spec.rate_hz))
+        asked: dict[str, Any] = {"urbantwin": __version__, "seconds": seconds, "every": every}
+        asked |= {"twin": sha256_of(twin.folder / "twin.json"), "rig": spec.written()}
+        work = target / "drives"
+        return cls(twin, work, rig, seconds, every, DoneSteps(work / "steps.json"), asked, workers,
+                   progress)  # fmt: skip
+
+    def drive(self, name: str, seed: int, put_in: Sequence[_Missed] = ()) -> Path:
+        """Return the dataset of a drive, with those who were missed put in."""
+        motion, data = self.work / f"{name}-motion", self.work / name
+        put = [(one.class_name, *at) for one, at in put_in]
+        asked = {**self.asked, "seed": seed, "put_in": put}
+        self.done.once(motion.name, asked, motion, partial(self._driven, seed, put_in))
+        self.done.once(
+            name,
+            asked,
+            data,
+            partial(
+                record,
+                self.twin,
+                motion,
+                rig=self.rig,
+                start=_START_S,
+                every=self.every,
+                fused=True,
+                workers=self.workers,
+                seed=seed,
+                pictures=False,
+                progress=self.progress,
+            ),
+        )
+        return data
+
+    def _driven(self, seed: int, put_in: Sequence[_Missed], folder: Path) -> None:
+        plain = folder.with_name(f"{folder.name}-bare") if put_in else folder
+        drive(self.twin, plain, seconds=self.seconds, seed=seed, pictures=False,
+              progress=self.progress)  # fmt: skip
+        if put_in:
+            _put_in(self.twin, plain, put_in, self.seconds, folder)
+
+
+def _missed(detections: Path, data: Path, classes: Sequence[str]) -> list[_Missed]:
+    """Return whom a model misses, classes in turn, and where in the site each is: x, y."""
+    import numpy as np
+
+    from urbantwin.detections import read_detections
+    from urbantwin.evaluation import evaluate as judged
+    from urbantwin.evaluation import read_labelled
+    from urbantwin.evaluation.worst import worst_misses
+    from urbantwin.fidelity.readers import open_recording
+
+    recording = open_recording(data)
+    seen = read_labelled(read_detections(detections), recording)
+    figures = judged(seen, layout=recording.layout, classes=list(classes), draws=2)
+    found: list[_Missed] = []
+    for one in worst_misses(figures, len(seen.truth)):
+        frame = recording.read(seen.number[one.frame])
+        middle = one.box[None, :3]
+        if frame.world_SE3_frame is not None:
+            middle = frame.world_SE3_frame.apply(middle)
+        x, y = float(middle[0, 0]), float(middle[0, 1])
+        near = any(
+            other.class_name == one.class_name and np.hypot(x - at[0], y - at[1]) < _BESIDE_M
+            for other, at in found
+        )
+        if not near:
+            found.append((one, (round(x, 2), round(y, 2))))
+    return found
+
+
+def _put_in(
+    twin: Twin, plain: Path, cases: Sequence[_Missed], seconds: float, folder: Path
+) -> None:
+    """Put whom a model missed into a motion, and write that as a scenario beside it."""
+    from urbantwin.traffic.events import with_events
+    from urbantwin.traffic.events.scenario import Passage
+    from urbantwin.traffic.motion import Motion
+
+    motion = Motion.load(plain)
+    step = (seconds - 2 * _APART_S) / len(cases)
+    staged: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
+    for number, (one, (x, y)) in enumerate(cases):
+        event = {
+            "event": "passage",
+            "at_s": round(_APART_S + number * step, 1),
+            "place": {"x": x, "y": y},
+            "actor": one.class_name,
+            "within_m": _NEAR_M,
+        }
+        try:
+            motion = with_events(motion, twin, [(number, Passage.model_validate(event))], [])
+        except (InputError, StageError):
+            continue  # nobody of this class can pass there, or there is no room
+        staged.append(event)
+        rows += motion.manifest["events"]
+    if not staged:
+        raise StageError(f"none of {len(cases)} who were missed can be put into {folder}")
+    replace(motion, manifest={**motion.manifest, "events": rows}).save(folder)
+    text = yaml.safe_dump({"events": staged}, sort_keys=False)
+    folder.with_name(f"{folder.name}-scenario.yaml").write_text(text)
+
+
+def _percent(row: Mapping[str, Any] | None, figure: str) -> float | None:
+    value = None if row is None else row["ap"][figure]["ap"]
+    return None if value is None else round(100 * value, 1)
+
+
+def _text(made: Improved) -> str:
+    """Return the report: what was missed, and every figure before and after."""
+    missed = ", ".join(f"{count} of {name}" for name, count in made.missed.items() if count)
+    lines = [
+        "# What a model learned from what it missed",
+        "",
+        f"Missed on a drive of the twin: {missed} (different objects, places "
+        f"{_BESIDE_M:g} m apart). They were put into further drives, `drives/*-scenario.yaml`.",
+        "",
+        "Average precision in per cent, before -> after; in brackets the middle 95 % of draws of "
+        "frames.",
+    ]
+    for name, one in made.after.items():
+        kind = "a drive with a seed of its own" if name == "held" else "real frames"
+        lines += [
+            "",
+            f"## {name} ({kind}, {one.manifest['frames']} frames)",
+            "",
+            "| class | objects | within 1 m | within 2 m | BEV IoU 0.5 | 3D IoU 0.5 |",
+            "|---|---|---|---|---|---|",
+        ]
+        for label, row in one.figures.items():
+            if row.get("objects"):
+                before = made.before[name].figures.get(label)
+                cells = " | ".join(
+                    f"{_told(before, figure)} -> {_told(row, figure)}" for figure in _FIGURES
+                )
+                lines.append(f"| {label} | {row['objects']} | {cells} |")
+    return "\n".join(lines) + "\n"
+
+
+def _told(row: Mapping[str, Any] | None, figure: str) -> str:
+    value = _percent(row, figure)
+    if row is None or value is None:
+        return "-"
+    ends = row["ap"][figure].get("ap_ci95") or ()
+    sure = " to ".join("-" if one is None else f"{100 * one:.0f}" for one in ends)
+    return f"{value:.0f} ({sure})" if sure else f"{value:.0f}"
