@@ -20,7 +20,10 @@ _TITLES = {"bev_iou": "BEV IoU", "iou_3d": "3D IoU", "distance_m": "within"}
 
 def in_short(report: Mapping[str, Any]) -> str:
     """Return the headline: every class at its distance and at an overlap of a half, in per cent."""
-    said = []
+    points, said = report["semantic"], []
+    of_points = f"classes of points: mean IoU {_percent(points['mean_iou'])}" if points else ""
+    if points and not any(row["detections"] for row in report["classes"].values()):
+        return f"No boxes; {of_points}; {report['frames']} frames."
     for name, row in report["classes"].items():
         if name == "large" or not row["objects"]:
             continue
@@ -29,6 +32,7 @@ def in_short(report: Mapping[str, Any]) -> str:
             f"{name} {figures[0]} within {near(name).limit:g} m, {figures[1]} at BEV IoU 0.5 "
             f"(n = {row['objects']})"
         )
+    said += [of_points] if of_points else []
     return f"Average precision: {'; '.join(said)}; {report['frames']} frames."
 
 
