@@ -79,12 +79,14 @@ def driven_again(work: Path, out: Path, change: Callable[[Path, Path], None]) ->
         _drive(place, old / "demand.yaml", seed, seconds)
         for number, track in enumerate(carriers(place / "motion")[: CARRIERS - 1]):
             rig = yaml.safe_load((old / f"rig-{number}.yaml").read_text())
-            written(place / f"rig-{number}.yaml", rig | {"ride": {"track": track}})
+            _own(place / f"rig-{number}.yaml", rig | {"ride": {"track": track}})
             found.append(out / f"{town}-{number}")
             _record(place, f"rig-{number}.yaml", seed, found[-1], (), 1)
     old, place = work / "roadside", out / "places" / "roadside"
     change(old, place)
-    written(place / "free.yaml", yaml.safe_load((old / "free.yaml").read_text()))
+    _own(place / "free.yaml", yaml.safe_load((old / "free.yaml").read_text()))
+    for sensor in old.glob("rig-sensor-*.yaml"):
+        _link(sensor, place / sensor.name)
     _drive(place, old / f"demand-{LEARNED_DRIVE}.yaml", LEARNED_DRIVE, ("--seconds", 302.0))
     found.append(out / "roadside")
     _record(place, "free.yaml", LEARNED_DRIVE, found[-1], (), 1)
@@ -113,12 +115,11 @@ def without_clutter(old: Path, place: Path) -> None:
     """Beside the streets nothing stands but what the map has."""
     place.mkdir(parents=True, exist_ok=True)
     for one in old.iterdir():
-        if one.is_file() or one.name == "rings":
+        if one.name != "times.jsonl" and (one.is_file() or one.name == "rings"):
             _link(one, place / one.name)
     site = yaml.safe_load((old / "site.yaml").read_text())
     site["scene"] = site.get("scene", {}) | {"clutter": "none"}
-    (place / "site.yaml").unlink()
-    run(place, "build", written(place / "site.yaml", site), "--no-pictures", out=place / "twin")
+    run(place, "build", _own(place / "site.yaml", site), "--no-pictures", out=place / "twin")
 
 
 def without_size_spread(old: Path, place: Path) -> None:
@@ -151,6 +152,12 @@ def without_size_spread(old: Path, place: Path) -> None:
         shown = [columns.get(name, table[name]) for name in table.column_names]
         tables.append(pa.table(shown, schema=table.schema))
     replace(given, rows=as_rows(tables[0]), parked=tables[1]).with_meshes().save(place / "motion")
+
+
+def _own(file: Path, content: object) -> Path:
+    """Write YAML in place of a link to another place's."""
+    file.unlink(missing_ok=True)
+    return written(file, content)
 
 
 def _link(old: Path, new: Path) -> None:

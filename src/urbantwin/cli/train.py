@@ -95,7 +95,7 @@ def train(
         intensity=intensity,
         without=without or (),
         clutter=clutter,
-        heads=heads or ("boxes",),
+        heads=heads,
         start=start,
         in_order=in_order,
         seed=seed,

@@ -61,7 +61,7 @@ def train(  # noqa: PLR0913 - the options of the command
     intensity: bool = False,
     without: Sequence[str] = (),
     clutter: bool = False,
-    heads: Sequence[str] = ("boxes",),
+    heads: Sequence[str] | None = None,
     start: AnyPath | None = None,
     in_order: bool = False,
     seed: int = 0,
@@ -84,7 +84,8 @@ def train(  # noqa: PLR0913 - the options of the command
         intensity: tell it of intensities (0..1): those of other sensors may mean something else.
         without: how samples are not varied: ``placed``, ``beams``, ``objects``.
         clutter: set bushes, hedges, walls and bins without a label into samples.
-        heads: what it tells: ``boxes``, and ``points``: the semantic class of every point.
+        heads: what it tells: ``boxes``, and ``points``: the semantic class of every point; boxes
+            when not given.
         start: a model of the same cells and channels: its weights are the first, where it has
             them (a model of `pretrain` has no heads).
         in_order: learn from the datasets one after the other, as of a curriculum; needs ``steps``.
@@ -122,6 +123,7 @@ def train(  # noqa: PLR0913 - the options of the command
     kinds = [one.name for one in fields(Varied) if one.default]
     _check_names("class", classes or (), DETECTED_CLASSES)
     _check_names("without", without, kinds)
+    heads = heads or ("boxes",)
     _check_names("head", heads, _HEADS)
     if in_order and steps is None:
         raise InputError(
