@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from urbantwin.artefact import kind_of
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
@@ -89,11 +90,22 @@ def export(
             found = None if detections is None else Path(detections)
             notes = write_challenge(Path(twin), folder, frames=frames, detections=found)
         return Exported(folder, to, tuple(notes))
-    if to == "openpcdet":
+    if to == "openpcdet" and (place is None or place.suffix in (".yaml", ".yml")):
         from urbantwin.exports.openpcdet import write_openpcdet
 
         file = place or Path("pointpillar.yaml")
         return Exported(file, to, tuple(write_openpcdet(Path(twin), file)))
+    from urbantwin.exports.frames.formats import DATASET_FORMATS
+
+    if to in DATASET_FORMATS and kind_of(Path(twin)) != "motion":
+        from urbantwin.exports.frames import export_dataset
+
+        def tell_loss(text: str) -> None:
+            tell_line(f"export: {text}", progress)
+
+        with shown_stage("export", progress) as tell:
+            written_to, told = export_dataset(Path(twin), to, place, progress=tell, tell=tell_loss)
+        return Exported(written_to, to, tuple(told))
     if to in _OF_MOTIONS:
         from urbantwin.exports.openscenario import write_openscenario
         from urbantwin.exports.tracks import write_openlabel, write_tracks

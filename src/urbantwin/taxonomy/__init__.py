@@ -10,6 +10,7 @@ from urbantwin.taxonomy.actor import (
     BoxKind,
     road_user,
 )
+from urbantwin.taxonomy.format_class import Labelled, classes_in
 from urbantwin.taxonomy.material import WAVELENGTHS_NM, Material, material_id, materials
 from urbantwin.taxonomy.semantic import (
     GROUND_CLASSES,
@@ -28,8 +29,10 @@ __all__ = [
     "ROAD_USERS",
     "WAVELENGTHS_NM",
     "BoxKind",
+    "Labelled",
     "Material",
     "SemanticClass",
+    "classes_in",
     "material_id",
     "materials",
     "road_user",

@@ -1,0 +1,76 @@
+"""The formats that a dataset is exported to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from urbantwin.exports.frames.losses import FIELDS
+from urbantwin.exports.frames.source import FrameSource
+from urbantwin.progress import Progress
+
+__all__ = ["DATASET_FORMATS", "DatasetFormat", "Writer"]
+
+#: Writes a dataset: what is written, the folder or file to write into, what is told how far it is.
+#: Returns what a person should be told of it.
+Writer = Callable[[FrameSource, Path, Progress], Sequence[str]]
+
+
+@dataclass(frozen=True)
+class DatasetFormat:
+    """A format.
+
+    Attributes:
+        name: what ``--to`` calls it; its writer is ``write_NAME`` in the module of that name.
+        title: for people.
+        holds: which of ``losses.FIELDS`` it can hold.
+        ending: of the file's name; empty where a folder is written.
+    """
+
+    name: str
+    title: str
+    holds: frozenset[str]
+    ending: str = ""
+
+    @property
+    def write(self) -> Writer:
+        """What writes it; its module, and the library it needs, are imported now."""
+        module = import_module(f"urbantwin.exports.frames.{self.name}")
+        writer: Writer = getattr(module, f"write_{self.name}")
+        return writer
+
+
+def _format(name: str, title: str, holds: str, ending: str = "") -> DatasetFormat:
+    return DatasetFormat(name, title, frozenset(holds.split()), ending)
+
+
+DATASET_FORMATS: Mapping[str, DatasetFormat] = {
+    one.name: one
+    for one in (
+        _format("openpcdet", "OpenPCDet's custom dataset", "intensity boxes split"),
+        _format("kitti", "KITTI's object benchmark", "intensity boxes occlusion truncation split"),
+        _format(
+            "nuscenes",
+            "nuScenes",
+            "intensity ring boxes track num_points frame_time frame_pose sensor_poses split",
+        ),
+        _format(
+            "semantickitti",
+            "SemanticKITTI",
+            "intensity semantic instance frame_time frame_pose split",
+        ),
+        _format(
+            "openlabel",
+            "ASAM OpenLABEL beside clouds",
+            "intensity boxes track frame_time frame_pose sensor_poses",
+        ),
+        _format("opv2v", "OPV2V", "intensity boxes track frame_pose split"),
+        _format("lumpi", "LUMPI", "intensity time boxes track num_points"),
+        _format("pcd", "PCD files", "intensity ring column time echo sensor semantic instance"),
+        _format("las", "LAS or LAZ files", "intensity ring column time echo sensor semantic"),
+        _format("mcap", "MCAP", "intensity ring time boxes track frame_time", ".mcap"),
+        _format("webdataset", "WebDataset", " ".join(FIELDS)),
+    )
+}

@@ -1,0 +1,72 @@
+"""A dataset written in another format, whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from urbantwin import __version__
+from urbantwin.artefact import replaced_file, replaced_folder, sha256_of, write_json
+from urbantwin.errors import InputError
+from urbantwin.exports.frames.formats import DATASET_FORMATS
+from urbantwin.exports.frames.losses import losses_of
+from urbantwin.exports.frames.source import FrameSource
+from urbantwin.progress import Progress, untold
+
+__all__ = ["export_dataset"]
+
+#: Kind of the folder that is written: a later export may take its place.
+KIND = "exported"
+
+
+def export_dataset(
+    dataset: Path,
+    to: str,
+    out: Path | None = None,
+    *,
+    progress: Progress = untold,
+    tell: Callable[[str], None] = lambda _: None,
+) -> tuple[Path, list[str]]:
+    """Write a dataset in another format.
+
+    Args:
+        dataset: its folder.
+        to: one of `DATASET_FORMATS`.
+        out: the folder or file to write; by default one named after the dataset, here.
+        progress: told how far it is.
+        tell: told what the format cannot hold, a sentence each, before anything is written.
+
+    Returns:
+        What was written, and what a person should be told of it, losses first.
+
+    Raises:
+        InputError: there is no such format, the dataset is damaged, or ``out`` cannot be used.
+    """
+    if to not in DATASET_FORMATS:
+        names = ", ".join(DATASET_FORMATS)
+        raise InputError(f"{to!r} is not a format", place="--to", expected=f"one of {names}")
+    wanted = DATASET_FORMATS[to]
+    source = FrameSource(dataset)
+    path = out or Path(f"{dataset.resolve().name}{wanted.ending or '-' + to}")
+    losses = losses_of(source, to, wanted.holds)
+    for one in losses:
+        tell(one)
+    if wanted.ending:
+        with replaced_file(path, inputs=[dataset]) as scratch:
+            notes = wanted.write(source, scratch, progress)
+        return path, [*losses, *notes]
+    with replaced_folder(path, kind=KIND, inputs=[dataset]) as folder:
+        notes = wanted.write(source, folder, progress)
+        write_json(
+            folder / f"{KIND}.json",
+            {
+                "kind": KIND,
+                "format": to,
+                "urbantwin": __version__,
+                "dataset_sha256": sha256_of(dataset / "dataset.json"),
+                "inputs": source.manifest["inputs"],
+                "losses": losses,
+                "notes": list(notes),
+            },
+        )
+    return path, [*losses, *notes]
