@@ -21,6 +21,7 @@ from urbantwin.fidelity.readers.plain import is_plain, open_plain
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.fidelity.readers.semantic_kitti import is_semantic_kitti, open_semantic_kitti
 from urbantwin.fidelity.readers.tumtraf import is_tumtraf, open_tumtraf
+from urbantwin.fidelity.readers.waymo import is_waymo, open_waymo
 
 __all__ = ["LAYOUTS", "Layout", "layout_of", "open_recording", "recordings_inside"]
 
@@ -44,6 +45,7 @@ class Layout:
 LAYOUTS: dict[str, Layout] = {
     "own": Layout("a dataset of urbantwin", is_own, open_own),
     "argoverse2": Layout("Argoverse 2", is_argoverse, lambda path, _: open_argoverse(path)),
+    "waymo2": Layout("Waymo Open Dataset v2", is_waymo, lambda path, _: open_waymo(path)),
     "nuscenes": Layout("nuScenes", is_nuscenes, lambda path, _: open_nuscenes(path)),
     "lumpi": Layout("LUMPI", is_lumpi, lambda path, _: open_lumpi(path)),
     "tumtraf": Layout("TUMTraf", is_tumtraf, lambda path, _: open_tumtraf(path)),
@@ -54,6 +56,8 @@ LAYOUTS: dict[str, Layout] = {
     "ouster": Layout("a capture of an Ouster", is_ouster, lambda path, _: open_ouster(path)),
     "plain": Layout("a folder of clouds", is_plain, open_plain),
 }
+#: Those that a single file may have.
+_OF_FILES = ("waymo2", "ouster", "plain")
 
 
 def open_recording(
@@ -115,9 +119,8 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
 
 def layout_of(path: Path) -> str | None:
     """Return which of ``LAYOUTS`` a folder or file itself has, or None."""
-    if path.is_file() and not is_ouster(path):
-        return "plain" if is_plain(path) else None
-    return next((name for name, one in LAYOUTS.items() if one.recognises(path)), None)
+    tried = _OF_FILES if path.is_file() else LAYOUTS
+    return next((name for name in tried if LAYOUTS[name].recognises(path)), None)
 
 
 def recordings_inside(path: Path, depth: int = 2) -> list[tuple[Path, str]]:
