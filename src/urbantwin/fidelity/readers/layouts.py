@@ -11,9 +11,11 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import FORMATS
 from urbantwin.fidelity.readers.argoverse import is_argoverse, open_argoverse
 from urbantwin.fidelity.readers.dair_v2x import is_dair, open_dair
+from urbantwin.fidelity.readers.ips300 import is_ips300, open_ips300
 from urbantwin.fidelity.readers.kitti import is_kitti, open_kitti
 from urbantwin.fidelity.readers.lumpi import is_lumpi, open_lumpi
 from urbantwin.fidelity.readers.nuscenes import is_nuscenes, open_nuscenes
+from urbantwin.fidelity.readers.once import is_once, open_once
 from urbantwin.fidelity.readers.opencood import is_opencood, open_opencood
 from urbantwin.fidelity.readers.ouster import is_ouster, open_ouster
 from urbantwin.fidelity.readers.own import is_own, open_own
@@ -47,12 +49,16 @@ LAYOUTS: dict[str, Layout] = {
     "argoverse2": Layout("Argoverse 2", is_argoverse, lambda path, _: open_argoverse(path)),
     "waymo2": Layout("Waymo Open Dataset v2", is_waymo, lambda path, _: open_waymo(path)),
     "nuscenes": Layout("nuScenes", is_nuscenes, lambda path, _: open_nuscenes(path)),
+    "once": Layout("ONCE", is_once, lambda path, _: open_once(path)),
+    "ips300": Layout("IPS300+", is_ips300, lambda path, _: open_ips300(path)),
     "lumpi": Layout("LUMPI", is_lumpi, lambda path, _: open_lumpi(path)),
     "tumtraf": Layout("TUMTraf", is_tumtraf, lambda path, _: open_tumtraf(path)),
     "dair-v2x": Layout("DAIR-V2X", is_dair, lambda path, _: open_dair(path)),
     "semantic-kitti": Layout("SemanticKITTI", is_semantic_kitti, open_semantic_kitti),
     "kitti": Layout("KITTI", is_kitti, open_kitti),
-    "opencood": Layout("OPV2V or V2X-Real", is_opencood, lambda path, _: open_opencood(path)),
+    "opencood": Layout(
+        "OPV2V, V2X-Real or V2V4Real", is_opencood, lambda path, _: open_opencood(path)
+    ),
     "ouster": Layout("a capture of an Ouster", is_ouster, lambda path, _: open_ouster(path)),
     "plain": Layout("a folder of clouds", is_plain, open_plain),
 }
