@@ -90,16 +90,23 @@ class ImageRows:
                 self._open[group] = (count + 1, batches)
                 while len(self._open) > _MOST_OPEN:
                     self._open.popitem(last=False)
-                return {name: _value(batch.column(name)) for name in self._columns}
+                with laid_out(self._path, self._expected, place=f"row {number}"):
+                    names = batch.schema.names
+                    return {name: _value(batch.column(names.index(name))) for name in self._columns}
         raise InputError(f"ends before row {number}", file=self._path, expected=self._expected)
 
 
-def _value(column: pa.Array) -> Any:  # noqa: ANN401 - a number, an array or None
-    value = column[0]
-    if not value.is_valid:
+def _value(column: pa.Array) -> NDArray[Any] | None:
+    """Return the list of numbers in the one row of a column."""
+    import pyarrow as pa
+
+    kind = column.type
+    if not (pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind)):
+        raise TypeError(f"{kind} are no lists of numbers")
+    if not column[0].is_valid:
         return None
-    inside = getattr(value, "values", None)
-    return value.as_py() if inside is None else inside.to_numpy(zero_copy_only=False)
+    numbers: NDArray[Any] = column[0].values.to_numpy(zero_copy_only=False)
+    return numbers
 
 
 def image_of(row: Mapping[str, Any], name: str, channels: int) -> NDArray[np.floating] | None:
@@ -170,7 +177,8 @@ def segment_of(table: pa.Table, path: Path) -> str:
     """
     if SEGMENT not in table.column_names or not table.num_rows:
         return path.stem
-    found = table[SEGMENT].unique().to_pylist()
+    with laid_out(path, "a component of the Waymo Open Dataset, version 2", place=SEGMENT):
+        found = sorted({str(one) for one in table[SEGMENT].to_pylist()})
     if len(found) > 1:
         names = ", ".join(map(str, found[:4]))
         raise InputError(f"is of {len(found)} segments ({names})", file=path, place=SEGMENT)
