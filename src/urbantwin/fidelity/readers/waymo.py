@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Boxes, Frame
@@ -26,6 +25,7 @@ from urbantwin.fidelity.readers.waymo_tables import (
     TIME,
     Columns,
     ImageRows,
+    check_segment,
     image_of,
     matrix_of,
     read_component,
@@ -50,6 +50,8 @@ _INSIDE = f"{_BOX}num_lidar_points_in_box"
 _TYPES = ("Unknown", "Vehicle", "Pedestrian", "Sign", "Cyclist")
 #: Of a range image's channels: range, intensity, elongation, whether nothing is labelled there.
 _CHANNELS, _INTENSITY, _ZONE = 4, 1, 3
+#: Numbers of a pose, and how an image is written: all of its numbers, and its sides.
+_POSE, _PARTS = 6, ("values", "shape")
 _STILL = "Where the vehicle was at each pixel is not there: its motion within a turn stays in."
 
 
@@ -67,80 +69,9 @@ def open_waymo(path: Path) -> Recording:
         InputError: there are several segments, its calibration is missing, or a table of it is
             not right.
     """
-    file = _file_of(path)
-    images = ImageRows(file, tuple(f"{name}.{part}" for name in _RETURNS for part in _PARTS))
-    if not images.lasers:
-        raise InputError("has no rows", file=file, expected=_EXPECTED)
-    sensors = _sensors(_beside(file, "lidar_calibration"), images.segment)
-    lasers = sorted(sensors)
-    places = np.array([sensors[one].vehicle_SE3_sensor.translation for one in lasers])
-    poses = _poses(_beside(file, "vehicle_pose"), images.segment)
-    pixel_file = _beside(file, "lidar_pose")
-    pixels = None
-    if pixel_file.is_file():
-        pixels = ImageRows(pixel_file, tuple(f"{_PIXELS}.{part}" for part in _PARTS))
-        if pixels.lasers and pixels.segment != images.segment:
-            raise InputError(
-                f"is of segment {pixels.segment}",
-                file=pixel_file,
-                expected=f"segment {images.segment}",
-            )
-    labels = _Labels(_beside(file, "lidar_box"), images.segment)
-    times = sorted(images.lasers)
-    corrected = pixels is not None and bool(poses)
-
-    def read(index: int) -> Frame:
-        time = times[index]
-        world = poses.get(time)
-        poses_of = {} if pixels is None or world is None else pixels.lasers.get(time, {})
-        parts: list[Columns] = []
-        for laser, row in sorted(images.lasers[time].items()):
-            if laser not in sensors:
-                raise InputError(
-                    f"lacks laser {laser}",
-                    file=_beside(file, "lidar_calibration"),
-                    expected="every laser that has images",
-                )
-            values = images.row(row)
-            with laid_out(file, _EXPECTED, place=f"row {row}"):
-                found = [image_of(values, name, _CHANNELS) for name in _RETURNS]
-                for image in found:
-                    if image is not None:
-                        sensors[laser].of_rows(len(image))
-            pose = None
-            if pixels is not None and laser in poses_of:
-                told = pixels.row(poses_of[laser])
-                with laid_out(pixel_file, _EXPECTED, place=f"row {poses_of[laser]}"):
-                    pose = image_of(told, _PIXELS, 6)
-                    sides = {one.shape[:2] for one in found if one is not None}
-                    if pose is not None and sides - {pose.shape[:2]}:
-                        raise ValueError(f"{pose.shape[:2]} poses, images of {sides}")
-            with laid_out(file, _EXPECTED, place=f"row {row}"):
-                for image in found:
-                    if image is not None:
-                        part = _fields(image, sensors[laser], pose, world)
-                        count = len(part["x"])
-                        parts.append({**part, "sensor": np.full(count, lasers.index(laser))})
-        if not parts:
-            raise InputError(f"has no image of {time}", file=file, expected="a first return")
-        fields = {name: np.concatenate([one[name] for one in parts]) for name in parts[0]}
-        given = {name: fields.pop(name) for name in ("sensor", "unlabelled")}
-        return frame_of(
-            file,
-            fields,
-            name=str(time),
-            given=given,
-            boxes=labels.at(time, world),
-            world_SE3_frame=world,
-            sensor_places=places,
-            notes=() if corrected else (_STILL,),
-        )
-
-    names = tuple(map(str, times))
-    return Recording(path, "waymo2", names, read, () if corrected else (_STILL,))
-
-
-_PARTS = ("values", "shape")
+    segment = _Segment(_file_of(path))
+    names = tuple(map(str, segment.times))
+    return Recording(path, "waymo2", names, segment.frame, segment.notes)
 
 
 def _file_of(path: Path) -> Path:
@@ -157,25 +88,95 @@ def _file_of(path: Path) -> Path:
     return found[0]
 
 
-def _beside(file: Path, component: str) -> Path:
-    return file.parent.parent / component / file.name
+class _Segment:
+    """A segment whose small components are read, and whose images are read frame by frame."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._images = _rows_of(file, _RETURNS)
+        if not self._images.lasers:
+            raise InputError("has no rows", file=file, expected=_EXPECTED)
+        self.times = sorted(self._images.lasers)
+        segment = self._images.segment
+        self._calibration = self._component("lidar_calibration")
+        self._sensors = _sensors(self._calibration, segment)
+        self._poses = _poses(self._component("vehicle_pose"), segment)
+        self._labels = _Labels(self._component("lidar_box"), segment)
+        self._pixel_file = self._component("lidar_pose")
+        self._pixels = None
+        if self._poses and self._pixel_file.is_file():
+            self._pixels = _rows_of(self._pixel_file, (_PIXELS,))
+            check_segment(self._pixels.segment, segment, self._pixel_file)
+        self.notes = () if self._pixels is not None else (_STILL,)
+
+    def _component(self, name: str) -> Path:
+        return self._file.parent.parent / name / self._file.name
+
+    def frame(self, index: int) -> Frame:
+        """Return the frame of a number: both returns of every laser, laser by laser."""
+        time = self.times[index]
+        world = self._poses.get(time)
+        lasers = sorted(self._sensors)
+        parts = []
+        for laser, row in sorted(self._images.lasers[time].items()):
+            if laser not in self._sensors:
+                expected = "every laser that has images"
+                raise InputError(f"lacks laser {laser}", file=self._calibration, expected=expected)
+            for part in self._returns(time, laser, row, world):
+                part["sensor"] = np.full(len(part["x"]), lasers.index(laser))
+                parts.append(part)
+        if not parts:
+            raise InputError(f"has no image of {time}", file=self._file, expected="a first return")
+        fields = {name: np.concatenate([one[name] for one in parts]) for name in parts[0]}
+        given = {name: fields.pop(name) for name in ("sensor", "unlabelled")}
+        return frame_of(
+            self._file,
+            fields,
+            name=str(time),
+            given=given,
+            boxes=self._labels.at(time, world),
+            world_SE3_frame=world,
+            sensor_places=np.array(
+                [self._sensors[one].vehicle_SE3_sensor.translation for one in lasers]
+            ),
+            notes=self.notes,
+        )
+
+    def _returns(self, time: int, laser: int, row: int, world: Pose | None) -> list[Columns]:
+        """Return the fields of what came back to one laser, the first returns before the second."""
+        sensor, values = self._sensors[laser], self._images.row(row)
+        with laid_out(self._file, _EXPECTED, place=f"row {row}"):
+            told = [image_of(values, name, _CHANNELS) for name in _RETURNS]
+            images = [one for one in told if one is not None]
+            for one in images:
+                sensor.of_rows(len(one))
+        pose = None
+        if self._pixels is not None and laser in self._pixels.lasers.get(time, {}):
+            at = self._pixels.lasers[time][laser]
+            values = self._pixels.row(at)
+            with laid_out(self._pixel_file, _EXPECTED, place=f"row {at}"):
+                pose = image_of(values, _PIXELS, _POSE)
+                if pose is not None and any(one.shape[:2] != pose.shape[:2] for one in images):
+                    raise ValueError(f"poses of {pose.shape[:2]} for {images[0].shape[:2]} pixels")
+        found = []
+        with laid_out(self._file, _EXPECTED, place=f"row {row}"):
+            for one in images:
+                returns = returns_of(one[..., 0], sensor, pose, world)
+                of_points = one[returns.row, returns.column]
+                found.append(
+                    {
+                        **dict(zip("xyz", returns.points.T, strict=True)),
+                        "intensity": of_points[:, _INTENSITY],
+                        "ring": returns.row,
+                        "column": returns.column,
+                        "unlabelled": of_points[:, _ZONE] > 0,
+                    }
+                )
+        return found
 
 
-def _fields(
-    image: NDArray[np.floating],
-    sensor: RangeImageSensor,
-    pixel_pose: NDArray[np.floating] | None,
-    world_SE3_vehicle: Pose | None,
-) -> Columns:
-    returns = returns_of(image[..., 0], sensor, pixel_pose, world_SE3_vehicle)
-    of_points = image[returns.row, returns.column]
-    return {
-        **dict(zip("xyz", returns.points.T, strict=True)),
-        "intensity": of_points[:, _INTENSITY],
-        "ring": returns.row,
-        "column": returns.column,
-        "unlabelled": of_points[:, _ZONE] > 0,
-    }
+def _rows_of(path: Path, images: Sequence[str]) -> ImageRows:
+    return ImageRows(path, tuple(f"{name}.{part}" for name in images for part in _PARTS))
 
 
 def _sensors(path: Path, segment: str) -> dict[int, RangeImageSensor]:

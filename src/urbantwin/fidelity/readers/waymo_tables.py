@@ -22,9 +22,20 @@ from urbantwin.fidelity.readers.documents import laid_out
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["LASER", "TIME", "Columns", "ImageRows", "image_of", "matrix_of", "read_component"]
+__all__ = [
+    "LASER",
+    "TIME",
+    "Columns",
+    "ImageRows",
+    "check_segment",
+    "image_of",
+    "matrix_of",
+    "read_component",
+]
 
 Columns = dict[str, NDArray[Any]]
+
+_EXPECTED = "a component of the Waymo Open Dataset, version 2"
 
 SEGMENT, TIME, LASER = (
     f"key.{name}" for name in ("segment_context_name", "frame_timestamp_micros", "laser_name")
@@ -52,14 +63,14 @@ class ImageRows:
     """
 
     def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
-        self._path, self._expected = path, "a component of the Waymo Open Dataset, version 2"
-        self._file = ParquetGroups(path, self._expected)
+        self._path = path
+        self._file = ParquetGroups(path, _EXPECTED)
         here = self._file.column_names
         if columns[0] not in here:
-            raise InputError("is missing", file=path, place=columns[0], expected=self._expected)
+            raise InputError("is missing", file=path, place=columns[0], expected=_EXPECTED)
         self._columns = tuple(one for one in columns if one in here)
         keys = self._file.read([one for one in (SEGMENT, TIME, LASER) if one in here])
-        found = columns_of(keys, {TIME: "whole", LASER: "whole"}, path, self._expected)
+        found = columns_of(keys, {TIME: "whole", LASER: "whole"}, path, _EXPECTED)
         self.segment = segment_of(keys, path)
         self.lasers: dict[int, dict[int, int]] = {}
         for row, (time, laser) in enumerate(
@@ -90,10 +101,10 @@ class ImageRows:
                 self._open[group] = (count + 1, batches)
                 while len(self._open) > _MOST_OPEN:
                     self._open.popitem(last=False)
-                with laid_out(self._path, self._expected, place=f"row {number}"):
+                with laid_out(self._path, _EXPECTED, place=f"row {number}"):
                     names = batch.schema.names
                     return {name: _value(batch.column(names.index(name))) for name in self._columns}
-        raise InputError(f"ends before row {number}", file=self._path, expected=self._expected)
+        raise InputError(f"ends before row {number}", file=self._path, expected=_EXPECTED)
 
 
 def _value(column: pa.Array) -> NDArray[Any] | None:
@@ -154,19 +165,27 @@ def read_component(path: Path, columns: tuple[str, ...], segment: str) -> Column
     """
     if not path.is_file():
         return None
-    expected = "a component of the Waymo Open Dataset, version 2"
-    table = read_parquet(path, expected, columns=(SEGMENT, *columns))
+    table = read_parquet(path, _EXPECTED, columns=(SEGMENT, *columns))
     mine = segment_of(table, path)
     if not table.num_rows:
         return None
-    if mine != segment:
-        raise InputError(f"is of segment {mine}", file=path, expected=f"segment {segment}")
-    with laid_out(path, expected):
+    check_segment(mine, segment, path)
+    with laid_out(path, _EXPECTED):
         return {
             name: table[name].to_numpy(zero_copy_only=False)
             for name in table.column_names
             if name != SEGMENT
         }
+
+
+def check_segment(found: str, wanted: str, path: Path) -> None:
+    """Refuse a component of another recording.
+
+    Raises:
+        InputError: it is of another.
+    """
+    if found != wanted:
+        raise InputError(f"is of segment {found}", file=path, expected=f"segment {wanted}")
 
 
 def segment_of(table: pa.Table, path: Path) -> str:
@@ -177,7 +196,7 @@ def segment_of(table: pa.Table, path: Path) -> str:
     """
     if SEGMENT not in table.column_names or not table.num_rows:
         return path.stem
-    with laid_out(path, "a component of the Waymo Open Dataset, version 2", place=SEGMENT):
+    with laid_out(path, _EXPECTED, place=SEGMENT):
         found = sorted({str(one) for one in table[SEGMENT].to_pylist()})
     if len(found) > 1:
         names = ", ".join(map(str, found[:4]))
