@@ -94,6 +94,15 @@ def test_what_moved_within_a_turn_is_put_right(segment):
     assert np.abs(off - normal @ place - 9.0).max() > 0.1
 
 
+def test_a_frame_without_poses_of_its_pixels_says_so(segment):
+    root, _ = segment
+    file = root / "lidar_pose" / NAME
+    pq.write_table(pq.read_table(file).slice(1), file)
+    recording = open_recording(root)
+    assert recording.notes == ()
+    assert [bool(frame.notes) for frame in recording] == [True, False, False]
+
+
 def test_another_program_reads_the_same(segment):
     """tri3d, of CEA List: points of every laser, boxes and poses."""
     tri3d = pytest.importorskip("tri3d.datasets")

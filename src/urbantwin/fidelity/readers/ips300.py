@@ -74,8 +74,7 @@ def open_ips300(path: Path) -> Recording:
         boxes: Boxes | None = None
         if found:
             boxes = (_from_json if found[0].suffix == ".json" else _from_text)(found[0])
-        fields = read_fields(file)
-        return frame_of(file, fields, name=file.stem, boxes=boxes, notes=(_NOTE,))
+        return frame_of(file, read_fields(file), name=file.stem, boxes=boxes)
 
     return Recording(path, "ips300", tuple(file.stem for file in files), read, (_NOTE,))
 

@@ -61,14 +61,13 @@ def open_once(path: Path) -> Recording:
             name=file.stem,
             boxes=boxes,
             world_SE3_frame=world,
-            notes=(_NOTE,),
         )
 
     missing = len(frames.keys() - {file.stem for file in files})
-    notes = (_NOTE,)
+    notes = [_NOTE]
     if missing:
-        notes = (_NOTE, f"{missing} of {len(frames)} sweeps are not there.")
-    return Recording(path, "once", tuple(file.stem for file in files), read, notes)
+        notes.append(f"{missing} of {len(frames)} sweeps are not there.")
+    return Recording(path, "once", tuple(file.stem for file in files), read, tuple(notes))
 
 
 def _frames(path: Path) -> dict[str, Mapping[str, Any]]:

@@ -129,6 +129,7 @@ class _Segment:
             raise InputError(f"has no image of {time}", file=self._file, expected="a first return")
         fields = {name: np.concatenate([one[name] for one in parts]) for name in parts[0]}
         given = {name: fields.pop(name) for name in ("sensor", "unlabelled")}
+        lost = self._pixels is not None and time not in self._pixels.lasers
         return frame_of(
             self._file,
             fields,
@@ -139,7 +140,7 @@ class _Segment:
             sensor_places=np.array(
                 [self._sensors[one].vehicle_SE3_sensor.translation for one in lasers]
             ),
-            notes=self.notes,
+            notes=(_STILL,) if lost else (),
         )
 
     def _returns(self, time: int, laser: int, row: int, world: Pose | None) -> list[Columns]:
