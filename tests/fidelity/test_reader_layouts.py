@@ -1,5 +1,7 @@
 """Every layout is known by its files, and none is taken for another."""
 
+from pathlib import Path
+
 import pytest
 
 from urbantwin.errors import InputError
@@ -28,6 +30,35 @@ def test_one_layout_knows_a_recording(tmp_path, name):
     for other in LAYOUTS.keys() - knowing:
         with pytest.raises(InputError, match="is not laid out as"):
             open_recording(folder, other)
+
+
+@pytest.mark.parametrize(
+    ("name", "inside", "given"),
+    [
+        ("waymo2", "lidar", "s.parquet"),
+        ("waymo2", ".", "."),
+        ("once", ".", "."),
+        ("ips300", "data/PCD_COM_ROI", "."),
+        ("tumtraf, first release", ".", "."),
+    ],
+)
+def test_from_within_its_folder(tmp_path, monkeypatch, name, inside, given):
+    folder = made(name, tmp_path / "recording")
+    monkeypatch.chdir(folder / inside)
+    assert open_recording(Path(given)).read(0).boxes is not None
+
+
+def test_links_to_a_segment(tmp_path):
+    """Tables that lie elsewhere under other names, linked as the set has them."""
+    for file, content in RECORDINGS["waymo2"].items():
+        stored = tmp_path / "store" / file.replace("/", "-")
+        stored.parent.mkdir(exist_ok=True)
+        stored.write_bytes(content)
+        link = tmp_path / "set" / file
+        link.parent.mkdir(parents=True)
+        link.symlink_to(stored)
+    assert open_recording(tmp_path / "set").read(0).boxes is not None
+    assert open_recording(tmp_path / "set" / "lidar" / "s.parquet").read(0).boxes is not None
 
 
 def test_every_layout_has_its_recording_here():

@@ -177,6 +177,11 @@ def test_ips300(tmp_path):
             check(frame, world=False)
             assert frame.boxes.source_names == IPS_NAMES
         assert bare.boxes is None
+    write_pcd(root / "data" / "IPU1" / "IPU1_pcd" / "000000_IPU1_LIDAR.pcd")
+    alone = open_recording(root / "data" / "IPU1" / "IPU1_pcd")
+    check(alone.read(0), world=False)
+    assert (alone.notes, len(recording.notes)) == ((), 1)
+    assert len(open_recording(root)) == 3  # the joint clouds stand for the set
 
 
 @pytest.mark.parametrize(
@@ -239,7 +244,10 @@ def test_v2v4real(tmp_path, flat):
         open_recording(scenario / "1").read(0)
 
 
-def test_first_release_of_a9(tmp_path):
+@pytest.mark.parametrize(
+    ("clouds", "sensor"), [("_points", ""), ("_points_clouds", "s110_lidar_ouster_south")]
+)
+def test_first_releases_of_a9(tmp_path, clouds, sensor):
     name = "1607434794_159253522_s040_lidar_ouster_south"
     labels = [
         {
@@ -255,8 +263,8 @@ def test_first_release_of_a9(tmp_path):
             zip(("CAR", "PEDESTRIAN", "BUS"), BOXES.tolist(), strict=True)
         )
     ]
-    write_pcd(tmp_path / "a9_dataset_r00_s03" / "_points" / f"{name}.pcd")
-    file = tmp_path / "a9_dataset_r00_s03" / "_labels" / f"{name}.json"
+    write_pcd(tmp_path / "a9_dataset_r00_s03" / clouds / sensor / f"{name}.pcd")
+    file = tmp_path / "a9_dataset_r00_s03" / "_labels" / sensor / f"{name}.json"
     write_json(file, {"index": 0, "labels": labels})
     recording = open_recording(tmp_path)
     assert (recording.layout, recording.names) == ("tumtraf", (name,))

@@ -1,10 +1,10 @@
-"""IPS300+: the clouds of two roadside units together, labels in JSON or text.
+"""IPS300+: clouds of two roadside units, together or of the first; labels in JSON or text.
 
 Source: Wang et al. 2022, and the IPS300+_dev_kit: ``split_data_generate_txtfile.py`` (JSON: centre,
 size along the heading, turn counter-clockwise about z), ``IPS2coco.py`` (where numbers stand in the
 text) and the reader of its viewer, which takes either. Labels are in the frame of the first unit's
-sensor, and so are the joint clouds of ``PCD_COM_ROI``. What the kit makes cars of is called
-"Minibus".
+sensor, and so are the joint clouds of ``PCD_COM_ROI`` (the viewer draws both with the pose of the
+first unit's camera). What the kit makes cars of is called "Minibus".
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ from urbantwin.fidelity.readers.recording import Recording
 __all__ = ["is_ips300", "open_ips300"]
 
 _EXPECTED = "labels of IPS300+"
-_CLOUDS, _ENDING = "PCD_COM_ROI", "_COM_ROI"
+#: Folders of clouds in ``data``, and how names in them end: of both units, of the first.
+_JOINT = "PCD_COM_ROI"
+_ENDINGS = {_JOINT: "_COM_ROI", "IPU1_pcd": "_IPU1_LIDAR"}
 #: Of a line: class, three of occlusion and angle, two rectangles of four, then height, width,
 #: length, centre and turn.
 _WORDS = 19
@@ -38,37 +40,37 @@ _NOTE = "Points of both units in the first one's frame: where the second stands 
 
 
 def _folder(path: Path) -> Path | None:
-    """Return the folder of joint clouds: of the whole, of its ``data``, or itself."""
-    for one in (path / "data" / _CLOUDS, path / _CLOUDS, path):
-        if one.name == _CLOUDS and clouds_in(one, ".pcd"):
+    """Return the folder of clouds: a path itself, or the joint ones of the set or its ``data``."""
+    for one in (path.absolute(), path / _JOINT, path / "data" / _JOINT):
+        if one.name in _ENDINGS and clouds_in(one, ".pcd"):
             return one
     return None
 
 
 def is_ips300(path: Path) -> bool:
-    """Return whether a folder is the set, its ``data``, or the joint clouds in that."""
+    """Return whether a folder is the set, its ``data``, or a folder of clouds in that."""
     return _folder(path) is not None
 
 
 def open_ips300(path: Path) -> Recording:
-    """Open the joint clouds; boxes from ``label/json``, or ``label/txt`` where that lacks a frame.
+    """Open clouds; boxes from ``label/json``, or from ``label/txt`` where that lacks a frame.
 
     Raises:
         InputError: there are no clouds.
     """
     folder = _folder(path)
     if folder is None:
-        raise InputError("holds no clouds", file=path, expected=f"data/{_CLOUDS}/*.pcd")
+        raise InputError("holds no clouds", file=path, expected=f"data/{_JOINT}/*.pcd")
     files = clouds_in(folder, ".pcd")
-    above = [one / "label" for one in folder.resolve().parents[:2]]
+    labels = [one / "label" for one in folder.absolute().parents[:3]]
 
     def read(index: int) -> Frame:
         file = files[index]
-        name = f"{file.stem.removesuffix(_ENDING)}_LABEL"
+        name = f"{file.stem.removesuffix(_ENDINGS[folder.name])}_LABEL"
         found = [
             one
             for kind, ending in (("json", ".json"), ("txt", ".txt"))
-            for label in above
+            for label in labels
             if (one := label / kind / f"{name}{ending}").is_file()
         ]
         boxes: Boxes | None = None
@@ -76,7 +78,8 @@ def open_ips300(path: Path) -> Recording:
             boxes = (_from_json if found[0].suffix == ".json" else _from_text)(found[0])
         return frame_of(file, read_fields(file), name=file.stem, boxes=boxes)
 
-    return Recording(path, "ips300", tuple(file.stem for file in files), read, (_NOTE,))
+    notes = (_NOTE,) if folder.name == _JOINT else ()
+    return Recording(path, "ips300", tuple(file.stem for file in files), read, notes)
 
 
 def _from_json(path: Path) -> Boxes:

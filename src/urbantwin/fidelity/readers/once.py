@@ -44,7 +44,7 @@ def open_once(path: Path) -> Recording:
         InputError: the JSON is not right.
     """
     files = clouds_in(path / _CLOUDS, ".bin")
-    told = path / f"{path.resolve().name}.json"
+    told = path / f"{path.absolute().name}.json"
     others = sorted(path.glob("*.json"))
     if not told.is_file() and len(others) == 1:
         told = others[0]  # of a folder that was renamed

@@ -57,7 +57,7 @@ _STILL = "Where the vehicle was at each pixel is not there: its motion within a 
 
 def is_waymo(path: Path) -> bool:
     """Return whether a path is a segment's range images, or a folder of components."""
-    if path.suffix == ".parquet" and path.parent.name == "lidar":
+    if path.suffix == ".parquet" and path.absolute().parent.name == "lidar":
         return path.is_file()
     return any((path / "lidar").glob("*.parquet"))
 
@@ -110,7 +110,8 @@ class _Segment:
         self.notes = () if self._pixels is not None else (_STILL,)
 
     def _component(self, name: str) -> Path:
-        return self._file.parent.parent / name / self._file.name
+        # A link to the file alone leaves the other components where the link is.
+        return self._file.absolute().parent.parent / name / self._file.name
 
     def frame(self, index: int) -> Frame:
         """Return the frame of a number: both returns of every laser, laser by laser."""
