@@ -13,6 +13,7 @@ from urbantwin.fidelity.labelled_view import view_of
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.readers.range_image import RangeImageSensor, returns_of
 from urbantwin.geometry import Pose
+from urbantwin.taxonomy import semantic_id
 
 from .waymo_segment import (
     LASERS,
@@ -24,11 +25,16 @@ from .waymo_segment import (
     pixel_poses,
     vehicle_at,
     write,
+    write_classes,
     write_images,
     write_segment,
 )
 
 NAME = f"{SEGMENT}.parquet"
+
+
+def frame_of_top(frame):
+    return frame.only(frame.sensor == 0)
 
 
 @pytest.fixture
@@ -108,7 +114,7 @@ def test_another_program_reads_the_same(segment):
     tri3d = pytest.importorskip("tri3d.datasets")
     root, _ = segment
     camera = {"key.camera_name": np.array([1], np.int8)}
-    shutil.copytree(root / "lidar", root / "lidar_segmentation")
+    write_classes(root)
     write(root / "camera_box" / NAME, keys(TIMES[:1], **camera))
     stamp = {"[CameraImageComponent].pose_timestamp": [0.0]}
     write(root / "camera_image" / NAME, keys(TIMES[:1], **camera, **stamp))
@@ -121,6 +127,15 @@ def test_another_program_reads_the_same(segment):
             points = theirs.points(0, index, named[laser], coords="LIDAR_TOP")[:, :3]
             atol = 3e-3 if laser == 1 else 2e-4  # they count in 32 bits, 15 km from the origin
             np.testing.assert_allclose(frame.points[frame.sensor == number], points, atol=atol)
+    top = frame_of_top(recording.read(1))
+    numbers, instances = (
+        getattr(theirs, name)(0, 1, "LIDAR_TOP") for name in ("semantic", "instances")
+    )
+    assert top.instance.tolist() == instances.tolist()
+    named = {1: "car", 7: "pedestrian", 14: "building", 18: "road", 19: "road", 22: "sidewalk"}
+    for number, name in named.items():
+        assert set(top.semantic[numbers == number]) == {semantic_id(name)}
+    assert set(top.semantic[numbers == 23]) == {0}  # none of the set's
     boxes = theirs.boxes(0, 0, coords="LIDAR_TOP")
     mine = recording.read(0).boxes
     assert [one.label for one in boxes] == [name.upper() for name in mine.source_names]
@@ -128,6 +143,29 @@ def test_another_program_reads_the_same(segment):
     np.testing.assert_allclose(mine.box[:, 3:6], [one.size for one in boxes], atol=1e-9)
     np.testing.assert_allclose(mine.box[:, 6], [one.heading for one in boxes], atol=1e-6)
     assert mine.num_points.tolist() == [one.num_lidar_points_in_box for one in boxes]
+
+
+def test_classes_of_points(segment):
+    """Part of the frames, one laser of theirs: the other points are unlabelled, never shifted."""
+    root, images = segment
+    both = write_classes(root)
+    bare, labelled, _ = open_recording(root)
+    assert bare.semantic is None
+    first, second = images[TIMES[1]][1]
+    told = np.concatenate([b[i[..., 0] > 0] for b, i in zip(both, (first, second), strict=True)])
+    top = frame_of_top(labelled)
+    assert top.instance.tolist() == told[:, 0].tolist()
+    poles = told[:, 1] == 10
+    assert (top.semantic == semantic_id("pole")).tolist() == poles.tolist()
+    rest = labelled.only(labelled.sensor != 0)
+    assert set(rest.semantic) == {0}
+    file = root / "lidar_segmentation" / NAME
+    table = pq.read_table(file)
+    rows = table.to_pydict()
+    rows["[LiDARSegmentationLabelComponent].range_image_return2.shape"][0] = [90, 8, 2]
+    write(file, rows, table.schema)
+    with pytest.raises(InputError, match=r"lidar_segmentation.*row 0: .*labels of \(90, 8\)"):
+        open_recording(root).read(1)
 
 
 def test_boxes(segment):

@@ -89,7 +89,7 @@ def keys(times, **more):
     }
 
 
-def write_images(path, component, rows, returns, group):
+def write_images(path, component, rows, returns, group, kind=None):
     columns = keys(
         [time for time, _, _ in rows],
         **{"key.laser_name": np.array([laser for _, laser, _ in rows], np.int8)},
@@ -99,7 +99,7 @@ def write_images(path, component, rows, returns, group):
         values = [None if one is None else one.ravel() for one in found]
         shapes = [None if one is None else list(one.shape) for one in found]
         name = f"[{component}].range_image_return{k + 1}"
-        columns[f"{name}.values"] = pa.array(values, pa.list_(pa.float32()))
+        columns[f"{name}.values"] = pa.array(values, pa.list_(kind or pa.float32()))
         columns[f"{name}.shape"] = pa.array(shapes, pa.list_(pa.int32(), 3))
     write(path, columns, group=group)
 
@@ -150,6 +150,19 @@ def write_segment(root, boxes=True, group=4, segment=SEGMENT):
     if boxes:
         write_boxes(root / "lidar_box" / name)
     return images
+
+
+def write_classes(root):
+    """Label every pixel of the top laser in the second frame; return both returns (H, W, 2)."""
+    sides = LASERS[1][2:4]
+    both = [
+        np.dstack([random.integers(0, 4, sides), random.integers(0, 24, sides)]).astype(np.int32)
+        for _ in range(2)
+    ]
+    file = root / "lidar_segmentation" / f"{SEGMENT}.parquet"
+    component = "LiDARSegmentationLabelComponent"
+    write_images(file, component, [(TIMES[1], 1, both)], 2, 1, pa.int32())
+    return both
 
 
 #: In the first frame: type, centre, size, heading, speed in the world, points.

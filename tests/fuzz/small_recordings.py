@@ -108,10 +108,10 @@ def waymo() -> dict[str, bytes]:
     keys = {"key.segment_context_name": ["s"] * 2, "key.frame_timestamp_micros": times}
     top = {"key.laser_name": pa.array([1, 1], pa.int8())}
 
-    def images(name: str, image: np.ndarray) -> dict[str, object]:
+    def images(name: str, image: np.ndarray, kind: pa.DataType) -> dict[str, object]:
         lists = pa.list_(pa.int32(), 3)
         return {
-            f"{name}.values": pa.array([image.ravel()] * 2, pa.list_(pa.float32())),
+            f"{name}.values": pa.array([image.ravel()] * 2, pa.list_(kind)),
             f"{name}.shape": pa.array([list(image.shape)] * 2, lists),
         }
 
@@ -124,12 +124,26 @@ def waymo() -> dict[str, bytes]:
     box, beams = "[LiDARBoxComponent].", "[LiDARCalibrationComponent].beam_inclination."
     return {
         "lidar/s.parquet": parquet(
-            {**keys, **top, **images("[LiDARComponent].range_image_return1", seen)}
+            {**keys, **top, **images("[LiDARComponent].range_image_return1", seen, pa.float32())}
         ),
         "lidar_pose/s.parquet": parquet(
             {
                 **keys, **top,
-                **images("[LiDARPoseComponent].range_image_return1", np.full((3, 12, 6), 0.1)),
+                **images(
+                    "[LiDARPoseComponent].range_image_return1",
+                    np.full((3, 12, 6), 0.1),
+                    pa.float32(),
+                ),
+            }
+        ),
+        "lidar_segmentation/s.parquet": parquet(
+            {
+                **keys, **top,
+                **images(
+                    "[LiDARSegmentationLabelComponent].range_image_return1",
+                    np.full((3, 12, 2), 7),
+                    pa.int32(),
+                ),
             }
         ),
         "lidar_calibration/s.parquet": parquet(

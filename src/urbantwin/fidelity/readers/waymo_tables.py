@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = [
+    "EXPECTED",
     "LASER",
     "TIME",
     "Columns",
@@ -35,7 +36,7 @@ __all__ = [
 
 Columns = dict[str, NDArray[Any]]
 
-_EXPECTED = "a component of the Waymo Open Dataset, version 2"
+EXPECTED = "a component of the Waymo Open Dataset, version 2"
 
 SEGMENT, TIME, LASER = (
     f"key.{name}" for name in ("segment_context_name", "frame_timestamp_micros", "laser_name")
@@ -64,13 +65,13 @@ class ImageRows:
 
     def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
         self._path = path
-        self._file = ParquetGroups(path, _EXPECTED)
+        self._file = ParquetGroups(path, EXPECTED)
         here = self._file.column_names
         if columns[0] not in here:
-            raise InputError("is missing", file=path, place=columns[0], expected=_EXPECTED)
+            raise InputError("is missing", file=path, place=columns[0], expected=EXPECTED)
         self._columns = tuple(one for one in columns if one in here)
         keys = self._file.read([one for one in (SEGMENT, TIME, LASER) if one in here])
-        found = columns_of(keys, {TIME: "whole", LASER: "whole"}, path, _EXPECTED)
+        found = columns_of(keys, {TIME: "whole", LASER: "whole"}, path, EXPECTED)
         self.segment = segment_of(keys, path)
         self.lasers: dict[int, dict[int, int]] = {}
         for row, (time, laser) in enumerate(
@@ -101,10 +102,10 @@ class ImageRows:
                 self._open[group] = (count + 1, batches)
                 while len(self._open) > _MOST_OPEN:
                     self._open.popitem(last=False)
-                with laid_out(self._path, _EXPECTED, place=f"row {number}"):
+                with laid_out(self._path, EXPECTED, place=f"row {number}"):
                     names = batch.schema.names
                     return {name: _value(batch.column(names.index(name))) for name in self._columns}
-        raise InputError(f"ends before row {number}", file=self._path, expected=_EXPECTED)
+        raise InputError(f"ends before row {number}", file=self._path, expected=EXPECTED)
 
 
 def _value(column: pa.Array) -> NDArray[Any] | None:
@@ -120,8 +121,16 @@ def _value(column: pa.Array) -> NDArray[Any] | None:
     return numbers
 
 
-def image_of(row: Mapping[str, Any], name: str, channels: int) -> NDArray[np.floating] | None:
+def image_of(
+    row: Mapping[str, Any], name: str, channels: int, kind: str = "f"
+) -> NDArray[Any] | None:
     """Return an image (H, W, channels) of a row, None where it is empty.
+
+    Args:
+        row: its values by column.
+        name: of the image.
+        channels: how many numbers a pixel has.
+        kind: of them, as NumPy calls it: ``f`` or ``i``.
 
     Raises:
         ValueError: as many values as its shape says are not there.
@@ -129,14 +138,14 @@ def image_of(row: Mapping[str, Any], name: str, channels: int) -> NDArray[np.flo
     values, shape = row.get(f"{name}.values"), row.get(f"{name}.shape")
     if values is None or shape is None or not len(values):
         return None
-    if values.dtype.kind != "f" or shape.dtype.kind not in "iu":
+    if values.dtype.kind != kind or shape.dtype.kind not in "iu":
         raise TypeError(f"{name} holds {values.dtype} and {shape.dtype}")
     sides = [int(one) for one in shape]
     if len(sides) != 3 or min(sides) < 1 or sides[2] != channels:
         raise ValueError(f"an image of {' x '.join(map(str, sides))} values")
     if sides[0] * sides[1] * sides[2] != len(values):
         raise ValueError(f"{len(values)} values of {' x '.join(map(str, sides))}")
-    image: NDArray[np.floating] = values.reshape(sides)
+    image: NDArray[Any] = values.reshape(sides)
     return image
 
 
@@ -165,12 +174,12 @@ def read_component(path: Path, columns: tuple[str, ...], segment: str) -> Column
     """
     if not path.is_file():
         return None
-    table = read_parquet(path, _EXPECTED, columns=(SEGMENT, *columns))
+    table = read_parquet(path, EXPECTED, columns=(SEGMENT, *columns))
     mine = segment_of(table, path)
     if not table.num_rows:
         return None
     check_segment(mine, segment, path)
-    with laid_out(path, _EXPECTED):
+    with laid_out(path, EXPECTED):
         return {
             name: table[name].to_numpy(zero_copy_only=False)
             for name in table.column_names
@@ -196,7 +205,7 @@ def segment_of(table: pa.Table, path: Path) -> str:
     """
     if SEGMENT not in table.column_names or not table.num_rows:
         return path.stem
-    with laid_out(path, _EXPECTED, place=SEGMENT):
+    with laid_out(path, EXPECTED, place=SEGMENT):
         found = sorted({str(one) for one in table[SEGMENT].to_pylist()})
     if len(found) > 1:
         names = ", ".join(map(str, found[:4]))
