@@ -107,6 +107,11 @@ def test_a_frame_without_poses_of_its_pixels_says_so(segment):
     recording = open_recording(root)
     assert recording.notes == ()
     assert [bool(frame.notes) for frame in recording] == [True, False, False]
+    file = root / "vehicle_pose" / NAME
+    pq.write_table(pq.read_table(file).slice(0, 2), file)
+    recording = open_recording(root)
+    assert [bool(frame.notes) for frame in recording] == [True, False, True]
+    assert recording.read(2).world_SE3_frame is None
 
 
 def test_another_program_reads_the_same(segment):

@@ -134,7 +134,7 @@ class _Segment:
         fields = {name: np.concatenate([one[name] for one in parts]) for name in parts[0]}
         names = ("sensor", "unlabelled", "semantic", "instance")
         given = {name: fields.pop(name) for name in names if name in fields}
-        lost = self._pixels is not None and time not in self._pixels.lasers
+        lost = self._pixels is not None and (world is None or time not in self._pixels.lasers)
         return frame_of(
             self._file,
             fields,
@@ -167,11 +167,11 @@ class _Segment:
         labels = self._labels_of(time, laser, told)
         found = []
         with laid_out(self._file, EXPECTED, place=f"row {row}"):
-            for one, classes in zip(told, labels, strict=True):
-                if one is None:
+            for image, classes in zip(told, labels, strict=True):
+                if image is None:
                     continue
-                returns = returns_of(one[..., 0], sensor, pose, world)
-                of_points = one[returns.row, returns.column]
+                returns = returns_of(image[..., 0], sensor, pose, world)
+                of_points = image[returns.row, returns.column]
                 found.append(
                     {
                         **dict(zip("xyz", returns.points.T, strict=True)),
