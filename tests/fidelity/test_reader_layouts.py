@@ -63,7 +63,7 @@ def test_links_to_a_segment(tmp_path):
 
 def test_every_layout_has_its_recording_here():
     known = {name.split(",")[0] for name in RECORDINGS}
-    assert LAYOUTS.keys() - known == {"own", "plain"}
+    assert LAYOUTS.keys() - known == {"own"}
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
