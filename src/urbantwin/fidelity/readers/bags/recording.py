@@ -31,8 +31,9 @@ from urbantwin.fidelity.readers.bags.transforms import (
 )
 from urbantwin.fidelity.readers.bags.unpacking import PACKED, ZSTD, unpacked_bytes, unpacked_file
 from urbantwin.fidelity.readers.choice import file_and_choice
-from urbantwin.fidelity.readers.documents import read_yaml_document
+from urbantwin.fidelity.readers.documents import laid_out, read_yaml_document
 from urbantwin.fidelity.readers.frame_assembly import frame_of
+from urbantwin.fidelity.readers.label_rows import LABELS, labels_of_message
 from urbantwin.fidelity.readers.recording import Recording
 
 __all__ = ["is_mcap", "is_rosbag", "open_bag"]
@@ -108,6 +109,7 @@ def open_bag(path: Path, layout: str) -> Recording:
     else:
         notes += _place(files, messages[0])
     names = _names([one.located.time_ns for one in messages])
+    labels = {one.located.time_ns: one for one in _of_kind(files, LABELS)}
 
     def read(index: int) -> Frame:
         message = messages[index]
@@ -120,8 +122,15 @@ def open_bag(path: Path, layout: str) -> Recording:
             fields = cloud.fields
             if cloud.place is not None:
                 known["sensor_places"] = cloud.place[None]
-        given = {"time_s": fields.pop("time_s")} if "time_s" in fields else None
-        return frame_of(message.file.path, fields, name=names[index], given=given, **known)
+        given = {"time_s": fields.pop("time_s")} if "time_s" in fields else {}
+        name = names[index]
+        beside = labels.get(message.located.time_ns)
+        if beside is not None:  # ours: so are the fields of its points
+            with laid_out(beside.file.path, str(beside)):
+                name, told = labels_of_message(beside.read(), beside.file.path, str(beside))
+                known |= told
+            given |= {one: fields[one] for one in ("semantic", "instance", "sensor")}
+        return frame_of(message.file.path, fields, name=name, given=given, **known)
 
     return Recording(path, layout, names, read, tuple(notes))
 
@@ -147,6 +156,11 @@ def _without_packing(file: Path) -> str:
 
 def _messages(files: list[MessageFile], topic: Topic) -> list[_Message]:
     return [_Message(file, topic, one) for file in files for one in file.messages.get(topic, [])]
+
+
+def _of_kind(files: list[MessageFile], kind: str) -> list[_Message]:
+    topics = {topic for file in files for topic in file.messages if topic.kind == kind}
+    return [one for topic in topics for one in _messages(files, topic)]
 
 
 def _files_of_one(place: Path) -> list[Path]:
