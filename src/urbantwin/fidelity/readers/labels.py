@@ -61,18 +61,24 @@ def track_of(identity: str) -> int:
 
 @dataclass(frozen=True)
 class LabelledBox:
-    """One labelled object: what `Boxes` has of it, and what it is called."""
+    """One labelled object: what `Boxes` has of it, and what it is called.
+
+    ``num_points`` is -1 and ``ignored`` None where the data does not say.
+    """
 
     box: tuple[float, float, float, float, float, float, float]
     source_name: str
     track: int = -1
     velocity: tuple[float, float, float] | None = None
     occlusion: float = math.nan
+    num_points: int = -1
+    ignored: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
-        if not -(2**63) <= self.track < 2**63:
-            raise ValueError(f"{str(self.track)[:40]} is not a track")
+        for what, number in (("a track", self.track), ("a number of points", self.num_points)):
+            if not -(2**63) <= number < 2**63:
+                raise ValueError(f"{str(number)[:40]} is not {what}")
 
 
 def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
@@ -85,7 +91,17 @@ def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
         source_names=tuple(one.source_name for one in kept),
         velocity=_velocities(kept),
         occlusion=_occlusions(kept),
+        num_points=_counts(kept),
+        ignored=None
+        if all(one.ignored is None for one in kept)
+        else tuple(one.ignored or "" for one in kept),
     )
+
+
+def _counts(labelled: Sequence[LabelledBox]) -> NDArray[np.int64] | None:
+    """Return the points on each object, if the data counts those of every one."""
+    found = [one.num_points for one in labelled]
+    return np.array(found, np.int64) if found and min(found) >= 0 else None
 
 
 def _occlusions(labelled: Sequence[LabelledBox]) -> NDArray[np.float64] | None:

@@ -4,7 +4,8 @@ Source: Xu et al. 2022 (OPV2V), Xiang et al. 2024 (V2X-Real), and OpenCOOD's
 ``transformation_utils.x_to_world`` and ``box_utils.project_world_objects``: poses are x, y, z in
 metres, roll, yaw, pitch in degrees, with CARLA's signs; objects stand in the world, with half
 their sizes. OPV2V was made in CARLA, whose frames are left-handed: its y is turned round here.
-V2X-Real is real, and is not; objects in it have a class.
+V2X-Real is real, and is not; objects in it have a class, ``obj_type``. What ``urbantwin export
+--to opv2v`` writes is as OPV2V's, with a ``class``, and people under ``pedestrians``.
 """
 
 from __future__ import annotations
@@ -75,7 +76,8 @@ def open_opencood(path: Path) -> Recording:
         with laid_out(described, _EXPECTED):
             mirrored = _is_simulated(values)
             world_SE3_lidar = _pose(values["lidar_pose"])
-            boxes = _boxes(values.get("vehicles") or {}, world_SE3_lidar)
+            objects = {**(values.get("vehicles") or {}), **(values.get("pedestrians") or {})}
+            boxes = _boxes(objects, world_SE3_lidar)
         fields = read_fields(file, 4)
         given: dict[str, NDArray[Any]] = {}
         if "rgb" in fields and "intensity" not in fields:
@@ -118,7 +120,7 @@ def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose) -> Boxes:
         labelled.append(
             LabelledBox(
                 (*pose.translation.tolist(), *size, heading(pose.rotation)),
-                str(one.get("obj_type", "vehicle")),
+                str(one.get("obj_type") or one.get("class", "vehicle")),
                 int(number),
             )
         )
