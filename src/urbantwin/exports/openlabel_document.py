@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +32,22 @@ def openlabel_document(
             "metadata": {"schema_version": "1.0.0", "name": name},
             "coordinate_systems": dict(coordinate_systems),
             **more,
+            "frame_intervals": _intervals(sorted(map(int, frames))),
             "objects": dict(objects),
             "frames": dict(frames),
         }
     }
+
+
+def _intervals(numbers: Sequence[int]) -> list[dict[str, int]]:
+    """Return the first and the last of every run of numbers, which grow."""
+    starts = [one for at, one in enumerate(numbers) if not at or numbers[at - 1] != one - 1]
+    ends = [
+        one for at, one in enumerate(numbers, 1) if at == len(numbers) or numbers[at] != one + 1
+    ]
+    return [
+        {"frame_start": first, "frame_end": last} for first, last in zip(starts, ends, strict=True)
+    ]
 
 
 def write_openlabel_file(path: Path, document: Mapping[str, Any]) -> None:

@@ -130,6 +130,7 @@ class _Labels:
                     box_of_row(row, sensor_SE3_world),
                     self._called[row["instance_token"]],
                     track_of(row["instance_token"]),
+                    num_points=int(row.get("num_lidar_pts", -1)),
                 )
                 for row in self._annotations.get(sample, [])
             ]
