@@ -18,7 +18,7 @@ from urbantwin.artefact import write_json
 from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.box_poses import site_boxes
-from urbantwin.exports.frames.point_files import write_ply_file
+from urbantwin.exports.frames.point_files import record_of, write_ply_file
 from urbantwin.exports.frames.scenes import scenes_of
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.progress import Progress, each
@@ -95,7 +95,7 @@ def write_lumpi(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
         frame = source[number]
         start_s = float(source.times_s[first])
         file = folder / f"Measurement{measurement}" / "lidar" / f"{number - first:06d}.ply"
-        write_ply_file(file, _columns(source, frame, measurement, start_s))
+        write_ply_file(file, record_of(_columns(source, frame, measurement, start_s)))
         lines[measurement] += _labels(frame, (number - first) * _STEP_S)
     for k, text in enumerate(lines):
         (folder / f"Measurement{k}" / "Label.csv").write_text("\n".join(text) + "\n")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from urbantwin.artefact import sha256_of, write_json
-from urbantwin.exports.frames.box_poses import quaternion, site_boxes
+from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.nuscenes_names import (
     ATTRIBUTES,
     VISIBILITIES,
@@ -212,9 +212,8 @@ class _Writer:
                     "attribute_tokens": []
                     if attribute is None
                     else [self._token("attribute", attribute)],
-                    "translation": middles[row].tolist(),
+                    **_placed(Pose(rotations[row], middles[row])),
                     "size": [width, length, height],
-                    "rotation": quaternion(rotations[row]),
                     "prev": self._annotation(key, before),
                     "next": self._annotation(key, after),
                     "num_lidar_pts": int(boxes.num_points[row]),
@@ -319,7 +318,7 @@ class _Writer:
 
     def _instance(self, key: tuple[str, int]) -> str:
         """Return the token of a track in a scene: its last 8 digits are the track's number."""
-        return f"{self._token('instance', *map(str, key))[:24]}{key[1]:08x}"
+        return f"{self._token('instance', *map(str, key))[:24]}{key[1] & 0xFFFFFFFF:08x}"
 
     def _annotation(self, key: tuple[str, int], number: int | None) -> str:
         return self._token(
@@ -352,7 +351,7 @@ def _ring(frame: SourceFrame) -> NDArray[Any]:
 def _placed(pose: Pose, places: int = 16) -> Row:
     return {
         "translation": [round(value, places) + 0.0 for value in pose.translation.tolist()],
-        "rotation": [round(value, places) + 0.0 for value in quaternion(pose.rotation)],
+        "rotation": [round(value, places) + 0.0 for value in pose.quaternion()],
     }
 
 

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from urbantwin.dataset.manifest_schema import pose_matrix
-from urbantwin.exports.frames.box_poses import box_rotations, quaternion
+from urbantwin.exports.frames.pcd import point_record
 from urbantwin.exports.frames.point_files import write_pcd_file
 from urbantwin.exports.frames.source import FrameSource, SourceBoxes, SourceFrame
 from urbantwin.exports.openlabel_document import openlabel_document, write_openlabel_file
@@ -50,7 +49,7 @@ def write_openlabel(source: FrameSource, folder: Path, tell: Progress) -> list[s
         (folder / name / cloud).mkdir(parents=True)
     for number in each(range(len(source)), tell, "frames"):
         frame = source[number]
-        write_pcd_file(folder / CLOUDS / cloud / f"{frame.name}.pcd", _columns(frame))
+        write_pcd_file(folder / CLOUDS / cloud / f"{frame.name}.pcd", point_record(frame))
         write_openlabel_file(
             folder / LABELS / cloud / f"{frame.name}.json", _document(frame, cloud, sensors)
         )
@@ -68,13 +67,6 @@ def _free(name: str, taken: Iterable[str]) -> str:
     return name
 
 
-def _columns(frame: SourceFrame) -> dict[str, NDArray[Any]]:
-    x, y, z = frame.points.T
-    rays = {name: frame.rays[name] for name in frame.rays.dtype.names or ()}
-    labels = {"semantic": frame.semantic, "instance": frame.instance}
-    return {"x": x, "y": y, "z": z, "intensity": frame.intensity, **rays, **labels}
-
-
 def _document(frame: SourceFrame, cloud: str, sensors: list[str]) -> dict[str, Any]:
     boxes = frame.boxes
     theirs = classes_in("openlabel")
@@ -83,7 +75,7 @@ def _document(frame: SourceFrame, cloud: str, sensors: list[str]) -> dict[str, A
         for track, kind in zip(boxes.track.tolist(), boxes.class_name.tolist(), strict=True)
     }
     site = _free(SITE, [cloud, *sensors])
-    here = {**{one: frame.site_SE3_sensors[one] for one in sensors}}
+    here = {one: frame.site_SE3_sensors[one] for one in sensors}
     if cloud not in here or not _same(here[cloud], frame.site_SE3_frame):
         # The points' frame is not the sensor's own: it stands upright, is several sensors', or
         # the sensor moved on since the frame's time.
@@ -141,13 +133,11 @@ def _transform(pose: Pose) -> dict[str, Any]:
 def _object_data(boxes: SourceBoxes, system: str) -> list[dict[str, Any]]:
     """Return the cuboid of each box, with all that is known of it as its attributes."""
     found = []
-    rotations = box_rotations(boxes.box[:, 6])
-    for row, (x, y, z, length, width, height, _) in enumerate(boxes.box.tolist()):
-        w, i, j, k = quaternion(rotations[row])
+    for row, (x, y, z, length, width, height, yaw) in enumerate(boxes.box.tolist()):
         cuboid = {
             "name": "shape3D",
             "coordinate_system": system,
-            "val": [x, y, z, i, j, k, w, length, width, height],
+            "val": [x, y, z, 0, 0, math.sin(yaw / 2), math.cos(yaw / 2), length, width, height],
             "attributes": _attributes(boxes, row),
         }
         found.append({"cuboid": [cuboid]})

@@ -9,7 +9,7 @@ those that nobody can learn from. Its intensity is the red of a colour.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from urbantwin.errors import InputError
 from urbantwin.exports.frames.box_poses import site_boxes
-from urbantwin.exports.frames.point_files import write_pcd_file
+from urbantwin.exports.frames.point_files import record_of, write_pcd_file
 from urbantwin.exports.frames.scenes import scenes_of
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.geometry import Pose
@@ -27,7 +28,7 @@ from urbantwin.lidar.rig import dataset_frame
 from urbantwin.progress import Progress, each
 from urbantwin.taxonomy import classes_in
 
-__all__ = ["losses_opv2v", "write_opv2v"]
+__all__ = ["losses_opv2v", "write_opv2v", "write_opv2v_parts"]
 
 #: Folders of the parts of the split; frames of no part are where OpenCOOD does not look.
 _PARTS = {"train": "train", "val": "validate", "test": "test", None: "unused"}
@@ -45,21 +46,44 @@ class _Agent:
 
     Attributes:
         number: its folder: negative for roadside units.
-        sensors: numbers of its sensors in the rig.
+        source: the dataset that its points are in.
+        sensors: numbers of its sensors in the rig of that.
         moving: whether it drives.
     """
 
     number: int
+    source: FrameSource
     sensors: tuple[int, ...]
     moving: bool = False
 
+    @property
+    def name(self) -> str:
+        """What its sensors are called."""
+        return " + ".join(str(self.source.sensors[one]["name"]) for one in self.sensors)
 
-def _agents(source: FrameSource) -> list[_Agent]:
-    sensors = range(len(source.sensors))
-    carrier = source.manifest["rig"].get("carrier")
-    if source.manifest["rig"].get("ride") is not None:
-        return [_Agent(int(carrier or 0), tuple(sensors), moving=True)]
-    return [_Agent(-1 - number, (number,)) for number in sensors]
+
+def _agents(sources: Sequence[FrameSource]) -> list[_Agent]:
+    """Return the agents of one dataset, or of one for each sensor."""
+    first = sources[0]
+    rig = first.manifest["rig"]
+    if rig.get("ride") is not None:
+        if len(sources) > 1:
+            raise InputError(
+                "has several clouds of one vehicle, which has one in OPV2V",
+                file=first.folder.parent,
+                expected=f"sensors that are fused, or one of them: {first.folder}",
+            )
+        sensors = tuple(range(len(first.sensors)))
+        return [_Agent(int(rig.get("carrier") or 0), first, sensors, moving=True)]
+    for other in sources[1:]:
+        if other.names != first.names:
+            raise InputError(
+                "has other frames than the first sensor",
+                file=other.folder / "dataset.json",
+                expected=f"the frames of {first.folder.name}",
+            )
+    mounted = [(source, one) for source in sources for one in range(len(source.sensors))]
+    return [_Agent(-1 - k, source, (one,)) for k, (source, one) in enumerate(mounted)]
 
 
 def losses_opv2v(source: FrameSource) -> list[str]:
@@ -91,17 +115,31 @@ def write_opv2v(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
     """Write ``PART/SCENARIO/AGENT/NAME.pcd`` and ``.yaml``, and ``data_protocol.yaml``.
 
     Args:
-        source: the dataset.
+        source: the dataset; each of its sensors is an agent.
         folder: to write into.
         tell: told how far it is.
 
     Returns:
         What a person should be told.
     """
-    agents = _agents(source)
-    scenes = scenes_of(source)
+    return write_opv2v_parts([source], folder, tell)
+
+
+def write_opv2v_parts(sources: Sequence[FrameSource], folder: Path, tell: Progress) -> list[str]:
+    """Write the same of a dataset for each sensor.
+
+    Args:
+        sources: the datasets, of the same frames.
+        folder: to write into.
+        tell: told how far it is.
+
+    Raises:
+        InputError: they have not the same frames, or ride.
+    """
+    agents = _agents(sources)
+    first = sources[0]
     place = {}
-    for k, scene in enumerate(scenes):
+    for k, scene in enumerate(scenes_of(first)):
         scenario = folder / _PARTS.get(scene.part, str(scene.part)) / f"scenario_{k:04d}"
         place.update(dict.fromkeys(scene.numbers, scenario))
         for agent in agents:
@@ -109,44 +147,41 @@ def write_opv2v(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
         _write_yaml(
             scenario / "data_protocol.yaml",
             {
-                "world": {"fixed_delta_seconds": 1 / source.rate_hz},
-                "agents": {
-                    agent.number: [str(source.sensors[one]["name"]) for one in agent.sensors]
-                    for agent in agents
-                },
-                "times_s": {source.names[n]: float(source.times_s[n]) for n in scene.numbers},
+                "world": {"fixed_delta_seconds": 1 / first.rate_hz},
+                "agents": {agent.number: agent.name for agent in agents},
+                "times_s": {first.names[n]: float(first.times_s[n]) for n in scene.numbers},
             },
         )
-    for number in each(range(len(source)), tell, "frames"):
-        frame = source[number]
+    for number in each(range(len(first)), tell, "frames"):
+        frames = [source[number] for source in sources]
         for agent in agents:
-            stem = place[number] / str(agent.number) / frame.name
-            site_SE3_agent = _pose_of(source, frame, agent)
-            mine = _points_of(frame, agent, len(source.sensors))
-            _write_cloud(stem.with_suffix(".pcd"), frame, mine, site_SE3_agent)
-            told = _told(frame, mine, site_SE3_agent, _speed(source, frame, agent))
-            _write_yaml(stem.with_suffix(".yaml"), told)
-    listed = ", ".join(
-        f"{agent.number} {' + '.join(str(source.sensors[one]['name']) for one in agent.sensors)}"
-        for agent in agents
-    )
-    return [f"agents: {listed}"]
+            _write_agent(place[number], agent, frames[sources.index(agent.source)])
+    return [f"agents: {', '.join(f'{agent.number} {agent.name}' for agent in agents)}"]
 
 
-def _pose_of(source: FrameSource, frame: SourceFrame, agent: _Agent) -> Pose:
+def _write_agent(scenario: Path, agent: _Agent, frame: SourceFrame) -> None:
+    stem = scenario / str(agent.number) / frame.name
+    site_SE3_agent = _pose_of(frame, agent)
+    mine = _points_of(frame, agent)
+    _write_cloud(stem.with_suffix(".pcd"), frame, mine, site_SE3_agent)
+    _write_yaml(stem.with_suffix(".yaml"), _told(frame, mine, site_SE3_agent, _speed(frame, agent)))
+
+
+def _pose_of(frame: SourceFrame, agent: _Agent) -> Pose:
     """Return the pose of an agent's cloud: upright, at its first sensor, ahead as that looks."""
-    name = source.sensors[agent.sensors[0]]["name"]
+    name = agent.source.sensors[agent.sensors[0]]["name"]
     return dataset_frame("level", frame.site_SE3_sensors[name])
 
 
-def _points_of(frame: SourceFrame, agent: _Agent, sensors: int) -> NDArray[np.bool_]:
-    if sensors == 1 or "sensor" not in (frame.rays.dtype.names or ()):
+def _points_of(frame: SourceFrame, agent: _Agent) -> NDArray[np.bool_]:
+    if len(agent.source.sensors) == 1 or "sensor" not in (frame.rays.dtype.names or ()):
         return np.ones(len(frame.points), bool)
     return np.isin(frame.rays["sensor"], agent.sensors)
 
 
-def _speed(source: FrameSource, frame: SourceFrame, agent: _Agent) -> float:
+def _speed(frame: SourceFrame, agent: _Agent) -> float:
     """Return how fast an agent drives, km/h, by where it is in the frames beside this one."""
+    source = agent.source
     if not agent.moving or len(source) < 2:
         return 0.0
     first, last = max(frame.number - 1, 0), min(frame.number + 1, len(source) - 1)
@@ -163,14 +198,9 @@ def _write_cloud(
     points = (agent_SE3_frame.apply(frame.points[mine]) * _MIRROR).astype(np.float32)
     intensity = frame.intensity[mine].astype(np.float32)
     grey = np.round(np.clip(intensity, 0, 1) * 255).astype(np.uint32)
-    write_pcd_file(
-        path,
-        {
-            **{axis: points[:, k] for k, axis in enumerate("xyz")},
-            "rgb": (grey * 0x010101).view(np.float32),
-            "intensity": intensity,
-        },
-    )
+    columns = {axis: points[:, k] for k, axis in enumerate("xyz")}
+    columns |= {"rgb": (grey * 0x010101).view(np.float32), "intensity": intensity}
+    write_pcd_file(path, record_of(columns))
 
 
 def _told(

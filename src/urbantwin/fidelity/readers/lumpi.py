@@ -134,9 +134,8 @@ def _sensor_of(identity: NDArray[np.generic], sessions: list[list[int]]) -> NDAr
     """
     there, place = np.unique(identity, return_inverse=True)
     told = next((one for one in sessions if np.isin(there, one).all()), None)
-    if told is not None:
-        place = np.searchsorted(told, there)[place]
-    return place.ravel().astype(np.int64)
+    places = np.arange(len(there)) if told is None else np.searchsorted(told, there)
+    return np.asarray(places, np.int64)[place.ravel()]
 
 
 def _read_labels(path: Path) -> dict[int, list[LabelledBox]]:

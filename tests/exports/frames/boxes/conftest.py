@@ -3,11 +3,9 @@
 What they hold is read here by numpy, pyarrow and json alone: nothing of the exporters is used.
 """
 
-import importlib.util
 import json
 import shutil
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -20,29 +18,26 @@ from urbantwin.lidar import place_rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import BOX_SEMANTICS
 
-_SPEC = importlib.util.spec_from_file_location(
-    "small_datasets", Path(__file__).parents[2] / "dataset" / "conftest.py"
-)
-_SMALL = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(_SMALL)
-twin, motion, rig, dataset = _SMALL.twin, _SMALL.motion, _SMALL.rig, _SMALL.dataset
-digests = _SMALL.digests
+from ....dataset.conftest import dataset, digests, rig
+
+__all__ = ["dataset", "digests", "rig"]
 
 
-def _two_sensors(twin):
+def two_sensors_spec(**more):
     """A tilted sensor, and a swift one that loses turns; points in the frame of the first."""
     first = {"name": "first", "model": "VLP-16", "columns": 900, "east_m": 0.0, "north_m": 0.0}
     first |= {"height_m": 3.0, "pitch_deg": 9.0, "roll_deg": 4.0, "yaw_deg": -50.0}
     swift = {"name": "swift", "model": "OS1-32", "columns": 512, "height_m": 4.0}
     swift |= {"east_m": 20.0, "north_m": -10.0, "yaw_deg": 90.0, "dropped_frames": 0.5}
-    spec = {"sensors": [first, swift], "frame": "sensor"}
-    return place_rig(RigSpec.model_validate(spec), twin.mesh)
+    return RigSpec.model_validate({"sensors": [first, swift], "frame": "sensor", **more})
 
 
 @pytest.fixture(scope="session")
 def two_sensors(twin, motion, tmp_path_factory):
     out = tmp_path_factory.mktemp("two") / "dataset"
-    record(twin, motion, _two_sensors(twin), out, workers=1, seed=5, stop_s=0.7)
+    record(
+        twin, motion, place_rig(two_sensors_spec(), twin.mesh), out, workers=1, seed=5, stop_s=0.7
+    )
     return out
 
 

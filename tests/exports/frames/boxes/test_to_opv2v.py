@@ -14,9 +14,14 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from urbantwin.dataset import record
+from urbantwin.errors import InputError
 from urbantwin.exports.frames import DATASET_FORMATS, export_dataset
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.lidar import place_rig
 from urbantwin.taxonomy import classes_in
+
+from .conftest import two_sensors_spec
 
 MIRROR = np.diag([1.0, -1.0, 1.0])
 PART = {"train": "train", "val": "validate", "test": "test", None: "unused"}
@@ -144,7 +149,7 @@ def test_agents_of_rigs_that_stand_and_ride(two_sensors, riding, held, tmp_path)
         if scenario.is_dir():
             assert agents_of(scenario) == ["-2", "-1"]
             told = yaml.safe_load((scenario / "data_protocol.yaml").read_text())
-            assert told["agents"] == {-1: ["first"], -2: ["swift"]}
+            assert told["agents"] == {-1: "first", -2: "swift"}
             for agent in agents_of(scenario):
                 names = {file.stem for file in (scenario / agent).glob("*.yaml")}
                 assert names == set(told["times_s"])
@@ -159,6 +164,32 @@ def test_agents_of_rigs_that_stand_and_ride(two_sensors, riding, held, tmp_path)
         places.append(told["true_ego_pos"][0])
     np.testing.assert_allclose(speeds, 36.0, atol=0.2)
     assert np.all(np.diff(places) > 0.8)
+
+
+def test_a_dataset_for_each_sensor_is_an_agent_for_each(twin, motion, held, tmp_path):
+    """What is recorded apart has the same points as what is recorded together."""
+    for name, more in (("apart", {"fused": False}), ("together", {})):
+        rig = place_rig(two_sensors_spec(**more), twin.mesh)
+        record(twin, motion, rig, tmp_path / name, workers=1, seed=5, start_s=0.3, stop_s=0.5)
+        export_dataset(tmp_path / name, "opv2v", tmp_path / f"{name}-opv2v")
+    with pytest.raises(InputError, match="one of them: first, swift"):
+        export_dataset(tmp_path / "apart", "nuscenes", tmp_path / "nuscenes")
+    files = sorted((tmp_path / "together-opv2v").glob("*/*/*/*.yaml"))
+    assert len({file.parent.name for file in files}) == 2
+    for file in files:
+        other = tmp_path / "apart-opv2v" / file.relative_to(tmp_path / "together-opv2v")
+        told, apart = yaml.safe_load(file.read_text()), yaml.safe_load(other.read_text())
+        np.testing.assert_allclose(told["lidar_pose"], apart["lidar_pose"], atol=1e-9)
+        assert set(told["vehicles"]) == set(apart["vehicles"])
+        one, two = pcd_to_np(file.with_suffix(".pcd")), pcd_to_np(other.with_suffix(".pcd"))
+        np.testing.assert_allclose(one, two, atol=2e-5)
+    # Other frames than the first sensor's, and a vehicle with two clouds.
+    manifest = tmp_path / "apart" / "swift" / "dataset.json"
+    told = json.loads(manifest.read_text())
+    told["frames"] = told["frames"][1:]
+    manifest.write_text(json.dumps(told))
+    with pytest.raises(InputError, match="other frames than the first sensor"):
+        export_dataset(tmp_path / "apart", "opv2v", tmp_path / "again")
 
 
 def test_our_reader_has_it_back(any_dataset, held, tmp_path):
