@@ -19,6 +19,7 @@ from nuscenes.eval.common.loaders import (  # noqa: E402
 from nuscenes.eval.detection.data_classes import DetectionBox  # noqa: E402
 from nuscenes.nuscenes import NuScenes  # noqa: E402
 from nuscenes.utils.data_classes import LidarPointCloud  # noqa: E402
+from nuscenes.utils.data_io import load_bin_file, panoptic_to_lidarseg  # noqa: E402
 from nuscenes.utils.splits import create_splits_scenes  # noqa: E402
 
 root, out = Path(sys.argv[1]), Path(sys.argv[2])
@@ -39,7 +40,13 @@ for scene in nusc.scene:
             nusc, sample, "LIDAR_TOP", "LIDAR_TOP", nsweeps=3
         )
         name = Path(path).name.split(".")[0]
-        np.savez(out / f"{name}.npz", points=cloud.points.T, swept=swept.points.T, lag=lag[0])
+        labels = [
+            load_bin_file(str(root / nusc.get(task, lidar)["filename"]), task)
+            for task in ("lidarseg", "panoptic")
+        ]
+        np.savez(out / f"{name}.npz", points=cloud.points.T, swept=swept.points.T, lag=lag[0],
+                 lidarseg=labels[0], panoptic=labels[1],
+                 of_panoptic=panoptic_to_lidarseg(labels[1]))  # fmt: skip
         pose = nusc.get("ego_pose", nusc.get("sample_data", lidar)["ego_pose_token"])
         found = []
         for box in boxes:
@@ -92,6 +99,6 @@ for row in nusc.calibrated_sensor:
 print(
     json.dumps(
         {"scenes": scenes, "judged": judged, "mask": list(mask.mask().shape), "rig": rig,
-         "tables": sorted(nusc.table_names)}
+         "tables": sorted(nusc.table_names), "categories": nusc.lidarseg_idx2name_mapping}
     )
 )  # fmt: skip

@@ -80,7 +80,8 @@ DATASET_FORMATS: Mapping[str, DatasetFormat] = {
         _format(
             "nuscenes",
             "nuScenes",
-            "intensity ring boxes track num_points parked frame_time frame_pose sensor_poses split",
+            "intensity ring semantic instance boxes track num_points parked frame_time frame_pose "
+            "sensor_poses split",
         ),
         _format(
             "semantickitti",

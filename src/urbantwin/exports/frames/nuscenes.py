@@ -1,4 +1,6 @@
-"""nuScenes: its thirteen tables, and the clouds of ``LIDAR_TOP``; every frame is a key frame.
+"""nuScenes: its tables, and the clouds of ``LIDAR_TOP``; every frame is a key frame.
+
+The thirteen tables, and those of classes and objects of points: ``lidarseg`` and ``panoptic``.
 
 Source: Caesar et al. 2020, and the schema and code of nuscenes-devkit 1.2.0. Points are in the
 frame of the LiDAR with x to the right and y forward; boxes and ego poses are in the site, which is
@@ -22,11 +24,13 @@ from urbantwin.artefact import sha256_of, write_json
 from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.nuscenes_names import (
     ATTRIBUTES,
+    CATEGORIES,
     VISIBILITIES,
     attribute_of,
     scene_names,
     visibility_of,
 )
+from urbantwin.exports.frames.nuscenes_points import LabelledPoints
 from urbantwin.exports.frames.scenes import Scene, scenes_of
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.geometry import Pose
@@ -74,6 +78,8 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
     (folder / "samples" / CHANNEL).mkdir(parents=True)
     (folder / "maps").mkdir()
     tables.mkdir()
+    for task in _OF_POINTS:
+        (folder / task / VERSION).mkdir(parents=True)
     name = sha256_of(source.folder / "dataset.json")
     scenes = scenes_of(source)
     writer = _Writer(source, folder, name, dict(zip(_names(scenes), scenes, strict=True)))
@@ -91,14 +97,21 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
     write_json(tables / "splits.json", splits)
     Image.new("L", (_MASK_PIXELS, _MASK_PIXELS)).save(folder / writer.map_file)
     parts = ", ".join(f"{key} {len(names)}" for key, names in splits.items()) or "none"
+    beyond = writer.points.unnumbered
     return [
+        *(
+            [f"of points: {beyond} objects beyond 999 of a category in a scene have no number"]
+            if beyond
+            else []
+        ),
         f"every frame is a key frame ({source.rate_hz:g} a second): there are no sweeps between",
         f"scenes of each split ({VERSION}/splits.json): {parts}",
     ]
 
 
 #: Tables with a row for each frame or box, written as they come.
-_STREAMED = ("sample", "sample_data", "ego_pose", "sample_annotation")
+_OF_POINTS = ("lidarseg", "panoptic")
+_STREAMED = ("sample", "sample_data", "ego_pose", "sample_annotation", *_OF_POINTS)
 
 
 def _names(scenes: Sequence[Scene]) -> list[str]:
@@ -113,6 +126,7 @@ class _Writer:
     ) -> None:
         self.scenes = scenes
         self.rows: dict[str, _Add] = {}
+        self.points = LabelledPoints()
         self._source = source
         self._folder = folder
         self._salt = salt
@@ -188,6 +202,15 @@ class _Writer:
             }
         )
         self._annotations(frame)
+        labels = [
+            f"{task}/{VERSION}/{self._token('sample_data', name)}_{task}.{ending}"
+            for task, ending in zip(_OF_POINTS, ("bin", "npz"), strict=True)
+        ]
+        for task, filename in zip(_OF_POINTS, labels, strict=True):
+            token = self._token("sample_data", name)
+            self.rows[task]({"token": token, "sample_data_token": token, "filename": filename})
+        lidarseg, panoptic = (self._folder / filename for filename in labels)
+        self.points.write(frame, self._scene_of[number], lidarseg, panoptic)
 
     def _annotations(self, frame: SourceFrame) -> None:
         boxes = frame.boxes
@@ -226,8 +249,13 @@ class _Writer:
         log = self._token("log")
         return {
             "category": [
-                {"token": self._token("category", theirs), "name": theirs, "description": ""}
-                for theirs in dict.fromkeys(self._category.values())
+                {
+                    "token": self._token("category", one),
+                    "name": one,
+                    "description": "",
+                    "index": index,
+                }
+                for index, one in enumerate(CATEGORIES)
             ],
             "attribute": [
                 {"token": self._token("attribute", one), "name": one, "description": ""}

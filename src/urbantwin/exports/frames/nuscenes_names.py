@@ -6,8 +6,50 @@ import math
 from collections.abc import Sequence
 from itertools import count
 
-__all__ = ["ATTRIBUTES", "VISIBILITIES", "attribute_of", "scene_names", "visibility_of"]
+__all__ = [
+    "ATTRIBUTES",
+    "CATEGORIES",
+    "VISIBILITIES",
+    "attribute_of",
+    "scene_names",
+    "visibility_of",
+]
 
+#: In the order of their indices in nuScenes-lidarseg; boxes have the first 24 but ``noise``.
+CATEGORIES = (
+    "noise",
+    "animal",
+    "human.pedestrian.adult",
+    "human.pedestrian.child",
+    "human.pedestrian.construction_worker",
+    "human.pedestrian.personal_mobility",
+    "human.pedestrian.police_officer",
+    "human.pedestrian.stroller",
+    "human.pedestrian.wheelchair",
+    "movable_object.barrier",
+    "movable_object.debris",
+    "movable_object.pushable_pullable",
+    "movable_object.trafficcone",
+    "static_object.bicycle_rack",
+    "vehicle.bicycle",
+    "vehicle.bus.bendy",
+    "vehicle.bus.rigid",
+    "vehicle.car",
+    "vehicle.construction",
+    "vehicle.emergency.ambulance",
+    "vehicle.emergency.police",
+    "vehicle.motorcycle",
+    "vehicle.trailer",
+    "vehicle.truck",
+    "flat.driveable_surface",
+    "flat.other",
+    "flat.sidewalk",
+    "flat.terrain",
+    "static.manmade",
+    "static.other",
+    "static.vegetation",
+    "vehicle.ego",
+)
 ATTRIBUTES = (
     "vehicle.moving",
     "vehicle.stopped",

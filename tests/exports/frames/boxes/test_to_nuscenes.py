@@ -12,7 +12,7 @@ from urbantwin.errors import InputError
 from urbantwin.exports.frames import DATASET_FORMATS, export_dataset
 from urbantwin.exports.frames.nuscenes_names import scene_names
 from urbantwin.fidelity.readers import open_recording
-from urbantwin.taxonomy import classes_in
+from urbantwin.taxonomy import classes_in, semantic_classes, semantic_id
 
 #: x to the right, y forward: where the axes of a frame with x forward, y left lie.
 TURN = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -24,12 +24,41 @@ def exported(dataset, tmp_path):
     return out, said, notes
 
 
+def is_the_same_box(row, box):
+    centre = TURN @ [row["x"], row["y"], row["z"]]
+    np.testing.assert_allclose(box["centre"], centre, atol=1e-9)
+    np.testing.assert_allclose(box["wlh"], [row["width"], row["length"], row["height"]], atol=1e-12)
+    ahead = TURN @ [np.cos(row["yaw"]), np.sin(row["yaw"]), 0]
+    np.testing.assert_allclose(np.array(box["axes"])[:, 0], ahead, atol=1e-9)
+    np.testing.assert_allclose(np.array(box["axes"])[:, 2], [0, 0, 1], atol=1e-9)
+    assert box["points"] == row["num_points"]
+    assert ("parked" in "".join(box["attribute"])) == (
+        row["parked"] and box["class"].startswith("vehicle.")
+        and box["class"] not in ("vehicle.bicycle", "vehicle.motorcycle")
+    )  # fmt: skip
+    low, high = map(int, box["visibility"][1:].split("-"))
+    seen = 0.0 if row["occlusion"] is None else 100 * (1 - row["occlusion"])
+    assert low - 1e-9 <= seen <= high + 1e-9
+
+
+def are_the_same_labels(frame, labels, told):
+    np.testing.assert_array_equal(labels["of_panoptic"], labels["lidarseg"])
+    assert [told[str(index)] for index in labels["lidarseg"]] == categories(frame)
+    numbered = labels["panoptic"] % 1000 > 0
+    known = labels["lidarseg"] > 0  # who has no category has no number
+    np.testing.assert_array_equal(numbered[known], (frame.instance > 0)[known])
+    assert not numbered[~known].any()
+
+
 def test_its_devkit_reads_all_that_is_held(any_dataset, held, parts, judge, tmp_path):
     out, _, _ = exported(any_dataset, tmp_path)
     (tmp_path / "clouds").mkdir()
     told = judge("nuscenes_says", out, tmp_path / "clouds")
-    assert len(told["tables"]) == 13
+    assert len(told["tables"]) == 15  # the thirteen, lidarseg and panoptic
+    assert len(told["categories"]) == 32
+    objects = {}
     samples = {one["name"]: one for scene in told["scenes"] for one in scene["samples"]}
+    scene_of = {one["name"]: scene["name"] for scene in told["scenes"] for one in scene["samples"]}
     frames = held(any_dataset)
     assert list(samples) == [frame.name for frame in frames]
     theirs = classes_in("nuscenes")
@@ -39,26 +68,16 @@ def test_its_devkit_reads_all_that_is_held(any_dataset, held, parts, judge, tmp_
         cloud = np.load(tmp_path / "clouds" / f"{frame.name}.npz")["points"]
         np.testing.assert_array_equal(cloud[:, :3], (frame.points @ TURN.T).astype(np.float32))
         np.testing.assert_allclose(cloud[:, 3] / 255, frame.intensity, atol=1e-7)
+        labels = np.load(tmp_path / "clouds" / f"{frame.name}.npz")
+        are_the_same_labels(frame, labels, told["categories"])
+        for value, track in zip(labels["panoptic"].tolist(), frame.instance.tolist(), strict=True):
+            objects.setdefault((scene_of[frame.name], value), set()).add(track)
         rows = [row for row in frame.boxes if theirs[row["class"]]]
         assert len(sample["boxes"]) == len(rows)
         for row, box in zip(rows, sample["boxes"], strict=True):
             assert box["class"] == theirs[row["class"]]
-            centre = TURN @ [row["x"], row["y"], row["z"]]
-            np.testing.assert_allclose(box["centre"], centre, atol=1e-9)
-            np.testing.assert_allclose(
-                box["wlh"], [row["width"], row["length"], row["height"]], atol=1e-12
-            )
-            ahead = TURN @ [np.cos(row["yaw"]), np.sin(row["yaw"]), 0]
-            np.testing.assert_allclose(np.array(box["axes"])[:, 0], ahead, atol=1e-9)
-            np.testing.assert_allclose(np.array(box["axes"])[:, 2], [0, 0, 1], atol=1e-9)
-            assert box["points"] == row["num_points"]
-            assert ("parked" in "".join(box["attribute"])) == (
-                row["parked"] and box["class"].startswith("vehicle.")
-                and box["class"] not in ("vehicle.bicycle", "vehicle.motorcycle")
-            )  # fmt: skip
-            low, high = map(int, box["visibility"][1:].split("-"))
-            seen = 0.0 if row["occlusion"] is None else 100 * (1 - row["occlusion"])
-            assert low - 1e-9 <= seen <= high + 1e-9
+            is_the_same_box(row, box)
+    assert all(len(tracks) == 1 for (_, value), tracks in objects.items() if value % 1000)
     # Tracks: one instance each within a scene; its last digits are the number.
     for scene in told["scenes"]:
         of_frame = {frame.name: frame for frame in frames}
@@ -90,6 +109,17 @@ def test_its_devkit_reads_all_that_is_held(any_dataset, held, parts, judge, tmp_
             pose = site_SE3_ego @ matrix(place)
             pose[:3, :3] = pose[:3, :3] @ TURN
             np.testing.assert_allclose(pose, one["site_SE3_sensor"], atol=2e-8)
+
+
+def categories(frame):
+    """What nuScenes calls each point: by the box of whom it is on, else by its own class."""
+    of_point, of_box = classes_in("nuscenes", "point"), classes_in("nuscenes")
+    own = {kind.id: of_point[name] or "noise" for name, kind in semantic_classes().items()}
+    boxes = {row["track"]: of_box[row["class"]] or "noise" for row in frame.boxes}
+    return [
+        boxes.get(track, own[semantic])
+        for semantic, track in zip(frame.semantic.tolist(), frame.instance.tolist(), strict=True)
+    ]
 
 
 def matrix(values):
@@ -153,7 +183,15 @@ def test_our_reader_has_it_back(any_dataset, held, tmp_path):
             assert read.boxes.num_points.tolist() == points
         for row, track in zip(rows, read.boxes.track.tolist(), strict=True):
             tracks.setdefault(track, set()).add(row["track"])
-        for name in ("column", "time_s", "sensor", "semantic", "instance"):
+        of_point = classes_in("nuscenes", "point")
+        first = {theirs: ours for ours, theirs in reversed(of_point.items())}
+        first |= {"animal": "other-object", "vehicle.trailer": "truck"}
+        first |= {"movable_object.debris": "unlabelled"}  # no class of points is an obstacle's
+        wanted = [semantic_id(first[name]) for name in categories(frame)]
+        np.testing.assert_array_equal(read.semantic, wanted)
+        known = np.array(wanted) > 0
+        np.testing.assert_array_equal((read.instance > 0)[known], (frame.instance > 0)[known])
+        for name in ("column", "time_s", "sensor"):
             assert getattr(read, name) is None
     assert all(len(numbers) == 1 for numbers in tracks.values())
 
@@ -162,7 +200,7 @@ def test_it_says_before_what_is_lost(motley, tmp_path):
     out, said, notes = exported(motley, tmp_path)
     assert notes[: len(said)] == said
     text = "\n".join(said)
-    assert "of points: column, time, echo, sensor, semantic class, instance" in text
+    assert "of points: column, time, echo, sensor;" in text
     assert "car and van are told apart no more: boxes are vehicle.car in nuscenes" in text
     assert "no class for boxes of tram: they are left out" in text
     assert "four levels of visibility" in text

@@ -153,6 +153,8 @@ def test_agents_of_rigs_that_stand_and_ride(two_sensors, riding, held, tmp_path)
             for agent in agents_of(scenario):
                 names = {file.stem for file in (scenario / agent).glob("*.yaml")}
                 assert names == set(told["times_s"])
+            times = {frame.name: frame.time_s for frame in held(two_sensors)}
+            assert told["times_s"].items() <= times.items()
     out, _ = export_dataset(riding, "opv2v", tmp_path / "riding")
     speeds, places = [], []
     for frame in held(riding):
