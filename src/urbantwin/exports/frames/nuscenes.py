@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,10 @@ CUSTOM_SPLIT = "urbantwin_{}"
 #: What takes points with x to the right and y forward to those with x forward and y left.
 _FRAME_SE3_LIDAR = Pose(np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]]), np.zeros(3))
 _MASK_PIXELS = 1000
+#: What labels points, and the ending of its files.
+_OF_POINTS = {"lidarseg": "bin", "panoptic": "npz"}
+#: Tables with a row for each frame or box, written as they come.
+_STREAMED = ("sample", "sample_data", "ego_pose", "sample_annotation", *_OF_POINTS)
 
 Row = dict[str, Any]
 _Add = Callable[[Row], None]
@@ -82,7 +87,8 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
         (folder / task / VERSION).mkdir(parents=True)
     name = sha256_of(source.folder / "dataset.json")
     scenes = scenes_of(source)
-    writer = _Writer(source, folder, name, dict(zip(_names(scenes), scenes, strict=True)))
+    called = scene_names([scene.part for scene in scenes])
+    writer = _Writer(source, folder, name, dict(zip(called, scenes, strict=True)))
     with ExitStack() as open_tables:
         for table in _STREAMED:
             writer.rows[table] = open_tables.enter_context(_table(tables / f"{table}.json"))
@@ -107,15 +113,6 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
         f"every frame is a key frame ({source.rate_hz:g} a second): there are no sweeps between",
         f"scenes of each split ({VERSION}/splits.json): {parts}",
     ]
-
-
-#: Tables with a row for each frame or box, written as they come.
-_OF_POINTS = ("lidarseg", "panoptic")
-_STREAMED = ("sample", "sample_data", "ego_pose", "sample_annotation", *_OF_POINTS)
-
-
-def _names(scenes: Sequence[Scene]) -> list[str]:
-    return scene_names([scene.part for scene in scenes])
 
 
 class _Writer:
@@ -146,13 +143,8 @@ class _Writer:
                     key = self._scene_of[number], track
                     self._seen.setdefault(key, []).append(number)
                     self._class.setdefault(key, kind)
-        self._around = {
-            (key, number): (before, after)
-            for key, numbers in self._seen.items()
-            for before, number, after in zip(
-                [None, *numbers[:-1]], numbers, [*numbers[1:], None], strict=True
-            )
-        }
+        #: How many frames of each instance are written.
+        self._written: Counter[tuple[str, int]] = Counter()
 
     @property
     def map_file(self) -> str:
@@ -202,14 +194,13 @@ class _Writer:
             }
         )
         self._annotations(frame)
-        labels = [
-            f"{task}/{VERSION}/{self._token('sample_data', name)}_{task}.{ending}"
-            for task, ending in zip(_OF_POINTS, ("bin", "npz"), strict=True)
-        ]
-        for task, filename in zip(_OF_POINTS, labels, strict=True):
-            token = self._token("sample_data", name)
+        token = self._token("sample_data", name)
+        files = {
+            task: f"{task}/{VERSION}/{token}_{task}.{ending}" for task, ending in _OF_POINTS.items()
+        }
+        for task, filename in files.items():
             self.rows[task]({"token": token, "sample_data_token": token, "filename": filename})
-        lidarseg, panoptic = (self._folder / filename for filename in labels)
+        lidarseg, panoptic = (self._folder / filename for filename in files.values())
         self.points.write(frame, self._scene_of[number], lidarseg, panoptic)
 
     def _annotations(self, frame: SourceFrame) -> None:
@@ -222,7 +213,10 @@ class _Writer:
             if kind not in self._category:
                 continue
             key = scene, track
-            before, after = self._around[key, frame.number]
+            numbers, at = self._seen[key], self._written[key]
+            self._written[key] += 1
+            before = numbers[at - 1] if at else None
+            after = numbers[at + 1] if at + 1 < len(numbers) else None
             length, width, height = boxes.box[row, 3:6].tolist()
             speed = float(np.linalg.norm(boxes.velocity[row]))
             attribute = attribute_of(self._category[kind], speed, bool(boxes.parked[row]))

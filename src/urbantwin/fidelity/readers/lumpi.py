@@ -134,8 +134,11 @@ def _sensor_of(identity: NDArray[np.generic], sessions: list[list[int]]) -> NDAr
     """
     there, place = np.unique(identity, return_inverse=True)
     told = next((one for one in sessions if np.isin(there, one).all()), None)
-    places = np.arange(len(there)) if told is None else np.searchsorted(told, there)
-    return np.asarray(places, np.int64)[place.ravel()]
+    places: NDArray[np.int64] = np.arange(len(there), dtype=np.int64)
+    if told is not None:
+        places = np.asarray(np.searchsorted(np.array(told), there), np.int64)
+    found: NDArray[np.int64] = places[place.ravel()]
+    return found
 
 
 def _read_labels(path: Path) -> dict[int, list[LabelledBox]]:
