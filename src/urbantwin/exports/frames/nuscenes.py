@@ -17,7 +17,7 @@ from PIL import Image
 
 from urbantwin.artefact import sha256_of, write_json
 from urbantwin.exports.frames.nuscenes_names import scene_names
-from urbantwin.exports.frames.nuscenes_points import LabelledPoints
+from urbantwin.exports.frames.nuscenes_points import LabelledPoints, unnumbered_objects
 from urbantwin.exports.frames.nuscenes_tables import (
     CHANNEL,
     STREAMED,
@@ -46,6 +46,9 @@ def losses_nuscenes(source: FrameSource) -> list[str]:
     told = ["of boxes: occlusion becomes one of nuScenes' four levels of visibility"]
     if len(scenes_of(source)) > 1:
         told.append("of boxes: a track is followed within a scene, as in nuScenes, not across two")
+    beyond = unnumbered_objects(source)
+    if beyond:
+        told.append(f"of points: {beyond} instances, beyond 999 of a category in a scene")
     return told if source.class_names else []
 
 
@@ -92,13 +95,7 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
     write_json(folder / VERSION / "splits.json", splits)
     Image.new("L", (_MASK_PIXELS, _MASK_PIXELS)).save(folder / tables.map_file)
     parts = ", ".join(f"{key} {len(names)}" for key, names in splits.items()) or "none"
-    beyond = points.unnumbered
     return [
-        *(
-            [f"of points: {beyond} objects beyond 999 of a category in a scene have no number"]
-            if beyond
-            else []
-        ),
         f"every frame is a key frame ({source.rate_hz:g} a second): there are no sweeps between",
         f"scenes of each split ({VERSION}/splits.json): {parts}",
     ]

@@ -14,23 +14,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.exports.frames.nuscenes_names import CATEGORIES
-from urbantwin.exports.frames.source import SourceFrame
+from urbantwin.exports.frames.scenes import scenes_of
+from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.taxonomy import classes_in, semantic_classes
 
-__all__ = ["LabelledPoints"]
+__all__ = ["LabelledPoints", "unnumbered_objects"]
 
 _MOST_OBJECTS = 999
 
 
-class LabelledPoints:
-    """Labels of points, frame by frame; objects are numbered as they come.
+def unnumbered_objects(source: FrameSource) -> int:
+    """Return how many objects with points a category has no numbers for in their scenes."""
+    theirs = classes_in("nuscenes")
+    beyond = 0
+    for scene in scenes_of(source):
+        tracks: dict[str | None, set[int]] = defaultdict(set)
+        for number in scene.numbers:
+            boxes = source.boxes_of(source.names[number])
+            seen = boxes.num_points > 0
+            for kind in np.unique(boxes.class_name[seen]).tolist():
+                of_kind = seen & (boxes.class_name == kind)
+                tracks[theirs[kind]].update(boxes.track[of_kind].tolist())
+        beyond += sum(
+            max(0, len(known) - _MOST_OBJECTS) for name, known in tracks.items() if name is not None
+        )
+    return beyond
 
-    Attributes:
-        unnumbered: objects beyond those that a category has numbers for in a scene.
-    """
+
+class LabelledPoints:
+    """Labels of points, frame by frame; objects are numbered as they come, the rest have 0."""
 
     def __init__(self) -> None:
-        self.unnumbered = 0
         self._numbers: dict[tuple[str, int], dict[int, int]] = defaultdict(dict)
         theirs = classes_in("nuscenes", "point")
         self._of_semantic = np.zeros(1 << 16, np.uint8)
@@ -68,9 +82,7 @@ class LabelledPoints:
     def _number(self, scene: str, category: int, track: int) -> int:
         known = self._numbers[scene, category]
         if track not in known:
-            full = len(known) >= _MOST_OBJECTS
-            self.unnumbered += full
-            known[track] = 0 if full else len(known) + 1
+            known[track] = len(known) + 1 if len(known) < _MOST_OBJECTS else 0
         return known[track]
 
 

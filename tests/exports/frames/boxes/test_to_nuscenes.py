@@ -4,6 +4,7 @@ import json
 import shutil
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
@@ -210,6 +211,18 @@ def test_it_says_before_what_is_lost(motley, tmp_path):
     assert not held & {"column", "velocity", "occlusion", "towed"}
     with Image.open(next((out / "maps").glob("*.png"))) as mask:
         assert mask.getextrema() == (0, 0)
+
+
+def test_objects_beyond_those_that_a_category_can_number(dataset, monkeypatch, tmp_path):
+    """With room for none, no point has the number of an object, which is said before."""
+    monkeypatch.setattr("urbantwin.exports.frames.nuscenes_points._MOST_OBJECTS", 0)
+    out, said, _ = exported(dataset, tmp_path)
+    tracks = {(row["track"], row["frame"] in ("000010", "000011"))
+              for row in pq.read_table(dataset / "boxes.parquet").to_pylist()
+              if row["num_points"]}  # fmt: skip
+    assert f"of points: {len(tracks)} instances, beyond 999 of a category in a scene" in said
+    for file in (out / "panoptic" / "v1.0-trainval").iterdir():
+        assert not (np.load(file)["data"] % 1000).any()
 
 
 def test_the_same_dataset_gives_the_same_bytes(two_sensors, digests, tmp_path):
