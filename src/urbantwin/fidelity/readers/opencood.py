@@ -5,9 +5,10 @@ Source: Xu et al. 2022 (OPV2V), 2023 (V2V4Real), Xiang et al. 2024 (V2X-Real), a
 metres, roll, yaw, pitch in degrees, with CARLA's signs; objects stand in the world, with half
 their sizes. OPV2V was made in CARLA, whose frames are left-handed: its y is turned round here.
 V2X-Real is real, and is not; objects in it have a class, ``obj_type``. What ``urbantwin export
---to opv2v`` writes is as OPV2V's, with a ``class``, and people under ``pedestrians``. V2V4Real's poses are matrices of 4 by 4,
-and its objects stand in the frame of the points (``project_world_objects`` and ``x1_to_x2`` of its
-own code); what both vehicles label has a common number (``ass_id``).
+--to opv2v`` writes is as OPV2V's, with a ``class``, and people under ``pedestrians``. V2V4Real's
+poses are matrices of 4 by 4, and its objects stand in the frame of the points
+(``project_world_objects`` and ``x1_to_x2`` of its own code); what both vehicles label has a common
+number (``ass_id``).
 """
 
 from __future__ import annotations

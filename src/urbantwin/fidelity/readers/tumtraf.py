@@ -4,8 +4,9 @@ Source: Zimmer et al. 2023, the tum-traffic-dataset-dev-kit, and ASAM OpenLABEL 
 cuboid is its centre, a quaternion x, y, z, w (or three Euler angles) and its size along its own
 axes. Points and boxes are in the sensor's frame. The first release (Cress et al. 2022: ``_points``
 and ``_labels``) came with labels of its own, ``box3d``: the middle, size and yaw in radians (the
-kit's first loader, and converters that take half the height off z to reach the floor). What ``urbantwin export --to
-openlabel`` writes says more of points, by fields of the clouds, and of boxes, by attributes.
+kit's first loader, and converters that take half the height off z to reach the floor). What
+``urbantwin export --to openlabel`` writes says more of points, by fields of the clouds, and of
+boxes, by attributes.
 """
 
 from __future__ import annotations
