@@ -52,6 +52,18 @@ def riding(twin, motion, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def riding_in_the_site(twin, motion, tmp_path_factory):
+    """The frame of the points stays where it is, and the sensor leaves it."""
+    sensor = {"name": "roof", "model": "VLP-16", "columns": 900, "forward_m": 0.5, "left_m": 0.0}
+    sensor |= {"above_roof_m": 0.4, "pitch_deg": 8.0}
+    spec = {"sensors": [sensor], "ride": {"track": 4}, "frame": "site"}
+    placed = place_rig(RigSpec.model_validate(spec), twin.mesh)
+    out = tmp_path_factory.mktemp("in-site") / "dataset"
+    record(twin, motion, placed, out, workers=1, seed=5, start_s=0.2, stop_s=0.5)
+    return out
+
+
+@pytest.fixture(scope="session")
 def motley(dataset, tmp_path_factory):
     """The small dataset with an actor of every class beside its own, and a gap in its split."""
     out = tmp_path_factory.mktemp("motley") / "dataset"
@@ -78,7 +90,7 @@ def motley(dataset, tmp_path_factory):
     return out
 
 
-@pytest.fixture(params=["dataset", "motley", "two_sensors", "riding"])
+@pytest.fixture(params=["dataset", "motley", "two_sensors", "riding", "riding_in_the_site"])
 def any_dataset(request):
     """Each of the datasets."""
     return request.getfixturevalue(request.param)
