@@ -291,7 +291,13 @@ def semantic_kitti() -> dict[str, bytes]:
 def tumtraf() -> dict[str, bytes]:
     cuboid = {"name": "shape3D", "val": [12.0, 3.0, -4.1, 0.0, 0.0, 0.6, 0.8, 4.6, 1.9, 1.5]}
     one = {"object_data": {"name": "VAN_1", "type": "VAN", "cuboid": cuboid}}
-    labels = {"openlabel": {"frames": {"17": {"objects": {"uuid": one}}}}}
+    known = {
+        "num": [{"name": "num_points", "val": 7}, {"name": "occlusion", "val": 0.2}],
+        "text": [{"name": "ignored", "val": "far"}],
+        "vec": [{"name": "velocity", "val": [1.0, 0.5, 0.0]}],
+    }
+    other = {"object_data": {"cuboid": [{**cuboid, "attributes": known}]}}
+    labels = {"openlabel": {"frames": {"17": {"objects": {"uuid": one, "40001": other}}}}}
     return {
         "point_clouds/south/1.pcd": pcd(),
         "labels_point_clouds/south/1.json": text(labels),
@@ -317,13 +323,22 @@ def opencood() -> dict[str, bytes]:
         "location": [12.0, 3.0, -4.0], "center": [0.0, 0.0, 0.7], "extent": [2.3, 0.9, 0.7],
         "angle": [0.0, 30.0, 0.0], "obj_type": "Car",
     }  # fmt: skip
+    person = {**vehicle, "obj_type": "", "class": "pedestrian"}
     told = {"lidar_pose": [1.0, 2.0, 5.0, 0.0, 90.0, 0.0], "vehicles": {17: vehicle}}
+    told["pedestrians"] = {18: person}
     return {"0/000001.pcd": pcd("ascii"), "0/000001.yaml": yaml.safe_dump(told).encode()}
 
 
 def lumpi() -> dict[str, bytes]:
     line = b"0.1,17,0,0,0,0,0.9,1,50,12.0,3.0,-4.1,4.6,1.9,1.5,0.4\n"
-    return {"lidar/000001.ply": ply(), "Label.csv": line * 2}
+    identity = ply().replace(b"property float intensity", b"property float id")
+    sessions = {"7": {"type": "lidar", "experimentId": 0}, "9": {"type": "camera"}}
+    return {
+        "lidar/000001.ply": ply(),
+        "lidar/000002.ply": identity,
+        "Label.csv": line * 2,
+        "meta.json": text({"session": sessions}),
+    }
 
 
 def ouster() -> dict[str, bytes]:
