@@ -91,10 +91,10 @@ def export(
             notes = write_challenge(Path(twin), folder, frames=frames, detections=found)
         return Exported(folder, to, tuple(notes))
     if to == "openpcdet" and (place is None or place.suffix in (".yaml", ".yml")):
-        from urbantwin.exports.openpcdet import write_openpcdet
+        from urbantwin.exports.frames.openpcdet import write_openpcdet_config
 
         file = place or Path("pointpillar.yaml")
-        return Exported(file, to, tuple(write_openpcdet(Path(twin), file)))
+        return Exported(file, to, tuple(write_openpcdet_config(Path(twin), file)))
     from urbantwin.exports.frames.formats import DATASET_FORMATS
 
     if to in DATASET_FORMATS and kind_of(Path(twin)) != "motion":
