@@ -74,7 +74,7 @@ def write_kitti(source: FrameSource, folder: Path, tell: Progress) -> Sequence[s
     return _notes(counted)
 
 
-def calibration_text(camera_SE3_lidar: Pose) -> str:  # noqa: N803
+def calibration_text(camera_SE3_lidar: Pose) -> str:
     """Return a frame's calibration: all cameras are the one that there is."""
     turned = np.column_stack([camera_SE3_lidar.rotation, camera_SE3_lidar.translation])
     rows = {f"P{number}": PROJECTION for number in range(4)}

@@ -28,7 +28,7 @@ class LearnedBoxes:
 
     Attributes:
         rows: (L,) which of the frame's boxes they are.
-        names: (L,) text, what the format calls their classes; ``marked`` for those that do not count.
+        names: (L,) text, what the format calls their classes; ``marked`` where one does not count.
         box: (L, 7) float32: centre, length, width, height, yaw, as the labels' text has them.
         lines: the text: ``x y z dx dy dz heading class`` a line.
     """

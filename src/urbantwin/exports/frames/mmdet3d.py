@@ -78,9 +78,7 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
     return [*notes, *learned.notes]
 
 
-def _entry(
-    frame: SourceFrame, found: LearnedBoxes, numbers: Mapping[str, int]
-) -> dict[str, Any]:
+def _entry(frame: SourceFrame, found: LearnedBoxes, numbers: Mapping[str, int]) -> dict[str, Any]:
     rows = zip(found.names.tolist(), found.box.tolist(), found.rows.tolist(), strict=True)
     return {
         "sample_idx": frame.name,

@@ -136,8 +136,8 @@ def mmdet3d_config(learned: LearnedClasses) -> str:
         f"{name} = {pformat(value, width=96, sort_dicts=False)}\n" for name, value in parts.items()
     )
     return (
-        f"# PointPillars for this dataset, which MMDetection3D looks for in {_DATA_ROOT} and finds\n"
-        f"# by {MODULE}.py. In MMDetection3D's folder:\n"
+        f"# PointPillars for this dataset, which MMDetection3D looks for in {_DATA_ROOT}\n"
+        f"# and reads by {MODULE}.py. In MMDetection3D's folder:\n"
         f"# PYTHONPATH={_DATA_ROOT[:-1]}:$PYTHONPATH python tools/train.py "
         f"{_DATA_ROOT}pointpillars.py\n" + text
     )

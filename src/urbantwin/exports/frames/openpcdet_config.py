@@ -225,8 +225,7 @@ def _centerpoint(learned: LearnedClasses) -> dict[str, Any]:
             "SEPARATE_HEAD_CFG": {
                 "HEAD_ORDER": list(channels),
                 "HEAD_DICT": {
-                    name: {"out_channels": count, "num_conv": 2}
-                    for name, count in channels.items()
+                    name: {"out_channels": count, "num_conv": 2} for name, count in channels.items()
                 },
             },
             "TARGET_ASSIGNER_CONFIG": {

@@ -39,7 +39,7 @@ def camera_SE3_frame(source: FrameSource, frame: SourceFrame) -> Pose:  # noqa: 
     return Pose(_TURN, -_TURN @ at + 0.0)
 
 
-def rectangle(box: NDArray[np.float64], camera_SE3_lidar: Pose) -> tuple[float, ...] | None:  # noqa: N803
+def rectangle(box: NDArray[np.float64], camera_SE3_lidar: Pose) -> tuple[float, ...] | None:
     """Return left, top, right and bottom of a box (7,) in the image, cut at its borders, pixels.
 
     ``None`` where the image has nothing of it. What is behind the camera is cut off before the rest
