@@ -94,13 +94,15 @@ $(DEVELOPMENT): requirements-dev.lock $(RUNTIME)
 
 judges: $(JUDGES)/.installed
 
-# Of TrackEval the metrics alone are used, which need nothing of what it asks for.
+# Of these the metrics and tables alone are used, which need little of what they ask for.
+KITS := trackeval==1.3.0 av2==0.3.6 motmetrics==1.4.0 nuscenes-devkit==1.2.0
+
 # CARLA has wheels for some Pythons only: without them its tests skip, and say so.
 $(JUDGES)/.installed: requirements-judges.lock | $(BIN)/python
 	@echo "installing the judges into $(JUDGES)"
 	@{ $(PYTHON) -m venv $(JUDGES) \
 	  && $(call install,$(JUDGES),-r $<) \
-	  && $(call install,$(JUDGES),--no-deps trackeval==1.3.0) \
+	  && $(call install,$(JUDGES),--no-deps $(KITS)) \
 	  && touch $@; } \
 	  || { rm -rf $(JUDGES); echo "the judges cannot be installed here: their tests will skip" >&2; }
 

@@ -3,6 +3,7 @@
 import io
 import json
 import struct
+import tarfile
 
 import numpy as np
 import pyarrow as pa
@@ -201,6 +202,54 @@ def ouster() -> dict[str, bytes]:
     return {"a.pcap": capture, "a.json": text(metadata)}
 
 
+def webdataset() -> dict[str, bytes]:
+    """A shard of two frames, as `urbantwin export` writes them."""
+    box = {"track": 1, "class": "car", "num_points": 9, "occlusion": None, "ignored": None}
+    box |= dict.fromkeys(("x", "y", "z", "length", "width", "height", "yaw", "vx", "vy", "vz"), 1.5)
+    rays = np.zeros(len(ROWS), [("sensor", "u1"), ("ring", "<u2"), ("time", "<f4")])
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w", format=tarfile.USTAR_FORMAT) as shard:
+        for name in ("000000", "000001"):
+            files = {
+                "points.npy": npy(ROWS),
+                "semantic.npy": npy(np.full(len(ROWS), 40, np.uint16)),
+                "rays.npy": npy(rays),
+                "boxes.json": text([box]),
+                "json": text(
+                    {
+                        "site_SE3_frame": np.eye(4).tolist(),
+                        "site_SE3_sensors": {"pole": np.eye(4).tolist()},
+                    }
+                ),
+            }
+            for kind, content in files.items():
+                told = tarfile.TarInfo(f"{name}.{kind}")
+                told.size = len(content)
+                shard.addfile(told, io.BytesIO(content))
+    return {"train-000000.tar": stream.getvalue()}
+
+
+def npy(array: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+def listed_clouds() -> dict[str, bytes]:
+    """Two clouds, with the lists of boxes and of frames that `urbantwin export` writes beside."""
+    boxes = "frame,track,class,x,y,z,length,width,height,yaw,vx,vy,vz,num_points,occlusion,ignore\n"
+    boxes += "000000,3,car,1,2,0.5,4.2,1.8,1.5,0.3,1,0,0,7,,0\n"
+    frames = "frame,time_s,part,of,x,y,z,qw,qx,qy,qz\n"
+    for name in ("000000", "000001"):
+        frames += f"{name},0.5,train,frame,1,2,3,0.8,0,0,0.6\n{name},0.5,train,pole,1,2,6,1,0,0,0\n"
+    return {
+        "000000.pcd": pcd(),
+        "000001.pcd": pcd(),
+        "boxes.csv": boxes.encode(),
+        "frames.csv": frames.encode(),
+    }
+
+
 RECORDINGS = {
     "argoverse2": argoverse(),
     "nuscenes": nuscenes(),
@@ -211,4 +260,6 @@ RECORDINGS = {
     "opencood": opencood(),
     "lumpi": lumpi(),
     "ouster": ouster(),
+    "webdataset": webdataset(),
+    "listed clouds": listed_clouds(),
 }

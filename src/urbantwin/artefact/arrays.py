@@ -6,6 +6,7 @@ allocated, pickles are never read, and whatever zipfile, zlib and NumPy raise be
 
 from __future__ import annotations
 
+import io
 import math
 import warnings
 import zipfile
@@ -20,7 +21,15 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 
-__all__ = ["ArrayOf", "checked_arrays", "may_unpack", "one_line", "read_array", "read_arrays"]
+__all__ = [
+    "ArrayOf",
+    "array_of_bytes",
+    "checked_arrays",
+    "may_unpack",
+    "one_line",
+    "read_array",
+    "read_arrays",
+]
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -116,6 +125,32 @@ def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArra
         array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
     if form is not None:
         checked_arrays({"": array}, {"": form}, file=path, expected=expected)
+    return array
+
+
+def array_of_bytes(content: bytes, *, file: Path, place: str, expected: str) -> NDArray[Any]:
+    """Return the array of a ``.npy`` that lies within another file.
+
+    Args:
+        content: all of its bytes.
+        file: that it lies in, for errors.
+        place: where it begins there.
+        expected: what it should be, for errors.
+
+    Raises:
+        InputError: it is damaged, or shorter than it says.
+    """
+    try:
+        stream = io.BytesIO(content)
+        size = _header(stream)
+        if size > len(content):
+            raise ValueError(f"{len(content)} bytes of {size}")
+        stream.seek(0)
+        array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
+    except (ValueError, OSError, EOFError, TypeError, SyntaxError, OverflowError) as error:
+        raise InputError(
+            f"is damaged ({one_line(error)})", file=file, place=place, expected=expected
+        ) from None
     return array
 
 

@@ -27,7 +27,8 @@ DEFINITIONS: dict[str, str] = {
     "those of the same range, or with as many points in them; for hidden objects all.",
     "errors": "Of detections within 2 m in plan, at any score. ATE: distance of centres in plan; "
     "ASE: 1 - IoU after centres and headings are laid on each other; AOE: smallest difference of "
-    "yaw (nuScenes, Argoverse 2). Signed ones are found less labelled, along the labelled heading.",
+    "yaw (nuScenes; Argoverse 2 has another ASE). Signed ones are found less labelled, along the "
+    "labelled heading.",
     "HOTA, DetA, AssA": "How well objects are found and followed (Luiten et al. 2021), the mean "
     "over 19 similarities. Boxes are as similar as centres are near in plan: 0.5 at 1 m (trucks, "
     "buses, large: 2 m), 0 twice as far. At the threshold of the best F1, as MOTA and IDF1.",

@@ -66,3 +66,10 @@ class Pose:
     def __matmul__(self, other: Pose) -> Pose:
         """Chain: ``a_SE3_b @ b_SE3_c`` is ``a_SE3_c``."""
         return Pose(self.rotation @ other.rotation, self.apply(other.translation[None])[0])
+
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """Return the rotation as a unit quaternion w, x, y, z with w >= 0."""
+        from scipy.spatial.transform import Rotation
+
+        w, x, y, z = Rotation.from_matrix(self.rotation).as_quat(canonical=True, scalar_first=True)
+        return float(w), float(x), float(y), float(z)

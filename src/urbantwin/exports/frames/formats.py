@@ -23,28 +23,34 @@ class DatasetFormat:
     """A format.
 
     Attributes:
-        name: what ``--to`` calls it; its writer is ``write_NAME`` in the module of that name.
+        name: what ``--to`` calls it.
         title: for people.
         holds: which of ``losses.FIELDS`` it can hold.
         ending: of the file's name; empty where a folder is written.
+        module: that its writer ``write_NAME`` is in.
     """
 
     name: str
     title: str
     holds: frozenset[str]
-    ending: str = ""
+    ending: str
+    module: str
 
     @property
     def write(self) -> Writer:
         """What writes it; its module, and the library it needs, are imported now."""
-        module = import_module(f"urbantwin.exports.frames.{self.name}")
+        module = import_module(f"urbantwin.exports.frames.{self.module}")
         writer: Writer = getattr(module, f"write_{self.name}")
         return writer
 
 
-def _format(name: str, title: str, holds: str, ending: str = "") -> DatasetFormat:
-    return DatasetFormat(name, title, frozenset(holds.split()), ending)
+def _format(name: str, title: str, holds: str, ending: str = "", writer: str = "") -> DatasetFormat:
+    return DatasetFormat(name, title, frozenset(holds.split()), ending, writer or name)
 
+
+_OF_POINTS = " ".join(name for name, (of, _) in FIELDS.items() if of == "points")
+#: What ``boxes.csv`` and ``frames.csv`` hold beside clouds.
+_LISTED = " ".join(name for name, (of, _) in FIELDS.items() if of != "points")
 
 DATASET_FORMATS: Mapping[str, DatasetFormat] = {
     one.name: one
@@ -73,9 +79,10 @@ DATASET_FORMATS: Mapping[str, DatasetFormat] = {
         ),
         _format("opv2v", "OPV2V", "intensity boxes track frame_pose split"),
         _format("lumpi", "LUMPI", "intensity time boxes track num_points"),
-        _format("pcd", "PCD files", "intensity ring column time echo sensor semantic instance"),
-        _format("las", "LAS or LAZ files", "intensity ring column time echo sensor semantic"),
-        _format("mcap", "MCAP", "intensity ring time boxes track frame_time", ".mcap"),
+        _format("pcd", "PCD files, boxes in a list", f"{_OF_POINTS} {_LISTED}"),
+        _format("las", "LAS files, boxes in a list", f"{_OF_POINTS} {_LISTED}"),
+        _format("laz", "LAZ files, boxes in a list", f"{_OF_POINTS} {_LISTED}", writer="las"),
+        _format("mcap", "MCAP", " ".join(FIELDS), ".mcap"),
         _format("webdataset", "WebDataset", " ".join(FIELDS)),
     )
 }

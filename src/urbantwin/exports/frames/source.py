@@ -18,7 +18,7 @@ from urbantwin.dataset import parts_of
 from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
-from urbantwin.geometry import Pose
+from urbantwin.geometry import Pose, SiteFrame
 
 __all__ = ["FrameSource", "SourceBoxes", "SourceFrame"]
 
@@ -145,10 +145,10 @@ class FrameSource(Sequence[SourceFrame]):
         return tuple(self.manifest["rig"]["sensors"])
 
     @property
-    def anchor(self) -> Mapping[str, Any]:
-        """``latitude``, ``longitude`` (degrees) and ``proj`` of the site frame's origin."""
-        anchor: Mapping[str, Any] = self.manifest["anchor"]
-        return anchor
+    def site(self) -> SiteFrame:
+        """The site's frame of reference: where on the Earth its origin is."""
+        anchor = self.manifest["anchor"]
+        return SiteFrame(float(anchor["latitude"]), float(anchor["longitude"]))
 
     @property
     def rate_hz(self) -> float:

@@ -2,8 +2,9 @@
 
 Columns, in any order: ``frame``, ``class``, ``x``, ``y``, ``z`` (centre), ``length``, ``width``,
 ``height``, ``yaw`` (radians, counter-clockwise from +x); and where they are known ``track`` (the
-same object's in every frame), ``num_points``, ``occlusion`` (0..1) and ``ignore`` (1: neither to be
-found nor wrong to be found). Frames that the list does not name are not labelled.
+same object's in every frame), ``vx``, ``vy``, ``vz`` (over the ground, m/s), ``num_points``,
+``occlusion`` (0..1) and ``ignore`` (1: neither to be found nor wrong to be found; ``ignored`` says
+why). Frames that the list does not name are not labelled.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ __all__ = ["BOX_LIST", "frame_number", "read_box_list"]
 
 BOX_LIST = "boxes.csv"
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
+_VELOCITY = ("vx", "vy", "vz")
 _NEEDED = ("frame", "class", *_BOX)
 _EXPECTED = f"a table with {', '.join(_NEEDED)}"
 _FARTHEST_M = 1e6
@@ -80,7 +82,15 @@ def _boxes(rows: list[dict[str, str]], known: set[str]) -> Boxes:
         source_names=tuple(row["class"] for row in rows),
         num_points=whole("num_points") if "num_points" in known else None,
         occlusion=np.array(hidden, np.float64) if "occlusion" in known else None,
-        ignored=tuple("marked" if row["ignore"] not in ("0", "", None) else "" for row in rows)
+        velocity=np.array(
+            [[_or(finite_number(row[one]), np.nan) for one in _VELOCITY] for row in rows]
+        )
+        if known.issuperset(_VELOCITY)
+        else None,
+        ignored=tuple(
+            (row.get("ignored") or "marked") if row["ignore"] not in ("0", "", None) else ""
+            for row in rows
+        )
         if "ignore" in known
         else None,
     )

@@ -2,10 +2,10 @@
 
 Source: Geiger et al. 2012, and the development kit's readme. Labels are in the rectified frame of
 the camera (x right, y down, z forward): the middle of the box's floor, and the turn about y.
-Only what the camera saw is labelled, unless a folder ``label_all`` has what is on all sides (so
-MMDetection3D's converter of Waymo calls it, and our export). Clouds that are cropped to what it saw have a folder of their
-own (``velodyne_reduced``), as OpenPCDet and MMDetection3D write it: it is read for frames that
-``velodyne`` lacks.
+Only what the camera saw is labelled, unless a folder ``label_all`` has what is on all sides, as our
+export and MMDetection3D's converter of Waymo write it. Clouds that are cropped to what the camera
+saw have a folder of their own (``velodyne_reduced``), as OpenPCDet and MMDetection3D write it: it
+is read for frames that ``velodyne`` lacks.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from urbantwin.fidelity.readers.plain import is_plain, open_plain
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.fidelity.readers.semantic_kitti import is_semantic_kitti, open_semantic_kitti
 from urbantwin.fidelity.readers.tumtraf import is_tumtraf, open_tumtraf
+from urbantwin.fidelity.readers.webdataset import is_webdataset, open_webdataset
 
 __all__ = ["LAYOUTS", "Layout", "layout_of", "open_recording", "recordings_inside"]
 
@@ -52,6 +53,9 @@ LAYOUTS: dict[str, Layout] = {
     "kitti": Layout("KITTI", is_kitti, open_kitti),
     "opencood": Layout("OPV2V or V2X-Real", is_opencood, lambda path, _: open_opencood(path)),
     "ouster": Layout("a capture of an Ouster", is_ouster, lambda path, _: open_ouster(path)),
+    "webdataset": Layout(
+        "a WebDataset of urbantwin", is_webdataset, lambda path, _: open_webdataset(path)
+    ),
     "plain": Layout("a folder of clouds", is_plain, open_plain),
 }
 
@@ -116,6 +120,8 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
 def layout_of(path: Path) -> str | None:
     """Return which of ``LAYOUTS`` a folder or file itself has, or None."""
     if path.is_file() and not is_ouster(path):
+        if is_webdataset(path):
+            return "webdataset"
         return "plain" if is_plain(path) else None
     return next((name for name, one in LAYOUTS.items() if one.recognises(path)), None)
 

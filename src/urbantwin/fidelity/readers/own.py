@@ -35,6 +35,7 @@ LABELLING = "labelling.json"
 
 _Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
+_VELOCITY = ("vx", "vy", "vz")
 _RAYS = {"sensor": "sensor", "ring": "ring", "column": "column", "time": "time_s"}
 _EXPECTED = "a dataset of urbantwin record"
 _LABELS = "a label of 4 bytes for every point"
@@ -199,6 +200,9 @@ class _BoxTable(_Table):
                 class_names=tuple(c if c in ACTOR_CLASSES else "other" for c in classes),
                 track=rows["track"][kept].astype(np.int64),
                 source_names=tuple(classes),
+                velocity=np.column_stack([rows[one][kept].astype(float) for one in _VELOCITY])
+                if all(one in rows for one in _VELOCITY)
+                else None,
                 num_points=_kept(rows, "num_points", kept, np.int64),
                 occlusion=_kept(rows, "occlusion", kept, np.float64),
                 ignored=None

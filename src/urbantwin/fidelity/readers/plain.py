@@ -5,15 +5,24 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
+
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import FORMATS, is_cloud, read_fields
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.box_list import BOX_LIST, frame_number, read_box_list
 from urbantwin.fidelity.readers.frame_assembly import frame_of
+from urbantwin.fidelity.readers.frame_list import FRAME_LIST, read_frame_list
+from urbantwin.fidelity.readers.labels import boxes_of
 from urbantwin.fidelity.readers.recording import Recording
 
 __all__ = ["clouds_in", "is_plain", "open_plain"]
+
+#: What our own clouds say of points besides the names that all writers share.
+_OURS = ("semantic", "instance", "sensor")
+#: Intensity in a LAS, where ours is 1.
+_BRIGHTEST = 65_535
 
 
 def clouds_in(folder: Path, *suffixes: str) -> list[Path]:
@@ -49,10 +58,32 @@ def open_plain(path: Path, columns: int | None) -> Recording:
     boxes = read_box_list(listed) if listed.is_file() else {}
     mixed = " and ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
 
+    listing = files[0].parent / FRAME_LIST
+    listed_frames = read_frame_list(listing) if listing.is_file() else {}
+
     def read(index: int) -> Frame:
         file = files[index]
         found = boxes.get(frame_number(file.name))
-        return frame_of(file, read_fields(file, columns), name=file.name, boxes=found)
+        fields = read_fields(file, columns)
+        told = listed_frames.get(file.stem)
+        if told is None:
+            return frame_of(file, fields, name=file.name, boxes=found)
+        # Beside such a list stand our own clouds: their fields are ours, too.
+        given = {name: fields[name] for name in _OURS if name in fields}
+        if "gps_time" in fields:
+            given["time_s"] = fields["gps_time"].astype(np.float64) - told.time_s
+            given["intensity"] = fields["intensity"].astype(np.float64) / _BRIGHTEST
+        elif "time" in fields:
+            given["time_s"] = fields["time"]
+        return frame_of(
+            file,
+            fields,
+            name=file.stem,
+            given=given,
+            boxes=found if found is not None or not boxes else boxes_of([]),
+            world_SE3_frame=told.site_SE3_frame,
+            sensor_places=told.sensor_places,
+        )
 
     return Recording(
         path=path,

@@ -1,0 +1,89 @@
+"""Boxes and poses as lists of text beside clouds, for formats that hold points alone.
+
+``boxes.csv`` is the list that `fidelity.readers.box_list` reads: a row for each box; ``frames.csv``
+has for each frame its time, its part of the split, and where its points and its sensors are.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from urbantwin.exports.frames.box_rows import BOX_KEYS, box_rows
+from urbantwin.exports.frames.source import FrameSource, SourceBoxes, SourceFrame
+from urbantwin.geometry import Pose
+
+__all__ = ["BOX_COLUMNS", "FRAME_COLUMNS", "Lists"]
+
+BOX_COLUMNS = ("frame", *BOX_KEYS, "ignore")
+#: ``of`` is ``frame``, or the name of a sensor; the pose takes its points to the site.
+FRAME_COLUMNS = ("frame", "time_s", "part", "of", "x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+class Lists:
+    """The lists of a folder, written frame by frame.
+
+    Args:
+        source: the dataset.
+        folder: to write into.
+        in_site: boxes stand in the site's frame, as the points then do; else in the dataset's.
+    """
+
+    def __init__(self, source: FrameSource, folder: Path, *, in_site: bool = False) -> None:
+        self._source, self._in_site = source, in_site
+        self._files = [
+            (folder / name).open("w", newline="", encoding="utf-8")
+            for name in ("boxes.csv", "frames.csv")
+        ]
+        self._boxes, self._frames = (csv.writer(one, lineterminator="\n") for one in self._files)
+        self._boxes.writerow(BOX_COLUMNS)
+        self._frames.writerow(FRAME_COLUMNS)
+
+    def add(self, frame: SourceFrame) -> None:
+        """Write the rows of one frame."""
+        boxes = _moved(frame.boxes, frame.site_SE3_frame) if self._in_site else frame.boxes
+        for row in box_rows(boxes):
+            row |= {"frame": frame.name, "ignore": row["ignored"] is not None}
+            self._boxes.writerow([_text(row[name]) for name in BOX_COLUMNS])
+        told = (frame.name, repr(frame.time_s), self._source.part_of(frame.name) or "")
+        poses = {"frame": frame.site_SE3_frame, **frame.site_SE3_sensors}
+        if self._in_site:
+            poses["frame"] = Pose(np.eye(3), np.zeros(3))
+        for name, pose in poses.items():
+            numbers = (*pose.translation.tolist(), *pose.quaternion())
+            self._frames.writerow((*told, name, *map(repr, numbers)))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the files."""
+        for one in self._files:
+            one.close()
+
+
+def _text(value: Any) -> str:  # noqa: ANN401
+    """Return a value as it stands in a list: no number is rounded, nothing is known is empty."""
+    if value is None:
+        return ""
+    return str(int(value)) if isinstance(value, bool) else str(value)
+
+
+def _moved(boxes: SourceBoxes, outer_SE3_frame: Pose) -> SourceBoxes:
+    """Return boxes in another frame; they keep standing upright there."""
+    box = boxes.box.copy()
+    ahead = np.column_stack([np.cos(box[:, 6]), np.sin(box[:, 6]), np.zeros(len(box))])
+    ahead = ahead @ outer_SE3_frame.rotation.T
+    box[:, :3] = outer_SE3_frame.apply(box[:, :3])
+    box[:, 6] = np.arctan2(ahead[:, 1], ahead[:, 0])
+    return replace(boxes, box=box, velocity=boxes.velocity @ outer_SE3_frame.rotation.T)

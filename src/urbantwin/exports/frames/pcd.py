@@ -1,0 +1,70 @@
+"""PCD: a file for each frame, with every field of its points; boxes and poses in lists beside.
+
+Source: the Point Cloud Library's file format 0.7. ``VIEWPOINT`` is the first sensor's pose in the
+frame of the points (x, y, z, then the quaternion w, x, y, z).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.exports.frames.lists import Lists
+from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.progress import Progress
+
+__all__ = ["point_record", "write_pcd"]
+
+_LETTERS = {"f": "F", "u": "U", "i": "I"}
+
+
+def write_pcd(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
+    """Write ``NAME.pcd`` (binary) for each frame, ``boxes.csv`` and ``frames.csv``."""
+    with Lists(source, folder) as lists:
+        for frame in source:
+            tell(frame.number / len(source), f"frame {frame.name}")
+            points = point_record(frame)
+            sensor = next(iter(frame.site_SE3_sensors.values()))
+            pose = frame.site_SE3_frame.inverse() @ sensor
+            view = (*pose.translation.tolist(), *pose.quaternion())
+            header = _header(points, " ".join(f"{value:.9g}" for value in view))
+            (folder / f"{frame.name}.pcd").write_bytes(header + points.tobytes())
+            lists.add(frame)
+    return []
+
+
+def point_record(frame: SourceFrame) -> NDArray[np.void]:
+    """Return all that is known of each point (N,) under the names that a dataset has for it."""
+    rays = frame.rays
+    kinds = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
+    kinds += [(name, rays.dtype[name].newbyteorder("<").str) for name in rays.dtype.names or ()]
+    kinds += [("semantic", "<u2"), ("instance", "<u2")]
+    record = np.empty(len(frame.points), kinds)
+    for axis, name in enumerate("xyz"):
+        record[name] = frame.points[:, axis]
+    for name in rays.dtype.names or ():
+        record[name] = rays[name]
+    for name in ("intensity", "semantic", "instance"):
+        record[name] = getattr(frame, name)
+    return record
+
+
+def _header(points: NDArray[np.void], viewpoint: str) -> bytes:
+    names = points.dtype.names or ()
+    kinds = [points.dtype[name] for name in names]
+    lines = (
+        "# .PCD v0.7 - Point Cloud Data file format",
+        "VERSION 0.7",
+        f"FIELDS {' '.join(names)}",
+        f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
+        f"TYPE {' '.join(_LETTERS[kind.kind] for kind in kinds)}",
+        f"COUNT {' '.join('1' for _ in names)}",
+        f"WIDTH {len(points)}",
+        "HEIGHT 1",
+        f"VIEWPOINT {viewpoint}",
+        f"POINTS {len(points)}",
+        "DATA binary",
+    )
+    return ("\n".join(lines) + "\n").encode()
