@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from urbantwin.exports.frames.losses import FIELDS
 from urbantwin.exports.frames.source import FrameSource
@@ -39,9 +40,20 @@ class DatasetFormat:
     @property
     def write(self) -> Writer:
         """What writes it; its module, and the library it needs, are imported now."""
-        module = import_module(f"urbantwin.exports.frames.{self.module}")
-        writer: Writer = getattr(module, f"write_{self.name}")
+        writer: Writer = getattr(self._module(), f"write_{self.name}")
         return writer
+
+    def losses_besides(self, source: FrameSource) -> list[str]:
+        """Return what its writer leaves out besides, by ``losses_NAME`` in its module, if any.
+
+        Raises:
+            InputError: it cannot hold this dataset at all.
+        """
+        losses = getattr(self._module(), f"losses_{self.name}", None)
+        return [] if losses is None else list(losses(source))
+
+    def _module(self) -> ModuleType:
+        return import_module(f"urbantwin.exports.frames.{self.module}")
 
 
 def _format(name: str, title: str, holds: str, ending: str = "", writer: str = "") -> DatasetFormat:
@@ -65,7 +77,7 @@ DATASET_FORMATS: Mapping[str, DatasetFormat] = {
         _format(
             "nuscenes",
             "nuScenes",
-            "intensity ring boxes track num_points frame_time frame_pose sensor_poses split",
+            "intensity ring boxes track num_points parked frame_time frame_pose sensor_poses split",
         ),
         _format(
             "semantickitti",

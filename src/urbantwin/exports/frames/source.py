@@ -171,7 +171,20 @@ class FrameSource(Sequence[SourceFrame]):
 
     def part_of(self, name: str) -> str | None:
         """Return which part of the split a frame is in; ``None`` for a frame of none."""
-        return next((part for part, names in self.split.items() if name in names), None)
+        return self._parts.get(name)
+
+    def site_SE3_frame(self, index: int) -> Pose:  # noqa: N802
+        """Return what takes the points of a frame to the site; no file is read."""
+        told = self.manifest["frames"][index]
+        frame_SE3_site = told.get("dataset_SE3_site") or self.manifest["dataset_SE3_site"]
+        if frame_SE3_site is None:
+            raise InputError(
+                "says not where the points are",
+                file=self.folder / "dataset.json",
+                place=f"frames: {told['name']}",
+                expected="dataset_SE3_site",
+            )
+        return pose_of_matrix(frame_SE3_site).inverse()
 
     @cached_property
     def class_names(self) -> tuple[str, ...]:
@@ -193,8 +206,6 @@ class FrameSource(Sequence[SourceFrame]):
         path = self.folder / "points" / f"{name}.npy"
         values = read_array(path, "the points of a frame", ArrayOf("f4", ("N", 4)))
         labels = read_labels(self.folder / "semantic" / f"{name}.label", len(values))
-        told = self.manifest["frames"][index]
-        frame_SE3_site = told.get("dataset_SE3_site") or self.manifest["dataset_SE3_site"]
         return SourceFrame(
             name=name,
             number=index,
@@ -205,7 +216,7 @@ class FrameSource(Sequence[SourceFrame]):
             instance=(labels >> 16).astype(np.uint16),
             rays=read_rays(self.folder / "rays" / f"{name}.npy", len(values)),
             boxes=self.boxes_of(name),
-            site_SE3_frame=pose_of_matrix(frame_SE3_site).inverse(),
+            site_SE3_frame=self.site_SE3_frame(index),
             site_SE3_sensors=self._places.get(name, {}) | self._missing_places(name),
         )
 
@@ -232,6 +243,10 @@ class FrameSource(Sequence[SourceFrame]):
             parked=column["parked"],
             towed_by=column["towed_by"],
         )
+
+    @cached_property
+    def _parts(self) -> dict[str, str]:
+        return {name: part for part, names in self.split.items() for name in names}
 
     @cached_property
     def _numbers(self) -> frozenset[str]:

@@ -48,7 +48,7 @@ def export_dataset(
     wanted = DATASET_FORMATS[to]
     source = FrameSource(dataset)
     path = out or Path(f"{dataset.resolve().name}{wanted.ending or '-' + to}")
-    losses = losses_of(source, to, wanted.holds)
+    losses = [*losses_of(source, to, wanted.holds), *wanted.losses_besides(source)]
     for one in losses:
         tell(one)
     if wanted.ending:
