@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from urbantwin.exports.frames.source import FrameSource, SourceBoxes, SourceFrame
+from urbantwin.exports.frames.trainer_folder import left_out, write_splits
 from urbantwin.exports.frames.virtual_camera import (
     IMAGE,
     PROJECTION,
@@ -27,7 +28,7 @@ from urbantwin.geometry import Pose, wrapped
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import classes_in
 
-__all__ = ["calibration_text", "label_texts", "write_kitti"]
+__all__ = ["losses_kitti", "write_kitti"]
 
 #: Occlusion up to which a box is fully, and partly, visible: the borders of docs/labels.md.
 _VISIBLE, _PARTLY = 0.2, 0.6
@@ -35,6 +36,14 @@ _UNKNOWN_LEVEL = 3
 _NOWHERE = (0.0, 0.0, 0.0, 0.0)
 #: The rest of a ``DontCare`` line, in the development kit's own numbers.
 _NO_BOX = "-1 -1 -1 -1000 -1000 -1000 -10"
+
+
+def losses_kitti(source: FrameSource) -> list[str]:
+    """Return what is lost besides what the format cannot hold."""
+    return [
+        "occlusion is told in KITTI's four levels",
+        *left_out(source, "DontCare where the camera sees them, and else left out"),
+    ]
 
 
 def write_kitti(source: FrameSource, folder: Path, tell: Progress) -> Sequence[str]:
@@ -50,12 +59,10 @@ def write_kitti(source: FrameSource, folder: Path, tell: Progress) -> Sequence[s
     Returns:
         What a person should be told.
     """
-    (folder / "ImageSets").mkdir()
-    lists = {part: list(source.split.get(part, ())) for part in ("train", "val", "test")}
-    lists["trainval"] = sorted(lists["train"] + lists["val"])
-    for part, names in lists.items():
-        (folder / "ImageSets" / f"{part}.txt").write_text("".join(f"{one}\n" for one in names))
-    testing = frozenset(lists["test"])
+    parts = write_splits(source, folder)
+    both = sorted([*parts["train"], *parts["val"]])
+    (folder / "ImageSets" / "trainval.txt").write_text("".join(f"{one}\n" for one in both))
+    testing = frozenset(parts.get("test", ()))
     picture = _grey_image()
     counted: Counter[str] = Counter()
     for frame in source:
@@ -66,15 +73,18 @@ def write_kitti(source: FrameSource, folder: Path, tell: Progress) -> Sequence[s
         points = np.column_stack([frame.points, frame.intensity]).astype("<f4")
         (place / "velodyne" / f"{frame.name}.bin").write_bytes(points.tobytes())
         camera = camera_SE3_frame(source, frame)
-        (place / "calib" / f"{frame.name}.txt").write_text(calibration_text(camera))
+        (place / "calib" / f"{frame.name}.txt").write_text(_calibration(camera))
         (place / "image_2" / f"{frame.name}.png").write_bytes(picture)
-        seen, everywhere = label_texts(frame, camera, counted)
+        seen, everywhere = _labels(frame, camera, counted)
         (place / "label_2" / f"{frame.name}.txt").write_text(seen)
         (place / "label_all" / f"{frame.name}.txt").write_text(everywhere)
-    return _notes(counted)
+    return [
+        f"label_2 has the {counted['seen']} boxes that a virtual camera sees (at the first sensor, "
+        f"along x, {IMAGE[0]} x {IMAGE[1]} pixels, KITTI's lens), label_all all {counted['all']}"
+    ]
 
 
-def calibration_text(camera_SE3_lidar: Pose) -> str:
+def _calibration(camera_SE3_lidar: Pose) -> str:
     """Return a frame's calibration: all cameras are the one that there is."""
     turned = np.column_stack([camera_SE3_lidar.rotation, camera_SE3_lidar.translation])
     rows = {f"P{number}": PROJECTION for number in range(4)}
@@ -85,7 +95,7 @@ def calibration_text(camera_SE3_lidar: Pose) -> str:
     )
 
 
-def label_texts(frame: SourceFrame, camera: Pose, counted: Counter[str]) -> tuple[str, str]:
+def _labels(frame: SourceFrame, camera: Pose, counted: Counter[str]) -> tuple[str, str]:
     """Return the labels of what the camera sees, and those of what is on all sides.
 
     Args:
@@ -98,11 +108,9 @@ def label_texts(frame: SourceFrame, camera: Pose, counted: Counter[str]) -> tupl
     for row in range(len(boxes)):
         name = theirs.get(str(boxes.class_name[row]))
         if not boxes.num_points[row] or name is None:
-            counted["empty"] += not boxes.num_points[row]
             continue
         found = rectangle(boxes.box[row], camera)
         if boxes.ignored[row]:
-            counted["ignored"] += 1
             if found is not None:
                 regions.append(f"DontCare -1 -1 -10 {_written(found, 2)} {_NO_BOX}\n")
             continue
@@ -153,19 +161,3 @@ def _grey_image() -> bytes:
     stream = io.BytesIO()
     Image.new("RGB", IMAGE, (128, 128, 128)).save(stream, "PNG", optimize=True)
     return stream.getvalue()
-
-
-def _notes(counted: Counter[str]) -> list[str]:
-    told = [
-        f"label_2 has the {counted['seen']} boxes that a virtual camera sees (at the first sensor, "
-        f"along x, {IMAGE[0]} x {IMAGE[1]} pixels, KITTI's lens), label_all all {counted['all']}",
-        "occlusion is told in KITTI's levels; image_2 is grey",
-    ]
-    if counted["empty"]:
-        told.append(f"left out: {counted['empty']} boxes without a point")
-    if counted["ignored"]:
-        told.append(
-            f"{counted['ignored']} boxes that have points and do not count are DontCare where the "
-            "camera sees them, else left out"
-        )
-    return told

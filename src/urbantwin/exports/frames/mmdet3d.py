@@ -25,11 +25,16 @@ from urbantwin.exports.frames.trainer_folder import left_out, write_splits
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import classes_in
 
-__all__ = ["write_mmdet3d"]
+__all__ = ["losses_mmdet3d", "write_mmdet3d"]
 
 #: Class and number of boxes that do not count: -1 is left out everywhere.
 _MARKED, _UNKNOWN = "DontCare", -1
 _FEATURES = 4
+
+
+def losses_mmdet3d(source: FrameSource) -> list[str]:
+    """Return what is lost besides what the format cannot hold."""
+    return left_out(source, f"of the class {_UNKNOWN}, which MMDetection3D leaves out")
 
 
 def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence[str]:
@@ -51,15 +56,12 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
     numbers = {name: number for number, name in enumerate(dict.fromkeys(called))}
     database = ObjectDatabase(folder, "custom_gt_database", "floor")
     entries = {}
-    without_points = marked = 0
     for frame in source:
         tell(frame.number / len(source), f"frame {frame.name}")
         points = np.column_stack([frame.points, frame.intensity]).astype("<f4")
         (folder / "points" / f"{frame.name}.bin").write_bytes(points.tobytes())
         found = learned_boxes(frame.boxes, "mmdet3d", _MARKED)
         (folder / "labels" / f"{frame.name}.txt").write_text(found.lines)
-        without_points += int((frame.boxes.num_points == 0).sum())
-        marked += int((found.names == _MARKED).sum())
         entries[frame.name] = _entry(frame, found, numbers)
         if frame.name in training:
             database.add(frame.name, points, found)
@@ -69,13 +71,12 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
         write_plain_pickle(folder / f"custom_infos_{part}.pkl", infos)
     write_plain_pickle(folder / "custom_dbinfos_train.pkl", _pasted(database))
     (folder / f"{MODULE}.py").write_text(dataset_module(list(numbers)))
-    notes = left_out(without_points, marked, f"{_MARKED}, number {_UNKNOWN}")
     try:
         learned = learned_classes(source.folder)
     except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
-        return [*notes, f"no config: {error.problem}"]
+        return [f"no config: {error.problem}"]
     (folder / "pointpillars.py").write_text(mmdet3d_config(learned))
-    return [*notes, *learned.notes]
+    return learned.notes
 
 
 def _entry(frame: SourceFrame, found: LearnedBoxes, numbers: Mapping[str, int]) -> dict[str, Any]:

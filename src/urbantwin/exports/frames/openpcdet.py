@@ -16,18 +16,23 @@ import numpy as np
 from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
-from urbantwin.exports.frames.learned_classes import LearnedClasses, learned_classes
+from urbantwin.exports.frames.learned_classes import learned_classes
 from urbantwin.exports.frames.openpcdet_config import CONFIGS, DONT_CARE, openpcdet_config
 from urbantwin.exports.frames.plain_pickle import write_plain_pickle
 from urbantwin.exports.frames.source import FrameSource
 from urbantwin.exports.frames.trainer_folder import left_out, write_splits
 from urbantwin.progress import Progress
 
-__all__ = ["write_openpcdet", "write_openpcdet_config"]
+__all__ = ["losses_openpcdet", "write_openpcdet", "write_openpcdet_config"]
 
 #: Where OpenPCDet's own configs look, from its folder ``tools``.
 _DATA_PATH = "../data/custom"
 _FEATURES = 4
+
+
+def losses_openpcdet(source: FrameSource) -> list[str]:
+    """Return what is lost besides what the format cannot hold."""
+    return left_out(source, f"{DONT_CARE}, which OpenPCDet neither learns nor judges by")
 
 
 def write_openpcdet(source: FrameSource, folder: Path, tell: Progress) -> Sequence[str]:
@@ -47,15 +52,12 @@ def write_openpcdet(source: FrameSource, folder: Path, tell: Progress) -> Sequen
     training = frozenset(parts["train"])
     database = ObjectDatabase(folder, "gt_database")
     infos = {}
-    without_points = marked = 0
     for number, frame in enumerate(source):
         tell(number / len(source), f"frame {frame.name}")
         points = np.column_stack([frame.points, frame.intensity]).astype(np.float32)
         np.save(folder / "points" / f"{frame.name}.npy", points)
         found = learned_boxes(frame.boxes, "openpcdet", DONT_CARE)
         (folder / "labels" / f"{frame.name}.txt").write_text(found.lines)
-        without_points += int((frame.boxes.num_points == 0).sum())
-        marked += int((found.names == DONT_CARE).sum())
         infos[frame.name] = _info(frame.name, found)
         if frame.name in training:
             database.add(frame.name, points, found)
@@ -64,14 +66,13 @@ def write_openpcdet(source: FrameSource, folder: Path, tell: Progress) -> Sequen
             folder / f"custom_infos_{part}.pkl", [infos[name] for name in names if name in infos]
         )
     write_plain_pickle(folder / "custom_dbinfos_train.pkl", dict(database.infos))
-    notes = left_out(without_points, marked, DONT_CARE)
     try:
         learned = learned_classes(source.folder)
     except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
-        return [*notes, f"no config: {error.problem}"]
+        return [f"no config: {error.problem}"]
     for name in CONFIGS:
         (folder / f"{name}.yaml").write_text(openpcdet_config(learned, _DATA_PATH, name))
-    return [*notes, *learned.notes]
+    return learned.notes
 
 
 def write_openpcdet_config(dataset: Path, file: Path) -> list[str]:
@@ -87,10 +88,14 @@ def write_openpcdet_config(dataset: Path, file: Path) -> list[str]:
     Raises:
         InputError: it is no dataset of ours, or no class has enough boxes.
     """
-    learned: LearnedClasses = learned_classes(dataset)
+    learned = learned_classes(dataset)
     with replaced_file(file, inputs=[dataset]) as passing:
         passing.write_text(openpcdet_config(learned, str(dataset.resolve())))
-    return [*learned.notes, f"DATA_PATH is {dataset}"]
+    return [
+        *learned.notes,
+        f"DATA_PATH is {dataset}, whose labels have the boxes without a point, too: -o folder/ "
+        "writes a dataset without them",
+    ]
 
 
 def _info(name: str, found: LearnedBoxes) -> dict[str, object]:

@@ -1,7 +1,7 @@
 """SemanticKITTI: ``sequences/NN`` with ``velodyne``, ``labels``, ``poses.txt`` and ``calib.txt``.
 
 Source: Behley et al. 2019, and semantic-kitti-api (``README.md``, ``generate_sequential.py``). A
-sequence is a run of frames that follow each other and are in one part of the split, as its tools
+sequence is a scene: frames that follow each other in one part of the split (`scenes`), as its tools
 join frames with those before them; frames are numbered from 0 in each. ``semantic-kitti.yaml`` is
 the API's configuration for this dataset: which sequences train, validate and test, and which share
 of the points each class has.
@@ -10,20 +10,20 @@ of the points each class has.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from urbantwin.exports.frames.scenes import scenes_of
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.exports.frames.virtual_camera import PROJECTION, camera_SE3_frame
 from urbantwin.geometry import Pose
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import MOVING, classes_in, kitti_labels, semantic_classes
 
-__all__ = ["MOVING_M_S", "sequences_of", "write_semantickitti"]
+__all__ = ["MOVING_M_S", "write_semantickitti"]
 
 #: Who is faster than this over the ground moves, metres per second.
 MOVING_M_S = 0.25
@@ -47,10 +47,10 @@ def write_semantickitti(source: FrameSource, folder: Path, tell: Progress) -> Se
     counts = np.zeros(_LABELS, np.int64)
     split: dict[str, list[int]] = {name: [] for name in _PARTS.values()}
     told = []
-    runs = sequences_of(source)
-    for number, (part, frames) in enumerate(runs):
-        if part in _PARTS:
-            split[_PARTS[part]].append(number)
+    for number, scene in enumerate(scenes_of(source)):
+        frames = scene.numbers
+        if scene.part in _PARTS:
+            split[_PARTS[scene.part]].append(number)
         place = folder / "sequences" / f"{number:02d}"
         (place / "velodyne").mkdir(parents=True)
         (place / "labels").mkdir()
@@ -72,17 +72,9 @@ def write_semantickitti(source: FrameSource, folder: Path, tell: Progress) -> Se
         (place / "times.txt").write_text("".join(times))
         (place / "calib.txt").write_text(_calibration(camera))
         span = f"{source.names[frames[0]]} to {source.names[frames[-1]]}"
-        told.append(f"sequence {number:02d}: frames {span}, {part or 'of no part'}")
+        told.append(f"sequence {number:02d}: frames {span}, {scene.part or 'of no part'}")
     (folder / "semantic-kitti.yaml").write_text(_configuration(counts, split))
     return [*told, f"who is faster than {MOVING_M_S} m/s moves; poses are those in the site"]
-
-
-def sequences_of(source: FrameSource) -> list[tuple[str | None, list[int]]]:
-    """Return the runs of frames that follow each other in one part: the part, and their numbers."""
-    parts = [source.part_of(name) for name in source.names]
-    return [
-        (part, list(numbers)) for part, numbers in groupby(range(len(parts)), lambda n: parts[n])
-    ]
 
 
 def _numbers() -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -1,4 +1,4 @@
-"""What OpenPCDet and MMDetection3D read alike: names of frames, lines of labels."""
+"""What trainers read alike: the names of each part's frames, and boxes that teach something."""
 
 from __future__ import annotations
 
@@ -25,11 +25,21 @@ def write_splits(source: FrameSource, folder: Path) -> dict[str, Sequence[str]]:
     return parts
 
 
-def left_out(without_points: int, marked: int, mark: str) -> list[str]:
-    """Return what a person should be told of boxes that a trainer does not learn."""
+def left_out(source: FrameSource, marked: str) -> list[str]:
+    """Return what is said of boxes that a trainer does not learn, before anything is written.
+
+    Args:
+        source: the dataset.
+        marked: what becomes of boxes that have points and do not count.
+    """
+    empty = ignored = 0
+    for name in source.names:
+        boxes = source.boxes_of(name)
+        empty += int((boxes.num_points == 0).sum())
+        ignored += int(((boxes.num_points > 0) & (boxes.ignored != "")).sum())
     told = []
-    if without_points:
-        told.append(f"left out: {without_points} boxes without a point, which nothing can learn")
-    if marked:
-        told.append(f"{marked} boxes that have points and do not count are {mark}")
+    if empty:
+        told.append(f"{empty} boxes without a point are left out: nothing can learn them")
+    if ignored:
+        told.append(f"{ignored} boxes that have points and do not count are {marked}")
     return told
