@@ -46,8 +46,8 @@ def inside(points, box):
     for number, (x, y, z) in enumerate(points[:, :3].tolist()):
         if abs(z - box[2]) > box[5] / 2:
             continue
-        x, y = x - box[0], y - box[1]
-        if abs(x * c - y * s) < box[3] / 2 + 0.01 and abs(x * s + y * c) < box[4] / 2 + 0.01:
+        u, v = x - box[0], y - box[1]
+        if abs(u * c - v * s) < box[3] / 2 + 0.01 and abs(u * s + v * c) < box[4] / 2 + 0.01:
             found.append(number)
     return found
 
@@ -73,7 +73,7 @@ for part in ("train", "val"):
         # Training: what is DontCare is dropped, every array by the same rows.
         kept = [row for row, one in enumerate(told["name"]) if one != "DontCare"]
         gt_names, gt_boxes = told["name"][kept], told["gt_boxes_lidar"][kept]
-        for one, its_box in zip(gt_names, gt_boxes):
+        for one, its_box in zip(gt_names, gt_boxes, strict=True):
             answer["learned"][part].setdefault(str(one), []).append(
                 [name, *[float(value) for value in its_box]]
             )
@@ -85,7 +85,7 @@ for part in ("train", "val"):
         expect(annos["name"].tolist() == [job["map"][one] for one in classes], f"{name}: cut")
 
         if part == "train":
-            for row, (its_box, one) in enumerate(zip(box, classes)):
+            for row, (its_box, one) in enumerate(zip(box, classes, strict=True)):
                 chosen = inside(points, its_box.tolist())
                 own = points[chosen].copy()
                 own[:, :3] -= its_box[:3]
@@ -96,7 +96,7 @@ files = {one.name for one in (folder / "gt_database").iterdir()}
 expect(files == {one[0] for rows in expected.values() for one in rows}, "files of the database")
 for one, rows in expected.items():
     expect(len(rows) == len(database[one]), f"{one}: how many objects")
-    for (file, own, its_box, row), info in zip(rows, database[one]):
+    for (file, own, its_box, row), info in zip(rows, database[one], strict=True):
         expect(info["path"] == f"gt_database/{file}", f"{file}: path")
         expect(info["name"] == one and info["gt_idx"] == row, f"{file}: name")
         expect(np.array_equal(info["box3d_lidar"], its_box), f"{file}: box")
