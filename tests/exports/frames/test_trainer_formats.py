@@ -12,8 +12,9 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
+import urbantwin as ut
 from urbantwin.errors import InputError
-from urbantwin.exports.frames import DATASET_FORMATS, FrameSource, export_dataset
+from urbantwin.exports.frames import FrameSource, export_dataset
 from urbantwin.exports.frames.plain_pickle import write_plain_pickle
 from urbantwin.fidelity.readers import open_recording
 
@@ -278,6 +279,16 @@ def test_pickles_are_of_plain_things(tmp_path):
         write_plain_pickle(tmp_path / "two.pkl", [np.float64(1.0)])
 
 
-def test_what_a_format_holds_is_a_field(written):
-    for name in ("openpcdet", "mmdet3d", "kitti", "semantickitti"):
-        assert written(name)[0].name == DATASET_FORMATS[name].name
+def test_what_is_lost_is_told_before_anything_is_written(
+    two_sensors, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    made = ut.export(two_sensors, "openpcdet")
+    told = capsys.readouterr().err.splitlines()
+    lost = [line for line in told if "cannot hold" in line or "left out" in line]
+    assert len(lost) == 2
+    assert told[:2] == lost
+    # Named after the dataset; a .yaml alone is asked for by its name.
+    assert made.path == Path("dataset-openpcdet")
+    assert (made.path / "custom_infos_train.pkl").is_file()
+    assert ut.verify(made.path)
