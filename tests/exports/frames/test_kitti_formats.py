@@ -11,11 +11,15 @@ import yaml
 from PIL import Image
 
 import urbantwin as ut
+from urbantwin.dataset import record
 from urbantwin.errors import InputError
 from urbantwin.exports.frames import FrameSource, export_dataset
 from urbantwin.fidelity.labelled_view import view_of
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.lidar import place_rig
 from urbantwin.taxonomy import BOX_SEMANTICS, semantic_id
+
+from ...dataset.conftest import _rig_spec
 
 #: Boxes put into frame 5: class, x, y, yaw, points, occlusion, why ignored; z and sizes are alike.
 PUT = {
@@ -185,9 +189,27 @@ def test_frames_are_where_kittis_programs_look(crowded, kitti):
     assert (values[:, 3] == source[3].intensity).all()
 
 
-@pytest.mark.parametrize("name", ["two_sensors", "riding"])
-def test_kitti_comes_back(name, two_sensors, riding, tmp_path):
-    dataset = {"two_sensors": two_sensors, "riding": riding}[name]
+@pytest.fixture(scope="session")
+def tilted(twin, motion, tmp_path_factory):
+    """Frames of a tilted sensor, in its own frame: boxes are upright there."""
+    out = tmp_path_factory.mktemp("tilted") / "dataset"
+    rig = place_rig(_rig_spec(frame="sensor"), twin.mesh)
+    record(twin, motion, rig, out, workers=1, seed=5, start_s=0.4, stop_s=0.9)
+    return out
+
+
+@pytest.fixture(scope="session")
+def in_site(twin, motion, tmp_path_factory):
+    """Frames in the frame of the site: the camera is not in its origin."""
+    out = tmp_path_factory.mktemp("in-site") / "dataset"
+    rig = place_rig(_rig_spec(frame="site"), twin.mesh)
+    record(twin, motion, rig, out, workers=1, seed=5, start_s=0.4, stop_s=0.9)
+    return out
+
+
+@pytest.mark.parametrize("name", ["two_sensors", "riding", "tilted", "in_site"])
+def test_kitti_comes_back(name, request, tmp_path):
+    dataset = request.getfixturevalue(name)
     out, _ = export_dataset(dataset, "kitti", tmp_path / "out")
     back, source = open_recording(out), FrameSource(dataset)
     assert back.layout == "kitti"
@@ -209,7 +231,13 @@ def test_kitti_comes_back(name, two_sensors, riding, tmp_path):
             share = boxes.occlusion[rows]
             levels = np.where(share <= 0.2, 0, np.where(share <= 0.6, 1, 2))
             assert found.boxes.occlusion.tolist() == [middles[k] for k in levels.tolist()]
-    assert boxes_seen >= 8
+    assert boxes_seen >= 4
+    # The camera stands where the first sensor stands.
+    camera = calibration(out / "training" / "calib" / f"{source.names[3]}.txt")["Tr_velo_to_cam"]
+    frame = source[3]
+    at = frame.site_SE3_sensors[source.sensors[0]["name"]].translation
+    in_frame = frame.site_SE3_frame.rotation.T @ (at - frame.site_SE3_frame.translation)
+    assert camera @ [*in_frame, 1] == pytest.approx(np.zeros(3), abs=1e-9)
     # What is on all sides is labelled: nothing is left out where it stands.
     frame = next(iter(back))
     around = np.array([[-20.0, 3, 0, 4, 2, 2, 0], [20.0, 0, 0, 4, 2, 2, 0]])

@@ -6,7 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from urbantwin import __version__
-from urbantwin.artefact import replaced_file, replaced_folder, sha256_of, write_json
+from urbantwin.artefact import (
+    check_file,
+    check_folder,
+    replaced_file,
+    replaced_folder,
+    sha256_of,
+    write_json,
+)
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.formats import DATASET_FORMATS
 from urbantwin.exports.frames.losses import losses_of
@@ -48,6 +55,10 @@ def export_dataset(
     wanted = DATASET_FORMATS[to]
     source = FrameSource(dataset)
     path = out or Path(f"{dataset.resolve().name}{wanted.ending or '-' + to}")
+    if wanted.ending:
+        check_file(path, inputs=[dataset])
+    else:
+        check_folder(path, kind=KIND, inputs=[dataset])
     losses = [*losses_of(source, to, wanted.holds), *wanted.losses_besides(source)]
     for one in losses:
         tell(one)
