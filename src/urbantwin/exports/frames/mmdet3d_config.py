@@ -72,8 +72,13 @@ def mmdet3d_config(learned: LearnedClasses) -> str:
         learned: the classes, and where they are.
     """
     names, reach = learned.names, list(learned.range_m)
-    load = {"type": "LoadPointsFromFile", "coord_type": "LIDAR", "load_dim": 4, "use_dim": 4}
-    within = {"type": "PointsRangeFilter", "point_cloud_range": reach}
+    load: dict[str, Any] = {
+        "type": "LoadPointsFromFile",
+        "coord_type": "LIDAR",
+        "load_dim": 4,
+        "use_dim": 4,
+    }
+    within: dict[str, Any] = {"type": "PointsRangeFilter", "point_cloud_range": reach}
     sampler = {
         "data_root": _DATA_ROOT,
         "info_path": _DATA_ROOT + "custom_dbinfos_train.pkl",
@@ -83,7 +88,7 @@ def mmdet3d_config(learned: LearnedClasses) -> str:
         "sample_groups": {one.name: one.sampled for one in learned.classes},
         "points_loader": load,
     }
-    train = [
+    train: list[dict[str, Any]] = [
         load,
         {"type": "LoadAnnotations3D", "with_bbox_3d": True, "with_label_3d": True},
         {"type": "ObjectSample", "db_sampler": sampler},
@@ -103,7 +108,7 @@ def mmdet3d_config(learned: LearnedClasses) -> str:
         {"type": "PointShuffle"},
         {"type": "Pack3DDetInputs", "keys": ["points", "gt_bboxes_3d", "gt_labels_3d"]},
     ]
-    test = [load, within, {"type": "Pack3DDetInputs", "keys": ["points"]}]
+    test: list[dict[str, Any]] = [load, within, {"type": "Pack3DDetInputs", "keys": ["points"]}]
     judged = {
         "batch_size": 1,
         "num_workers": 1,

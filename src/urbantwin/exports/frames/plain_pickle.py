@@ -10,6 +10,7 @@ from __future__ import annotations
 import pickle
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ _PROTOCOL = 4
 
 
 class _Plain(pickle.Pickler):
-    def reducer_override(self, obj: object) -> object:
+    def reducer_override(self, obj: object) -> Any:  # noqa: ANN401 - as the library has it
         if isinstance(obj, np.ndarray) and not obj.dtype.hasobject:
             return np.ndarray, (obj.shape, obj.dtype.str, bytearray(obj.tobytes()))
         if isinstance(obj, np.generic):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from urbantwin.exports.frames.source import FrameSource
@@ -13,7 +12,7 @@ __all__ = ["PARTS", "left_out", "write_splits"]
 PARTS = ("train", "val", "test")
 
 
-def write_splits(source: FrameSource, folder: Path) -> dict[str, Sequence[str]]:
+def write_splits(source: FrameSource, folder: Path) -> dict[str, tuple[str, ...]]:
     """Write ``ImageSets`` and return the names of each part: of two at least, maybe empty."""
     parts = {name: source.split.get(name, ()) for name in PARTS}
     if not parts["test"]:
