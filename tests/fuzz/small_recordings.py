@@ -7,6 +7,7 @@ import tarfile
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import yaml
 from pyarrow import feather
 
@@ -94,6 +95,133 @@ def argoverse() -> dict[str, bytes]:
             }
         ),
     }
+
+
+def parquet(columns: dict[str, object]) -> bytes:
+    stream = pa.BufferOutputStream()
+    pq.write_table(pa.table(columns), stream, compression="brotli", row_group_size=1)
+    return stream.getvalue().to_pybytes()
+
+
+def waymo() -> dict[str, bytes]:
+    """Two frames of one laser of three beams, with the vehicle's pose at every pixel."""
+    times = [1552440195362591, 1552440195462592]
+    keys = {"key.segment_context_name": ["s"] * 2, "key.frame_timestamp_micros": times}
+    top = {"key.laser_name": pa.array([1, 1], pa.int8())}
+
+    def images(name: str, image: np.ndarray, kind: pa.DataType) -> dict[str, object]:
+        lists = pa.list_(pa.int32(), 3)
+        return {
+            f"{name}.values": pa.array([image.ravel()] * 2, pa.list_(kind)),
+            f"{name}.shape": pa.array([list(image.shape)] * 2, lists),
+        }
+
+    matrix = np.eye(4)
+    matrix[:3, 3] = 3.0, 4.0, 1.0
+    one = pa.array([matrix.ravel()], pa.list_(pa.float64(), 16))
+    seen = np.dstack([rng.uniform(2, 60, (3, 12)), *([np.ones((3, 12))] * 2), -np.ones((3, 12))])
+    sides = {"center.x": 12.0, "center.y": 3.0, "center.z": 1.0, "size.x": 4.6, "size.y": 1.9,
+             "size.z": 1.5, "heading": 0.4}  # fmt: skip
+    box, beams = "[LiDARBoxComponent].", "[LiDARCalibrationComponent].beam_inclination."
+    return {
+        "lidar/s.parquet": parquet(
+            {**keys, **top, **images("[LiDARComponent].range_image_return1", seen, pa.float32())}
+        ),
+        "lidar_pose/s.parquet": parquet(
+            {
+                **keys, **top,
+                **images(
+                    "[LiDARPoseComponent].range_image_return1",
+                    np.full((3, 12, 6), 0.1),
+                    pa.float32(),
+                ),
+            }
+        ),
+        "lidar_segmentation/s.parquet": parquet(
+            {
+                **keys, **top,
+                **images(
+                    "[LiDARSegmentationLabelComponent].range_image_return1",
+                    np.full((3, 12, 2), 7),
+                    pa.int32(),
+                ),
+            }
+        ),
+        "lidar_calibration/s.parquet": parquet(
+            {
+                "key.segment_context_name": ["s"],
+                "key.laser_name": pa.array([1], pa.int8()),
+                "[LiDARCalibrationComponent].extrinsic.transform": one,
+                f"{beams}min": [-0.3],
+                f"{beams}max": [0.1],
+                f"{beams}values": [[-0.3, -0.1, 0.1]],
+            }
+        ),
+        "vehicle_pose/s.parquet": parquet(
+            {
+                **keys,
+                "[VehiclePoseComponent].world_from_vehicle.transform": pa.concat_arrays([one] * 2),
+            }
+        ),
+        "lidar_box/s.parquet": parquet(
+            {
+                **keys,
+                "key.laser_object_id": ["a", "b"],
+                **{f"{box}box.{name}": [value] * 2 for name, value in sides.items()},
+                **{f"{box}speed.{axis}": [1.0, None] for axis in "xyz"},
+                f"{box}type": pa.array([1, 2], pa.int8()),
+                f"{box}num_lidar_points_in_box": [7, 0],
+            }
+        ),
+    }  # fmt: skip
+
+
+def once() -> dict[str, bytes]:
+    box = [12.0, 3.0, -4.1, 4.6, 1.9, 1.5, 0.4]
+    annos = {"names": ["Car", "Bus"], "boxes_3d": [box, box]}
+    pose = [0.0, 0.0, 0.6, 0.8, 3.0, 4.0, 1.0]
+    frame = {"frame_id": "1616003433400", "pose": pose, "annos": annos}
+    later = {"frame_id": "1616003433900", "pose": pose}
+    return {
+        "lidar_roof/1616003433400.bin": ROWS.tobytes(),
+        "recording.json": text({"frames": [frame, later]}),
+    }
+
+
+def ips300() -> dict[str, bytes]:
+    box = {
+        "label": "Minibus",
+        "center": {"x": 12.0, "y": 3.0, "z": -4.1},
+        "dimensions": {"length": 4.6, "width": 1.9, "height": 1.5},
+        "rotation": {"x": 0, "y": 0, "z": 0.4},
+    }
+    line = b"cyclist 0 0 0 1 2 3 4 5 6 7 8 1.5 0.8 1.8 12.0 3.0 -4.1 0.4\n"
+    return {
+        "data/PCD_COM_ROI/000000_COM_ROI.pcd": pcd(),
+        "data/PCD_COM_ROI/000001_COM_ROI.pcd": pcd("ascii"),
+        "label/json/000000_LABEL.json": text({"objects": [box, box]}),
+        "label/txt/000001_LABEL.txt": line * 2,
+    }
+
+
+def a9() -> dict[str, bytes]:
+    box = {
+        "dimension": {"length": 4.6, "width": 1.9, "height": 1.5},
+        "location": {"x": 12.0, "y": 3.0, "z": -4.1},
+        "orientation": {"rotationYaw": 0.4},
+    }
+    labels = {"labels": [{"id": 1, "category": "CAR", "box3d": box}]}
+    return {"_points/1.pcd": pcd(), "_labels/1.json": text(labels)}
+
+
+def v2v4real() -> dict[str, bytes]:
+    vehicle = {
+        "location": [12.0, 3.0, -4.0], "center": [0.0, 0.0, 0.0], "extent": [2.3, 0.9, 0.7],
+        "angle": [0.0, 30.0, 0.0], "obj_type": "Car", "ass_id": 4,
+    }  # fmt: skip
+    pose = [[0.8, -0.6, 0.0, 1.0], [0.6, 0.8, 0.0, 2.0], [0.0, 0.0, 1.0, 5.0], [0.0, 0.0, 0.0, 1.0]]
+    told = {"lidar_pose": pose, "vehicles": {17: vehicle}}
+    return {"0/000001.pcd": pcd(), "0/000001.yaml": yaml.safe_dump(told).encode()}
 
 
 def nuscenes() -> dict[str, bytes]:
@@ -252,6 +380,7 @@ def listed_clouds() -> dict[str, bytes]:
 
 RECORDINGS = {
     "argoverse2": argoverse(),
+    "waymo2": waymo(),
     "nuscenes": nuscenes(),
     "kitti": kitti(),
     "semantic-kitti": semantic_kitti(),
@@ -261,5 +390,9 @@ RECORDINGS = {
     "lumpi": lumpi(),
     "ouster": ouster(),
     "webdataset": webdataset(),
-    "listed clouds": listed_clouds(),
+    "plain": listed_clouds(),
+    "once": once(),
+    "ips300": ips300(),
+    "tumtraf, first release": a9(),
+    "opencood, V2V4Real": v2v4real(),
 }

@@ -80,7 +80,7 @@ def _by_ending(name: str, progress: Progress) -> Callable[[Path], dict[str, Any]
         ((".tif", ".tiff"), _dem),
         ((".ply",), _mesh_or_cloud),
         (CLOUDS, _cloud),
-        ((".pcap",), _recording),
+        ((".pcap", ".parquet"), _recording),
         ((".json",), _geometry_or_roads),
         (GEOMETRY, _geometry),
     ):

@@ -98,9 +98,11 @@ def frame_of(
 
 
 def _as_kept(attribute: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Return values as a frame keeps them: times as they are, else whole numbers, -1 for NaN."""
+    """Return values as a frame keeps them: times, marks, else whole numbers, -1 for NaN."""
     if attribute == "time_s":
         return values.astype(np.float64)
+    if attribute == "unlabelled":
+        return values.astype(bool)
     if values.dtype.kind == "f":
         values = np.where(np.abs(values) < _LARGEST, values, -1)
     return values.astype(np.int64)

@@ -11,9 +11,11 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import FORMATS
 from urbantwin.fidelity.readers.argoverse import is_argoverse, open_argoverse
 from urbantwin.fidelity.readers.dair_v2x import is_dair, open_dair
+from urbantwin.fidelity.readers.ips300 import is_ips300, open_ips300
 from urbantwin.fidelity.readers.kitti import is_kitti, open_kitti
 from urbantwin.fidelity.readers.lumpi import is_lumpi, open_lumpi
 from urbantwin.fidelity.readers.nuscenes import is_nuscenes, open_nuscenes
+from urbantwin.fidelity.readers.once import is_once, open_once
 from urbantwin.fidelity.readers.opencood import is_opencood, open_opencood
 from urbantwin.fidelity.readers.ouster import is_ouster, open_ouster
 from urbantwin.fidelity.readers.own import is_own, open_own
@@ -21,6 +23,7 @@ from urbantwin.fidelity.readers.plain import is_plain, open_plain
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.fidelity.readers.semantic_kitti import is_semantic_kitti, open_semantic_kitti
 from urbantwin.fidelity.readers.tumtraf import is_tumtraf, open_tumtraf
+from urbantwin.fidelity.readers.waymo import is_waymo, open_waymo
 from urbantwin.fidelity.readers.webdataset import is_webdataset, open_webdataset
 
 __all__ = ["LAYOUTS", "Layout", "layout_of", "open_recording", "recordings_inside"]
@@ -45,19 +48,26 @@ class Layout:
 LAYOUTS: dict[str, Layout] = {
     "own": Layout("a dataset of urbantwin", is_own, open_own),
     "argoverse2": Layout("Argoverse 2", is_argoverse, lambda path, _: open_argoverse(path)),
+    "waymo2": Layout("Waymo Open Dataset v2", is_waymo, lambda path, _: open_waymo(path)),
     "nuscenes": Layout("nuScenes", is_nuscenes, lambda path, _: open_nuscenes(path)),
+    "once": Layout("ONCE", is_once, lambda path, _: open_once(path)),
+    "ips300": Layout("IPS300+", is_ips300, lambda path, _: open_ips300(path)),
     "lumpi": Layout("LUMPI", is_lumpi, lambda path, _: open_lumpi(path)),
     "tumtraf": Layout("TUMTraf", is_tumtraf, lambda path, _: open_tumtraf(path)),
     "dair-v2x": Layout("DAIR-V2X", is_dair, lambda path, _: open_dair(path)),
     "semantic-kitti": Layout("SemanticKITTI", is_semantic_kitti, open_semantic_kitti),
     "kitti": Layout("KITTI", is_kitti, open_kitti),
-    "opencood": Layout("OPV2V or V2X-Real", is_opencood, lambda path, _: open_opencood(path)),
+    "opencood": Layout(
+        "OPV2V, V2X-Real or V2V4Real", is_opencood, lambda path, _: open_opencood(path)
+    ),
     "ouster": Layout("a capture of an Ouster", is_ouster, lambda path, _: open_ouster(path)),
     "webdataset": Layout(
         "a WebDataset of urbantwin", is_webdataset, lambda path, _: open_webdataset(path)
     ),
     "plain": Layout("a folder of clouds", is_plain, open_plain),
 }
+#: Those that a single file may have.
+_OF_FILES = ("waymo2", "ouster", "webdataset", "plain")
 
 
 def open_recording(
@@ -119,11 +129,8 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
 
 def layout_of(path: Path) -> str | None:
     """Return which of ``LAYOUTS`` a folder or file itself has, or None."""
-    if path.is_file() and not is_ouster(path):
-        if is_webdataset(path):
-            return "webdataset"
-        return "plain" if is_plain(path) else None
-    return next((name for name, one in LAYOUTS.items() if one.recognises(path)), None)
+    tried = _OF_FILES if path.is_file() else LAYOUTS
+    return next((name for name in tried if LAYOUTS[name].recognises(path)), None)
 
 
 def recordings_inside(path: Path, depth: int = 2) -> list[tuple[Path, str]]:
