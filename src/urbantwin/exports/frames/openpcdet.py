@@ -27,6 +27,9 @@ __all__ = ["losses_openpcdet", "write_openpcdet", "write_openpcdet_config"]
 
 #: Where OpenPCDet's own configs look, from its folder ``tools``.
 _DATA_PATH = "../data/custom"
+_COMMAND = """# In OpenPCDet's folder tools, with this folder at FOLDER:
+# python train.py --cfg_file FOLDER/{}.yaml --set DATA_CONFIG.DATA_PATH FOLDER
+"""
 _FEATURES = 4
 
 
@@ -71,7 +74,8 @@ def write_openpcdet(source: FrameSource, folder: Path, tell: Progress) -> Sequen
     except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
         return [f"no config: {error.problem}"]
     for name in CONFIGS:
-        (folder / f"{name}.yaml").write_text(openpcdet_config(learned, _DATA_PATH, name))
+        text = _COMMAND.format(name) + openpcdet_config(learned, _DATA_PATH, name)
+        (folder / f"{name}.yaml").write_text(text)
     return learned.notes
 
 
