@@ -1,4 +1,4 @@
-"""What MMEngine makes of a config, and NumPy 1 of the pickles beside it."""
+"""What MMEngine makes of configs, and NumPy 1 of the pickles beside it."""
 
 import json
 import pickle
@@ -9,8 +9,11 @@ import numpy as np
 from mmengine.config import Config
 
 folder = Path(sys.argv[1])
-config = Config.fromfile(folder / "pointpillars.py", import_custom_modules=False)
-answer = {"config": config.to_dict(), "numpy": np.__version__, "infos": {}}
+configs = {
+    name: Config.fromfile(folder / f"{name}.py", import_custom_modules=False).to_dict()
+    for name in ("pointpillars", "centerpoint")
+}
+answer = {"configs": configs, "numpy": np.__version__, "infos": {}}
 for part in ("train", "val"):
     with (folder / f"custom_infos_{part}.pkl").open("rb") as stream:
         answer["infos"][part] = pickle.load(stream)

@@ -142,7 +142,7 @@ def test_mmengine_reads_the_config_and_numpy_1_the_infos(trained_on, written, ju
     folder, _ = written("mmdet3d")
     found = judge("mmengine_reads", folder)
     assert found["numpy"].startswith("1.")
-    config = found["config"]
+    config = found["configs"]["pointpillars"]
     names = config["class_names"]
     assert names == ["car", "pedestrian"]
     source = FrameSource(trained_on)
@@ -195,7 +195,8 @@ def test_mmengine_reads_the_config_and_numpy_1_the_infos(trained_on, written, ju
 
 def test_mmdetection3ds_config_fits_the_dataset(written, judge):
     folder, _ = written("mmdet3d")
-    config = judge("mmengine_reads", folder)["config"]
+    configs = judge("mmengine_reads", folder)["configs"]
+    config = configs["pointpillars"]
     model, names = config["model"], config["class_names"]
     reach = np.array(config["point_cloud_range"])
     edge = np.array(model["voxel_encoder"]["voxel_size"])
@@ -219,6 +220,17 @@ def test_mmdetection3ds_config_fits_the_dataset(written, judge):
     (reader,) = [one for one in tree.body if isinstance(one, ast.ClassDef)]
     assert reader.name == config["train_dataloader"]["dataset"]["type"]
     told = ast.literal_eval(reader.body[0].value)["classes"]
+    # CenterPoint: a head for each class, a map of a quarter of the pillars that heads divide.
+    centre = configs["centerpoint"]
+    assert [one["class_names"] for one in centre["model"]["pts_bbox_head"]["tasks"]] == [
+        [name] for name in names
+    ]
+    assert centre["model"]["pts_middle_encoder"] == model["middle_encoder"]
+    grid = centre["model"]["train_cfg"]["pts"]["grid_size"]
+    assert grid == cells.tolist()
+    assert centre["train_dataloader"]["dataset"]["with_velocity"] is True
+    pasted = [one["type"] for one in centre["train_dataloader"]["dataset"]["pipeline"]]
+    assert "ObjectSample" not in pasted  # what is pasted in has no velocity
     infos = pickle.loads((folder / "custom_infos_train.pkl").read_bytes())
     assert dict(enumerate(told)) == {v: k for k, v in infos["metainfo"]["categories"].items()}
 

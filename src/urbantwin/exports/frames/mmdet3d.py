@@ -18,7 +18,7 @@ import numpy as np
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
 from urbantwin.exports.frames.learned_classes import learned_classes
-from urbantwin.exports.frames.mmdet3d_config import MODULE, dataset_module, mmdet3d_config
+from urbantwin.exports.frames.mmdet3d_config import CONFIGS, MODULE, dataset_module, mmdet3d_config
 from urbantwin.exports.frames.plain_pickle import write_plain_pickle
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.exports.frames.trainer_folder import left_out, write_splits
@@ -75,7 +75,8 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
         learned = learned_classes(source.folder)
     except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
         return [f"no config: {error.problem}"]
-    (folder / "pointpillars.py").write_text(mmdet3d_config(learned))
+    for name in CONFIGS:
+        (folder / f"{name}.py").write_text(mmdet3d_config(learned, name))
     return learned.notes
 
 

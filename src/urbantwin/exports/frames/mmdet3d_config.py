@@ -1,4 +1,4 @@
-"""A config of MMDetection3D for a dataset, PointPillars, and the class that reads the dataset.
+"""Configs of MMDetection3D for a dataset, and the class that reads the dataset.
 
 Source: MMDetection3D 1.4, ``configs/pointpillars``, ``configs/_base_/datasets/kitti-3d-3class.py``
 and ``docs/en/advanced_guides/customize_dataset.md``.
@@ -10,18 +10,17 @@ from collections.abc import Sequence
 from pprint import pformat
 from typing import Any
 
-from urbantwin.exports.frames.learned_classes import (
-    FEWEST_POINTS,
-    PILLAR_M,
-    LearnedClass,
-    LearnedClasses,
-)
+from urbantwin.exports.frames.learned_classes import FEWEST_POINTS, LearnedClasses
+from urbantwin.exports.frames.mmdet3d_models import centerpoint, pointpillars
 
-__all__ = ["MODULE", "dataset_module", "mmdet3d_config"]
+__all__ = ["CONFIGS", "MODULE", "dataset_module", "mmdet3d_config"]
 
 #: Module of the class that reads the dataset, beside its config.
 MODULE = "urbantwin_dataset"
 _CLASS = "UrbanTwinDataset"
+#: The models that there are configs for; a config's file is named so. CenterPoint tells velocities,
+#: too, which objects that are pasted in do not have: nothing is pasted for it.
+CONFIGS = {"pointpillars": (pointpillars, False), "centerpoint": (centerpoint, True)}
 #: Where MMDetection3D's own configs look, from its folder.
 _DATA_ROOT = "data/custom/"
 _EPOCHS, _RATE = 80, 0.001
@@ -50,27 +49,37 @@ class {_CLASS}(Det3DDataset):
 {names}        )
     }}
 
+    def __init__(self, *args, with_velocity=False, **kwargs):
+        self.with_velocity = with_velocity
+        super().__init__(*args, **kwargs)
+
     def parse_ann_info(self, info):
         found = super().parse_ann_info(info)
         if found is None:  # a frame without boxes
             found = {{
                 "gt_bboxes_3d": np.zeros((0, 7), np.float32),
                 "gt_labels_3d": np.zeros(0, np.int64),
+                "velocities": np.zeros((0, 2), np.float32),
             }}
         found = self._remove_dontcare(found)
+        boxes = found["gt_bboxes_3d"]
+        if self.with_velocity:
+            boxes = np.concatenate([boxes, found["velocities"]], axis=1)
         found["gt_bboxes_3d"] = LiDARInstance3DBoxes(
-            found["gt_bboxes_3d"], origin=(0.5, 0.5, 0.5)
+            boxes, box_dim=boxes.shape[1], origin=(0.5, 0.5, 0.5)
         ).convert_to(self.box_mode_3d)
         return found
 '''
 
 
-def mmdet3d_config(learned: LearnedClasses) -> str:
-    """Return the config, as Python.
+def mmdet3d_config(learned: LearnedClasses, name: str) -> str:
+    """Return a config, as Python.
 
     Args:
         learned: the classes, and where they are.
+        name: one of `CONFIGS`.
     """
+    model, with_velocity = CONFIGS[name]
     names, reach = learned.names, list(learned.range_m)
     load: dict[str, Any] = {
         "type": "LoadPointsFromFile",
@@ -91,7 +100,7 @@ def mmdet3d_config(learned: LearnedClasses) -> str:
     train: list[dict[str, Any]] = [
         load,
         {"type": "LoadAnnotations3D", "with_bbox_3d": True, "with_label_3d": True},
-        {"type": "ObjectSample", "db_sampler": sampler},
+        *([] if with_velocity else [{"type": "ObjectSample", "db_sampler": sampler}]),
         {
             "type": "RandomFlip3D",
             "flip_ratio_bev_horizontal": 0.5,
@@ -109,13 +118,14 @@ def mmdet3d_config(learned: LearnedClasses) -> str:
         {"type": "Pack3DDetInputs", "keys": ["points", "gt_bboxes_3d", "gt_labels_3d"]},
     ]
     test: list[dict[str, Any]] = [load, within, {"type": "Pack3DDetInputs", "keys": ["points"]}]
+    told = {"with_velocity": with_velocity}
     judged = {
         "batch_size": 1,
         "num_workers": 1,
         "persistent_workers": True,
         "drop_last": False,
         "sampler": {"type": "DefaultSampler", "shuffle": False},
-        "dataset": _dataset("val", names, test, judged=True),
+        "dataset": _dataset("val", names, test, judged=True) | told,
     }
     judge = {"type": "IndoorMetric", "iou_thr": [0.3, 0.5, 0.7]}
     parts: dict[str, Any] = {
@@ -123,13 +133,13 @@ def mmdet3d_config(learned: LearnedClasses) -> str:
         "custom_imports": {"imports": [MODULE], "allow_failed_imports": False},
         "class_names": names,
         "point_cloud_range": reach,
-        "model": _model(learned),
+        "model": model(learned),
         "train_dataloader": {
             "batch_size": 4,
             "num_workers": 4,
             "persistent_workers": True,
             "sampler": {"type": "DefaultSampler", "shuffle": True},
-            "dataset": _dataset("train", names, train, judged=False),
+            "dataset": _dataset("train", names, train, judged=False) | told,
         },
         "val_dataloader": judged,
         "test_dataloader": judged,
@@ -138,13 +148,13 @@ def mmdet3d_config(learned: LearnedClasses) -> str:
         **_schedule(),
     }
     text = "".join(
-        f"{name} = {pformat(value, width=96, sort_dicts=False)}\n" for name, value in parts.items()
+        f"{one} = {pformat(value, width=96, sort_dicts=False)}\n" for one, value in parts.items()
     )
     return (
-        f"# PointPillars for this dataset, which MMDetection3D looks for in {_DATA_ROOT}\n"
-        f"# and reads by {MODULE}.py. In MMDetection3D's folder:\n"
-        f"# PYTHONPATH={_DATA_ROOT[:-1]}:$PYTHONPATH python tools/train.py "
-        f"{_DATA_ROOT}pointpillars.py\n" + text
+        f"# For this dataset, which MMDetection3D looks for in {_DATA_ROOT} and reads by\n"
+        f"# {MODULE}.py. In MMDetection3D's folder:\n"
+        f"# PYTHONPATH={_DATA_ROOT[:-1]}:$PYTHONPATH python tools/train.py {_DATA_ROOT}{name}.py\n"
+        + text
     )
 
 
@@ -161,111 +171,6 @@ def _dataset(
         "metainfo": {"classes": list(names)},
         "box_type_3d": "LiDAR",
         "test_mode": judged,
-    }
-
-
-def _assigner(one: LearnedClass) -> dict[str, Any]:
-    return {
-        "type": "Max3DIoUAssigner",
-        "iou_calculator": {"type": "mmdet3d.BboxOverlapsNearest3D"},
-        "pos_iou_thr": one.matched,
-        "neg_iou_thr": one.unmatched,
-        "min_pos_iou": one.unmatched,
-        "ignore_iof_thr": -1,
-    }
-
-
-def _model(learned: LearnedClasses) -> dict[str, Any]:
-    west, south, low, east, north, high = learned.range_m
-    voxel = [PILLAR_M, PILLAR_M, round(high - low, 1)]
-    reach = list(learned.range_m)
-    rows, columns = round((north - south) / PILLAR_M), round((east - west) / PILLAR_M)
-    return {
-        "type": "VoxelNet",
-        "data_preprocessor": {
-            "type": "Det3DDataPreprocessor",
-            "voxel": True,
-            "voxel_layer": {
-                "max_num_points": 32,
-                "point_cloud_range": reach,
-                "voxel_size": voxel,
-                "max_voxels": (40000, 60000),
-            },
-        },
-        "voxel_encoder": {
-            "type": "PillarFeatureNet",
-            "in_channels": 4,
-            "feat_channels": [64],
-            "with_distance": False,
-            "voxel_size": voxel,
-            "point_cloud_range": reach,
-        },
-        "middle_encoder": {
-            "type": "PointPillarsScatter",
-            "in_channels": 64,
-            "output_shape": [rows, columns],
-        },
-        "backbone": {
-            "type": "SECOND",
-            "in_channels": 64,
-            "layer_nums": [3, 5, 5],
-            "layer_strides": [2, 2, 2],
-            "out_channels": [64, 128, 256],
-        },
-        "neck": {
-            "type": "SECONDFPN",
-            "in_channels": [64, 128, 256],
-            "upsample_strides": [1, 2, 4],
-            "out_channels": [128, 128, 128],
-        },
-        "bbox_head": {
-            "type": "Anchor3DHead",
-            "num_classes": len(learned.classes),
-            "in_channels": 384,
-            "feat_channels": 384,
-            "use_direction_classifier": True,
-            "assign_per_class": True,
-            "anchor_generator": {
-                "type": "AlignedAnchor3DRangeGenerator",
-                "ranges": [
-                    [west, south, one.bottom_m, east, north, one.bottom_m]
-                    for one in learned.classes
-                ],
-                "sizes": [list(one.size_m) for one in learned.classes],
-                "rotations": [0, 1.57],
-                "reshape_out": False,
-            },
-            "diff_rad_by_sin": True,
-            "bbox_coder": {"type": "DeltaXYZWLHRBBoxCoder"},
-            "loss_cls": {
-                "type": "mmdet.FocalLoss",
-                "use_sigmoid": True,
-                "gamma": 2.0,
-                "alpha": 0.25,
-                "loss_weight": 1.0,
-            },
-            "loss_bbox": {"type": "mmdet.SmoothL1Loss", "beta": 1 / 9, "loss_weight": 2.0},
-            "loss_dir": {
-                "type": "mmdet.CrossEntropyLoss",
-                "use_sigmoid": False,
-                "loss_weight": 0.2,
-            },
-        },
-        "train_cfg": {
-            "assigner": [_assigner(one) for one in learned.classes],
-            "allowed_border": 0,
-            "pos_weight": -1,
-            "debug": False,
-        },
-        "test_cfg": {
-            "use_rotate_nms": True,
-            "nms_across_levels": False,
-            "nms_thr": 0.01,
-            "score_thr": 0.1,
-            "min_bbox_size": 0,
-            "nms_pre": 1000,
-            "max_num": 300,
-        },
     }
 
 
