@@ -19,6 +19,7 @@ from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, SiteFrame
+from urbantwin.taxonomy import BOX_SEMANTICS
 
 __all__ = ["FrameSource", "SourceBoxes", "SourceFrame"]
 
@@ -267,7 +268,24 @@ class FrameSource(Sequence[SourceFrame]):
         for name in ("difficulty", "ignored"):
             texts = table[name].to_pylist() if name in table.column_names else [None] * rows
             found[name] = np.array([text or "" for text in texts], np.str_)
-        order = np.argsort(found["frame"].astype(str), kind="stable")
+        unknown = next((one for one in found["class"] if one not in BOX_SEMANTICS), None)
+        if unknown is not None:
+            expected = ", ".join(BOX_SEMANTICS)
+            raise InputError(
+                f"has the class {str(unknown)[:40]!r}", file=file, place="class", expected=expected
+            )
+        frames = found["frame"].astype(str)
+        order = np.lexsort((np.arange(rows), found["track"], frames))
+        frame, track = frames[order], found["track"][order]
+        twice = np.flatnonzero((frame[1:] == frame[:-1]) & (track[1:] == track[:-1]))
+        if len(twice):
+            raise InputError(
+                f"has the track {track[twice[0]]} twice in frame {frame[twice[0]][:40]}",
+                file=file,
+                place="track",
+                expected="one box of each actor in a frame",
+            )
+        order = np.argsort(frames, kind="stable")
         return {name: values[order] for name, values in found.items()}
 
     @cached_property

@@ -18,9 +18,18 @@ __all__ = ["frame_of", "seconds_of"]
 
 #: Names of fields in lower case, the likelier first.
 _NAMES = {
-    "ring": ("ring", "laser_number", "laser_id", "channel", "ray"),
+    "ring": ("ring", "laser_number", "laser_id", "channel", "ray", "line"),
     "column": ("column", "measurement_id"),
-    "time_s": ("t", "time", "timestamp", "offset_ns", "time_offset", "gps_time"),
+    "time_s": (
+        "t",
+        "time",
+        "timestamp",
+        "offset_ns",
+        "time_offset",
+        "offset_time",
+        "time_stamp",
+        "gps_time",
+    ),
 }
 #: A frame lasts this long, seconds: determines the unit of its points' times.
 _SHORTEST_S, _LONGEST_S = 1e-3, 2.0

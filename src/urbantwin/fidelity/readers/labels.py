@@ -78,8 +78,9 @@ class LabelledBox:
 
     def __post_init__(self) -> None:
         """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
-        if not -(2**63) <= self.track < 2**63:
-            raise ValueError(f"{str(self.track)[:40]} is not a track")
+        for what, number in (("a track", self.track), ("a number of points", self.num_points)):
+            if not -(2**63) <= number < 2**63:
+                raise ValueError(f"{str(number)[:40]} is not {what}")
 
 
 def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:

@@ -10,6 +10,9 @@ from pathlib import Path
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import FORMATS
 from urbantwin.fidelity.readers.argoverse import is_argoverse, open_argoverse
+from urbantwin.fidelity.readers.bags import is_mcap, is_rosbag, open_bag
+from urbantwin.fidelity.readers.captures import CAPTURES, is_capture_of, open_capture
+from urbantwin.fidelity.readers.choice import file_and_choice
 from urbantwin.fidelity.readers.dair_v2x import is_dair, open_dair
 from urbantwin.fidelity.readers.ips300 import is_ips300, open_ips300
 from urbantwin.fidelity.readers.kitti import is_kitti, open_kitti
@@ -17,7 +20,6 @@ from urbantwin.fidelity.readers.lumpi import is_lumpi, open_lumpi
 from urbantwin.fidelity.readers.nuscenes import is_nuscenes, open_nuscenes
 from urbantwin.fidelity.readers.once import is_once, open_once
 from urbantwin.fidelity.readers.opencood import is_opencood, open_opencood
-from urbantwin.fidelity.readers.ouster import is_ouster, open_ouster
 from urbantwin.fidelity.readers.own import is_own, open_own
 from urbantwin.fidelity.readers.plain import is_plain, open_plain
 from urbantwin.fidelity.readers.recording import Recording
@@ -44,6 +46,10 @@ class Layout:
     opens: Callable[[Path, int | None], Recording]
 
 
+def _open_capture(layout: str, path: Path, columns: int | None) -> Recording:
+    return open_capture(path, layout)
+
+
 #: In the order in which they are tried: what says most about itself first.
 LAYOUTS: dict[str, Layout] = {
     "own": Layout("a dataset of urbantwin", is_own, open_own),
@@ -60,14 +66,23 @@ LAYOUTS: dict[str, Layout] = {
     "opencood": Layout(
         "OPV2V, V2X-Real or V2V4Real", is_opencood, lambda path, _: open_opencood(path)
     ),
-    "ouster": Layout("a capture of an Ouster", is_ouster, lambda path, _: open_ouster(path)),
+    "rosbag": Layout("a ROS bag", is_rosbag, lambda path, _: open_bag(path, "rosbag")),
+    "mcap": Layout("MCAP", is_mcap, lambda path, _: open_bag(path, "mcap")),
+    **{
+        name: Layout(
+            f"a capture of {maker}",
+            partial(is_capture_of, name),
+            partial(_open_capture, name),
+        )
+        for name, maker in CAPTURES.items()
+    },
     "webdataset": Layout(
         "a WebDataset of urbantwin", is_webdataset, lambda path, _: open_webdataset(path)
     ),
     "plain": Layout("a folder of clouds", is_plain, open_plain),
 }
 #: Those that a single file may have.
-_OF_FILES = ("waymo2", "ouster", "webdataset", "plain")
+_OF_FILES = ("waymo2", "rosbag", "mcap", *CAPTURES, "webdataset", "plain")
 
 
 def open_recording(
@@ -78,7 +93,8 @@ def open_recording(
     A folder that holds nothing but one recording stands for it.
 
     Args:
-        path: a folder, a cloud, or a pcap file.
+        path: a folder, a cloud, a bag or a capture; behind a colon, which topic of a bag or which
+            unit of a capture (``a.bag:/lidar/points``, ``a.pcap:192.168.1.201``).
         layout: one of ``LAYOUTS``; found by what is in the folder if it is not given.
         columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
 
@@ -95,7 +111,7 @@ def open_recording(
 
 
 def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
-    if not path.exists():
+    if not file_and_choice(path)[0].exists():
         raise InputError("not found", file=path, expected="a recording or a folder of clouds")
     if layout is not None:
         if layout not in LAYOUTS:
@@ -104,11 +120,11 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
             raise InputError(f"is not laid out as {LAYOUTS[layout].title}", file=path)
         return LAYOUTS[layout].opens(path, columns)
     found = layout_of(path)
-    if found is not None:
-        return LAYOUTS[found].opens(path, columns)
-    inside = recordings_inside(path)
+    inside = [(path, found)] if found is not None else recordings_inside(path)
     if len(inside) == 1:
-        return LAYOUTS[inside[0][1]].opens(inside[0][0], columns)
+        place, name = inside[0]
+        # Of a capture, all units are looked at: of several, a person is asked which.
+        return open_capture(place) if name in CAPTURES else LAYOUTS[name].opens(place, columns)
     if inside:
         names = ", ".join(str(folder.relative_to(path)) for folder, _ in inside[:8])
         raise InputError(
@@ -118,7 +134,7 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
         raise InputError(
             f"holds no clouds, by its name ({path.suffix or 'without an ending'})",
             file=path,
-            expected=f"{', '.join(FORMATS)} or .pcap",
+            expected=f"{', '.join(FORMATS)}, .bag, .db3, .mcap or .pcap",
         )
     raise InputError(
         "holds no clouds and no recording that is known",
@@ -129,7 +145,7 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
 
 def layout_of(path: Path) -> str | None:
     """Return which of ``LAYOUTS`` a folder or file itself has, or None."""
-    tried = _OF_FILES if path.is_file() else LAYOUTS
+    tried = _OF_FILES if file_and_choice(path)[0].is_file() else LAYOUTS
     return next((name for name in tried if LAYOUTS[name].recognises(path)), None)
 
 

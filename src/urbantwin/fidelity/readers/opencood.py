@@ -4,9 +4,11 @@ Source: Xu et al. 2022 (OPV2V), 2023 (V2V4Real), Xiang et al. 2024 (V2X-Real), a
 ``transformation_utils.x_to_world`` and ``box_utils.project_world_objects``: poses are x, y, z in
 metres, roll, yaw, pitch in degrees, with CARLA's signs; objects stand in the world, with half
 their sizes. OPV2V was made in CARLA, whose frames are left-handed: its y is turned round here.
-V2X-Real is real, and is not; objects in it have a class. V2V4Real's poses are matrices of 4 by 4,
-and its objects stand in the frame of the points (``project_world_objects`` and ``x1_to_x2`` of its
-own code); what both vehicles label has a common number (``ass_id``).
+V2X-Real is real, and is not; objects in it have a class, ``obj_type``. What ``urbantwin export
+--to opv2v`` writes is as OPV2V's, with a ``class``, and people under ``pedestrians``. V2V4Real's
+poses are matrices of 4 by 4, and its objects stand in the frame of the points
+(``project_world_objects`` and ``x1_to_x2`` of its own code); what both vehicles label has a common
+number (``ass_id``).
 """
 
 from __future__ import annotations
@@ -78,7 +80,7 @@ def open_opencood(path: Path) -> Recording:
         with laid_out(described, _EXPECTED):
             mirrored = _is_simulated(values)
             matrix = len(values["lidar_pose"]) in (4, 16)
-            objects = values.get("vehicles") or {}
+            objects = {**(values.get("vehicles") or {}), **(values.get("pedestrians") or {})}
             if matrix:
                 mirrored, world_SE3_lidar = False, _pose_of_matrix(values["lidar_pose"])
                 boxes = _boxes(objects, _HERE, described.parent.name)
@@ -141,7 +143,7 @@ def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose, agent: str | None 
         labelled.append(
             LabelledBox(
                 (*pose.translation.tolist(), *size, heading(pose.rotation)),
-                str(one.get("obj_type", "vehicle")),
+                str(one.get("obj_type") or one.get("class", "vehicle")),
                 int(number) if agent is None else _track(one, int(number), agent),
             )
         )

@@ -4,11 +4,14 @@ Source: Zimmer et al. 2023, the tum-traffic-dataset-dev-kit, and ASAM OpenLABEL 
 cuboid is its centre, a quaternion x, y, z, w (or three Euler angles) and its size along its own
 axes. Points and boxes are in the sensor's frame. The first release (Cress et al. 2022: ``_points``
 and ``_labels``) came with labels of its own, ``box3d``: the middle, size and yaw in radians (the
-kit's first loader, and converters that take half the height off z to reach the floor).
+kit's first loader, and converters that take half the height off z to reach the floor). What
+``urbantwin export --to openlabel`` writes says more of points, by fields of the clouds, and of
+boxes, by attributes.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -40,6 +43,8 @@ _FOLDERS = {
     "_points_clouds": "_labels",
 }
 _EXPECTED = "labels in OpenLABEL, or with box3d"
+#: Fields of a cloud that mean the same to us as to those who wrote them.
+_OURS = ("sensor", "semantic", "instance")
 
 
 def is_tumtraf(path: Path) -> bool:
@@ -74,7 +79,9 @@ def open_tumtraf(path: Path) -> Recording:
         file = files[index]
         label = labels / f"{file.stem}.json"
         boxes = _read_labels(label) if label.is_file() else None
-        return frame_of(file, read_fields(file), name=file.stem, boxes=boxes)
+        fields = read_fields(file)
+        given = {name: fields[name] for name in _OURS if name in fields}
+        return frame_of(file, fields, name=file.stem, given=given, boxes=boxes)
 
     return Recording(path, "tumtraf", tuple(file.stem for file in files), read)
 
@@ -134,10 +141,41 @@ def read_openlabel(path: Path) -> Boxes:
                 data = one["object_data"]
                 name = data.get("type") or named.get(identity, {}).get("type", "")
                 labelled += [
-                    LabelledBox(_box(cuboid["val"]), str(name), track_of(str(identity)))
+                    _labelled(cuboid, str(name), str(identity))
                     for cuboid in _cuboids(data.get("cuboid"))
                 ]
         return boxes_of(labelled)
+
+
+def _labelled(cuboid: Mapping[str, Any], name: str, identity: str) -> LabelledBox:
+    known = _attributes(cuboid.get("attributes") or {})
+    velocity = known.get("velocity")
+    count = known.get("num_points", -1)
+    hidden = known.get("occlusion")
+    return LabelledBox(
+        _box(cuboid["val"]),
+        name,
+        int(identity) if identity.isascii() and identity.isdigit() else track_of(identity),
+        velocity=None if velocity is None else _three(velocity),
+        occlusion=math.nan if hidden is None else float(hidden),
+        num_points=int(count),
+        ignored=str(known.get("ignored") or ""),
+    )
+
+
+def _attributes(by_kind: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a cuboid's attributes by their names."""
+    return {
+        str(one["name"]): one["val"]
+        for kind in ("num", "text", "vec")
+        for one in by_kind.get(kind) or ()
+        if "name" in one and "val" in one
+    }
+
+
+def _three(values: Any) -> tuple[float, float, float]:  # noqa: ANN401
+    x, y, z = (float(value) for value in values)
+    return x, y, z
 
 
 def _cuboids(value: Any) -> Iterable[Mapping[str, Any]]:  # noqa: ANN401
