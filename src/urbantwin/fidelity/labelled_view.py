@@ -16,7 +16,7 @@ from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording
 from urbantwin.fidelity.readers.box_list import BOX_LIST
-from urbantwin.fidelity.readers.kitti import read_calibration, read_regions
+from urbantwin.fidelity.readers.kitti import ALL_AROUND, read_calibration, read_regions
 from urbantwin.geometry import Pose, box_corners, points_in_box
 
 __all__ = ["View", "image_boxes", "view_of"]
@@ -46,7 +46,7 @@ def view_of(recording: Recording) -> View:
     Raises:
         InputError: what says so is not right.
     """
-    if recording.layout == "kitti":
+    if recording.layout == "kitti" and not (recording.path / ALL_AROUND).is_dir():
         return _CameraView(recording.path)
     if recording.layout == "own":
         return _Region(recording.path)

@@ -76,6 +76,11 @@ DATASET_FORMATS: Mapping[str, DatasetFormat] = {
     one.name: one
     for one in (
         _format("openpcdet", "OpenPCDet's custom dataset", "intensity boxes split"),
+        _format(
+            "mmdet3d",
+            "MMDetection3D's custom dataset",
+            "intensity boxes track velocity num_points frame_time split",
+        ),
         _format("kitti", "KITTI's object benchmark", "intensity boxes occlusion truncation split"),
         _format(
             "nuscenes",

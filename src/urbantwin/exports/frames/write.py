@@ -6,7 +6,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from urbantwin import __version__
-from urbantwin.artefact import replaced_file, replaced_folder, sha256_of, write_json
+from urbantwin.artefact import (
+    check_file,
+    check_folder,
+    replaced_file,
+    replaced_folder,
+    sha256_of,
+    write_json,
+)
 from urbantwin.dataset import parts_of
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.formats import DATASET_FORMATS, DatasetFormat
@@ -49,6 +56,10 @@ def export_dataset(
     wanted = DATASET_FORMATS[to]
     sources = _opened(dataset, wanted)
     path = out or Path(f"{dataset.resolve().name}{wanted.ending or '-' + to}")
+    if wanted.ending:
+        check_file(path, inputs=[dataset])
+    else:
+        check_folder(path, kind=KIND, inputs=[dataset])
     losses = list(dict.fromkeys(one for source in sources for one in _losses(source, wanted)))
     for one in losses:
         tell(one)
