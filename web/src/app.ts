@@ -210,6 +210,7 @@ export class App {
     this.stage.resize(Math.round(box.width), Math.round(box.height));
     this.stage.arrange(this.sides.length, this.view.arrangement);
     this.overlay.resize(this.stage.width, this.stage.height, this.stage.ratio);
+    if (this.homed) this.render(); // at once: a resized canvas is empty
     this.redraw();
   }
 
@@ -263,8 +264,29 @@ export class App {
     return [Math.round(colour.r * 255), Math.round(colour.g * 255), Math.round(colour.b * 255)];
   }
 
+  /** Where a box's centre is drawn in the window, or null when it is not in this frame. */
+  placeInWindow(track: number): [number, number] | null {
+    const viewport = this.stage.viewports.find((v) => v.side <= 0) ?? this.stage.viewports[0]!;
+    const box = this.sides[Math.max(0, viewport.side)]?.boxes.find((one) => one.track === track);
+    if (box === undefined) return null;
+    const matrix = this.stage.matrixOf(viewport, this.eyes.camera);
+    const p = new THREE.Vector4(box.box[0], box.box[1], box.box[2], 1).applyMatrix4(matrix);
+    const canvas = this.stage.canvas.getBoundingClientRect();
+    return [
+      canvas.left + viewport.x + ((p.x / p.w + 1) * viewport.width) / 2,
+      canvas.top + viewport.y + ((1 - p.y / p.w) * viewport.height) / 2,
+    ];
+  }
+
   private tick(now: number): void {
     requestAnimationFrame((next) => this.tick(next));
+    const began = performance.now();
+    const frames = this.meter.frames;
+    this.turn(now);
+    if (this.meter.frames > frames) this.meter.worked(performance.now() - began);
+  }
+
+  private turn(now: number): void {
     const elapsed = this.before_ms === 0 ? 0 : (now - this.before_ms) / 1000;
     this.before_ms = now;
     if (this.clock.playing && this.shownStep === this.step) {
@@ -315,8 +337,11 @@ export class App {
         this.tell((error as Error).message);
       }
     });
+    const first = this.shownStep < 0;
     this.shownStep = this.step;
     this.picked = null;
+    // A box without a track is another one, or none, in the next frame.
+    if (!first && (this.view.selected ?? 0) < 0) this.store.set({ selected: null, follow: false });
     this.meter.shown();
     if (!this.homed) this.goHome();
     this.refreshSides();
@@ -334,6 +359,7 @@ export class App {
     const { position, target } = this.view;
     if (position === null || target === null) this.home();
     else this.applyEye();
+    this.settled = true;
   }
 
   private changed(view: View, before: View): void {
@@ -401,7 +427,8 @@ export class App {
 
   private drawBoxes(): void {
     const background = this.rgbToken("--scene");
-    for (const side of this.sides) side.drawBoxes(this.view, this.theme, background);
+    const accent = this.rgbToken("--accent");
+    for (const side of this.sides) side.drawBoxes(this.view, this.theme, background, accent);
   }
 
   private drawPath(): void {

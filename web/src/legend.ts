@@ -6,7 +6,15 @@ import { bind, el } from "./dom";
 import { DESCRIPTIONS, sayQuantity } from "./quantity";
 
 export function legend(app: App): HTMLElement {
-  const box = el("section", { className: "card legend", "aria-label": "What the colours mean" });
+  const narrow = window.matchMedia("(max-width: 760px)").matches;
+  const body = el("div", { className: "legend-body" });
+  const summary = el("summary", {});
+  const box = el(
+    "details",
+    { className: "card legend", open: !narrow, "aria-label": "What the colours mean" },
+    summary,
+    body,
+  );
   let drawn = "";
   bind(() => {
     const { view, scene } = app;
@@ -27,7 +35,7 @@ export function legend(app: App): HTMLElement {
     const parts: (HTMLElement | null)[] = [];
     if (points) {
       const { label } = DESCRIPTIONS[view.colour];
-      parts.push(el("h2", {}, label));
+      summary.textContent = label;
       if (view.colour === "class") parts.push(classChips(app, classes));
       else if (view.colour === "side") {
         parts.push(
@@ -43,11 +51,12 @@ export function legend(app: App): HTMLElement {
         parts.push(gradient(app, app.sides[0]!.table, domain, true));
       }
     }
+    if (!points) summary.textContent = "Ground";
     if (coverage !== null) {
       parts.push(el("h2", {}, `Coverage${coverage.unit ? `, ${coverage.unit}` : ""}`));
       parts.push(gradient(app, coverage.table, coverage.domain, false));
     }
-    box.replaceChildren(...parts.filter((part) => part !== null));
+    body.replaceChildren(...parts.filter((part) => part !== null));
   });
   return box;
 }

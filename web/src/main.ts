@@ -24,6 +24,7 @@ declare global {
       state(): Record<string, unknown>;
       frameRate(): Record<string, number>;
       memory(): Record<string, number>;
+      place?(track: number): [number, number] | null;
       errors: string[];
       app?: App;
     };
@@ -230,7 +231,8 @@ async function start(): Promise<void> {
     target: app.eyes.target.toArray(),
     measured: app.measure.text,
   });
-  api.frameRate = () => app.meter.rates();
+  api.frameRate = () => ({ ...app.meter.rates(), script_ms: app.meter.script_ms });
+  api.place = (track) => app.placeInWindow(track);
   api.memory = () => ({
     packets_bytes: app.cache.size,
     packets_limit_bytes: app.cache.limit,

@@ -91,13 +91,17 @@ export function objectList(app: App): HTMLElement[] {
   let selected: number | null = null;
   bind(() => {
     const boxes = current();
-    order = listed(boxes, app.view.filters, origins);
+    const { layers, score } = app.view;
+    const counts = (k: number): boolean =>
+      boxes[k]!.score === null || (layers.detections && boxes[k]!.score! >= score);
+    order = listed(boxes, app.view.filters, origins).filter(counts);
+    const all = boxes.filter((_, k) => counts(k)).length;
     said.textContent =
-      boxes.length === 0
+      all === 0
         ? "No objects in this frame."
-        : order.length === boxes.length
-          ? `${boxes.length} objects`
-          : `${order.length} of ${boxes.length} objects`;
+        : order.length === all
+          ? `${all} objects`
+          : `${order.length} of ${all} objects`;
     if (app.view.selected !== selected) {
       selected = app.view.selected;
       const at = order.findIndex((k) => keyOf(boxes[k]!, k) === selected);
@@ -263,12 +267,14 @@ class Row {
     this.element.setAttribute("aria-selected", String(keyOf(box, index) === view.selected));
     this.element.classList.toggle("ignored", Boolean(box.ignored));
     this.dot.style.background = cssColour(colourOf(box.class));
-    const name = box.score === null ? box.class : `${box.class} · found ${box.score.toFixed(2)}`;
-    this.name.textContent = box.track >= 0 && box.score === null ? `${name} ${box.track}` : name;
+    const label = box.track >= 0 ? `${box.class} ${box.track}` : box.class;
+    this.name.textContent = box.score === null ? label : `${box.class}, found`;
     this.first.textContent = `${rangeOf(box.box, origins).toFixed(0)} m`;
     const speed = speedOf(box);
     this.second.textContent =
-      view.filters.sort === "speed" && speed !== null
+      box.score !== null
+        ? box.score.toFixed(2)
+        : view.filters.sort === "speed" && speed !== null
         ? `${speed.toFixed(1)} m/s`
         : view.filters.sort === "occlusion" && box.occlusion !== null
           ? `${Math.round(100 * box.occlusion)} %`

@@ -75,7 +75,7 @@ function table(rows: Row[]): HTMLElement {
 function told(app: App, box: Box, side: SideView, index: number): HTMLElement[] {
   const sentences: [string, string][] = [];
   const verdict = side.verdicts[index];
-  if (app.scene.detections && verdict) {
+  if (app.scene.detections && app.view.layers.detections && verdict) {
     const said = {
       hit: box.score === null ? "A detection hits it." : "Hits a label.",
       miss: "No detection hits it at this score.",

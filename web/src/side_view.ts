@@ -163,7 +163,7 @@ export class SideView {
     return passes(box, view.filters, this.origins);
   }
 
-  drawBoxes(view: View, theme: Theme, background: Rgb): void {
+  drawBoxes(view: View, theme: Theme, background: Rgb, accent: Rgb): void {
     this.verdicts = verdictsAt(this.boxes, view.score);
     const colourOf = boxColours(this.scene, theme);
     const verdictColour = VERDICT_COLOURS[theme];
@@ -178,10 +178,11 @@ export class SideView {
         let colour = overlaid ? sideColour : colourOf(box.class);
         if (judged && verdict) colour = verdictColour[verdict];
         const label = box.score === null;
+        if (k === selected) colour = accent;
         return {
           colour,
           shown: this.shows(box, k, view),
-          pale: Boolean(box.ignored) || (judged && label && verdict === "hit"),
+          pale: k !== selected && (Boolean(box.ignored) || (judged && label && verdict === "hit")),
           selected: k === selected,
           filled: !this.side.point_packet || (judged && verdict === "miss" && label),
         };

@@ -145,7 +145,7 @@ export class Stage {
 
 /** A grid of ten metres on the ground, with lines that fade before they crowd. */
 export function groundGrid(z: number): THREE.GridHelper {
-  const grid = new THREE.GridHelper(400, 40);
+  const grid = new THREE.GridHelper(240, 24);
   grid.rotation.x = Math.PI / 2;
   grid.position.z = z - 0.02;
   const material = grid.material as THREE.LineBasicMaterial;

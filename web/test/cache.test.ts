@@ -1,0 +1,62 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { gzipSync } from "node:zlib";
+
+import { PacketCache } from "../src/packet_cache";
+import { bytesOfBase64, gunzip, type Source } from "../src/source";
+
+/** A source of packets of a size; counts what it was asked for. */
+function sourceOf(bytes: number, bad: string[] = []): Source & { asked: string[] } {
+  const asked: string[] = [];
+  return {
+    saved: false,
+    asked,
+    packet: (name) => {
+      asked.push(name);
+      if (bad.includes(name)) return Promise.reject(new Error(`no ${name}`));
+      const packet = Buffer.alloc(bytes, " ");
+      packet.write("UTWP", 0, "ascii");
+      packet.writeUInt32LE(bytes - 8, 4);
+      packet.write("{}", 8, "ascii");
+      return Promise.resolve(new Uint8Array(packet).buffer as ArrayBuffer);
+    },
+  };
+}
+
+test("memory stays bounded: the least recently used goes first", async () => {
+  const source = sourceOf(100);
+  const cache = new PacketCache(source, 350);
+  for (const name of ["a", "b", "c"]) await cache.get(name);
+  cache.peek("a");
+  await cache.get("d");
+  assert.deepEqual(["a", "b", "c", "d"].map((name) => cache.has(name)), [true, false, true, true]);
+  assert.equal(cache.size, 300);
+  for (let k = 0; k < 50; k++) await cache.get(`n${k}`);
+  assert.ok(cache.size <= 350);
+});
+
+test("a packet on its way is not asked for twice, one larger than the limit is kept alone", async () => {
+  const source = sourceOf(1000);
+  const cache = new PacketCache(source, 350);
+  await Promise.all([cache.get("a"), cache.get("a"), cache.get("a")]);
+  assert.deepEqual(source.asked, ["a"]);
+  assert.ok(cache.has("a"));
+});
+
+test("a failure is remembered, until it is tried again", async () => {
+  const source = sourceOf(100, ["x"]);
+  const cache = new PacketCache(source);
+  await assert.rejects(cache.get("x"), /no x/);
+  await assert.rejects(cache.get("x"), /no x/);
+  assert.deepEqual(source.asked, ["x"]);
+  assert.match(cache.failure("x")!.message, /no x/);
+  cache.retry();
+  await assert.rejects(cache.get("x"));
+  assert.equal(source.asked.length, 2);
+});
+
+test("a saved page's packets: base64 of gzip, as zlib writes it", async () => {
+  const bytes = Buffer.from(Array.from({ length: 70_000 }, (_, k) => (k * k) & 255));
+  const back = await gunzip(bytesOfBase64(gzipSync(bytes).toString("base64")));
+  assert.ok(Buffer.from(back).equals(bytes));
+});
