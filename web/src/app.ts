@@ -8,21 +8,23 @@ import { stepsOf } from "./document";
 import { FilmRecorder } from "./film";
 import type { Box } from "./frame_data";
 import { Measure } from "./measure";
-import { Overlay, type Label } from "./overlay";
+import { drawOver } from "./labels";
+import { Overlay } from "./overlay";
 import { PacketCache } from "./packet_cache";
 import { PathDrawing, tracksOf, type Track } from "./paths";
 import { FrameMeter } from "./frame_meter";
-import { offered, isCategorical } from "./quantity";
+import { isCategorical } from "./quantity";
 import { SectionPlane } from "./section";
-import { keyOf, SideView } from "./side_view";
-import { cssColour, boxColours, type Theme } from "./colour";
-import { Stage, type Viewport } from "./stage";
+import { SideView } from "./side_view";
+import type { Theme } from "./colour";
+import { Stage } from "./stage";
 import type { Source } from "./source";
 import { StepLoader } from "./step_loader";
 import { Surroundings } from "./surroundings";
 import { PlayClock } from "./timeline";
 import { homeOf } from "./home";
-import { DEFAULT_VIEW, hashOf, viewOfHash, ViewStore, type View } from "./view_state";
+import { baseView } from "./base_view";
+import { viewOfHash, ViewStore, type View } from "./view_state";
 
 export interface PickedPoint {
   side: number;
@@ -54,16 +56,15 @@ export class App {
   theme: Theme = "dark";
   /** Called when what the panels say may have changed. */
   onUpdate: () => void = () => {};
-  /** Called when another frame is shown. */
-  onFrame: () => void = () => {};
-  onMessage: (sentence: string) => void = () => {};
+  /** Called when the view or the camera changed. */
+  onView: () => void = () => {};
+  onMessage: (sentence: string, bad: boolean) => void = () => {};
   /** Fulfilled when the first frame (or, without frames, the first picture) is drawn. */
   readonly firstPicture: Promise<void>;
   private tellFirst: () => void = () => {};
   private dirty = true;
   private stale = true;
   private before_ms = 0;
-  private hashTimer = 0;
   private homed = false;
   private readonly dark = window.matchMedia("(prefers-color-scheme: dark)");
 
@@ -95,11 +96,15 @@ export class App {
     for (const side of this.sides) this.stage.scene.add(side.object);
     this.store.listen((view, before) => this.changed(view, before));
     this.dark.addEventListener("change", () => this.setTheme());
-    window.addEventListener("hashchange", () => this.takeHash());
   }
 
   get view(): View {
     return this.store.view;
+  }
+
+  /** Whether the camera is where it belongs: from then on the view may be written down. */
+  get placed(): boolean {
+    return this.homed;
   }
 
   get step(): number {
@@ -130,8 +135,13 @@ export class App {
   }
 
   tell(sentence: string): void {
-    this.errors.push(sentence);
-    this.onMessage(sentence);
+    if (this.errors[this.errors.length - 1] !== sentence) this.errors.push(sentence);
+    this.onMessage(sentence, true);
+  }
+
+  /** Says what people may want to do instead: nothing went wrong. */
+  hint(sentence: string): void {
+    this.onMessage(sentence, false);
   }
 
   /** The picture must be drawn again. */
@@ -184,8 +194,8 @@ export class App {
 
   /** Shows a whole view, the camera where it was. */
   restore(view: View): void {
-    this.settled = false;
     this.store.set({ ...view });
+    this.settled = false;
     this.applyEye();
     this.refreshAll();
   }
@@ -214,12 +224,6 @@ export class App {
     this.redraw();
   }
 
-  link(): string {
-    this.remember();
-    const hash = hashOf(this.view, this.base);
-    return location.href.replace(/#.*$/, "") + (hash ? `#${hash}` : "");
-  }
-
   /** Writes where the camera is into the view. */
   remember(): void {
     const { position } = this.eyes.camera;
@@ -244,13 +248,10 @@ export class App {
     for (const side of this.sides) {
       side.cloud.object.visible = view.layers.points && side.frame.count > 0;
       side.cloud.setLook(view.size, pixels, stage.ratio, fog, stage.background);
-      side.cloud.setSection(
-        this.sectionPlane.cut,
-        view.section ? view.section_thick_m : 0,
-      );
+      side.cloud.setSection(this.sectionPlane.cut, view.section ? view.section_thick_m : 0);
     }
     stage.render(camera);
-    this.drawOverlay();
+    drawOver(this);
     this.film.frame();
     this.meter.rendered();
   }
@@ -262,20 +263,6 @@ export class App {
   rgbToken(name: string): Rgb {
     const colour = new THREE.Color().setStyle(this.token(name)).convertLinearToSRGB();
     return [Math.round(colour.r * 255), Math.round(colour.g * 255), Math.round(colour.b * 255)];
-  }
-
-  /** Where a box's centre is drawn in the window, or null when it is not in this frame. */
-  placeInWindow(track: number): [number, number] | null {
-    const viewport = this.stage.viewports.find((v) => v.side <= 0) ?? this.stage.viewports[0]!;
-    const box = this.sides[Math.max(0, viewport.side)]?.boxes.find((one) => one.track === track);
-    if (box === undefined) return null;
-    const matrix = this.stage.matrixOf(viewport, this.eyes.camera);
-    const p = new THREE.Vector4(box.box[0], box.box[1], box.box[2], 1).applyMatrix4(matrix);
-    const canvas = this.stage.canvas.getBoundingClientRect();
-    return [
-      canvas.left + viewport.x + ((p.x / p.w + 1) * viewport.width) / 2,
-      canvas.top + viewport.y + ((1 - p.y / p.w) * viewport.height) / 2,
-    ];
   }
 
   private tick(now: number): void {
@@ -349,7 +336,6 @@ export class App {
     this.eyes.carry(selected?.box);
     this.surroundings.show(this.view, this.time_s);
     this.drawPath();
-    this.onFrame();
     this.invalidate();
     this.loader.want(this.step, this.view.loop, this.clock.playing);
   }
@@ -363,7 +349,8 @@ export class App {
   }
 
   private changed(view: View, before: View): void {
-    const differs = (...keys: (keyof View)[]): boolean => keys.some((key) => view[key] !== before[key]);
+    const differs = (...keys: (keyof View)[]): boolean =>
+      keys.some((key) => view[key] !== before[key]);
     if (differs("theme")) this.setTheme();
     if (differs("arrangement")) this.stage.arrange(this.sides.length, view.arrangement);
     if (differs("eye", "sensor") && !differs("position")) this.applyEye();
@@ -385,7 +372,7 @@ export class App {
     if (differs("follow")) this.eyes.carry(view.follow ? this.selected()?.box : undefined);
     if (differs("range_image")) requestAnimationFrame(() => this.resize());
     this.invalidate();
-    this.writeHash();
+    this.onView();
   }
 
   refreshAll(): void {
@@ -437,46 +424,6 @@ export class App {
     this.paths.draw(track, this.time_s, this.rgbToken("--accent"), this.rgbToken("--dim"));
   }
 
-  private drawOverlay(): void {
-    const { view, stage, sides } = this;
-    const colourOf = boxColours(this.scene, this.theme);
-    const labels: Label[] = [];
-    for (const side of sides) {
-      side.boxes.forEach((box, k) => {
-        const chosen = keyOf(box, k) === view.selected && view.selected_side === side.number;
-        if (!chosen && (!view.layers.names || !side.shows(box, k, view))) return;
-        const [x, y, z, , , h] = box.box;
-        const name = box.track >= 0 ? `${box.class} ${box.track}` : box.class;
-        labels.push({
-          at: [x, y, z + h / 2],
-          text: box.score === null ? name : `${name} ${box.score.toFixed(2)}`,
-          colour: cssColour(colourOf(box.class)),
-          strong: chosen,
-          side: side.number,
-        });
-      });
-    }
-    const viewports = stage.viewports.map((viewport: Viewport) => ({
-      viewport,
-      matrix: stage.matrixOf(viewport, this.eyes.camera),
-      title: this.scene.sides[viewport.side]?.name ?? "",
-    }));
-    const { measure } = this;
-    const line = measure.from ? { from: measure.from, to: measure.to, text: measure.text } : null;
-    this.overlay.draw(viewports, labels, line, this.markedPlace(), {
-      paper: this.token("--panel"),
-      ink: this.token("--text"),
-      accent: this.token("--accent"),
-    });
-  }
-
-  private markedPlace(): [number, number, number] | null {
-    if (this.picked === null) return this.place;
-    const { position } = this.sides[this.picked.side]!.frame;
-    const at = 3 * this.picked.index;
-    return [position[at]!, position[at + 1]!, position[at + 2]!];
-  }
-
   private applyEye(): void {
     const { view, eyes } = this;
     const sensor = this.sensor();
@@ -487,7 +434,7 @@ export class App {
       if (found !== null) eyes.chase(found.box);
       else if (this.shownStep >= 0) {
         this.store.set({ eye: "orbit" });
-        this.tell("Select an object first: the eye then chases it.");
+        this.hint("Select an object first: the eye then chases it.");
       }
     } else eyes.orbit();
     if (view.position !== null && view.target !== null && !this.settled) {
@@ -512,48 +459,6 @@ export class App {
 
   private moved(): void {
     this.redraw();
-    this.writeHash();
+    this.onView();
   }
-
-  private takeHash(): void {
-    const view = viewOfHash(location.hash, this.base);
-    if (hashOf(view, this.base) === hashOf(this.view, this.base)) return;
-    this.restore(view);
-  }
-
-  private writeHash(): void {
-    window.clearTimeout(this.hashTimer);
-    // Not while it plays: browsers allow only so many changes of the address.
-    this.hashTimer = window.setTimeout(() => {
-      if (this.clock.playing || !this.homed) return;
-      const link = this.link();
-      try {
-        history.replaceState(null, "", link);
-      } catch {
-        // An address that may not be changed (a page inside another) keeps what it has.
-      }
-    }, 400);
-  }
-}
-
-/** The view that a scene opens with. */
-export function baseView(scene: Scene): View {
-  const quantities = offered(scene);
-  const pair = scene.sides.length > 1;
-  const still = !scene.sides.some((side) => side.point_packet);
-  const first = scene.sides[0]?.fields ?? [];
-  const colour =
-    pair && quantities.includes("away")
-      ? "away"
-      : quantities.includes("class")
-        ? "class"
-        : first.includes("intensity")
-          ? "intensity"
-          : "height";
-  return {
-    ...DEFAULT_VIEW,
-    colour,
-    sensor: scene.sensors[0]?.name ?? "",
-    layers: { ...DEFAULT_VIEW.layers, twin: still, lanes: still, ignored: still },
-  };
 }

@@ -69,7 +69,17 @@ export const cssColour = ([r, g, b]: Rgb): string => `rgb(${r} ${g} ${b})`;
 
 // Anchors of the tables: viridis and turbo as matplotlib has them; "away" from calm to alarming.
 const ANCHORS: Record<string, string[]> = {
-  viridis: ["440154", "472d7b", "3b528b", "2c728e", "21918c", "28ae80", "5ec962", "addc30", "fde725"],
+  viridis: [
+    "440154",
+    "472d7b",
+    "3b528b",
+    "2c728e",
+    "21918c",
+    "28ae80",
+    "5ec962",
+    "addc30",
+    "fde725",
+  ],
   turbo: ["30123b", "4662d7", "36aaf9", "1ae4b6", "72fe5e", "c8ef34", "faba39", "f66b19", "ca2a04"],
   away: ["6f8796", "8aa08f", "cdbf5a", "f0a63a", "ee6c2f", "d92f5c", "b0179e"],
 };

@@ -29,7 +29,17 @@ export function legend(app: App): HTMLElement {
     for (const id of view.hidden) if (!classes.includes(id)) classes.push(id);
     classes.sort((a, b) => a - b);
     const domain = app.sides[0]?.domain ?? [0, 1];
-    const key = [view.colour, app.theme, view.hidden, classes, domain, points, coverage?.unit, view.from, view.to].join();
+    const key = [
+      view.colour,
+      app.theme,
+      view.hidden,
+      classes,
+      domain,
+      points,
+      coverage?.unit,
+      view.from,
+      view.to,
+    ].join();
     if (key === drawn) return;
     drawn = key;
     const parts: (HTMLElement | null)[] = [];
@@ -43,7 +53,9 @@ export function legend(app: App): HTMLElement {
         );
       } else if (view.colour === "sensor") {
         parts.push(
-          ...scene.sensors.map((sensor, k) => swatch(cssColour(entry(app.sides[0]!.table, k)), sensor.name)),
+          ...scene.sensors.map((sensor, k) =>
+            swatch(cssColour(entry(app.sides[0]!.table, k)), sensor.name),
+          ),
         );
       } else if (view.colour === "instance") {
         parts.push(el("p", { className: "hint" }, "Each object a colour; grey belongs to none."));
@@ -99,7 +111,11 @@ function classChips(app: App, classes: number[]): HTMLElement {
       names.get(id) ?? `class ${id}`,
     );
   });
-  return el("div", { className: "chips", role: "group", "aria-label": "Classes of points" }, ...chips);
+  return el(
+    "div",
+    { className: "chips", role: "group", "aria-label": "Classes of points" },
+    ...chips,
+  );
 }
 
 function gradient(

@@ -33,7 +33,7 @@ export function objectList(app: App): HTMLElement[] {
     if (document.activeElement !== search) search.value = app.view.filters.text;
   });
 
-  const rows = el("div", { className: "rows" });
+  const rows = el("div", { className: "rows", role: "presentation" });
   const scroller = el(
     "div",
     {
@@ -56,7 +56,7 @@ export function objectList(app: App): HTMLElement[] {
     const first = Math.max(0, Math.floor(scroller.scrollTop / height) - 2);
     const count = Math.ceil(scroller.clientHeight / height) + 4;
     while (pool.length < count) {
-      const row = new Row(app);
+      const row = new Row(app, `object-row-${pool.length}`);
       pool.push(row);
       rows.append(row.element);
     }
@@ -64,8 +64,17 @@ export function objectList(app: App): HTMLElement[] {
     pool.forEach((row, k) => {
       const at = first + k;
       const index = k < count ? order[at] : undefined;
-      row.show(index === undefined ? null : boxes[index]!, index ?? -1, at * height, colourOf, origins);
+      row.show(
+        index === undefined ? null : boxes[index]!,
+        index ?? -1,
+        at * height,
+        colourOf,
+        origins,
+      );
     });
+    const chosen = pool.find(({ element }) => !element.hidden && element.ariaSelected === "true");
+    if (chosen === undefined) scroller.removeAttribute("aria-activedescendant");
+    else scroller.setAttribute("aria-activedescendant", chosen.element.id);
   };
   scroller.addEventListener("scroll", fill, { passive: true });
   new ResizeObserver(fill).observe(scroller);
@@ -119,10 +128,7 @@ export function objectList(app: App): HTMLElement[] {
           (side) => store.set({ selected: null, selected_side: Number(side) }),
         )
       : null;
-  return [
-    el("div", { className: "list-head" }, sides, search, filterBox(app), said),
-    scroller,
-  ];
+  return [el("div", { className: "list-head" }, sides, search, filterBox(app), said), scroller];
 }
 
 const rowHeight = (): number => (window.matchMedia("(pointer: coarse)").matches ? 44 : 32);
@@ -205,7 +211,11 @@ function filterBox(app: App): HTMLElement {
       (occlusion) => store.filter({ occlusion }),
       (value) => `${Math.round(100 * value)} %`,
     ),
-    checkbox("With ignored ones", () => filters().ignored, (ignored) => store.filter({ ignored })),
+    checkbox(
+      "With ignored ones",
+      () => filters().ignored,
+      (ignored) => store.filter({ ignored }),
+    ),
   );
   return el(
     "div",
@@ -234,10 +244,19 @@ class Row {
   private index = -1;
   private box: Box | null = null;
 
-  constructor(private readonly app: App) {
+  constructor(
+    private readonly app: App,
+    id: string,
+  ) {
     this.element = el(
       "div",
-      { className: "row", role: "option", onclick: () => this.choose(), ondblclick: () => app.lookAtSelected() },
+      {
+        id,
+        className: "row",
+        role: "option",
+        onclick: () => this.choose(),
+        ondblclick: () => app.lookAtSelected(),
+      },
       this.dot,
       this.name,
       this.first,
@@ -275,11 +294,11 @@ class Row {
       box.score !== null
         ? box.score.toFixed(2)
         : view.filters.sort === "speed" && speed !== null
-        ? `${speed.toFixed(1)} m/s`
-        : view.filters.sort === "occlusion" && box.occlusion !== null
-          ? `${Math.round(100 * box.occlusion)} %`
-          : box.points === null
-            ? ""
-            : `${box.points} pts`;
+          ? `${speed.toFixed(1)} m/s`
+          : view.filters.sort === "occlusion" && box.occlusion !== null
+            ? `${Math.round(100 * box.occlusion)} %`
+            : box.points === null
+              ? ""
+              : `${box.points} pts`;
   }
 }

@@ -1,9 +1,10 @@
 // Packets that were asked for, the least recently used dropped when they are too many bytes.
 
 import { parsePacket, type Packet } from "./packet";
-import type { Source } from "./source";
+import { Unreachable, type Source } from "./source";
 
 const MEGABYTE = 2 ** 20;
+const ASK_AGAIN_MS = 2000;
 
 export class PacketCache {
   private readonly kept = new Map<string, Packet>();
@@ -34,11 +35,6 @@ export class PacketCache {
     return this.failed.get(name);
   }
 
-  /** Forgets failures, so that the packets are asked for again. */
-  retry(): void {
-    this.failed.clear();
-  }
-
   get(name: string): Promise<Packet> {
     const here = this.peek(name);
     if (here !== undefined) return Promise.resolve(here);
@@ -55,6 +51,9 @@ export class PacketCache {
         })
         .catch((error: Error) => {
           this.failed.set(name, error);
+          if (error instanceof Unreachable) {
+            setTimeout(() => this.failed.delete(name), ASK_AGAIN_MS);
+          }
           throw error;
         })
         .finally(() => this.coming.delete(name));

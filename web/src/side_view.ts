@@ -88,14 +88,7 @@ export class SideView {
   colour(quantity: Quantity, theme: Theme, domain: [number, number] | null): void {
     if (this.frame.count === 0) return;
     const { cloud, frame } = this;
-    fillQuantity(
-      cloud.value,
-      frame,
-      quantity,
-      this.number,
-      this.origins,
-      this.scene.ground_z,
-    );
+    fillQuantity(cloud.value, frame, quantity, this.number, this.origins, this.scene.ground_z);
     cloud.valuesChanged(frame.count);
     this.domain = domain ?? domainFor(quantity, this.scene, cloud.value, frame.count);
     this.table = tableFor(quantity, this.scene, theme);
@@ -156,7 +149,9 @@ export class SideView {
   shows(box: Box, k: number, view: View): boolean {
     if (keyOf(box, k) === view.selected && view.selected_side === this.number) return true;
     if (box.score !== null) {
-      return view.layers.detections && box.score >= view.score && passes(box, view.filters, this.origins);
+      return (
+        view.layers.detections && box.score >= view.score && passes(box, view.filters, this.origins)
+      );
     }
     if (!view.layers.boxes) return false;
     if (box.ignored && !view.layers.ignored) return false;

@@ -82,9 +82,8 @@ export class Stage {
   /** The viewport at a place of the canvas. */
   at(x: number, y: number): Viewport {
     return (
-      this.viewports.find(
-        (v) => x >= v.x && x < v.x + v.width && y >= v.y && y < v.y + v.height,
-      ) ?? this.viewports[0]!
+      this.viewports.find((v) => x >= v.x && x < v.x + v.width && y >= v.y && y < v.y + v.height) ??
+      this.viewports[0]!
     );
   }
 
@@ -99,10 +98,7 @@ export class Stage {
     const v = this.at(x, y);
     this.fit(v, camera);
     const raycaster = new THREE.Raycaster();
-    const place = new THREE.Vector2(
-      ((x - v.x) / v.width) * 2 - 1,
-      1 - ((y - v.y) / v.height) * 2,
-    );
+    const place = new THREE.Vector2(((x - v.x) / v.width) * 2 - 1, 1 - ((y - v.y) / v.height) * 2);
     raycaster.setFromCamera(place, camera);
     return raycaster.ray;
   }

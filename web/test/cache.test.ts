@@ -3,7 +3,7 @@ import { test } from "node:test";
 import { gzipSync } from "node:zlib";
 
 import { PacketCache } from "../src/packet_cache";
-import { bytesOfBase64, gunzip, type Source } from "../src/source";
+import { bytesOfBase64, gunzip, Unreachable, type Source } from "../src/source";
 
 /** A source of packets of a size; counts what it was asked for. */
 function sourceOf(bytes: number, bad: string[] = []): Source & { asked: string[] } {
@@ -29,7 +29,10 @@ test("memory stays bounded: the least recently used goes first", async () => {
   for (const name of ["a", "b", "c"]) await cache.get(name);
   cache.peek("a");
   await cache.get("d");
-  assert.deepEqual(["a", "b", "c", "d"].map((name) => cache.has(name)), [true, false, true, true]);
+  assert.deepEqual(
+    ["a", "b", "c", "d"].map((name) => cache.has(name)),
+    [true, false, true, true],
+  );
   assert.equal(cache.size, 300);
   for (let k = 0; k < 50; k++) await cache.get(`n${k}`);
   assert.ok(cache.size <= 350);
@@ -43,16 +46,29 @@ test("a packet on its way is not asked for twice, one larger than the limit is k
   assert.ok(cache.has("a"));
 });
 
-test("a failure is remembered, until it is tried again", async () => {
+test("a failure is remembered: a damaged packet is not asked for again and again", async () => {
   const source = sourceOf(100, ["x"]);
   const cache = new PacketCache(source);
   await assert.rejects(cache.get("x"), /no x/);
   await assert.rejects(cache.get("x"), /no x/);
   assert.deepEqual(source.asked, ["x"]);
   assert.match(cache.failure("x")!.message, /no x/);
-  cache.retry();
-  await assert.rejects(cache.get("x"));
-  assert.equal(source.asked.length, 2);
+});
+
+test("a server that did not answer is asked again after a while", async (t) => {
+  t.mock.timers.enable({ apis: ["setTimeout"] });
+  let up = false;
+  const sound = sourceOf(100);
+  const cache = new PacketCache({
+    saved: false,
+    packet: (name) => (up ? sound.packet(name) : Promise.reject(new Unreachable("down"))),
+  });
+  await assert.rejects(cache.get("x"), /down/);
+  up = true;
+  await assert.rejects(cache.get("x"), /down/);
+  t.mock.timers.tick(5000);
+  await cache.get("x");
+  assert.ok(cache.has("x"));
 });
 
 test("a saved page's packets: base64 of gzip, as zlib writes it", async () => {

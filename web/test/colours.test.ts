@@ -40,7 +40,11 @@ test("OKLab of colours that its author published", () => {
   close(oklabOf([255, 255, 255]), [1, 0, 0]);
   close(oklabOf([0, 0, 0]), [0, 0, 0]);
   close(oklabOf([255, 0, 0]), [0.628, 0.2249, 0.1258]);
-  for (const colour of [[12, 200, 77], [255, 0, 255], [3, 3, 9]] as Rgb[]) {
+  for (const colour of [
+    [12, 200, 77],
+    [255, 0, 255],
+    [3, 3, 9],
+  ] as Rgb[]) {
     rgbOfOklab(oklabOf(colour)).forEach((v, k) => assert.ok(Math.abs(v - colour[k]!) <= 1));
   }
 });
@@ -48,7 +52,13 @@ test("OKLab of colours that its author published", () => {
 test("every colour that points are drawn in stands out from its background", () => {
   const dark: Rgb = [14, 18, 22];
   const light: Rgb = [238, 241, 244];
-  for (const colour of [[0, 0, 0], [75, 0, 75], [0, 0, 255], [255, 255, 255], [255, 240, 150]] as Rgb[]) {
+  for (const colour of [
+    [0, 0, 0],
+    [75, 0, 75],
+    [0, 0, 255],
+    [255, 255, 255],
+    [255, 240, 150],
+  ] as Rgb[]) {
     assert.ok(contrast(readable(colour, "dark"), dark) > 3, `${colour} on dark`);
     assert.ok(contrast(readable(colour, "light"), light) > 2, `${colour} on light`);
     assert.ok(contrast(calm(colour, "dark", true), dark) > 2.5);
@@ -66,7 +76,9 @@ test("every colour that points are drawn in stands out from its background", () 
 
 test("neighbouring instances differ, the same instance does not", () => {
   const table = instanceTable("dark");
-  const at = (instance: number): number[] => [...table.slice(4 * instanceEntry(instance), 4 * instanceEntry(instance) + 3)];
+  const at = (instance: number): number[] => [
+    ...table.slice(4 * instanceEntry(instance), 4 * instanceEntry(instance) + 3),
+  ];
   assert.equal(instanceEntry(0), 0);
   for (let k = 1; k < 400; k++) {
     const [a, b] = [at(k), at(k + 1)];
@@ -79,14 +91,32 @@ function frameOf(points: number[][], fields: Record<string, number[]> = {}): Poi
   const frame = new PointFrame();
   frame.count = points.length;
   frame.position = Float32Array.from(points.flat());
-  for (const [name, values] of Object.entries(fields)) frame.fields.set(name, Uint16Array.from(values));
+  for (const [name, values] of Object.entries(fields))
+    frame.fields.set(name, Uint16Array.from(values));
   return frame;
 }
 
 test("range is measured from the sensor that saw the point, height from the ground", () => {
-  const frame = frameOf([[3, 4, 0], [3, 4, 12], [10, 0, 0]], { sensor: [0, 0, 1] });
+  const frame = frameOf(
+    [
+      [3, 4, 0],
+      [3, 4, 12],
+      [10, 0, 0],
+    ],
+    { sensor: [0, 0, 1] },
+  );
   const values = new Float32Array(3);
-  fillQuantity(values, frame, "range", 0, [[0, 0, 0], [10, 0, 2]], 0);
+  fillQuantity(
+    values,
+    frame,
+    "range",
+    0,
+    [
+      [0, 0, 0],
+      [10, 0, 2],
+    ],
+    0,
+  );
   assert.deepEqual([...values], [5, 13, 2]);
   fillQuantity(values, frame, "height", 0, [], -2);
   assert.deepEqual([...values], [2, 14, 2]);
@@ -112,7 +142,17 @@ test("only quantities that the data holds are offered", () => {
 test("ground is told by class, else by height over the lowest nearby, also on a slope", () => {
   const finder = new GroundFinder(scene());
   const marks = new Uint8Array(400);
-  finder.mark(marks, frameOf([[0, 0, 0], [0, 0, 5], [1, 0, 0]], { semantic: [40, 10, 10] }));
+  finder.mark(
+    marks,
+    frameOf(
+      [
+        [0, 0, 0],
+        [0, 0, 5],
+        [1, 0, 0],
+      ],
+      { semantic: [40, 10, 10] },
+    ),
+  );
   assert.deepEqual([...marks.slice(0, 3)], [1, 0, 0]);
   // No classes: a road that rises 8 m over 100 m, and a car's roof on it.
   const slope = Array.from({ length: 200 }, (_, k) => [k / 2, 0.3, 0.08 * (k / 2)]);

@@ -73,7 +73,12 @@ test("filters keep out what they name, never what a box does not say", () => {
 });
 
 test("the order is by what is asked, what says nothing comes last in both directions", () => {
-  const boxes = [box({ points: 5 }), box({ points: null }), box({ points: 80 }), box({ points: 5 })];
+  const boxes = [
+    box({ points: 5 }),
+    box({ points: null }),
+    box({ points: 80 }),
+    box({ points: 5 }),
+  ];
   const by = (descending: boolean): number[] =>
     listed(boxes, { ...NO_FILTERS, sort: "points", descending }, []);
   assert.deepEqual(by(false), [0, 3, 2, 1]);
@@ -83,7 +88,24 @@ test("the order is by what is asked, what says nothing comes last in both direct
 // A camera at the origin that looks along −z, 90° wide, as OpenGL's textbook matrix has it.
 const near = 0.1;
 const far = 100;
-const perspective = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -(far + near) / (far - near), -1, 0, 0, (-2 * far * near) / (far - near), 0];
+const perspective = [
+  1,
+  0,
+  0,
+  0,
+  0,
+  1,
+  0,
+  0,
+  0,
+  0,
+  -(far + near) / (far - near),
+  -1,
+  0,
+  0,
+  (-2 * far * near) / (far - near),
+  0,
+];
 
 test("the point under the pointer is the nearest to the eye, hidden ones and those behind are not", () => {
   const frame = new PointFrame();
@@ -92,16 +114,28 @@ test("the point under the pointer is the nearest to the eye, hidden ones and tho
   const pick = (x: number, y: number, hidden = (_: number): boolean => false): number =>
     pickPoint(frame, perspective, 200, 200, x, y, 6, hidden);
   assert.equal(pick(100, 100), 1);
-  assert.equal(pick(100, 100, (k) => k === 1), 0);
+  assert.equal(
+    pick(100, 100, (k) => k === 1),
+    0,
+  );
   assert.equal(pick(130, 100), 3, "3 m aside at 10 m: 30 of 100 pixels");
   assert.equal(pick(20, 20), -1);
 });
 
 test("a click takes the nearest box, not the one that the eye is in", () => {
   const boxes = [box(), box({ box: [20, 0, 1, 4, 2, 2, 0] }), box({ box: [0, 0, 1, 4, 2, 2, 0] })];
-  assert.equal(pickBox(boxes, [0, 0, 1], [1, 0, 0], () => false), 0);
-  assert.equal(pickBox(boxes, [0, 0, 1], [1, 0, 0], (_, k) => k === 0), 1);
-  assert.equal(pickBox(boxes, [0, 0, 1], [0, 1, 0], () => false), -1);
+  assert.equal(
+    pickBox(boxes, [0, 0, 1], [1, 0, 0], () => false),
+    0,
+  );
+  assert.equal(
+    pickBox(boxes, [0, 0, 1], [1, 0, 0], (_, k) => k === 0),
+    1,
+  );
+  assert.equal(
+    pickBox(boxes, [0, 0, 1], [0, 1, 0], () => false),
+    -1,
+  );
 });
 
 test("a point belongs to the box of its instance, else to the one that it lies in", () => {

@@ -64,21 +64,36 @@ test("positions are origin plus steps, and a smaller frame after a larger one fo
 });
 
 test("damage is told in a sentence that names the packet", () => {
-  const sound = packetOf({ arrays: [{ name: "p", type: "f4", shape: [2], offset: 0 }] }, Buffer.alloc(8));
+  const sound = packetOf(
+    { arrays: [{ name: "p", type: "f4", shape: [2], offset: 0 }] },
+    Buffer.alloc(8),
+  );
   const bad: [ArrayBuffer, RegExp][] = [
     [sound.slice(0, 3), /3 bytes/],
     [new TextEncoder().encode("<html>not one</html>").buffer as ArrayBuffer, /begin with UTWP/],
     [sound.slice(0, 20), /longer than the packet/],
     [sound.slice(0, sound.byteLength - 4), /reaches beyond/],
-    [packetOf({ arrays: [{ name: "p", type: "f8", shape: [1], offset: 0 }] }, Buffer.alloc(8)), /unknown type f8/],
-    [packetOf({ arrays: [{ name: "p", type: "f4", shape: [1], offset: 2 }] }, Buffer.alloc(8)), /odd place/],
-    [packetOf({ arrays: [{ name: "p", type: "f4", shape: [-3], offset: 0 }] }, Buffer.alloc(8)), /reaches beyond/],
+    [
+      packetOf({ arrays: [{ name: "p", type: "f8", shape: [1], offset: 0 }] }, Buffer.alloc(8)),
+      /unknown type f8/,
+    ],
+    [
+      packetOf({ arrays: [{ name: "p", type: "f4", shape: [1], offset: 2 }] }, Buffer.alloc(8)),
+      /odd place/,
+    ],
+    [
+      packetOf({ arrays: [{ name: "p", type: "f4", shape: [-3], offset: 0 }] }, Buffer.alloc(8)),
+      /reaches beyond/,
+    ],
   ];
   for (const [bytes, message] of bad) {
-    assert.throws(() => parsePacket("points/0/3", bytes), (error: Error) => {
-      assert.match(error.message, /points\/0\/3/);
-      assert.match(error.message, message);
-      return true;
-    });
+    assert.throws(
+      () => parsePacket("points/0/3", bytes),
+      (error: Error) => {
+        assert.match(error.message, /points\/0\/3/);
+        assert.match(error.message, message);
+        return true;
+      },
+    );
   }
 });

@@ -20,7 +20,11 @@ const SENSOR: Sensor = {
 /** A point by azimuth and elevation of the sensor, placed by hand into the scene. */
 function seen(azimuth_deg: number, elevation_deg: number, range: number): number[] {
   const [a, e] = [(azimuth_deg * Math.PI) / 180, (elevation_deg * Math.PI) / 180];
-  const [x, y, z] = [range * Math.cos(e) * Math.cos(a), range * Math.cos(e) * Math.sin(a), range * Math.sin(e)];
+  const [x, y, z] = [
+    range * Math.cos(e) * Math.cos(a),
+    range * Math.cos(e) * Math.sin(a),
+    range * Math.sin(e),
+  ];
   return [5 - x, -3 - y, 6 + z];
 }
 
@@ -32,9 +36,21 @@ function frameOf(points: number[][], ring?: number[]): PointFrame {
   return frame;
 }
 
-const POINTS = [seen(0, 20, 10), seen(90, 0, 10), seen(-90, -20, 10), seen(0, 20, 4), seen(0, -10, 7)];
+const POINTS = [
+  seen(0, 20, 10),
+  seen(90, 0, 10),
+  seen(-90, -20, 10),
+  seen(0, 20, 4),
+  seen(0, -10, 7),
+];
 // Straight ahead is the middle column, the sensor's left (+90°) the first quarter.
-const PLACES: [number, number][] = [[180, 0], [90, 2], [270, 4], [180, 0], [180, 3]];
+const PLACES: [number, number][] = [
+  [180, 0],
+  [90, 2],
+  [270, 4],
+  [180, 0],
+  [180, 3],
+];
 
 test("without rings, rows are elevations and columns azimuths; the nearer point stays", () => {
   const image = new RangeProjector().project(frameOf(POINTS), SENSOR, 0);
@@ -61,7 +77,10 @@ test("only the points of the sensor that is asked for", () => {
   const frame = frameOf(POINTS);
   frame.fields.set("sensor", Uint8Array.from([1, 1, 0, 1, 1]));
   const image = new RangeProjector().project(frame, SENSOR, 0);
-  assert.deepEqual([...image.index].filter((k) => k >= 0), [2]);
+  assert.deepEqual(
+    [...image.index].filter((k) => k >= 0),
+    [2],
+  );
 });
 
 test("a click beside a pixel takes the nearest, also across the seam", () => {

@@ -6,7 +6,15 @@ import { sayDistance } from "../src/measure";
 import { momentOf } from "../src/paths";
 import { stateAt } from "../src/signals";
 import { PlayClock, stepsAhead } from "../src/timeline";
-import { DEFAULT_VIEW, fileOf, hashOf, readView, viewOfFile, viewOfHash, type View } from "../src/view_state";
+import {
+  DEFAULT_VIEW,
+  fileOf,
+  hashOf,
+  readView,
+  viewOfFile,
+  viewOfHash,
+  type View,
+} from "../src/view_state";
 
 const VIEW: View = {
   ...DEFAULT_VIEW,
@@ -15,7 +23,12 @@ const VIEW: View = {
   selected: 7,
   hidden: [40, 48],
   layers: { ...DEFAULT_VIEW.layers, twin: true },
-  filters: { ...DEFAULT_VIEW.filters, classes: ["Fußgänger & Rad"], text: "a+b=c #1", range_m: [5, 60] },
+  filters: {
+    ...DEFAULT_VIEW.filters,
+    classes: ["Fußgänger & Rad"],
+    text: "a+b=c #1",
+    range_m: [5, 60],
+  },
   position: [1.5, -2.25, 30],
   target: [0, 0, 0],
 };
@@ -64,25 +77,36 @@ test("the time line plays at the sensor's rate, whatever the pictures' rate", ()
     const clock = new PlayClock(steps(Array.from({ length: 200 }, (_, k) => k / 10)), 10);
     clock.start();
     let step = 0;
-    for (let t = 0; t < 5 - 1e-9; t += picture_s) step = clock.advance(step, picture_s, 1, true, () => true);
+    for (let t = 0; t < 5 - 1e-9; t += picture_s)
+      step = clock.advance(step, picture_s, 1, true, () => true);
     assert.ok(Math.abs(step - 50) <= 1, `${picture_s}: ${step}`);
   }
 });
 
 test("speed, the end, the loop, and a step that is not here yet", () => {
   const all = steps([0, 0.1, 0.2, 0.3]);
-  const run = (seconds: number, speed: number, loop: boolean, ready = (_: number): boolean => true): [number, boolean] => {
+  const run = (
+    seconds: number,
+    speed: number,
+    loop: boolean,
+    ready = (_: number): boolean => true,
+  ): [number, boolean] => {
     const clock = new PlayClock(all, 10);
     clock.start();
     let step = 0;
-    for (let t = 0; t < seconds - 1e-9; t += 0.01) step = clock.advance(step, 0.01, speed, loop, ready);
+    for (let t = 0; t < seconds - 1e-9; t += 0.01)
+      step = clock.advance(step, 0.01, speed, loop, ready);
     return [step, clock.playing];
   };
   assert.deepEqual(run(0.255, 1, false), [2, true]);
   assert.deepEqual(run(0.255, 0.5, false), [1, true]);
   assert.deepEqual(run(2, 1, false), [3, false]);
   assert.deepEqual(run(0.455, 1, true), [0, true]);
-  assert.deepEqual(run(2, 1, true, (step) => step < 2), [1, true], "waits");
+  assert.deepEqual(
+    run(2, 1, true, (step) => step < 2),
+    [1, true],
+    "waits",
+  );
 });
 
 test("a gap in the recording is not waited for, times that stand still do not stop it", () => {
@@ -101,29 +125,65 @@ test("the steps to load ahead go round the loop and never twice", () => {
 });
 
 test("steps of a pair follow its pairs; a damaged frame of either side is told", () => {
-  const frame = (name: string, time_s: number, error: string | null = null): object => ({ name, time_s, points: 1, error });
+  const frame = (name: string, time_s: number, error: string | null = null): object => ({
+    name,
+    time_s,
+    points: 1,
+    error,
+  });
   const scene = readDocument({
     format: 1,
     kind: "pair",
     sides: [
       { name: "real", frames: [frame("a", 0), frame("b", 0.1)], fields: [], rate_hz: 10 },
-      { name: "twin", frames: [frame("x", 7), frame("y", 7.1, "cut short"), frame("z", 7.2)], fields: [], rate_hz: 10 },
+      {
+        name: "twin",
+        frames: [frame("x", 7), frame("y", 7.1, "cut short"), frame("z", 7.2)],
+        fields: [],
+        rate_hz: 10,
+      },
     ],
-    pairs: [[0, 2], [1, 1]],
+    pairs: [
+      [0, 2],
+      [1, 1],
+    ],
   });
   assert.deepEqual(
     stepsOf(scene).map((step) => [step.time_s, step.frames, step.error]),
-    [[0, [0, 2], null], [0.1, [1, 1], "cut short"]],
+    [
+      [0, [0, 2], null],
+      [0.1, [1, 1], "cut short"],
+    ],
   );
   assert.throws(() => readDocument({ format: 2 }), /format 2/);
   assert.throws(() => readDocument([]), /not an object/);
 });
 
 test("signals show their last change, tracks their last moment", () => {
-  const signal = { at: [0, 0, 0] as [number, number, number], link: 0, states: [[0, "r"], [5, "G"], [9, "y"]] as [number, string][] };
-  assert.deepEqual([0, 4.99, 5, 8, 100].map((t) => stateAt(signal, t)), ["r", "r", "G", "G", "y"]);
-  const track = { track: 1, class: "car", time_s: [1, 1.1, 1.2], at: [], size: [4, 2, 1] as [number, number, number] };
-  assert.deepEqual([0.5, 1, 1.15, 9].map((t) => momentOf(track, t)), [-1, 0, 1, 2]);
+  const signal = {
+    at: [0, 0, 0] as [number, number, number],
+    link: 0,
+    states: [
+      [0, "r"],
+      [5, "G"],
+      [9, "y"],
+    ] as [number, string][],
+  };
+  assert.deepEqual(
+    [0, 4.99, 5, 8, 100].map((t) => stateAt(signal, t)),
+    ["r", "r", "G", "G", "y"],
+  );
+  const track = {
+    track: 1,
+    class: "car",
+    time_s: [1, 1.1, 1.2],
+    at: [],
+    size: [4, 2, 1] as [number, number, number],
+  };
+  assert.deepEqual(
+    [0.5, 1, 1.15, 9].map((t) => momentOf(track, t)),
+    [-1, 0, 1, 2],
+  );
 });
 
 test("a distance is told along, level and in height", () => {
