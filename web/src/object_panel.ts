@@ -130,7 +130,7 @@ function rowsOf(app: App, box: Box): Row[] {
     box.score === null ? ["Points", box.points === null ? "not known" : String(box.points)] : null,
     box.score === null ? ["Occlusion", percent(box.occlusion)] : null,
     box.truncation === null || box.score !== null ? null : ["Truncation", percent(box.truncation)],
-    box.score === null ? ["Difficulty", box.difficulty ?? "none"] : null,
+    box.score === null ? ["Difficulty", box.difficulty ?? "not graded"] : null,
     box.ignored ? ["Ignored", box.ignored] : null,
     ["Place", `${x.toFixed(2)}, ${y.toFixed(2)}, ${z.toFixed(2)} m`],
     ["Heading", `${((yaw * 180) / Math.PI).toFixed(0)}°`],
