@@ -99,6 +99,14 @@ def test_what_is_no_twin_is_told_in_one_line(run_here, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_format_that_nobody_knows_is_told_whatever_is_exported(run_here, tmp_path):
+    done = run_here("export", tmp_path, "--to", "kity")
+    assert done.code == 2
+    assert len(done.err.strip().splitlines()) == 1
+    assert "'kity' is not a format" in done.err
+    assert all(name in done.err for name in ("opendrive", "tracks", "kitti", "challenge"))
+
+
 def test_a_folder_of_somebodys_own_is_left_alone(twin, run_here, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     assert run_here("export", twin, "--to", "sumo", "-o", tmp_path).code == 2
@@ -108,9 +116,10 @@ def test_a_folder_of_somebodys_own_is_left_alone(twin, run_here, tmp_path):
 
 def test_every_format_has_an_example_in_the_help(run_here):
     from urbantwin.exports import FORMATS
+    from urbantwin.exports.frames import DATASET_FORMATS
 
     done = run_here("export", "--help")
-    for name in FORMATS:
+    for name in (*FORMATS, *DATASET_FORMATS):
         assert f"--to {name} -o" in done.out or f"--to {name} --version" in done.out
 
 

@@ -4,11 +4,34 @@ import io
 import json
 import struct
 import tarfile
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import yaml
 from pyarrow import feather
+
+from ..fidelity.bag_files import (
+    CLOUD,
+    ROS1,
+    ROS2,
+    foxglove_json,
+    foxglove_protobuf,
+    foxglove_schema,
+    ros_cloud,
+    write_mcap,
+    write_ros1,
+    write_ros2,
+)
+from ..fidelity.lidar_packets import (
+    VELODYNE,
+    hesai_turns,
+    velodyne_packet,
+    write_pcap,
+    write_pcapng,
+)
 
 __all__ = ["RECORDINGS", "pcd", "ply"]
 
@@ -96,6 +119,133 @@ def argoverse() -> dict[str, bytes]:
     }
 
 
+def parquet(columns: dict[str, object]) -> bytes:
+    stream = pa.BufferOutputStream()
+    pq.write_table(pa.table(columns), stream, compression="brotli", row_group_size=1)
+    return stream.getvalue().to_pybytes()
+
+
+def waymo() -> dict[str, bytes]:
+    """Two frames of one laser of three beams, with the vehicle's pose at every pixel."""
+    times = [1552440195362591, 1552440195462592]
+    keys = {"key.segment_context_name": ["s"] * 2, "key.frame_timestamp_micros": times}
+    top = {"key.laser_name": pa.array([1, 1], pa.int8())}
+
+    def images(name: str, image: np.ndarray, kind: pa.DataType) -> dict[str, object]:
+        lists = pa.list_(pa.int32(), 3)
+        return {
+            f"{name}.values": pa.array([image.ravel()] * 2, pa.list_(kind)),
+            f"{name}.shape": pa.array([list(image.shape)] * 2, lists),
+        }
+
+    matrix = np.eye(4)
+    matrix[:3, 3] = 3.0, 4.0, 1.0
+    one = pa.array([matrix.ravel()], pa.list_(pa.float64(), 16))
+    seen = np.dstack([rng.uniform(2, 60, (3, 12)), *([np.ones((3, 12))] * 2), -np.ones((3, 12))])
+    sides = {"center.x": 12.0, "center.y": 3.0, "center.z": 1.0, "size.x": 4.6, "size.y": 1.9,
+             "size.z": 1.5, "heading": 0.4}  # fmt: skip
+    box, beams = "[LiDARBoxComponent].", "[LiDARCalibrationComponent].beam_inclination."
+    return {
+        "lidar/s.parquet": parquet(
+            {**keys, **top, **images("[LiDARComponent].range_image_return1", seen, pa.float32())}
+        ),
+        "lidar_pose/s.parquet": parquet(
+            {
+                **keys, **top,
+                **images(
+                    "[LiDARPoseComponent].range_image_return1",
+                    np.full((3, 12, 6), 0.1),
+                    pa.float32(),
+                ),
+            }
+        ),
+        "lidar_segmentation/s.parquet": parquet(
+            {
+                **keys, **top,
+                **images(
+                    "[LiDARSegmentationLabelComponent].range_image_return1",
+                    np.full((3, 12, 2), 7),
+                    pa.int32(),
+                ),
+            }
+        ),
+        "lidar_calibration/s.parquet": parquet(
+            {
+                "key.segment_context_name": ["s"],
+                "key.laser_name": pa.array([1], pa.int8()),
+                "[LiDARCalibrationComponent].extrinsic.transform": one,
+                f"{beams}min": [-0.3],
+                f"{beams}max": [0.1],
+                f"{beams}values": [[-0.3, -0.1, 0.1]],
+            }
+        ),
+        "vehicle_pose/s.parquet": parquet(
+            {
+                **keys,
+                "[VehiclePoseComponent].world_from_vehicle.transform": pa.concat_arrays([one] * 2),
+            }
+        ),
+        "lidar_box/s.parquet": parquet(
+            {
+                **keys,
+                "key.laser_object_id": ["a", "b"],
+                **{f"{box}box.{name}": [value] * 2 for name, value in sides.items()},
+                **{f"{box}speed.{axis}": [1.0, None] for axis in "xyz"},
+                f"{box}type": pa.array([1, 2], pa.int8()),
+                f"{box}num_lidar_points_in_box": [7, 0],
+            }
+        ),
+    }  # fmt: skip
+
+
+def once() -> dict[str, bytes]:
+    box = [12.0, 3.0, -4.1, 4.6, 1.9, 1.5, 0.4]
+    annos = {"names": ["Car", "Bus"], "boxes_3d": [box, box]}
+    pose = [0.0, 0.0, 0.6, 0.8, 3.0, 4.0, 1.0]
+    frame = {"frame_id": "1616003433400", "pose": pose, "annos": annos}
+    later = {"frame_id": "1616003433900", "pose": pose}
+    return {
+        "lidar_roof/1616003433400.bin": ROWS.tobytes(),
+        "recording.json": text({"frames": [frame, later]}),
+    }
+
+
+def ips300() -> dict[str, bytes]:
+    box = {
+        "label": "Minibus",
+        "center": {"x": 12.0, "y": 3.0, "z": -4.1},
+        "dimensions": {"length": 4.6, "width": 1.9, "height": 1.5},
+        "rotation": {"x": 0, "y": 0, "z": 0.4},
+    }
+    line = b"cyclist 0 0 0 1 2 3 4 5 6 7 8 1.5 0.8 1.8 12.0 3.0 -4.1 0.4\n"
+    return {
+        "data/PCD_COM_ROI/000000_COM_ROI.pcd": pcd(),
+        "data/PCD_COM_ROI/000001_COM_ROI.pcd": pcd("ascii"),
+        "label/json/000000_LABEL.json": text({"objects": [box, box]}),
+        "label/txt/000001_LABEL.txt": line * 2,
+    }
+
+
+def a9() -> dict[str, bytes]:
+    box = {
+        "dimension": {"length": 4.6, "width": 1.9, "height": 1.5},
+        "location": {"x": 12.0, "y": 3.0, "z": -4.1},
+        "orientation": {"rotationYaw": 0.4},
+    }
+    labels = {"labels": [{"id": 1, "category": "CAR", "box3d": box}]}
+    return {"_points/1.pcd": pcd(), "_labels/1.json": text(labels)}
+
+
+def v2v4real() -> dict[str, bytes]:
+    vehicle = {
+        "location": [12.0, 3.0, -4.0], "center": [0.0, 0.0, 0.0], "extent": [2.3, 0.9, 0.7],
+        "angle": [0.0, 30.0, 0.0], "obj_type": "Car", "ass_id": 4,
+    }  # fmt: skip
+    pose = [[0.8, -0.6, 0.0, 1.0], [0.6, 0.8, 0.0, 2.0], [0.0, 0.0, 1.0, 5.0], [0.0, 0.0, 0.0, 1.0]]
+    told = {"lidar_pose": pose, "vehicles": {17: vehicle}}
+    return {"0/000001.pcd": pcd(), "0/000001.yaml": yaml.safe_dump(told).encode()}
+
+
 def nuscenes() -> dict[str, bytes]:
     name = "samples/LIDAR_TOP/n008__LIDAR_TOP__1531883530449377.pcd.bin"
     rows = {
@@ -141,7 +291,13 @@ def semantic_kitti() -> dict[str, bytes]:
 def tumtraf() -> dict[str, bytes]:
     cuboid = {"name": "shape3D", "val": [12.0, 3.0, -4.1, 0.0, 0.0, 0.6, 0.8, 4.6, 1.9, 1.5]}
     one = {"object_data": {"name": "VAN_1", "type": "VAN", "cuboid": cuboid}}
-    labels = {"openlabel": {"frames": {"17": {"objects": {"uuid": one}}}}}
+    known = {
+        "num": [{"name": "num_points", "val": 7}, {"name": "occlusion", "val": 0.2}],
+        "text": [{"name": "ignored", "val": "far"}],
+        "vec": [{"name": "velocity", "val": [1.0, 0.5, 0.0]}],
+    }
+    other = {"object_data": {"cuboid": [{**cuboid, "attributes": known}]}}
+    labels = {"openlabel": {"frames": {"17": {"objects": {"uuid": one, "40001": other}}}}}
     return {
         "point_clouds/south/1.pcd": pcd(),
         "labels_point_clouds/south/1.json": text(labels),
@@ -167,13 +323,22 @@ def opencood() -> dict[str, bytes]:
         "location": [12.0, 3.0, -4.0], "center": [0.0, 0.0, 0.7], "extent": [2.3, 0.9, 0.7],
         "angle": [0.0, 30.0, 0.0], "obj_type": "Car",
     }  # fmt: skip
+    person = {**vehicle, "obj_type": "", "class": "pedestrian"}
     told = {"lidar_pose": [1.0, 2.0, 5.0, 0.0, 90.0, 0.0], "vehicles": {17: vehicle}}
+    told["pedestrians"] = {18: person}
     return {"0/000001.pcd": pcd("ascii"), "0/000001.yaml": yaml.safe_dump(told).encode()}
 
 
 def lumpi() -> dict[str, bytes]:
     line = b"0.1,17,0,0,0,0,0.9,1,50,12.0,3.0,-4.1,4.6,1.9,1.5,0.4\n"
-    return {"lidar/000001.ply": ply(), "Label.csv": line * 2}
+    identity = ply().replace(b"property float intensity", b"property float id")
+    sessions = {"7": {"type": "lidar", "experimentId": 0}, "9": {"type": "camera"}}
+    return {
+        "lidar/000001.ply": ply(),
+        "lidar/000002.ply": identity,
+        "Label.csv": line * 2,
+        "meta.json": text({"session": sessions}),
+    }
 
 
 def ouster() -> dict[str, bytes]:
@@ -250,8 +415,68 @@ def listed_clouds() -> dict[str, bytes]:
     }
 
 
+def files_of(write, name) -> dict[str, bytes]:
+    """Return what a library writes: the files by their names."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder) / name)
+        files = [path for path in Path(folder).rglob("*") if path.is_file()]
+        return {path.name: path.read_bytes() for path in files}
+
+
+def clouds_of_ros(types):
+    rows = np.zeros(len(ROWS), [(name, "<f4") for name in ("x", "y", "z", "intensity")])
+    for name, column in zip(rows.dtype.names, ROWS.T, strict=True):
+        rows[name] = column
+    return {"/points": (CLOUD, None, [(k, ros_cloud(types, rows)) for k in range(2)])}, rows
+
+
+def rosbag(packed) -> dict[str, bytes]:
+    topics, _ = clouds_of_ros(ROS1)
+    return files_of(lambda path: write_ros1(path, topics, packed=packed), "a.bag")
+
+
+def rosbag_of_ros2(storage, packed) -> dict[str, bytes]:
+    topics, _ = clouds_of_ros(ROS2)
+    return files_of(lambda path: write_ros2(path, topics, storage=storage, packed=packed), "bag")
+
+
+def mcap() -> dict[str, bytes]:
+    """Clouds in JSON; those in protobuf stand in a file of their own."""
+    _, rows = clouds_of_ros(ROS2)
+    topics = {"a": ("foxglove.PointCloud", "jsonschema", b"{}", "json", [(0, foxglove_json(rows))])}
+    return files_of(lambda path: write_mcap(path, topics), "a.mcap")
+
+
+def mcap_of_protobuf() -> dict[str, bytes]:
+    _, rows = clouds_of_ros(ROS2)
+    schema = foxglove_schema().SerializeToString()
+    message = foxglove_protobuf(rows, position=(1, 2, 3), orientation=(0, 0, 0, 1))
+    topics = {"a": ("foxglove.PointCloud", "protobuf", schema, "protobuf", [(0, message)])}
+    return files_of(lambda path: write_mcap(path, topics, use_chunking=False), "a.mcap")
+
+
+def velodyne(write, name, model) -> dict[str, bytes]:
+    block = [(900 + k, k) for k in range(32)]
+    packets = [
+        velodyne_packet((20 * k + np.arange(12)) % 360, [block] * 12, VELODYNE[model])
+        for k in range(20)
+    ]
+    return files_of(lambda path: write(path, packets), name)
+
+
+def hesai(model, channels, blocks) -> dict[str, bytes]:
+    packets, *_ = hesai_turns(model, channels, blocks, columns=24, turns=1.5)
+    return files_of(lambda path: write_pcap(path, packets), "a.pcap")
+
+
+def angles(channels) -> bytes:
+    lines = [f"{k + 1},{10 - k / 4},0.5" for k in range(channels)]
+    return "\n".join(["Channel,Elevation,Azimuth", *lines]).encode()
+
+
 RECORDINGS = {
     "argoverse2": argoverse(),
+    "waymo2": waymo(),
     "nuscenes": nuscenes(),
     "kitti": kitti(),
     "semantic-kitti": semantic_kitti(),
@@ -261,5 +486,23 @@ RECORDINGS = {
     "lumpi": lumpi(),
     "ouster": ouster(),
     "webdataset": webdataset(),
-    "listed clouds": listed_clouds(),
+    "plain": listed_clouds(),
+    "once": once(),
+    "ips300": ips300(),
+    "tumtraf, first release": a9(),
+    "opencood, V2V4Real": v2v4real(),
+    "rosbag": rosbag(None),
+    "rosbag of bz2": rosbag("BZ2"),
+    "rosbag of lz4": rosbag("LZ4"),
+    "rosbag of ROS 2": rosbag_of_ros2("SQLITE3", None),
+    "rosbag of ROS 2 packed": rosbag_of_ros2("SQLITE3", "FILE"),
+    "rosbag of ROS 2 in MCAP": rosbag_of_ros2("MCAP", "STORAGE"),
+    "rosbag of ROS 2 in MCAP packed": rosbag_of_ros2("MCAP", "MESSAGE"),
+    "mcap": mcap(),
+    "mcap of protobuf": mcap_of_protobuf(),
+    "velodyne": velodyne(write_pcap, "a.pcap", "VLP-16"),
+    "velodyne of 128": velodyne(write_pcapng, "a.pcapng", "VLS-128"),
+    "hesai": {**hesai("Pandar40P", 40, 10), "a.csv": angles(40)},
+    "hesai of 128": {**hesai("OT128", 128, 2), "a.csv": angles(128)},
+    "hesai of 32": hesai("PandarXT-32", 32, 8),
 }

@@ -5,48 +5,17 @@ JSON: those labelled, those detected, and those `found` that errors are asked of
 and files that the kits import beside are stood in for.
 """
 
-import importlib.abc
-import importlib.machinery
 import json
 import sys
-import types
 
 import numpy as np
+from stand_ins import stand_in
 
 NAME = "car"
 
-
-class StandIn(types.ModuleType):
-    """A module whose every name is an empty class."""
-
-    __path__ = ()
-
-    def __getattr__(self, name):
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return type(name, (), {})
-
-
-class StandIns(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds a stand-in for each module of these, where it is not installed."""
-
-    names = ("cv2", "descartes", "joblib", "matplotlib", "pandas", "polars", "shapely", "sklearn")
-    names += ("upath", "av2.map", "av2.structures", "av2.utils.io", "nuscenes.lidarseg")
-    names += ("nuscenes.panoptic", "nuscenes.nuscenes")
-
-    def find_spec(self, name, path=None, target=None):
-        if any(name == one or name.startswith(f"{one}.") for one in self.names):
-            return importlib.machinery.ModuleSpec(name, self, is_package=True)
-        return None
-
-    def create_module(self, spec):
-        return StandIn(spec.name)
-
-    def exec_module(self, module):
-        pass
-
-
-sys.meta_path.insert(0, StandIns())
+stand_in("cv2", "descartes", "joblib", "matplotlib", "pandas", "polars", "shapely", "sklearn")
+stand_in("upath", "av2.map", "av2.structures", "av2.utils.io", "nuscenes.lidarseg")
+stand_in("nuscenes.panoptic", "nuscenes.nuscenes")
 
 from av2.evaluation.detection.utils import DetectionCfg  # noqa: E402
 from av2.evaluation.detection.utils import accumulate as av2_accumulate  # noqa: E402

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -50,6 +50,7 @@ class ParquetGroups:
     Attributes:
         count: how many groups of rows it has.
         num_rows: how many rows.
+        rows: how many rows each group has.
         column_names: its columns.
 
     Raises:
@@ -83,6 +84,7 @@ class ParquetGroups:
                     expected=", ".join(f"{one.name} ({one.type})" for one in schema),
                 )
             self.count, self.num_rows = len(groups), rows
+            self.rows: tuple[int, ...] = tuple(group.num_rows for group in groups)
             self.column_names: tuple[str, ...] = tuple(found.names)
         except InputError:
             raise
@@ -108,6 +110,39 @@ class ParquetGroups:
             raise
         except Exception as error:  # see above
             raise _damaged(error, self._path, self._expected) from None
+
+    def each_row(self, columns: Sequence[str], group: int) -> Iterator[pa.RecordBatch]:
+        """Yield the rows of a group one by one: no more of them is unpacked than is asked for.
+
+        Raises:
+            InputError: one is damaged; the row and the bytes that hold its group are named.
+        """
+        row = sum(self.rows[:group])
+        try:
+            for batch in self._file.iter_batches(
+                batch_size=1, row_groups=[group], columns=list(columns), use_threads=False
+            ):
+                batch.validate(full=True)
+                yield batch
+                row += 1
+        except Exception as error:  # see above
+            damaged = _damaged(error, self._path, self._expected)
+            place = f"row {row} ({self._bytes(columns, group)})"
+            raise InputError(
+                damaged.problem, file=self._path, place=place, expected=self._expected
+            ) from None
+
+    def _bytes(self, columns: Sequence[str], group: int) -> str:
+        """Return where columns of a group lie in the file, in words."""
+        told = self._file.metadata.row_group(group)
+        parts = [told.column(k) for k in range(told.num_columns)]
+        parts = [one for one in parts if any(one.path_in_schema.startswith(n) for n in columns)]
+        begin = [
+            min(one.data_page_offset, one.dictionary_page_offset or one.data_page_offset)
+            for one in parts
+        ]
+        end = [a + one.total_compressed_size for a, one in zip(begin, parts, strict=True)]
+        return f"in bytes {min(begin, default=0)} to {max(end, default=0)}"
 
     def __enter__(self) -> Self:
         return self

@@ -46,6 +46,7 @@ from urbantwin.cli import (
     tune,
     vary,
     verify,
+    view,
 )
 from urbantwin.cli.console import error_line
 from urbantwin.errors import InputError, UrbanTwinError
@@ -102,6 +103,7 @@ for command, examples in (
     (calibrate.calibrate, calibrate.EXAMPLES),
     (film.film, film.EXAMPLES),
     (record.record, record.EXAMPLES),
+    (view.view, view.EXAMPLES),
     (vary.vary, vary.EXAMPLES),
     (suite.suite, suite.EXAMPLES),
     (curriculum.curriculum, curriculum.EXAMPLES),

@@ -1,4 +1,4 @@
-"""``urbantwin export``: a twin in other programs' formats."""
+"""``urbantwin export``: a twin, a motion or a dataset in other programs' formats."""
 
 from __future__ import annotations
 
@@ -31,26 +31,41 @@ urbantwin export twin/ --to cityjson -o buildings.city.json
 urbantwin export out/motion/ --to tracks -o tracks.csv
 urbantwin export out/motion/ --to openlabel -o openlabel.json
 urbantwin export out/motion/ --to openscenario -o traffic.xosc
-urbantwin export out/dataset/ --to challenge -o submission/
+urbantwin export out/dataset/ --to openpcdet -o custom/
 urbantwin export out/dataset/ --to openpcdet -o pointpillar.yaml
+urbantwin export out/dataset/ --to mmdet3d -o custom/
+urbantwin export out/dataset/ --to kitti -o kitti/
+urbantwin export out/dataset/ --to semantickitti -o semantickitti/
+urbantwin export out/dataset/ --to nuscenes -o nuscenes/
+urbantwin export out/dataset/ --to openlabel -o openlabel/
+urbantwin export out/dataset/ --to opv2v -o opv2v/
+urbantwin export out/dataset/ --to lumpi -o lumpi/
+urbantwin export out/dataset/ --to pcd -o clouds/
+urbantwin export out/dataset/ --to las -o clouds/
+urbantwin export out/dataset/ --to laz -o clouds/
+urbantwin export out/dataset/ --to mcap -o drive.mcap
+urbantwin export out/dataset/ --to webdataset -o shards/
+urbantwin export out/dataset/ --to challenge -o submission/
 """
 
 
 def export(
     twin: Annotated[
-        Path, typer.Argument(help="A twin; for challenge, a dataset; for tracks, a motion.")
+        Path, typer.Argument(help="A twin, a motion or a dataset; --to says what of which.")
     ],
     to: Annotated[
         str,
         typer.Option(
             "--to",
             metavar="FORMAT",
-            help="opendrive, carla (a package of a map), sumo (a run that is set up) or "
-            "geojson (for QGIS: one file, or one per layer in a folder), plan (SVG, PNG), or the "
-            "scene as glb, obj, ply, usd, fbx, or its buildings as cityjson; a motion as tracks "
-            "(CSV), openlabel or openscenario (ASAM OpenLABEL, OpenSCENARIO XML); or a dataset's "
-            "frames as a submission to the UrbanTwin challenge (challenge), or an OpenPCDet config "
-            "with its statistics (openpcdet).",
+            help="Of a twin: opendrive, carla (a package of a map), sumo (a run that is set up), "
+            "geojson (for QGIS: one file, or one per layer in a folder), plan (SVG, PNG), the "
+            "scene as glb, obj, ply, usd or fbx, its buildings as cityjson. Of a motion: tracks "
+            "(CSV), openlabel, openscenario (ASAM). Of a dataset, to train with: openpcdet and "
+            "mmdet3d (with configs for it; openpcdet as a .yaml: the config alone), kitti, "
+            "semantickitti, nuscenes, opv2v, lumpi; to look at and carry on: openlabel, pcd, las, "
+            "laz, mcap, webdataset; challenge (a submission to the UrbanTwin challenge). What a "
+            "format cannot hold of a dataset is told before it is written.",
         ),
     ],
     version: Annotated[
@@ -63,7 +78,7 @@ def export(
             "--out",
             "-o",
             metavar="PATH",
-            help="The file or folder to write.  [default: named after the twin]",
+            help="The file or folder to write.  [default: named after what is exported]",
         ),
     ] = None,
     detections: Annotated[
@@ -76,7 +91,7 @@ def export(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes."""
+    """Write a twin, a motion or a dataset for other programs, in their formats."""
     made = ut.export(
         twin,
         to,

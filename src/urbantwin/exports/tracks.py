@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import pyarrow as pa
 from pyarrow import csv
 
 from urbantwin.artefact import replaced_file
+from urbantwin.exports.openlabel_document import openlabel_document, write_openlabel_file
 from urbantwin.traffic import Motion
 from urbantwin.traffic.motion_rows import ACTOR_SCHEMA
 
@@ -70,13 +70,11 @@ def write_openlabel(motion: Motion, path: Path) -> None:
         cuboid = {"name": "box", "coordinate_system": "site", "val": values}
         frame = frames[str(round(time_s / motion.step_s))]
         frame["objects"][name] = {"object_data": {"cuboid": [cuboid]}}
-    whole = {
-        "openlabel": {
-            "metadata": {"schema_version": "1.0.0", "name": "tracks"},
-            "coordinate_systems": {"site": {"type": "scene_cs", "parent": ""}},
-            "objects": objects,
-            "frames": frames,
-        }
-    }
+    whole = openlabel_document(
+        "tracks",
+        coordinate_systems={"site": {"type": "scene_cs", "parent": ""}},
+        objects=objects,
+        frames=frames,
+    )
     with replaced_file(path) as scratch:
-        scratch.write_text(json.dumps(whole, separators=(",", ":")) + "\n")
+        write_openlabel_file(scratch, whole)

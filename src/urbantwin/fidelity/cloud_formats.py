@@ -12,7 +12,7 @@ from urbantwin.artefact.arrays import may_unpack, one_line, read_array
 from urbantwin.errors import InputError
 from urbantwin.fidelity.pcd import read_pcd
 
-__all__ = ["FORMATS", "Fields", "is_cloud", "position_and_intensity", "read_fields"]
+__all__ = ["FORMATS", "Fields", "is_cloud", "organised", "position_and_intensity", "read_fields"]
 
 Fields = dict[str, NDArray[np.generic]]
 
@@ -65,7 +65,7 @@ def read_fields(path: Path, columns: int | None = None) -> Fields:
         return _from_bin(path, columns)
     if kind == ".pcd":
         named, shape = read_pcd(path)
-        return _organised({name.lower(): values for name, values in named.items()}, *shape)
+        return organised({name.lower(): values for name, values in named.items()}, *shape)
     if kind == ".ply":
         return {name.lower(): values for name, values in _from_ply(path).items()}
     if kind in (".las", ".laz"):
@@ -105,7 +105,7 @@ def _from_npy(path: Path) -> Fields:
     array = read_array(path, "a .npy array")
     if array.dtype.names:
         named: Fields = {name.lower(): array[name].ravel() for name in array.dtype.names}
-        return _organised(named, *array.shape) if array.ndim == 2 else named
+        return organised(named, *array.shape) if array.ndim == 2 else named
     image = array.shape[:2] if array.ndim == 3 and _is_turn(*array.shape[:2]) else None
     if image is not None:
         array = array.reshape(-1, array.shape[2])
@@ -117,7 +117,7 @@ def _from_npy(path: Path) -> Fields:
         )
     with np.errstate(over="ignore", invalid="ignore"):
         fields = _columns(array.astype(np.float64))
-    return fields if image is None else _organised(fields, *image)
+    return fields if image is None else organised(fields, *image)
 
 
 def _is_turn(height: int, width: int) -> bool:
@@ -126,7 +126,7 @@ def _is_turn(height: int, width: int) -> bool:
     return _FEWEST_RINGS <= few <= _MOST_RINGS and few <= many <= _MOST_COLUMNS
 
 
-def _organised(fields: Fields, height: int, width: int) -> Fields:
+def organised(fields: Fields, height: int, width: int) -> Fields:
     """Add ring and column to the points of an image, row by row, if it is one of a LiDAR.
 
     Drivers write a row for each channel, or for each column of the turn.

@@ -14,7 +14,9 @@ from urbantwin.geometry import Pose, points_in_box
 __all__ = ["Boxes", "Frame"]
 
 #: What a frame says of each point, besides its place.
-_OF_POINTS = ("intensity", "ring", "column", "time_s", "sensor", "semantic", "instance")
+_OF_POINTS = (
+    "intensity", "ring", "column", "time_s", "sensor", "semantic", "instance", "unlabelled",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +90,7 @@ class Frame:
         sensor: (N,) int64, which of several sensors, from 0.
         semantic: (N,) int64, ids of ``taxonomy.semantic_classes``.
         instance: (N,) int64, the object's number, 0 for none.
+        unlabelled: (N,) bool, in zones where the data labels nothing; None where it has none.
         boxes: labelled objects; None where the data has no labels (no objects: no rows).
         world_SE3_frame: where the points' frame is in the recording's world.
         sensor_places: (S, 3) float64, where each sensor is in the frame of the points, metres.
@@ -105,6 +108,7 @@ class Frame:
     sensor: NDArray[np.int64] | None = None
     semantic: NDArray[np.int64] | None = None
     instance: NDArray[np.int64] | None = None
+    unlabelled: NDArray[np.bool_] | None = None
     boxes: Boxes | None = None
     world_SE3_frame: Pose | None = None  # noqa: N815
     sensor_places: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 3)))

@@ -16,8 +16,8 @@ from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording
 from urbantwin.fidelity.readers.box_list import BOX_LIST
-from urbantwin.fidelity.readers.kitti import read_calibration, read_regions
-from urbantwin.geometry import Pose, box_corners
+from urbantwin.fidelity.readers.kitti import ALL_AROUND, read_calibration, read_regions
+from urbantwin.geometry import Pose, box_corners, points_in_box
 
 __all__ = ["View", "image_boxes", "view_of"]
 
@@ -46,10 +46,12 @@ def view_of(recording: Recording) -> View:
     Raises:
         InputError: what says so is not right.
     """
-    if recording.layout == "kitti":
+    if recording.layout == "kitti" and not (recording.path / ALL_AROUND).is_dir():
         return _CameraView(recording.path)
     if recording.layout == "own":
         return _Region(recording.path)
+    if recording.layout == "waymo2":
+        return _Zones()
     if recording.layout == "plain" and _folder(recording.path).joinpath(BOX_LIST).is_file():
         return _Extent()
     return _Everywhere()
@@ -76,6 +78,21 @@ class _Extent:
         low, high = frame.points[:, :2].min(axis=0), frame.points[:, :2].max(axis=0)
         place = boxes[:, :2]
         return np.asarray(((place >= low) & (place <= high)).all(axis=1))
+
+
+class _Zones:
+    """Waymo: not where a point of the box lies in a zone in which its annotators drew nothing."""
+
+    said = "outside of Waymo's no-label zones"
+
+    def covers(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
+        found = np.ones(len(boxes), bool)
+        if frame.unlabelled is None or not frame.unlabelled.any():
+            return found
+        points = frame.points[frame.unlabelled]
+        for index, box in enumerate(boxes):
+            found[index] = not points_in_box(points, box).any()
+        return found
 
 
 class _Region:

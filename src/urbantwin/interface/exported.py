@@ -1,4 +1,4 @@
-"""A twin, or a dataset, written for other programs."""
+"""A twin, a motion or a dataset, written for other programs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from urbantwin.artefact import kind_of
+from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
 from urbantwin.interface.summary import Summary
@@ -57,16 +58,17 @@ def export(
     frames: int = 50,
     progress: ShowProgress = True,
 ) -> Exported:
-    """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes.
+    """Write a twin, a motion or a dataset for other programs, in their formats.
 
     Args:
-        twin: the twin, or its folder; for ``challenge``, ``openpcdet``, a dataset; for ``tracks``,
-            ``openlabel`` and ``openscenario``, a motion.
-        to: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``, ``obj``, ``ply``,
-            ``usd``, ``fbx``, ``cityjson``, ``tracks`` (CSV), ``openlabel``,
-            ``openscenario``, ``challenge`` or ``openpcdet`` (a config to train with).
-        out: the file or folder to write; one named after the twin, in the current folder, when not
-            given.
+        twin: what is exported: a twin, a motion or a dataset, or its folder.
+        to: of a twin: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``, ``obj``,
+            ``ply``, ``usd``, ``fbx``, ``cityjson``; of a motion: ``tracks`` (CSV), ``openlabel``,
+            ``openscenario``; of a dataset: ``openpcdet`` and ``mmdet3d`` (with configs to train
+            with), ``kitti``, ``semantickitti``, ``nuscenes``, ``openlabel``, ``opv2v``, ``lumpi``,
+            ``pcd``, ``las``, ``laz``, ``mcap``, ``webdataset``, ``challenge``.
+        out: the file or folder to write; one named after what is exported, in the current folder,
+            when not given. ``openpcdet`` as a ``.yaml`` is the config alone.
         version: of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
         detections: for ``challenge``: what a detector found, as JSON.
         frames: for ``challenge``: how many frames are submitted.
@@ -77,9 +79,8 @@ def export(
 
     Example:
         >>> ut.export(twin, "opendrive", "map.xodr")
+        >>> ut.export(dataset, "kitti", "kitti/").notes
     """
-    from urbantwin.interface.twin import Twin
-
     place = None if out is None else Path(out)
     if to == "challenge":
         from urbantwin.exports.challenge import write_challenge
@@ -90,11 +91,10 @@ def export(
             found = None if detections is None else Path(detections)
             notes = write_challenge(Path(twin), folder, frames=frames, detections=found)
         return Exported(folder, to, tuple(notes))
-    if to == "openpcdet" and (place is None or place.suffix in (".yaml", ".yml")):
-        from urbantwin.exports.openpcdet import write_openpcdet
+    if to == "openpcdet" and place is not None and place.suffix.lower() in (".yaml", ".yml"):
+        from urbantwin.exports.frames.openpcdet import write_openpcdet_config
 
-        file = place or Path("pointpillar.yaml")
-        return Exported(file, to, tuple(write_openpcdet(Path(twin), file)))
+        return Exported(place, to, tuple(write_openpcdet_config(Path(twin), place)))
     from urbantwin.exports.frames.formats import DATASET_FORMATS
 
     if to in DATASET_FORMATS and kind_of(Path(twin)) != "motion":
@@ -122,8 +122,14 @@ def export(
             motion = Motion.load(Path(twin))
             write(motion, file)
         return Exported(file, to)
-    from urbantwin.exports import export_twin
+    from urbantwin.exports import FORMATS, export_twin
+    from urbantwin.interface.twin import Twin
 
+    if to not in FORMATS:
+        known = dict.fromkeys((*FORMATS, *_OF_MOTIONS, *DATASET_FORMATS, "challenge"))
+        raise InputError(
+            f"{to!r} is not a format", place="--to", expected=f"one of {', '.join(known)}"
+        )
     with shown_stage("export", progress, brief=True) as tell:
         tell(0.0, "reading the twin")
         loaded = Twin.open(twin)

@@ -18,6 +18,7 @@ from urbantwin.taxonomy.semantic import (
     semantic_classes,
     semantic_id,
 )
+from urbantwin.taxonomy.semantic_kitti import MOVING, KittiLabel, kitti_labels
 
 __all__ = [
     "ACTOR_CLASSES",
@@ -25,14 +26,17 @@ __all__ = [
     "BOX_SEMANTICS",
     "COMPANIONS",
     "GROUND_CLASSES",
+    "MOVING",
     "OBSTACLE",
     "ROAD_USERS",
     "WAVELENGTHS_NM",
     "BoxKind",
+    "KittiLabel",
     "Labelled",
     "Material",
     "SemanticClass",
     "classes_in",
+    "kitti_labels",
     "material_id",
     "materials",
     "road_user",

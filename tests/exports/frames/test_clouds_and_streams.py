@@ -39,7 +39,7 @@ def written(two_sensors, riding, tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", ["two_sensors", "riding"])
-@pytest.mark.parametrize("to", FOLDERS)
+@pytest.mark.parametrize("to", [*FOLDERS, "mcap"])
 def test_nothing_is_lost_on_the_way_and_back(written, same_frames, name, to):
     dataset, out, _ = written(name, to)
     holds = DATASET_FORMATS[to].holds

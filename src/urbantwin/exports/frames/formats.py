@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 from urbantwin.exports.frames.losses import FIELDS
 from urbantwin.exports.frames.source import FrameSource
@@ -16,6 +17,8 @@ __all__ = ["DATASET_FORMATS", "DatasetFormat", "Writer"]
 #: Writes a dataset: what is written, the folder or file to write into, what is told how far it is.
 #: Returns what a person should be told of it.
 Writer = Callable[[FrameSource, Path, Progress], Sequence[str]]
+#: The same for datasets of the same frames, one for each sensor of a rig.
+PartsWriter = Callable[[Sequence[FrameSource], Path, Progress], Sequence[str]]
 
 
 @dataclass(frozen=True)
@@ -39,9 +42,26 @@ class DatasetFormat:
     @property
     def write(self) -> Writer:
         """What writes it; its module, and the library it needs, are imported now."""
-        module = import_module(f"urbantwin.exports.frames.{self.module}")
-        writer: Writer = getattr(module, f"write_{self.name}")
+        writer: Writer = getattr(self._module(), f"write_{self.name}")
         return writer
+
+    @property
+    def write_parts(self) -> PartsWriter | None:
+        """What writes a dataset for each sensor, by ``write_NAME_parts``; ``None``: nothing."""
+        writer: PartsWriter | None = getattr(self._module(), f"write_{self.name}_parts", None)
+        return writer
+
+    def losses_besides(self, source: FrameSource) -> list[str]:
+        """Return what its writer leaves out besides, by ``losses_NAME`` in its module, if any.
+
+        Raises:
+            InputError: it cannot hold this dataset at all.
+        """
+        losses = getattr(self._module(), f"losses_{self.name}", None)
+        return [] if losses is None else list(losses(source))
+
+    def _module(self) -> ModuleType:
+        return import_module(f"urbantwin.exports.frames.{self.module}")
 
 
 def _format(name: str, title: str, holds: str, ending: str = "", writer: str = "") -> DatasetFormat:
@@ -56,24 +76,30 @@ DATASET_FORMATS: Mapping[str, DatasetFormat] = {
     one.name: one
     for one in (
         _format("openpcdet", "OpenPCDet's custom dataset", "intensity boxes split"),
+        _format(
+            "mmdet3d",
+            "MMDetection3D's custom dataset",
+            "intensity boxes track velocity num_points frame_time split",
+        ),
         _format("kitti", "KITTI's object benchmark", "intensity boxes occlusion truncation split"),
         _format(
             "nuscenes",
             "nuScenes",
-            "intensity ring boxes track num_points frame_time frame_pose sensor_poses split",
+            "intensity ring semantic instance boxes track num_points parked frame_time frame_pose "
+            "sensor_poses split",
         ),
         _format(
             "semantickitti",
             "SemanticKITTI",
             "intensity semantic instance frame_time frame_pose split",
         ),
+        _format("openlabel", "ASAM OpenLABEL beside clouds", " ".join(FIELDS)),
+        _format("opv2v", "OPV2V", "intensity sensor boxes track frame_time frame_pose split"),
         _format(
-            "openlabel",
-            "ASAM OpenLABEL beside clouds",
-            "intensity boxes track frame_time frame_pose sensor_poses",
+            "lumpi",
+            "LUMPI",
+            "intensity ring time sensor boxes track num_points frame_time sensor_poses split",
         ),
-        _format("opv2v", "OPV2V", "intensity boxes track frame_pose split"),
-        _format("lumpi", "LUMPI", "intensity time boxes track num_points"),
         _format("pcd", "PCD files, boxes in a list", f"{_OF_POINTS} {_LISTED}"),
         _format("las", "LAS files, boxes in a list", f"{_OF_POINTS} {_LISTED}"),
         _format("laz", "LAZ files, boxes in a list", f"{_OF_POINTS} {_LISTED}", writer="las"),

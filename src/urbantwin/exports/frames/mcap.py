@@ -20,6 +20,7 @@ from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.exports.frames.box_rows import BOX_KEYS, box_rows
 from urbantwin.exports.frames.pcd import point_record
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.fidelity.readers.label_rows import LABELS
 from urbantwin.geometry import Pose
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import BOX_SEMANTICS, semantic_classes
@@ -43,7 +44,7 @@ _CUBE, _ADD = 1, 0
 _NUMBER: dict[str, Any] = {"type": "number"}
 _TEXTS = ("class", "difficulty", "ignored")
 _LABELS_SCHEMA = {
-    "title": "urbantwin.Labels",
+    "title": LABELS,
     "type": "object",
     "properties": {
         "name": {"type": "string"},
@@ -86,7 +87,7 @@ def write_mcap(source: FrameSource, file: Path, tell: Progress) -> list[str]:
         }
         schema = json.dumps(_LABELS_SCHEMA).encode()
         channels[LABELS_TOPIC] = writer.register_channel(
-            LABELS_TOPIC, "json", writer.register_schema("urbantwin.Labels", "jsonschema", schema)
+            LABELS_TOPIC, "json", writer.register_schema(LABELS, "jsonschema", schema)
         )
         for frame in source:
             tell(frame.number / len(source), f"frame {frame.name}")

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.exports.frames.lists import Lists
+from urbantwin.exports.frames.point_files import write_pcd_file
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.progress import Progress
 
 __all__ = ["point_record", "write_pcd"]
-
-_LETTERS = {"f": "F", "u": "U", "i": "I"}
 
 
 def write_pcd(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
@@ -29,8 +28,8 @@ def write_pcd(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
             sensor = next(iter(frame.site_SE3_sensors.values()))
             pose = frame.site_SE3_frame.inverse() @ sensor
             view = (*pose.translation.tolist(), *pose.quaternion())
-            header = _header(points, " ".join(f"{value:.9g}" for value in view))
-            (folder / f"{frame.name}.pcd").write_bytes(header + points.tobytes())
+            viewpoint = " ".join(f"{value:.9g}" for value in view)
+            write_pcd_file(folder / f"{frame.name}.pcd", points, viewpoint)
             lists.add(frame)
     return []
 
@@ -49,22 +48,3 @@ def point_record(frame: SourceFrame) -> NDArray[np.void]:
     for name in ("intensity", "semantic", "instance"):
         record[name] = getattr(frame, name)
     return record
-
-
-def _header(points: NDArray[np.void], viewpoint: str) -> bytes:
-    names = points.dtype.names or ()
-    kinds = [points.dtype[name] for name in names]
-    lines = (
-        "# .PCD v0.7 - Point Cloud Data file format",
-        "VERSION 0.7",
-        f"FIELDS {' '.join(names)}",
-        f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
-        f"TYPE {' '.join(_LETTERS[kind.kind] for kind in kinds)}",
-        f"COUNT {' '.join('1' for _ in names)}",
-        f"WIDTH {len(points)}",
-        "HEIGHT 1",
-        f"VIEWPOINT {viewpoint}",
-        f"POINTS {len(points)}",
-        "DATA binary",
-    )
-    return ("\n".join(lines) + "\n").encode()

@@ -19,6 +19,7 @@ from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, SiteFrame
+from urbantwin.taxonomy import BOX_SEMANTICS
 
 __all__ = ["FrameSource", "SourceBoxes", "SourceFrame"]
 
@@ -171,7 +172,20 @@ class FrameSource(Sequence[SourceFrame]):
 
     def part_of(self, name: str) -> str | None:
         """Return which part of the split a frame is in; ``None`` for a frame of none."""
-        return next((part for part, names in self.split.items() if name in names), None)
+        return self._parts.get(name)
+
+    def site_SE3_frame(self, index: int) -> Pose:  # noqa: N802
+        """Return what takes the points of a frame to the site; no file is read."""
+        told = self.manifest["frames"][index]
+        frame_SE3_site = told.get("dataset_SE3_site") or self.manifest["dataset_SE3_site"]
+        if frame_SE3_site is None:
+            raise InputError(
+                "says not where the points are",
+                file=self.folder / "dataset.json",
+                place=f"frames: {told['name']}",
+                expected="dataset_SE3_site",
+            )
+        return pose_of_matrix(frame_SE3_site).inverse()
 
     @cached_property
     def class_names(self) -> tuple[str, ...]:
@@ -193,8 +207,6 @@ class FrameSource(Sequence[SourceFrame]):
         path = self.folder / "points" / f"{name}.npy"
         values = read_array(path, "the points of a frame", ArrayOf("f4", ("N", 4)))
         labels = read_labels(self.folder / "semantic" / f"{name}.label", len(values))
-        told = self.manifest["frames"][index]
-        frame_SE3_site = told.get("dataset_SE3_site") or self.manifest["dataset_SE3_site"]
         return SourceFrame(
             name=name,
             number=index,
@@ -205,7 +217,7 @@ class FrameSource(Sequence[SourceFrame]):
             instance=(labels >> 16).astype(np.uint16),
             rays=read_rays(self.folder / "rays" / f"{name}.npy", len(values)),
             boxes=self.boxes_of(name),
-            site_SE3_frame=pose_of_matrix(frame_SE3_site).inverse(),
+            site_SE3_frame=self.site_SE3_frame(index),
             site_SE3_sensors=self._places.get(name, {}) | self._missing_places(name),
         )
 
@@ -234,6 +246,10 @@ class FrameSource(Sequence[SourceFrame]):
         )
 
     @cached_property
+    def _parts(self) -> dict[str, str]:
+        return {name: part for part, names in self.split.items() for name in names}
+
+    @cached_property
     def _numbers(self) -> frozenset[str]:
         return frozenset(self.names)
 
@@ -252,7 +268,24 @@ class FrameSource(Sequence[SourceFrame]):
         for name in ("difficulty", "ignored"):
             texts = table[name].to_pylist() if name in table.column_names else [None] * rows
             found[name] = np.array([text or "" for text in texts], np.str_)
-        order = np.argsort(found["frame"].astype(str), kind="stable")
+        unknown = next((one for one in found["class"] if one not in BOX_SEMANTICS), None)
+        if unknown is not None:
+            expected = ", ".join(BOX_SEMANTICS)
+            raise InputError(
+                f"has the class {str(unknown)[:40]!r}", file=file, place="class", expected=expected
+            )
+        frames = found["frame"].astype(str)
+        order = np.lexsort((np.arange(rows), found["track"], frames))
+        frame, track = frames[order], found["track"][order]
+        twice = np.flatnonzero((frame[1:] == frame[:-1]) & (track[1:] == track[:-1]))
+        if len(twice):
+            raise InputError(
+                f"has the track {track[twice[0]]} twice in frame {frame[twice[0]][:40]}",
+                file=file,
+                place="track",
+                expected="one box of each actor in a frame",
+            )
+        order = np.argsort(frames, kind="stable")
         return {name: values[order] for name, values in found.items()}
 
     @cached_property

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from urbantwin import __version__
-from urbantwin.artefact import replaced_file, replaced_folder, sha256_of, write_json
+from urbantwin.artefact import (
+    check_file,
+    check_folder,
+    replaced_file,
+    replaced_folder,
+    sha256_of,
+    write_json,
+)
+from urbantwin.dataset import parts_of
 from urbantwin.errors import InputError
-from urbantwin.exports.frames.formats import DATASET_FORMATS
+from urbantwin.exports.frames.formats import DATASET_FORMATS, DatasetFormat
 from urbantwin.exports.frames.losses import losses_of
 from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress, untold
@@ -46,17 +54,21 @@ def export_dataset(
         names = ", ".join(DATASET_FORMATS)
         raise InputError(f"{to!r} is not a format", place="--to", expected=f"one of {names}")
     wanted = DATASET_FORMATS[to]
-    source = FrameSource(dataset)
+    sources = _opened(dataset, wanted)
     path = out or Path(f"{dataset.resolve().name}{wanted.ending or '-' + to}")
-    losses = losses_of(source, to, wanted.holds)
+    if wanted.ending:
+        check_file(path, inputs=[dataset])
+    else:
+        check_folder(path, kind=KIND, inputs=[dataset])
+    losses = list(dict.fromkeys(one for source in sources for one in _losses(source, wanted)))
     for one in losses:
         tell(one)
     if wanted.ending:
         with replaced_file(path, inputs=[dataset]) as scratch:
-            notes = wanted.write(source, scratch, progress)
+            notes = _written(sources, wanted, scratch, progress)
         return path, [*losses, *notes]
     with replaced_folder(path, kind=KIND, inputs=[dataset]) as folder:
-        notes = wanted.write(source, folder, progress)
+        notes = _written(sources, wanted, folder, progress)
         write_json(
             folder / f"{KIND}.json",
             {
@@ -64,9 +76,33 @@ def export_dataset(
                 "format": to,
                 "urbantwin": __version__,
                 "dataset_sha256": sha256_of(dataset / "dataset.json"),
-                "inputs": source.manifest["inputs"],
+                "inputs": sources[0].manifest["inputs"],
                 "losses": losses,
                 "notes": list(notes),
             },
         )
     return path, [*losses, *notes]
+
+
+def _opened(dataset: Path, wanted: DatasetFormat) -> list[FrameSource]:
+    """Return a dataset, or those of a folder with one for each sensor, where a format takes them.
+
+    Raises:
+        InputError: it is none, or the format takes one alone.
+    """
+    parts = parts_of(dataset)
+    if len(parts) > 1 and wanted.write_parts is not None:
+        return [FrameSource(part) for part in parts]
+    return [FrameSource(dataset)]
+
+
+def _losses(source: FrameSource, wanted: DatasetFormat) -> list[str]:
+    return [*losses_of(source, wanted.name, wanted.holds), *wanted.losses_besides(source)]
+
+
+def _written(
+    sources: Sequence[FrameSource], wanted: DatasetFormat, to: Path, progress: Progress
+) -> Sequence[str]:
+    if len(sources) > 1 and wanted.write_parts is not None:
+        return wanted.write_parts(sources, to, progress)
+    return wanted.write(sources[0], to, progress)

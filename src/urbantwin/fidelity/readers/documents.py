@@ -84,8 +84,13 @@ def finite_numbers(words: Iterable[str]) -> list[float]:
 
 
 @contextmanager
-def laid_out(path: Path, expected: str) -> Iterator[None]:
+def laid_out(path: Path, expected: str, place: str | None = None) -> Iterator[None]:
     """Turn what goes wrong when a document's values are picked into one clear line.
+
+    Args:
+        path: the document, for errors.
+        expected: what it should be, for errors.
+        place: which of its rows or entries the values are of, for errors.
 
     Raises:
         InputError: a key, a type or a number in the block was not as expected.
@@ -93,7 +98,8 @@ def laid_out(path: Path, expected: str) -> Iterator[None]:
     try:
         yield
     except KeyError as error:
-        raise InputError(f"lacks {one_line(error)}", file=path, expected=expected) from None
+        problem = f"lacks {one_line(error)}"
+        raise InputError(problem, file=path, place=place, expected=expected) from None
     except (
         ValueError,
         TypeError,
@@ -104,4 +110,4 @@ def laid_out(path: Path, expected: str) -> Iterator[None]:
         RecursionError,
     ) as error:
         problem = f"is not laid out right ({one_line(error)})"
-        raise InputError(problem, file=path, expected=expected) from None
+        raise InputError(problem, file=path, place=place, expected=expected) from None

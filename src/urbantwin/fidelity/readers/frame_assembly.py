@@ -18,9 +18,18 @@ __all__ = ["frame_of", "seconds_of"]
 
 #: Names of fields in lower case, the likelier first.
 _NAMES = {
-    "ring": ("ring", "laser_number", "laser_id", "channel", "ray"),
+    "ring": ("ring", "laser_number", "laser_id", "channel", "ray", "line"),
     "column": ("column", "measurement_id"),
-    "time_s": ("t", "time", "timestamp", "offset_ns", "time_offset", "gps_time"),
+    "time_s": (
+        "t",
+        "time",
+        "timestamp",
+        "offset_ns",
+        "time_offset",
+        "offset_time",
+        "time_stamp",
+        "gps_time",
+    ),
 }
 #: A frame lasts this long, seconds: determines the unit of its points' times.
 _SHORTEST_S, _LONGEST_S = 1e-3, 2.0
@@ -98,9 +107,11 @@ def frame_of(
 
 
 def _as_kept(attribute: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Return values as a frame keeps them: times as they are, else whole numbers, -1 for NaN."""
+    """Return values as a frame keeps them: times, marks, else whole numbers, -1 for NaN."""
     if attribute == "time_s":
         return values.astype(np.float64)
+    if attribute == "unlabelled":
+        return values.astype(bool)
     if values.dtype.kind == "f":
         values = np.where(np.abs(values) < _LARGEST, values, -1)
     return values.astype(np.int64)

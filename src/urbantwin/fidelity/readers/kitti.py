@@ -2,9 +2,10 @@
 
 Source: Geiger et al. 2012, and the development kit's readme. Labels are in the rectified frame of
 the camera (x right, y down, z forward): the middle of the box's floor, and the turn about y.
-Only what the camera saw is labelled. Clouds that are cropped to what it saw have a folder of their
-own (``velodyne_reduced``), as OpenPCDet and MMDetection3D write it: it is read for frames that
-``velodyne`` lacks.
+Only what the camera saw is labelled, unless a folder ``label_all`` has what is on all sides, as our
+export and MMDetection3D's converter of Waymo write it. Clouds that are cropped to what the camera
+saw have a folder of their own (``velodyne_reduced``), as OpenPCDet and MMDetection3D write it: it
+is read for frames that ``velodyne`` lacks.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
 
 __all__ = [
+    "ALL_AROUND",
     "Calibration",
     "box_of_values",
     "is_kitti",
@@ -38,6 +40,8 @@ __all__ = [
     "read_regions",
 ]
 
+#: Folder of labels of what is on all sides.
+ALL_AROUND = "label_all"
 _VALUES = 15  # a detection's line has its score as the sixteenth
 _NOTE = "Only objects that the camera saw are labelled."
 #: Levels of occlusion (none, partly, largely) as shares: the middles of docs/labels.md's levels.
@@ -72,16 +76,17 @@ def _clouds(path: Path) -> list[Path]:
 def open_kitti(path: Path, columns: int | None) -> Recording:
     """Open a folder of the benchmark; boxes where a frame has both label and calibration."""
     files = _clouds(path)
+    around = (path / ALL_AROUND).is_dir()
 
     def read(index: int) -> Frame:
         file = files[index]
-        labels = path / "label_2" / f"{file.stem}.txt"
+        labels = path / (ALL_AROUND if around else "label_2") / f"{file.stem}.txt"
         calibration = path / "calib" / f"{file.stem}.txt"
         boxes: Boxes | None = None
         notes: tuple[str, ...] = ()
         if labels.is_file() and calibration.is_file():
             boxes = _read_boxes(labels, read_calibration(calibration).camera_SE3_lidar)
-            notes = (_NOTE,)
+            notes = () if around else (_NOTE,)
         fields = read_fields(file, columns or 4)
         return frame_of(file, fields, name=file.stem, boxes=boxes, notes=notes)
 

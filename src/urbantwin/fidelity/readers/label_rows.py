@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from urbantwin.artefact.document import json_value
 from urbantwin.dataset.manifest_schema import pose_of_matrix
 from urbantwin.fidelity.frame import Boxes
 from urbantwin.geometry import Pose
 from urbantwin.taxonomy import ACTOR_CLASSES
 
-__all__ = ["boxes_of_rows", "poses_of_frame"]
+__all__ = ["LABELS", "boxes_of_rows", "labels_of_message", "poses_of_frame"]
+
+#: What messages with the labels of a frame are called in an MCAP file of ours.
+LABELS = "urbantwin.Labels"
 
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 
@@ -52,3 +57,20 @@ def poses_of_frame(told: Mapping[str, Any]) -> tuple[Pose, np.ndarray[Any, np.dt
     sensors = [pose_of_matrix(rows).translation for rows in told["site_SE3_sensors"].values()]
     places = np.array(sensors, np.float64).reshape(-1, 3)
     return site_SE3_frame, site_SE3_frame.inverse().apply(places)
+
+
+def labels_of_message(data: bytes, file: Path, place: str) -> tuple[str, dict[str, Any]]:
+    """Return the name of a frame, and its boxes, pose and sensors as `Frame` has them.
+
+    Raises:
+        InputError: it is not JSON.
+        ValueError, KeyError, TypeError: it is not laid out as labels are.
+    """
+    told = json_value(data, file=f"{file}: {place}", expected="the labels of a frame")
+    pose, places = poses_of_frame(told)
+    boxes = boxes_of_rows(told["boxes"])
+    return str(told["name"]), {
+        "boxes": boxes,
+        "world_SE3_frame": pose,
+        "sensor_places": places,
+    }

@@ -61,18 +61,26 @@ def track_of(identity: str) -> int:
 
 @dataclass(frozen=True)
 class LabelledBox:
-    """One labelled object: what `Boxes` has of it, and what it is called."""
+    """One labelled object: what `Boxes` has of it, and what it is called.
+
+    ``class_name`` is ours where the data's word for it means something else elsewhere; of what the
+    data counts or marks, -1 and nothing stand for what it does not say.
+    """
 
     box: tuple[float, float, float, float, float, float, float]
     source_name: str
     track: int = -1
     velocity: tuple[float, float, float] | None = None
     occlusion: float = math.nan
+    num_points: int = -1
+    ignored: str = ""
+    class_name: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
-        if not -(2**63) <= self.track < 2**63:
-            raise ValueError(f"{str(self.track)[:40]} is not a track")
+        for what, number in (("a track", self.track), ("a number of points", self.num_points)):
+            if not -(2**63) <= number < 2**63:
+                raise ValueError(f"{str(number)[:40]} is not {what}")
 
 
 def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
@@ -80,12 +88,19 @@ def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
     kept = [one for one in labelled if np.isfinite(one.box).all() and min(one.box[3:6]) > 0]
     return Boxes(
         box=np.array([one.box for one in kept], np.float64).reshape(-1, 7),
-        class_names=tuple(actor_class(one.source_name) for one in kept),
+        class_names=tuple(one.class_name or actor_class(one.source_name) for one in kept),
         track=np.array([one.track for one in kept], np.int64),
         source_names=tuple(one.source_name for one in kept),
         velocity=_velocities(kept),
         occlusion=_occlusions(kept),
+        num_points=_counts(kept),
+        ignored=tuple(one.ignored for one in kept) if any(one.ignored for one in kept) else None,
     )
+
+
+def _counts(labelled: Sequence[LabelledBox]) -> NDArray[np.int64] | None:
+    found = np.array([one.num_points for one in labelled], np.int64)
+    return None if (found < 0).all() else found
 
 
 def _occlusions(labelled: Sequence[LabelledBox]) -> NDArray[np.float64] | None:

@@ -22,7 +22,12 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.documents import (
+    finite_numbers,
+    laid_out,
+    read_json_document,
+    read_lines,
+)
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
@@ -84,15 +89,15 @@ def open_lumpi(path: Path) -> Recording:
     measurement = _measurement(path)
     assert measurement is not None
     labelled = _read_labels(measurement / _LABELS)
+    sessions = _sessions(measurement)
     numbered = all(file.stem.isdigit() for file in files)
 
     def read(index: int) -> Frame:
         file = files[index]
         fields = read_fields(file)
         given: dict[str, NDArray[Any]] = {}
-        if "id" in fields:  # of the session of a sensor: numbers of any size
-            _, place = np.unique(fields["id"], return_inverse=True)
-            given["sensor"] = place.ravel()
+        if "id" in fields:
+            given["sensor"] = _sensor_of(fields["id"], sessions)
         number = int(file.stem) if numbered else index
         return frame_of(
             file,
@@ -104,6 +109,36 @@ def open_lumpi(path: Path) -> Recording:
         )
 
     return Recording(path, "lumpi", tuple(file.stem for file in files), read, (_NOTE,))
+
+
+def _sessions(measurement: Path) -> list[list[int]]:
+    """Return the numbers of the sessions of LiDARs, measurement by measurement, if any tells."""
+    files = (folder / "meta.json" for folder in (measurement, measurement.parent))
+    file = next((one for one in files if one.is_file()), None)
+    if file is None:
+        return []
+    expected = "sessions of LUMPI"
+    known: dict[str, list[int]] = defaultdict(list)
+    document = read_json_document(file, expected)
+    with laid_out(file, expected):
+        for number, one in document.get("session", {}).items():
+            if one.get("type") == "lidar":
+                known[str(one.get("experimentId"))].append(int(number))
+    return [sorted(numbers) for numbers in known.values()]
+
+
+def _sensor_of(identity: NDArray[np.generic], sessions: list[list[int]]) -> NDArray[np.int64]:
+    """Return the place of each point's session among those of its measurement.
+
+    Where none is told of, it is that among those in the cloud: they have numbers of any size.
+    """
+    there, place = np.unique(identity, return_inverse=True)
+    told = next((one for one in sessions if np.isin(there, one).all()), None)
+    places: NDArray[np.int64] = np.arange(len(there), dtype=np.int64)
+    if told is not None:
+        places = np.asarray(np.searchsorted(np.array(told), there), np.int64)
+    found: NDArray[np.int64] = places[place.ravel()]
+    return found
 
 
 def _read_labels(path: Path) -> dict[int, list[LabelledBox]]:
@@ -135,7 +170,8 @@ def _read_labels(path: Path) -> dict[int, list[LabelledBox]]:
         # A time of 0.3 s times 10 is 3 but for its last bit.
         frame = math.floor(values[0] * _PER_SECOND + 1e-6)
         box = (x, y, z, length, width, height, yaw)
-        found[frame].append(LabelledBox(box, name, int(values[1])))
+        count = int(values[8])
+        found[frame].append(LabelledBox(box, name, int(values[1]), num_points=max(count, -1)))
     return dict(found)
 
 

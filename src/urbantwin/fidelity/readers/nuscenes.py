@@ -2,7 +2,7 @@
 
 Source: Caesar et al. 2020, and the schema of the nuscenes-devkit. Points are in the sensor's frame,
 which has x to the right and y forward; boxes are in the world and are brought there. Only key
-frames (two a second) are labelled.
+frames (two a second) are labelled, and their points where ``lidarseg`` or ``panoptic`` is there.
 """
 
 from __future__ import annotations
@@ -11,6 +11,11 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.artefact.arrays import ArrayOf, read_arrays
+from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
@@ -18,6 +23,7 @@ from urbantwin.fidelity.readers.documents import laid_out, read_json_document
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import (
     LabelledBox,
+    actor_class,
     boxes_of,
     heading,
     pose_of_quaternion,
@@ -25,10 +31,12 @@ from urbantwin.fidelity.readers.labels import (
 )
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
+from urbantwin.taxonomy import ACTOR_SEMANTICS, classes_in, semantic_id
 
 __all__ = ["box_of_row", "is_nuscenes", "names_of_samples", "open_nuscenes"]
 
 _EXPECTED = "a table of nuScenes"
+_OF_POINTS = "labels of points of nuScenes"
 _CHANNEL = "/LIDAR_TOP/"
 _NOTE = "The sensor's frame has x to the right and y forward."
 
@@ -67,6 +75,7 @@ def open_nuscenes(path: Path) -> Recording:
     sensors = _by_token(version, "calibrated_sensor")
     vehicles = _by_token(version, "ego_pose")
     labels = _Labels(version)
+    of_points = _PointLabels(path, version)
 
     def read(index: int) -> Frame:
         row = sweeps[index]
@@ -79,6 +88,7 @@ def open_nuscenes(path: Path) -> Recording:
             file,
             read_fields(file),
             name=names[index],
+            given=of_points.of(row["token"]),
             boxes=boxes,
             world_SE3_frame=world,
             notes=(_NOTE,),
@@ -130,10 +140,54 @@ class _Labels:
                     box_of_row(row, sensor_SE3_world),
                     self._called[row["instance_token"]],
                     track_of(row["instance_token"]),
+                    num_points=int(row.get("num_lidar_pts", -1)),
                 )
                 for row in self._annotations.get(sample, [])
             ]
         )
+
+
+class _PointLabels:
+    """Classes and objects of points, by the sweep that they are of; the tables may be missing."""
+
+    def __init__(self, root: Path, version: Path) -> None:
+        self._root = root
+        self._files: dict[str, dict[str, str]] = {}
+        for task in ("lidarseg", "panoptic"):
+            with laid_out(version / f"{task}.json", _EXPECTED):
+                there = (version / f"{task}.json").is_file()
+                self._files[task] = {
+                    row["sample_data_token"]: row["filename"]
+                    for row in (_rows(version, task) if there else [])
+                }
+        self._semantic = np.zeros(256, np.int64)
+        if any(self._files.values()):
+            with laid_out(version / "category.json", _EXPECTED):
+                for row in _rows(version, "category"):
+                    self._semantic[int(row["index"])] = _semantic_of(row["name"])
+
+    def of(self, sweep: str) -> dict[str, NDArray[Any]]:
+        """Return ``semantic`` and ``instance`` (N,) of a sweep, as far as files say them."""
+        found: dict[str, NDArray[Any]] = {}
+        if sweep in self._files["panoptic"]:
+            file = self._root / self._files["panoptic"][sweep]
+            with laid_out(file, _OF_POINTS):
+                values = read_arrays(file, _OF_POINTS, {"data": ArrayOf("u2", ("N",))})["data"]
+                found["instance"] = np.where(values % 1000 > 0, values, 0).astype(np.int64)
+                found["semantic"] = self._semantic[np.minimum(values // 1000, 255)]
+        if sweep in self._files["lidarseg"]:
+            file = self._root / self._files["lidarseg"][sweep]
+            with laid_out(file, _OF_POINTS):
+                index = np.frombuffer(read_bytes(file, _OF_POINTS), np.uint8)
+                found["semantic"] = self._semantic[index]
+        return found
+
+
+def _semantic_of(category: str) -> int:
+    """Return our class of points for a category; 0 where we have none."""
+    ours = next((o for o, theirs in classes_in("nuscenes", "point").items() if theirs == category),
+                ACTOR_SEMANTICS.get(actor_class(category)))  # fmt: skip
+    return 0 if ours is None else semantic_id(ours)
 
 
 def box_of_row(

@@ -1,10 +1,14 @@
-"""OPV2V and V2X-Real: one folder for each vehicle or roadside unit, a yaml beside each cloud.
+"""OPV2V, V2X-Real, V2V4Real: a folder for each vehicle or roadside unit, a yaml beside each cloud.
 
-Source: Xu et al. 2022 (OPV2V), Xiang et al. 2024 (V2X-Real), and OpenCOOD's
+Source: Xu et al. 2022 (OPV2V), 2023 (V2V4Real), Xiang et al. 2024 (V2X-Real), and OpenCOOD's
 ``transformation_utils.x_to_world`` and ``box_utils.project_world_objects``: poses are x, y, z in
 metres, roll, yaw, pitch in degrees, with CARLA's signs; objects stand in the world, with half
 their sizes. OPV2V was made in CARLA, whose frames are left-handed: its y is turned round here.
-V2X-Real is real, and is not; objects in it have a class.
+V2X-Real is real, and is not; objects in it have a class, ``obj_type``. What ``urbantwin export
+--to opv2v`` writes is as OPV2V's, with a ``class``, and people under ``pedestrians``. V2V4Real's
+poses are matrices of 4 by 4, and its objects stand in the frame of the points
+(``project_world_objects`` and ``x1_to_x2`` of its own code); what both vehicles label has a common
+number (``ass_id``).
 """
 
 from __future__ import annotations
@@ -22,17 +26,18 @@ from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers.documents import laid_out, read_yaml_document
 from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, heading
+from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, checked_pose, heading
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
 
 __all__ = ["is_opencood", "open_opencood"]
 
-_EXPECTED = "a frame's description of OPV2V or V2X-Real"
+_EXPECTED = "a frame's description of OPV2V, V2X-Real or V2V4Real"
 _ENDINGS = (".pcd", ".bin")
 #: What OpenCDA, the simulation behind OPV2V, writes and nothing real has.
 _SIMULATED = ("true_ego_pos", "predicted_ego_pos", "plan_trajectory")
+_HERE = Pose(np.eye(3), np.zeros(3))
 
 
 def _clouds(folder: Path) -> list[Path]:
@@ -74,8 +79,14 @@ def open_opencood(path: Path) -> Recording:
         values = read_yaml_document(described, _EXPECTED)
         with laid_out(described, _EXPECTED):
             mirrored = _is_simulated(values)
-            world_SE3_lidar = _pose(values["lidar_pose"])
-            boxes = _boxes(values.get("vehicles") or {}, world_SE3_lidar)
+            matrix = len(values["lidar_pose"]) in (4, 16)
+            objects = {**(values.get("vehicles") or {}), **(values.get("pedestrians") or {})}
+            if matrix:
+                mirrored, world_SE3_lidar = False, _pose_of_matrix(values["lidar_pose"])
+                boxes = _boxes(objects, _HERE, described.parent.name)
+            else:
+                world_SE3_lidar = _pose(values["lidar_pose"])
+                boxes = _boxes(objects, world_SE3_lidar)
         fields = read_fields(file, 4)
         given: dict[str, NDArray[Any]] = {}
         if "rgb" in fields and "intensity" not in fields:
@@ -101,12 +112,26 @@ def _pose(values: list[float]) -> Pose:
     return Pose.from_ypr([x, y, z], np.radians(yaw), -np.radians(pitch), -np.radians(roll))
 
 
+def _pose_of_matrix(values: Sequence[Any]) -> Pose:
+    """Return the pose of 4 by 4 numbers, row by row or all in one."""
+    rows = [[float(x) for x in row] for row in values] if len(values) == 4 else values
+    numbers = np.array(rows, np.float64).reshape(4, 4)
+    return checked_pose(numbers[:3, :3], numbers[:3, 3])
+
+
 def _three(values: Sequence[Any]) -> list[float]:
     x, y, z = (float(value) for value in values)
     return [x, y, z]
 
 
-def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose) -> Boxes:
+def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose, agent: str | None = None) -> Boxes:
+    """Return objects in the frame of the points.
+
+    Args:
+        objects: by number.
+        world_SE3_lidar: where that frame is in the one that they stand in.
+        agent: of V2V4Real: whose numbers they are.
+    """
     lidar_SE3_world = world_SE3_lidar.inverse()
     labelled = []
     for number, one in objects.items():
@@ -118,11 +143,17 @@ def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose) -> Boxes:
         labelled.append(
             LabelledBox(
                 (*pose.translation.tolist(), *size, heading(pose.rotation)),
-                str(one.get("obj_type", "vehicle")),
-                int(number),
+                str(one.get("obj_type") or one.get("class", "vehicle")),
+                int(number) if agent is None else _track(one, int(number), agent),
             )
         )
     return boxes_of(labelled)
+
+
+def _track(one: Mapping[str, Any], number: int, agent: str) -> int:
+    """Return an object's number of V2V4Real: that of both vehicles, else as its code makes it."""
+    common = int(one.get("ass_id", -1))
+    return common if common != -1 else number + 100 * int(agent)
 
 
 def _red(colours: NDArray[np.generic]) -> NDArray[np.float64]:

@@ -1,0 +1,111 @@
+"""A custom dataset of MMDetection3D 1.4, ready to train: infos, objects to paste, a config.
+
+Sources: MMDetection3D 1.4, ``docs/en/advanced_guides/customize_dataset.md``, ``Det3DDataset``
+(``metainfo``, ``data_list``, ``instances``), ``create_gt_database.py`` and ``DataBaseSampler``.
+Boxes in the infos have the middle of the box, and the class that comes with them
+(``urbantwin_dataset.py``) says so; those of the objects to paste have the middle of the floor, as
+MMDetection3D keeps boxes in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from urbantwin.errors import InputError
+from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
+from urbantwin.exports.frames.learned_classes import learned_classes
+from urbantwin.exports.frames.mmdet3d_config import CONFIGS, MODULE, dataset_module, mmdet3d_config
+from urbantwin.exports.frames.plain_pickle import write_plain_pickle
+from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.trainer_folder import left_out, write_splits
+from urbantwin.progress import Progress
+from urbantwin.taxonomy import classes_in
+
+__all__ = ["losses_mmdet3d", "write_mmdet3d"]
+
+#: Class and number of boxes that do not count: -1 is left out everywhere.
+_MARKED, _UNKNOWN = "DontCare", -1
+_FEATURES = 4
+
+
+def losses_mmdet3d(source: FrameSource) -> list[str]:
+    """Return what is lost besides what the format cannot hold."""
+    return left_out(source, f"of the class {_UNKNOWN}, which MMDetection3D leaves out")
+
+
+def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence[str]:
+    """Write a dataset as a custom dataset of MMDetection3D, with the config to train on it.
+
+    Args:
+        source: the dataset.
+        folder: to write into.
+        tell: told how far it is.
+
+    Returns:
+        What a person should be told.
+    """
+    for name in ("points", "labels"):
+        (folder / name).mkdir()
+    parts = write_splits(source, folder)
+    training = frozenset(parts["train"])
+    called = [name for name in classes_in("mmdet3d").values() if name]
+    numbers = {name: number for number, name in enumerate(dict.fromkeys(called))}
+    database = ObjectDatabase(folder, "custom_gt_database", "floor")
+    entries = {}
+    for frame in source:
+        tell(frame.number / len(source), f"frame {frame.name}")
+        points = np.column_stack([frame.points, frame.intensity]).astype("<f4")
+        (folder / "points" / f"{frame.name}.bin").write_bytes(points.tobytes())
+        found = learned_boxes(frame.boxes, "mmdet3d", _MARKED)
+        (folder / "labels" / f"{frame.name}.txt").write_text(found.lines)
+        entries[frame.name] = _entry(frame, found, numbers)
+        if frame.name in training:
+            database.add(frame.name, points, found)
+    told = {"dataset": "urbantwin", "info_version": "1.1", "categories": numbers}
+    for part, names in parts.items():
+        infos = {"metainfo": told, "data_list": [entries[name] for name in names]}
+        write_plain_pickle(folder / f"custom_infos_{part}.pkl", infos)
+    write_plain_pickle(folder / "custom_dbinfos_train.pkl", _pasted(database))
+    (folder / f"{MODULE}.py").write_text(dataset_module(list(numbers)))
+    try:
+        learned = learned_classes(source.folder)
+    except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
+        return [f"no config: {error.problem}"]
+    for name in CONFIGS:
+        (folder / f"{name}.py").write_text(mmdet3d_config(learned, name))
+    return learned.notes
+
+
+def _entry(frame: SourceFrame, found: LearnedBoxes, numbers: Mapping[str, int]) -> dict[str, Any]:
+    rows = zip(found.names.tolist(), found.box.tolist(), found.rows.tolist(), strict=True)
+    return {
+        "sample_idx": frame.name,
+        "timestamp": frame.time_s,
+        "lidar_points": {"num_pts_feats": _FEATURES, "lidar_path": f"{frame.name}.bin"},
+        "instances": [
+            {
+                "bbox_3d": box,
+                "bbox_label_3d": numbers.get(name, _UNKNOWN),
+                "num_lidar_pts": int(frame.boxes.num_points[row]),
+                "velocity": frame.boxes.velocity[row, :2].tolist(),
+                "track_id": int(frame.boxes.track[row]),
+            }
+            for name, box, row in rows
+        ],
+    }
+
+
+def _pasted(database: ObjectDatabase) -> dict[str, list[dict[str, Any]]]:
+    """Return the table of objects with the keys that ``create_gt_database.py`` has besides."""
+    return {
+        name: [
+            one | {"image_idx": Path(one["path"]).name.split("_")[0], "difficulty": 0}
+            for one in infos
+        ]
+        for name, infos in database.infos.items()
+        if name != _MARKED
+    }

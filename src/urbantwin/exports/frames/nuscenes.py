@@ -1,0 +1,111 @@
+"""nuScenes: its tables, and the clouds of ``LIDAR_TOP``; every frame is a key frame.
+
+The thirteen tables, and those of classes and objects of points: ``lidarseg`` and ``panoptic``.
+
+Source: Caesar et al. 2020, and the schema and code of nuscenes-devkit 1.2.0. Points are in the
+frame of the LiDAR with x to the right and y forward; boxes and ego poses are in the site, which is
+the global frame. Sizes are width, length, height, rotations w, x, y, z, times microseconds.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from urbantwin.artefact import sha256_of, write_json
+from urbantwin.exports.frames.nuscenes_names import scene_names
+from urbantwin.exports.frames.nuscenes_points import LabelledPoints, unnumbered_objects
+from urbantwin.exports.frames.nuscenes_tables import (
+    CHANNEL,
+    STREAMED,
+    TablesOfFrames,
+    open_table,
+)
+from urbantwin.exports.frames.scenes import scenes_of
+from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.progress import Progress, each
+
+__all__ = ["losses_nuscenes", "write_nuscenes"]
+
+#: The folder of the tables: what tools for training ask for.
+VERSION = "v1.0-trainval"
+#: nuScenes has intensity as 0..255, in whole numbers there.
+INTENSITY = 255
+#: Parts of the split as ``splits.json`` calls them: the devkit's own names mean its own scenes.
+CUSTOM_SPLIT = "urbantwin_{}"
+_MASK_PIXELS = 1000
+#: What labels points, and the ending of its files.
+_OF_POINTS = {"lidarseg": "bin", "panoptic": "npz"}
+
+
+def losses_nuscenes(source: FrameSource) -> list[str]:
+    """Return what becomes coarser."""
+    told = ["of boxes: occlusion becomes one of nuScenes' four levels of visibility"]
+    if len(scenes_of(source)) > 1:
+        told.append("of boxes: a track is followed within a scene, as in nuScenes, not across two")
+    beyond = unnumbered_objects(source)
+    if beyond:
+        told.append(f"of points: {beyond} instances, beyond 999 of a category in a scene")
+    return told if source.class_names else []
+
+
+def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
+    """Write a dataset as nuScenes: ``v1.0-trainval/``, ``samples/LIDAR_TOP/`` and ``maps/``.
+
+    Args:
+        source: the dataset.
+        folder: to write into.
+        tell: told how far it is.
+
+    Returns:
+        What a person should be told.
+    """
+    (folder / "samples" / CHANNEL).mkdir(parents=True)
+    (folder / "maps").mkdir()
+    (folder / VERSION).mkdir()
+    for task in _OF_POINTS:
+        (folder / task / VERSION).mkdir(parents=True)
+    found = scenes_of(source)
+    scenes = dict(zip(scene_names([scene.part for scene in found]), found, strict=True))
+    tables = TablesOfFrames(source, sha256_of(source.folder / "dataset.json"), scenes)
+    points = LabelledPoints()
+    with ExitStack() as opened:
+        for table in STREAMED:
+            path = folder / VERSION / f"{table}.json"
+            tables.rows[table] = opened.enter_context(open_table(path))
+        for number in each(range(len(source)), tell, "frames"):
+            frame = source[number]
+            files = {"sample_data": f"samples/{CHANNEL}/{frame.name}.pcd.bin"} | {
+                task: f"{task}/{VERSION}/{tables.sweep(frame)}_{task}.{ending}"
+                for task, ending in _OF_POINTS.items()
+            }
+            tables.add(frame, files)
+            cloud, lidarseg, panoptic = (folder / file for file in files.values())
+            _write_cloud(cloud, frame)
+            points.write(frame, tables.scene_of(number), lidarseg, panoptic)
+    for table, rows in tables.small_tables().items():
+        write_json(folder / VERSION / f"{table}.json", rows)
+    splits: dict[str, list[str]] = {CUSTOM_SPLIT.format(part): [] for part in source.split}
+    for name, scene in scenes.items():
+        if scene.part is not None:
+            splits[CUSTOM_SPLIT.format(scene.part)].append(name)
+    write_json(folder / VERSION / "splits.json", splits)
+    Image.new("L", (_MASK_PIXELS, _MASK_PIXELS)).save(folder / tables.map_file)
+    parts = ", ".join(f"{key} {len(names)}" for key, names in splits.items()) or "none"
+    return [
+        f"every frame is a key frame ({source.rate_hz:g} a second): there are no sweeps between",
+        f"scenes of each split ({VERSION}/splits.json): {parts}",
+    ]
+
+
+def _write_cloud(path: Path, frame: SourceFrame) -> None:
+    """Write x, y, z, intensity, ring as float32."""
+    rows = np.zeros((len(frame.points), 5), "<f4")
+    rows[:, 0], rows[:, 1], rows[:, 2] = -frame.points[:, 1], frame.points[:, 0], frame.points[:, 2]
+    rows[:, 3] = frame.intensity * np.float32(INTENSITY)
+    if "ring" in (frame.rays.dtype.names or ()):
+        rows[:, 4] = frame.rays["ring"]
+    rows.tofile(path)

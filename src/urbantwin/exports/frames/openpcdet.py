@@ -1,0 +1,109 @@
+"""OpenPCDet's custom dataset, ready to train: what its own ``create_custom_infos`` makes, made.
+
+Sources: OpenPCDet, ``docs/CUSTOM_DATASET_TUTORIAL.md`` and
+``pcdet/datasets/custom/custom_dataset.py`` (``get_infos``, ``create_groundtruth_database``). Two
+things differ from what that file would make: a frame without boxes has none (it fails at an empty
+text), and names have room for KITTI's, which its evaluation writes over them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from urbantwin.artefact import replaced_file
+from urbantwin.errors import InputError
+from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
+from urbantwin.exports.frames.learned_classes import learned_classes
+from urbantwin.exports.frames.openpcdet_config import CONFIGS, DONT_CARE, openpcdet_config
+from urbantwin.exports.frames.plain_pickle import write_plain_pickle
+from urbantwin.exports.frames.source import FrameSource
+from urbantwin.exports.frames.trainer_folder import left_out, write_splits
+from urbantwin.progress import Progress
+
+__all__ = ["losses_openpcdet", "write_openpcdet", "write_openpcdet_config"]
+
+#: Where OpenPCDet's own configs look, from its folder ``tools``.
+_DATA_PATH = "../data/custom"
+_COMMAND = """# In OpenPCDet's folder tools, with this folder at FOLDER:
+# python train.py --cfg_file FOLDER/{}.yaml --set DATA_CONFIG.DATA_PATH FOLDER
+"""
+_FEATURES = 4
+
+
+def losses_openpcdet(source: FrameSource) -> list[str]:
+    """Return what is lost besides what the format cannot hold."""
+    return left_out(source, f"{DONT_CARE}, which OpenPCDet neither learns nor judges by")
+
+
+def write_openpcdet(source: FrameSource, folder: Path, tell: Progress) -> Sequence[str]:
+    """Write a dataset as OpenPCDet's custom dataset, with the configs to train on it.
+
+    Args:
+        source: the dataset.
+        folder: to write into.
+        tell: told how far it is.
+
+    Returns:
+        What a person should be told.
+    """
+    for name in ("points", "labels"):
+        (folder / name).mkdir()
+    parts = write_splits(source, folder)
+    training = frozenset(parts["train"])
+    database = ObjectDatabase(folder, "gt_database")
+    infos = {}
+    for number, frame in enumerate(source):
+        tell(number / len(source), f"frame {frame.name}")
+        points = np.column_stack([frame.points, frame.intensity]).astype(np.float32)
+        np.save(folder / "points" / f"{frame.name}.npy", points)
+        found = learned_boxes(frame.boxes, "openpcdet", DONT_CARE)
+        (folder / "labels" / f"{frame.name}.txt").write_text(found.lines)
+        infos[frame.name] = _info(frame.name, found)
+        if frame.name in training:
+            database.add(frame.name, points, found)
+    for part, names in parts.items():
+        write_plain_pickle(
+            folder / f"custom_infos_{part}.pkl", [infos[name] for name in names if name in infos]
+        )
+    write_plain_pickle(folder / "custom_dbinfos_train.pkl", dict(database.infos))
+    try:
+        learned = learned_classes(source.folder)
+    except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
+        return [f"no config: {error.problem}"]
+    for name in CONFIGS:
+        text = _COMMAND.format(name) + openpcdet_config(learned, _DATA_PATH, name)
+        (folder / f"{name}.yaml").write_text(text)
+    return learned.notes
+
+
+def write_openpcdet_config(dataset: Path, file: Path) -> list[str]:
+    """Write a config to train PointPillars on a dataset as it is, with OpenPCDet.
+
+    Args:
+        dataset: one of ours.
+        file: to write.
+
+    Returns:
+        What a person should be told.
+
+    Raises:
+        InputError: it is no dataset of ours, or no class has enough boxes.
+    """
+    learned = learned_classes(dataset)
+    with replaced_file(file, inputs=[dataset]) as passing:
+        passing.write_text(openpcdet_config(learned, str(dataset.resolve())))
+    return [
+        *learned.notes,
+        f"DATA_PATH is {dataset}, whose labels have the boxes without a point, too: -o folder/ "
+        "writes a dataset without them",
+    ]
+
+
+def _info(name: str, found: LearnedBoxes) -> dict[str, object]:
+    return {
+        "point_cloud": {"num_features": _FEATURES, "lidar_idx": name},
+        "annos": {"name": found.names, "gt_boxes_lidar": found.box},
+    }

@@ -1,0 +1,267 @@
+"""OPV2V as OpenCOOD reads it: a folder for each agent, a yaml beside each cloud.
+
+Source: Xu et al. 2022, OpenCDA's data dumper, and OpenCOOD's ``basedataset``, ``x_to_world``,
+``project_world_objects`` and ``pcd_to_np``. Its frames are CARLA's: left-handed, y turned round,
+poses x, y, z, roll, yaw, pitch in metres and degrees. Roadside units have negative numbers. An
+agent knows the vehicles that its own LiDAR sees: with OpenCOOD there is no other mark for
+those that nobody can learn from. Its intensity is the red of a colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.exports.frames.box_poses import site_boxes
+from urbantwin.exports.frames.point_files import record_of, write_pcd_file
+from urbantwin.exports.frames.scenes import scenes_of
+from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.geometry import Pose
+from urbantwin.lidar.rig import dataset_frame
+from urbantwin.progress import Progress, each
+from urbantwin.taxonomy import classes_in
+
+__all__ = ["losses_opv2v", "write_opv2v", "write_opv2v_parts"]
+
+#: Folders of the parts of the split; frames of no part are where OpenCOOD does not look.
+_PARTS = {"train": "train", "val": "validate", "test": "test", None: "unused"}
+_DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+#: Classes of which OpenCOOD makes no vehicles: under a name of ours, which it does not read.
+_ON_FOOT = ("pedestrian",)
+_PEOPLE = "pedestrians"
+_MIRROR = np.array([1.0, -1.0, 1.0])
+_KMH = 3.6
+
+
+@dataclass(frozen=True)
+class _Agent:
+    """A roadside unit of one sensor, or a vehicle that carries them all.
+
+    Attributes:
+        number: its folder: negative for roadside units.
+        source: the dataset that its points are in.
+        sensors: numbers of its sensors in the rig of that.
+        moving: whether it drives.
+    """
+
+    number: int
+    source: FrameSource
+    sensors: tuple[int, ...]
+    moving: bool = False
+
+    @property
+    def name(self) -> str:
+        """What its sensors are called."""
+        return " + ".join(str(self.source.sensors[one]["name"]) for one in self.sensors)
+
+
+def _agents(sources: Sequence[FrameSource]) -> list[_Agent]:
+    """Return the agents of one dataset, or of one for each sensor."""
+    first = sources[0]
+    rig = first.manifest["rig"]
+    if rig.get("ride") is not None:
+        if len(sources) > 1:
+            raise InputError(
+                "has several clouds of one vehicle, which has one in OPV2V",
+                file=first.folder.parent,
+                expected=f"sensors that are fused, or one of them: {first.folder}",
+            )
+        sensors = tuple(range(len(first.sensors)))
+        return [_Agent(int(rig.get("carrier") or 0), first, sensors, moving=True)]
+    for other in sources[1:]:
+        if other.names != first.names:
+            raise InputError(
+                "has other frames than the first sensor",
+                file=other.folder / "dataset.json",
+                expected=f"the frames of {first.folder.name}",
+            )
+    mounted = [(source, one) for source in sources for one in range(len(source.sensors))]
+    return [_Agent(-1 - k, source, (one,)) for k, (source, one) in enumerate(mounted)]
+
+
+def losses_opv2v(source: FrameSource) -> list[str]:
+    """Return what is left out: who is not seen; and what OpenCOOD itself does not read."""
+    theirs = classes_in("opv2v")
+    unseen = people = 0
+    for name in source.names:
+        boxes = source.boxes_of(name)
+        held = np.array([theirs[kind] is not None for kind in boxes.class_name], bool)
+        unseen += int(np.count_nonzero(held & (boxes.num_points == 0)))
+        people += int(np.count_nonzero(np.isin(boxes.class_name, _ON_FOOT)))
+    told = []
+    if unseen:
+        told.append(
+            f"of boxes: {unseen} on which no sensor has a point are left out, as in OPV2V, which "
+            "has no mark for them"
+        )
+    if people:
+        told.append(
+            f"people are under {_PEOPLE!r}, which OpenCOOD does not read: to it all else is a "
+            "vehicle"
+        )
+    if source.class_names:
+        told.append("of boxes: of velocity only the speed")
+    return told
+
+
+def write_opv2v(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
+    """Write ``PART/SCENARIO/AGENT/NAME.pcd`` and ``.yaml``, and ``data_protocol.yaml``.
+
+    Args:
+        source: the dataset; each of its sensors is an agent.
+        folder: to write into.
+        tell: told how far it is.
+
+    Returns:
+        What a person should be told.
+    """
+    return write_opv2v_parts([source], folder, tell)
+
+
+def write_opv2v_parts(sources: Sequence[FrameSource], folder: Path, tell: Progress) -> list[str]:
+    """Write the same of a dataset for each sensor.
+
+    Args:
+        sources: the datasets, of the same frames.
+        folder: to write into.
+        tell: told how far it is.
+
+    Raises:
+        InputError: they have not the same frames, or ride.
+    """
+    agents = _agents(sources)
+    first = sources[0]
+    place = {}
+    for k, scene in enumerate(scenes_of(first)):
+        scenario = folder / _PARTS.get(scene.part, str(scene.part)) / f"scenario_{k:04d}"
+        place.update(dict.fromkeys(scene.numbers, scenario))
+        for agent in agents:
+            (scenario / str(agent.number)).mkdir(parents=True)
+        _write_yaml(
+            scenario / "data_protocol.yaml",
+            {
+                "world": {"fixed_delta_seconds": 1 / first.rate_hz},
+                "agents": {agent.number: agent.name for agent in agents},
+                "times_s": {first.names[n]: float(first.times_s[n]) for n in scene.numbers},
+            },
+        )
+    for number in each(range(len(first)), tell, "frames"):
+        frames = [source[number] for source in sources]
+        for agent in agents:
+            _write_agent(place[number], agent, frames[sources.index(agent.source)])
+    return [f"agents: {', '.join(f'{agent.number} {agent.name}' for agent in agents)}"]
+
+
+def _write_agent(scenario: Path, agent: _Agent, frame: SourceFrame) -> None:
+    stem = scenario / str(agent.number) / frame.name
+    site_SE3_agent = _pose_of(frame, agent)
+    mine = _points_of(frame, agent)
+    _write_cloud(stem.with_suffix(".pcd"), frame, mine, site_SE3_agent)
+    _write_yaml(stem.with_suffix(".yaml"), _told(frame, mine, site_SE3_agent, _speed(frame, agent)))
+
+
+def _pose_of(frame: SourceFrame, agent: _Agent) -> Pose:
+    """Return the pose of an agent's cloud: upright, at its first sensor, ahead as that looks."""
+    name = agent.source.sensors[agent.sensors[0]]["name"]
+    return dataset_frame("level", frame.site_SE3_sensors[name])
+
+
+def _points_of(frame: SourceFrame, agent: _Agent) -> NDArray[np.bool_]:
+    if len(agent.source.sensors) == 1 or "sensor" not in (frame.rays.dtype.names or ()):
+        return np.ones(len(frame.points), bool)
+    return np.isin(frame.rays["sensor"], agent.sensors)
+
+
+def _speed(frame: SourceFrame, agent: _Agent) -> float:
+    """Return how fast an agent drives, km/h, by where it is in the frames beside this one."""
+    source = agent.source
+    if not agent.moving or len(source) < 2:
+        return 0.0
+    first, last = max(frame.number - 1, 0), min(frame.number + 1, len(source) - 1)
+    way = source.site_SE3_frame(last).translation - source.site_SE3_frame(first).translation
+    time_s = float(source.times_s[last] - source.times_s[first])
+    return float(np.linalg.norm(way)) / time_s * _KMH if time_s > 0 else 0.0
+
+
+def _write_cloud(
+    path: Path, frame: SourceFrame, mine: NDArray[np.bool_], site_SE3_agent: Pose
+) -> None:
+    """Write points with a grey as bright as the intensity, and the intensity itself."""
+    agent_SE3_frame = site_SE3_agent.inverse() @ frame.site_SE3_frame
+    points = (agent_SE3_frame.apply(frame.points[mine]) * _MIRROR).astype(np.float32)
+    intensity = frame.intensity[mine].astype(np.float32)
+    grey = np.round(np.clip(intensity, 0, 1) * 255).astype(np.uint32)
+    columns = {axis: points[:, k] for k, axis in enumerate("xyz")}
+    columns |= {"rgb": (grey * 0x010101).view(np.float32), "intensity": intensity}
+    write_pcd_file(path, record_of(columns))
+
+
+def _told(
+    frame: SourceFrame, mine: NDArray[np.bool_], site_SE3_agent: Pose, speed: float
+) -> dict[str, Any]:
+    """Return the yaml of a frame."""
+    pose = _carla_pose(site_SE3_agent)
+    objects: dict[str, dict[int, dict[str, Any]]] = {"vehicles": {}, _PEOPLE: {}}
+    seen = set(np.unique(frame.instance[mine]).tolist())
+    for track, kind, one in _objects(frame):
+        if track in seen:
+            objects[_PEOPLE if kind in _ON_FOOT else "vehicles"][track] = one
+    return {
+        "ego_speed": speed,
+        "lidar_pose": pose,
+        "predicted_ego_pos": list(pose),
+        "true_ego_pos": list(pose),
+        "plan_trajectory": [],
+        **objects,
+    }
+
+
+def _objects(frame: SourceFrame) -> Iterator[tuple[int, str, dict[str, Any]]]:
+    """Yield track, class and description of every box that has a class there."""
+    boxes = frame.boxes
+    theirs = classes_in("opv2v")
+    middles, rotations = site_boxes(frame)
+    speeds = np.linalg.norm(boxes.velocity, axis=1) * _KMH
+    for row, kind in enumerate(boxes.class_name.tolist()):
+        name = theirs[kind]
+        if name is None:
+            continue
+        x, y, z, roll, yaw, pitch = _carla_pose(Pose(rotations[row], middles[row]))
+        half = (boxes.box[row, 3:6] / 2).tolist()
+        yield (
+            int(boxes.track[row]),
+            kind,
+            {
+                "angle": [roll, yaw, pitch],
+                "center": [0.0, 0.0, half[2]],
+                "class": name,
+                "extent": half,
+                "location": [x, y, z - half[2]],
+                "speed": float(speeds[row]),
+            },
+        )
+
+
+def _carla_pose(pose: Pose) -> list[float]:
+    """Return x, y, z, roll, yaw, pitch in CARLA's frame, metres and degrees.
+
+    With F the mirror of y, a pose's rotation R (x forward, y left) is F R F there, and OpenCOOD's
+    ``x_to_world`` makes that of the angles.
+    """
+    turned = pose.rotation * _MIRROR * _MIRROR[:, None]
+    yaw = np.arctan2(turned[1, 0], turned[0, 0])
+    pitch = np.arcsin(np.clip(turned[2, 0], -1, 1))
+    roll = np.arctan2(-turned[2, 1], turned[2, 2])
+    place = pose.translation * _MIRROR
+    return [float(value) + 0.0 for value in (*place, *np.degrees([roll, yaw, pitch]))]
+
+
+def _write_yaml(path: Path, value: object) -> None:
+    path.write_text(yaml.dump(value, Dumper=_DUMPER, sort_keys=True), encoding="utf-8")

@@ -1,0 +1,44 @@
+"""Frames that follow each other, cut where the split or the time has a gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from urbantwin.exports.frames.source import FrameSource
+
+__all__ = ["Scene", "scenes_of"]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Frames that follow each other and are of one part of the split.
+
+    Attributes:
+        part: ``train``, ``val``, ``test``; ``None``: of no part, a gap between two.
+        numbers: of its frames in the dataset.
+    """
+
+    part: str | None
+    numbers: range
+
+
+def scenes_of(source: FrameSource, longest_gap_s: float = 1.5) -> list[Scene]:
+    """Return the scenes of a dataset in the order of time; every frame is in one.
+
+    Args:
+        source: the dataset.
+        longest_gap_s: a scene ends where the next frame is later than this. The default is what
+            nuScenes' devkit bridges when it derives a velocity (``NuScenes.box_velocity``).
+    """
+    parts = [source.part_of(name) for name in source.names]
+    times = source.times_s
+    cuts = [
+        number
+        for number in range(1, len(source))
+        if parts[number] != parts[number - 1]
+        or not 0 < times[number] - times[number - 1] <= longest_gap_s
+    ]
+    ends = [*cuts, len(source)]
+    return [
+        Scene(parts[first], range(first, end)) for first, end in zip([0, *cuts], ends, strict=True)
+    ]

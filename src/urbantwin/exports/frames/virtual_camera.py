@@ -1,0 +1,63 @@
+"""A camera that stands where the first sensor stands: formats of cameras ask for one.
+
+It looks along x of the frame of the points and is level with it. Its image and its lens are those
+of KITTI's left colour camera (Geiger et al. 2013, "Vision meets Robotics"; calibration of frame
+000000 of the object benchmark).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.geometry import Pose, box_corners
+
+__all__ = ["IMAGE", "PROJECTION", "camera_SE3_frame", "rectangle"]
+
+#: Width and height of the image, pixels.
+IMAGE = (1242, 375)
+#: (3, 4): the rectified camera's frame (x right, y down, z forward) to pixels.
+PROJECTION = np.array(
+    [[721.5377, 0, 609.5593, 0], [0, 721.5377, 172.854, 0], [0, 0, 1, 0]], np.float64
+)
+#: x forward, y left, z up -> x right, y down, z forward.
+_TURN = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]], np.float64)
+#: What is nearer to the camera's plane is not seen, metres.
+_NEAREST_M = 0.1
+#: A rectangle with a side below this is not seen, pixels: a label has hundredths.
+_LEAST_PIXELS = 0.01
+#: Corners of ``box_corners`` that an edge joins.
+_EDGES = np.array([[k, (k + 1) % 4] for k in range(4)] + [[k, k + 4] for k in range(4)]
+                  + [[4 + k, 4 + (k + 1) % 4] for k in range(4)])  # fmt: skip
+
+
+def camera_SE3_frame(source: FrameSource, frame: SourceFrame) -> Pose:  # noqa: N802
+    """Return the pose that takes points of a frame to the camera's."""
+    first = source.sensors[0]["name"]
+    at = frame.site_SE3_frame.inverse().apply(frame.site_SE3_sensors[first].translation[None])[0]
+    return Pose(_TURN, -_TURN @ at + 0.0)
+
+
+def rectangle(box: NDArray[np.float64], camera_SE3_lidar: Pose) -> tuple[float, ...] | None:
+    """Return left, top, right and bottom of a box (7,) in the image, cut at its borders, pixels.
+
+    ``None`` where the image has nothing of it. What is behind the camera is cut off before the rest
+    is projected.
+    """
+    corners = camera_SE3_lidar.apply(box_corners(box))
+    depth = corners[:, 2]
+    start, stop = corners[_EDGES[:, 0]], corners[_EDGES[:, 1]]
+    crossing = (start[:, 2] >= _NEAREST_M) != (stop[:, 2] >= _NEAREST_M)
+    start, stop = start[crossing], stop[crossing]
+    share = (_NEAREST_M - start[:, 2]) / (stop[:, 2] - start[:, 2])
+    seen = np.vstack([corners[depth >= _NEAREST_M], start + share[:, None] * (stop - start)])
+    if not len(seen):
+        return None
+    image = seen @ PROJECTION[:, :3].T
+    pixels = image[:, :2] / image[:, 2:]
+    most = np.array(IMAGE) - 1
+    low, high = pixels.min(axis=0).clip(0, most), pixels.max(axis=0).clip(0, most)
+    if ((high - low) < _LEAST_PIXELS).any():
+        return None
+    return (*low.tolist(), *high.tolist())

@@ -1,0 +1,251 @@
+"""Waymo Open Dataset, version 2: a segment in Parquet, its range images as points.
+
+Source: Sun et al. 2020, and the sources of the development kit (``waymo_open_dataset/v2``,
+``docs/labeling_specifications.md``). Points, boxes and the places of the five sensors are in the
+vehicle's frame (x forward, y left, z up).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.readers.documents import laid_out
+from urbantwin.fidelity.readers.frame_assembly import frame_of
+from urbantwin.fidelity.readers.labels import checked_pose
+from urbantwin.fidelity.readers.range_image import RangeImageSensor, returns_of
+from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.fidelity.readers.waymo_boxes import LabelledObjects
+from urbantwin.fidelity.readers.waymo_segmentation import classes_of
+from urbantwin.fidelity.readers.waymo_tables import (
+    EXPECTED,
+    LASER,
+    TIME,
+    Columns,
+    ImageRows,
+    check_segment,
+    image_of,
+    matrix_of,
+    read_component,
+)
+from urbantwin.geometry import Pose
+
+__all__ = ["is_waymo", "open_waymo"]
+
+_RETURNS = tuple(f"[LiDARComponent].range_image_return{k}" for k in (1, 2))
+_CLASSES = tuple(f"[LiDARSegmentationLabelComponent].range_image_return{k}" for k in (1, 2))
+_PIXELS = "[LiDARPoseComponent].range_image_return1"
+_EXTRINSIC = "[LiDARCalibrationComponent].extrinsic.transform"
+_BEAMS = "[LiDARCalibrationComponent].beam_inclination."
+_WORLD = "[VehiclePoseComponent].world_from_vehicle.transform"
+#: Of a range image's channels: range, intensity, elongation, whether nothing is labelled there.
+_CHANNELS, _INTENSITY, _ZONE = 4, 1, 3
+#: Numbers of a pose, and how an image is written: all of its numbers, and its sides.
+_POSE, _PARTS = 6, ("values", "shape")
+_STILL = "Where the vehicle was at each pixel is not there: its motion within a turn stays in."
+
+
+def is_waymo(path: Path) -> bool:
+    """Return whether a path is a segment's range images, or a folder of components."""
+    if path.suffix == ".parquet" and path.absolute().parent.name == "lidar":
+        return path.is_file()
+    return any((path / "lidar").glob("*.parquet"))
+
+
+def open_waymo(path: Path) -> Recording:
+    """Open a segment: its ``lidar/NAME.parquet``, or the folder of components that has only one.
+
+    Raises:
+        InputError: there are several segments, its calibration is missing, or a table of it is
+            not right.
+    """
+    segment = _Segment(_file_of(path))
+    names = tuple(map(str, segment.times))
+    return Recording(path, "waymo2", names, segment.frame, segment.notes)
+
+
+def _file_of(path: Path) -> Path:
+    if path.is_file():
+        return path
+    found = sorted((path / "lidar").glob("*.parquet"))
+    if len(found) != 1:
+        names = ", ".join(one.name for one in found[:8])
+        raise InputError(
+            f"holds {len(found)} segments",
+            file=path,
+            expected=f"one of the files in lidar: {names}",
+        )
+    return found[0]
+
+
+class _Segment:
+    """A segment whose small components are read, and whose images are read frame by frame."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._images = _rows_of(file, _RETURNS)
+        if not self._images.lasers:
+            raise InputError("has no rows", file=file, expected=EXPECTED)
+        self.times = sorted(self._images.lasers)
+        segment = self._images.segment
+        self._calibration = self._component("lidar_calibration")
+        self._sensors = _sensors(self._calibration, segment)
+        self._poses = _poses(self._component("vehicle_pose"), segment)
+        self._labels = LabelledObjects(self._component("lidar_box"), segment)
+        self._pixel_file = self._component("lidar_pose")
+        self._pixels = self._of_part(self._pixel_file, (_PIXELS,)) if self._poses else None
+        self._class_file = self._component("lidar_segmentation")
+        self._classes = self._of_part(self._class_file, _CLASSES)
+        self.notes = () if self._pixels is not None else (_STILL,)
+
+    def _component(self, name: str) -> Path:
+        # A link to the file alone leaves the other components where the link is.
+        return self._file.absolute().parent.parent / name / self._file.name
+
+    def _of_part(self, file: Path, images: Sequence[str]) -> ImageRows | None:
+        """Return the rows of a component that not every segment, frame or laser has."""
+        if not file.is_file():
+            return None
+        rows = _rows_of(file, images)
+        if rows.lasers:
+            check_segment(rows.segment, self._images.segment, file)
+        return rows
+
+    def frame(self, index: int) -> Frame:
+        """Return the frame of a number: both returns of every laser, laser by laser."""
+        time = self.times[index]
+        world = self._poses.get(time)
+        lasers = sorted(self._sensors)
+        parts = []
+        for laser, row in sorted(self._images.lasers[time].items()):
+            if laser not in self._sensors:
+                expected = "every laser that has images"
+                raise InputError(f"lacks laser {laser}", file=self._calibration, expected=expected)
+            for part in self._returns(time, laser, row, world):
+                part["sensor"] = np.full(len(part["x"]), lasers.index(laser))
+                parts.append(part)
+        if not parts:
+            raise InputError(f"has no image of {time}", file=self._file, expected="a first return")
+        fields = {name: np.concatenate([one[name] for one in parts]) for name in parts[0]}
+        names = ("sensor", "unlabelled", "semantic", "instance")
+        given = {name: fields.pop(name) for name in names if name in fields}
+        lost = self._pixels is not None and (world is None or time not in self._pixels.lasers)
+        return frame_of(
+            self._file,
+            fields,
+            name=str(time),
+            given=given,
+            boxes=self._labels.at(time, world),
+            world_SE3_frame=world,
+            sensor_places=np.array(
+                [self._sensors[one].vehicle_SE3_sensor.translation for one in lasers]
+            ),
+            notes=(_STILL,) if lost else (),
+        )
+
+    def _returns(self, time: int, laser: int, row: int, world: Pose | None) -> list[Columns]:
+        """Return the fields of what came back to one laser, the first returns before the second."""
+        sensor, values = self._sensors[laser], self._images.row(row)
+        with laid_out(self._file, EXPECTED, place=f"row {row}"):
+            told = [image_of(values, name, _CHANNELS) for name in _RETURNS]
+            images = [one for one in told if one is not None]
+            for one in images:
+                sensor.of_rows(len(one))
+        pose = None
+        if self._pixels is not None and laser in self._pixels.lasers.get(time, {}):
+            at = self._pixels.lasers[time][laser]
+            values = self._pixels.row(at)
+            with laid_out(self._pixel_file, EXPECTED, place=f"row {at}"):
+                pose = image_of(values, _PIXELS, _POSE)
+                if pose is not None and any(one.shape[:2] != pose.shape[:2] for one in images):
+                    raise ValueError(f"poses of {pose.shape[:2]} for {images[0].shape[:2]} pixels")
+        labels = self._labels_of(time, laser, told)
+        found = []
+        with laid_out(self._file, EXPECTED, place=f"row {row}"):
+            for image, classes in zip(told, labels, strict=True):
+                if image is None:
+                    continue
+                returns = returns_of(image[..., 0], sensor, pose, world)
+                of_points = image[returns.row, returns.column]
+                found.append(
+                    {
+                        **dict(zip("xyz", returns.points.T, strict=True)),
+                        "intensity": of_points[:, _INTENSITY],
+                        "ring": returns.row,
+                        "column": returns.column,
+                        "unlabelled": of_points[:, _ZONE] > 0,
+                    }
+                )
+                if classes is not None:
+                    semantic, instance = classes_of(classes[returns.row, returns.column])
+                    found[-1] |= {"semantic": semantic, "instance": instance}
+        return found
+
+    def _labels_of(
+        self, time: int, laser: int, images: Sequence[NDArray[np.floating] | None]
+    ) -> list[NDArray[np.integer] | None]:
+        """Return instance and class (H, W, 2) of images, zeros for those that lack them.
+
+        None for all of a frame in which nothing is labelled pixel by pixel.
+        """
+        if self._classes is None or time not in self._classes.lasers:
+            return [None for _ in images]
+        told: list[NDArray[np.integer] | None] = [None for _ in images]
+        if laser in self._classes.lasers[time]:
+            at = self._classes.lasers[time][laser]
+            values = self._classes.row(at)
+            with laid_out(self._class_file, EXPECTED, place=f"row {at}"):
+                told = [image_of(values, name, 2, "i") for name in _CLASSES]
+                for image, labels in zip(images, told, strict=True):
+                    if image is None or labels is None:
+                        continue
+                    if image.shape[:2] != labels.shape[:2]:
+                        sides = f"{labels.shape[:2]} for {image.shape[:2]}"
+                        raise ValueError(f"labels of {sides} pixels")
+        return [
+            np.zeros((*image.shape[:2], 2), np.int32)
+            if labels is None and image is not None
+            else labels
+            for image, labels in zip(images, told, strict=True)
+        ]
+
+
+def _rows_of(path: Path, images: Sequence[str]) -> ImageRows:
+    return ImageRows(path, tuple(f"{name}.{part}" for name in images for part in _PARTS))
+
+
+def _sensors(path: Path, segment: str) -> dict[int, RangeImageSensor]:
+    """Return the calibration of every laser by its number."""
+    columns = (LASER, _EXTRINSIC, *(f"{_BEAMS}{name}" for name in ("min", "max", "values")))
+    table = read_component(path, columns, segment)
+    if table is None:
+        raise InputError("not found, or empty", file=path, expected="the sensors' calibration")
+    found = {}
+    for row in range(len(next(iter(table.values()), ()))):
+        with laid_out(path, EXPECTED, place=f"row {row}"):
+            matrix = matrix_of(table[_EXTRINSIC][row])
+            values = table[f"{_BEAMS}values"][row] if f"{_BEAMS}values" in table else None
+            given = values is not None and len(np.atleast_1d(values)) > 0
+            found[int(table[LASER][row])] = RangeImageSensor(
+                checked_pose(matrix[:3, :3], matrix[:3, 3]),
+                np.asarray(values, np.float64) if given else None,
+                *(np.nan if given else float(table[f"{_BEAMS}{n}"][row]) for n in ("min", "max")),
+            )
+    return found
+
+
+def _poses(path: Path, segment: str) -> dict[int, Pose]:
+    """Return where the vehicle was at every time."""
+    table = read_component(path, (TIME, _WORLD), segment)
+    found = {}
+    for row in range(0 if table is None else len(next(iter(table.values()), ()))):
+        assert table is not None
+        with laid_out(path, EXPECTED, place=f"row {row}"):
+            matrix = matrix_of(table[_WORLD][row])
+            found[int(table[TIME][row])] = checked_pose(matrix[:3, :3], matrix[:3, 3])
+    return found

@@ -1,0 +1,213 @@
+"""Tables of the Waymo Open Dataset, version 2: a Parquet file for each component of a segment.
+
+Source: ``waymo_open_dataset/v2``: ``component.py`` (names of columns), ``perception/lidar.py``,
+``context.py``, ``box.py``, ``pose.py``. Rows are found by what their keys say: time of the frame
+in microseconds, and which laser.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.artefact.tables import ParquetGroups, columns_of, read_parquet
+from urbantwin.errors import InputError
+from urbantwin.fidelity.readers.documents import laid_out
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = [
+    "EXPECTED",
+    "LASER",
+    "TIME",
+    "Columns",
+    "ImageRows",
+    "check_segment",
+    "image_of",
+    "matrix_of",
+    "read_component",
+]
+
+Columns = dict[str, NDArray[Any]]
+
+EXPECTED = "a component of the Waymo Open Dataset, version 2"
+
+SEGMENT, TIME, LASER = (
+    f"key.{name}" for name in ("segment_context_name", "frame_timestamp_micros", "laser_name")
+)
+#: Groups of rows that are read side by side: rows may be sorted by laser before time.
+_MOST_OPEN = 8
+
+
+class ImageRows:
+    """The rows of a component that holds images, each unpacked when it is asked for.
+
+    One after the other a row is unpacked once; one that lies before the last of its group costs
+    all that precede it in that group.
+
+    Args:
+        path: the file.
+        columns: what a row is wanted of.
+
+    Attributes:
+        segment: which recording the file says that it is of.
+        lasers: time of a frame -> laser -> row, in the order of lasers.
+
+    Raises:
+        InputError: not such a table, or one with a row twice.
+    """
+
+    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
+        self._path = path
+        self._file = ParquetGroups(path, EXPECTED)
+        here = self._file.column_names
+        if columns[0] not in here:
+            raise InputError("is missing", file=path, place=columns[0], expected=EXPECTED)
+        self._columns = tuple(one for one in columns if one in here)
+        keys = self._file.read([one for one in (SEGMENT, TIME, LASER) if one in here])
+        found = columns_of(keys, {TIME: "whole", LASER: "whole"}, path, EXPECTED)
+        self.segment = segment_of(keys, path)
+        self.lasers: dict[int, dict[int, int]] = {}
+        for row, (time, laser) in enumerate(
+            zip(found[TIME].tolist(), found[LASER].tolist(), strict=True)
+        ):
+            mine = self.lasers.setdefault(time, {})
+            if laser in mine:
+                raise InputError(
+                    f"has laser {laser} of {time} again", file=path, place=f"row {row}"
+                )
+            mine[laser] = row
+        self._begin = np.concatenate([[0], np.cumsum(self._file.rows)])
+        self._open: OrderedDict[int, tuple[int, Iterator[pa.RecordBatch]]] = OrderedDict()
+
+    def row(self, number: int) -> dict[str, Any]:
+        """Return a row's values by column: arrays of lists, None where there is none.
+
+        Raises:
+            InputError: it is damaged.
+        """
+        group = int(np.searchsorted(self._begin, number, "right")) - 1
+        wanted = number - int(self._begin[group])
+        begin, batches = self._open.pop(group, (wanted + 1, iter(())))
+        if begin > wanted:
+            begin, batches = 0, self._file.each_row(self._columns, group)
+        for count, batch in enumerate(batches, begin):
+            if count == wanted:
+                self._open[group] = (count + 1, batches)
+                while len(self._open) > _MOST_OPEN:
+                    self._open.popitem(last=False)
+                with laid_out(self._path, EXPECTED, place=f"row {number}"):
+                    names = batch.schema.names
+                    return {name: _value(batch.column(names.index(name))) for name in self._columns}
+        raise InputError(f"ends before row {number}", file=self._path, expected=EXPECTED)
+
+
+def _value(column: pa.Array) -> NDArray[Any] | None:
+    """Return the list of numbers in the one row of a column."""
+    import pyarrow as pa
+
+    kind = column.type
+    if not (pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind)):
+        raise TypeError(f"{kind} are no lists of numbers")
+    if not column[0].is_valid:
+        return None
+    numbers: NDArray[Any] = column[0].values.to_numpy(zero_copy_only=False)
+    return numbers
+
+
+def image_of(
+    row: Mapping[str, Any], name: str, channels: int, kind: str = "f"
+) -> NDArray[Any] | None:
+    """Return an image (H, W, channels) of a row, None where it is empty.
+
+    Args:
+        row: its values by column.
+        name: of the image.
+        channels: how many numbers a pixel has.
+        kind: of them, as NumPy calls it: ``f`` or ``i``.
+
+    Raises:
+        ValueError: as many values as its shape says are not there.
+    """
+    values, shape = row.get(f"{name}.values"), row.get(f"{name}.shape")
+    if values is None or shape is None or not len(values):
+        return None
+    if values.dtype.kind != kind or shape.dtype.kind not in "iu":
+        raise TypeError(f"{name} holds {values.dtype} and {shape.dtype}")
+    sides = [int(one) for one in shape]
+    if len(sides) != 3 or min(sides) < 1 or sides[2] != channels:
+        raise ValueError(f"an image of {' x '.join(map(str, sides))} values")
+    if sides[0] * sides[1] * sides[2] != len(values):
+        raise ValueError(f"{len(values)} values of {' x '.join(map(str, sides))}")
+    image: NDArray[Any] = values.reshape(sides)
+    return image
+
+
+def matrix_of(values: Any) -> NDArray[np.float64]:  # noqa: ANN401 - of a column of lists
+    """Return a matrix (4, 4) of the 16 numbers of a row.
+
+    Raises:
+        ValueError: they are not 16.
+    """
+    found = np.asarray(values, np.float64)
+    if found.size != 16:
+        raise ValueError(f"{found.size} numbers are not a matrix of 4 by 4")
+    return found.reshape(4, 4)
+
+
+def read_component(path: Path, columns: tuple[str, ...], segment: str) -> Columns | None:
+    """Read a component whose rows are small, None where it is not there or has no row.
+
+    Args:
+        path: the file.
+        columns: what is wanted; those that the file lacks are left out.
+        segment: which recording it must be of.
+
+    Raises:
+        InputError: not such a table, or one of another recording.
+    """
+    if not path.is_file():
+        return None
+    table = read_parquet(path, EXPECTED, columns=(SEGMENT, *columns))
+    mine = segment_of(table, path)
+    if not table.num_rows:
+        return None
+    check_segment(mine, segment, path)
+    with laid_out(path, EXPECTED):
+        return {
+            name: table[name].to_numpy(zero_copy_only=False)
+            for name in table.column_names
+            if name != SEGMENT
+        }
+
+
+def check_segment(found: str, wanted: str, path: Path) -> None:
+    """Refuse a component of another recording.
+
+    Raises:
+        InputError: it is of another.
+    """
+    if found != wanted:
+        raise InputError(f"is of segment {found}", file=path, expected=f"segment {wanted}")
+
+
+def segment_of(table: pa.Table, path: Path) -> str:
+    """Return which recording all rows of a table are of.
+
+    Raises:
+        InputError: they are of several.
+    """
+    if SEGMENT not in table.column_names or not table.num_rows:
+        return path.stem
+    with laid_out(path, EXPECTED, place=SEGMENT):
+        found = sorted({str(one) for one in table[SEGMENT].to_pylist()})
+    if len(found) > 1:
+        names = ", ".join(map(str, found[:4]))
+        raise InputError(f"is of {len(found)} segments ({names})", file=path, place=SEGMENT)
+    return str(found[0])
