@@ -109,7 +109,7 @@ export function objectList(app: App): HTMLElement[] {
       all === 0
         ? "No objects in this frame."
         : order.length === all
-          ? `${all} objects`
+          ? `${all} ${all === 1 ? "object" : "objects"}`
           : `${order.length} of ${all} objects`;
     if (app.view.selected !== selected) {
       selected = app.view.selected;
@@ -289,16 +289,17 @@ class Row {
     const label = box.track >= 0 ? `${box.class} ${box.track}` : box.class;
     this.name.textContent = box.score === null ? label : `${box.class}, found`;
     this.first.textContent = `${rangeOf(box.box, origins).toFixed(0)} m`;
+    this.second.textContent = this.say(box, view.filters.sort);
+  }
+
+  /** The last column: what is sorted by, else the points, or the speed where points are not known. */
+  private say(box: Box, sort: Sort): string {
+    if (box.score !== null) return box.score.toFixed(2);
+    if (sort === "occlusion" && box.occlusion !== null)
+      return `${Math.round(100 * box.occlusion)} %`;
     const speed = speedOf(box);
-    this.second.textContent =
-      box.score !== null
-        ? box.score.toFixed(2)
-        : view.filters.sort === "speed" && speed !== null
-          ? `${speed.toFixed(1)} m/s`
-          : view.filters.sort === "occlusion" && box.occlusion !== null
-            ? `${Math.round(100 * box.occlusion)} %`
-            : box.points === null
-              ? ""
-              : `${box.points} pts`;
+    if (speed !== null && (sort === "speed" || box.points === null))
+      return `${speed.toFixed(1)} m/s`;
+    return box.points === null ? "" : `${box.points} pts`;
   }
 }

@@ -63,10 +63,10 @@ function sidesGroup(app: App): HTMLElement {
     segments(
       "How the sides are arranged",
       [
-        ["beside", "Beside"],
-        ["over", "Over"],
-        ["first", first!.name, `Only ${first!.name}`],
-        ["second", second!.name, `Only ${second!.name}`],
+        ["beside", "Beside", "Side by side"],
+        ["over", "Over", "One over the other"],
+        ["first", "Left", `Only ${first!.name}`],
+        ["second", "Right", `Only ${second!.name}`],
       ],
       () => app.view.arrangement,
       (arrangement) => app.store.set({ arrangement }),
