@@ -188,6 +188,7 @@ export class App {
 
   lookAtPlace(at: [number, number, number]): void {
     this.place = at;
+    if (this.view.eye === "sensor") this.store.set({ eye: "orbit" });
     this.eyes.goTo(new THREE.Vector3(...at), 18);
     this.invalidate();
   }

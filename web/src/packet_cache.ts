@@ -31,6 +31,11 @@ export class PacketCache {
     return this.kept.has(name);
   }
 
+  /** The size of a packet that is here. */
+  bytesOf(name: string): number | undefined {
+    return this.kept.get(name)?.bytes;
+  }
+
   failure(name: string): Error | undefined {
     return this.failed.get(name);
   }

@@ -3,6 +3,7 @@ import { test } from "node:test";
 import { gzipSync } from "node:zlib";
 
 import { PacketCache } from "../src/packet_cache";
+import { stepsThatFit } from "../src/step_loader";
 import { bytesOfBase64, gunzip, Unreachable, type Source } from "../src/source";
 
 /** A source of packets of a size; counts what it was asked for. */
@@ -36,6 +37,15 @@ test("memory stays bounded: the least recently used goes first", async () => {
   assert.equal(cache.size, 300);
   for (let k = 0; k < 50; k++) await cache.get(`n${k}`);
   assert.ok(cache.size <= 350);
+});
+
+test("frames that are loaded ahead never push each other out", async () => {
+  for (const bytes of [100, 1_000, 40_000, 90_000, 500_000]) {
+    const cache = new PacketCache(sourceOf(bytes), 100_000);
+    const ahead = Math.min(12, stepsThatFit(bytes, cache.limit));
+    for (let k = 0; k <= ahead; k++) await cache.get(`points/0/${k}`);
+    assert.ok(cache.has("points/0/1") || ahead === 1, `${bytes}`);
+  }
 });
 
 test("a packet on its way is not asked for twice, one larger than the limit is kept alone", async () => {
