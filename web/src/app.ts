@@ -8,21 +8,23 @@ import { stepsOf } from "./document";
 import { FilmRecorder } from "./film";
 import type { Box } from "./frame_data";
 import { Measure } from "./measure";
-import { Overlay, type Label } from "./overlay";
+import { drawOver } from "./labels";
+import { Overlay } from "./overlay";
 import { PacketCache } from "./packet_cache";
 import { PathDrawing, tracksOf, type Track } from "./paths";
 import { FrameMeter } from "./frame_meter";
-import { offered, isCategorical } from "./quantity";
+import { isCategorical } from "./quantity";
 import { SectionPlane } from "./section";
-import { keyOf, SideView } from "./side_view";
-import { cssColour, boxColours, type Theme } from "./colour";
-import { Stage, type Viewport } from "./stage";
+import { SideView } from "./side_view";
+import type { Theme } from "./colour";
+import { Stage } from "./stage";
 import type { Source } from "./source";
 import { StepLoader } from "./step_loader";
 import { Surroundings } from "./surroundings";
 import { PlayClock } from "./timeline";
 import { homeOf } from "./home";
-import { DEFAULT_VIEW, hashOf, viewOfHash, ViewStore, type View } from "./view_state";
+import { baseView } from "./base_view";
+import { viewOfHash, ViewStore, type View } from "./view_state";
 
 export interface PickedPoint {
   side: number;
@@ -54,16 +56,15 @@ export class App {
   theme: Theme = "dark";
   /** Called when what the panels say may have changed. */
   onUpdate: () => void = () => {};
-  /** Called when another frame is shown. */
-  onFrame: () => void = () => {};
-  onMessage: (sentence: string) => void = () => {};
+  /** Called when the view or the camera changed. */
+  onView: () => void = () => {};
+  onMessage: (sentence: string, bad: boolean) => void = () => {};
   /** Fulfilled when the first frame (or, without frames, the first picture) is drawn. */
   readonly firstPicture: Promise<void>;
   private tellFirst: () => void = () => {};
   private dirty = true;
   private stale = true;
   private before_ms = 0;
-  private hashTimer = 0;
   private homed = false;
   private readonly dark = window.matchMedia("(prefers-color-scheme: dark)");
 
@@ -95,11 +96,15 @@ export class App {
     for (const side of this.sides) this.stage.scene.add(side.object);
     this.store.listen((view, before) => this.changed(view, before));
     this.dark.addEventListener("change", () => this.setTheme());
-    window.addEventListener("hashchange", () => this.takeHash());
   }
 
   get view(): View {
     return this.store.view;
+  }
+
+  /** Whether the camera is where it belongs: from then on the view may be written down. */
+  get placed(): boolean {
+    return this.homed;
   }
 
   get step(): number {
@@ -130,8 +135,13 @@ export class App {
   }
 
   tell(sentence: string): void {
-    this.errors.push(sentence);
-    this.onMessage(sentence);
+    if (this.errors[this.errors.length - 1] !== sentence) this.errors.push(sentence);
+    this.onMessage(sentence, true);
+  }
+
+  /** Says what people may want to do instead: nothing went wrong. */
+  hint(sentence: string): void {
+    this.onMessage(sentence, false);
   }
 
   /** The picture must be drawn again. */
@@ -178,14 +188,15 @@ export class App {
 
   lookAtPlace(at: [number, number, number]): void {
     this.place = at;
+    if (this.view.eye === "sensor") this.store.set({ eye: "orbit" });
     this.eyes.goTo(new THREE.Vector3(...at), 18);
     this.invalidate();
   }
 
   /** Shows a whole view, the camera where it was. */
   restore(view: View): void {
-    this.settled = false;
     this.store.set({ ...view });
+    this.settled = false;
     this.applyEye();
     this.refreshAll();
   }
@@ -210,13 +221,8 @@ export class App {
     this.stage.resize(Math.round(box.width), Math.round(box.height));
     this.stage.arrange(this.sides.length, this.view.arrangement);
     this.overlay.resize(this.stage.width, this.stage.height, this.stage.ratio);
+    if (this.homed) this.render(); // at once: a resized canvas is empty
     this.redraw();
-  }
-
-  link(): string {
-    this.remember();
-    const hash = hashOf(this.view, this.base);
-    return location.href.replace(/#.*$/, "") + (hash ? `#${hash}` : "");
   }
 
   /** Writes where the camera is into the view. */
@@ -243,13 +249,10 @@ export class App {
     for (const side of this.sides) {
       side.cloud.object.visible = view.layers.points && side.frame.count > 0;
       side.cloud.setLook(view.size, pixels, stage.ratio, fog, stage.background);
-      side.cloud.setSection(
-        this.sectionPlane.cut,
-        view.section ? view.section_thick_m : 0,
-      );
+      side.cloud.setSection(this.sectionPlane.cut, view.section ? view.section_thick_m : 0);
     }
     stage.render(camera);
-    this.drawOverlay();
+    drawOver(this);
     this.film.frame();
     this.meter.rendered();
   }
@@ -265,6 +268,13 @@ export class App {
 
   private tick(now: number): void {
     requestAnimationFrame((next) => this.tick(next));
+    const began = performance.now();
+    const frames = this.meter.frames;
+    this.turn(now);
+    if (this.meter.frames > frames) this.meter.worked(performance.now() - began);
+  }
+
+  private turn(now: number): void {
     const elapsed = this.before_ms === 0 ? 0 : (now - this.before_ms) / 1000;
     this.before_ms = now;
     if (this.clock.playing && this.shownStep === this.step) {
@@ -315,8 +325,11 @@ export class App {
         this.tell((error as Error).message);
       }
     });
+    const first = this.shownStep < 0;
     this.shownStep = this.step;
     this.picked = null;
+    // A box without a track is another one, or none, in the next frame.
+    if (!first && (this.view.selected ?? 0) < 0) this.store.set({ selected: null, follow: false });
     this.meter.shown();
     if (!this.homed) this.goHome();
     this.refreshSides();
@@ -324,7 +337,6 @@ export class App {
     this.eyes.carry(selected?.box);
     this.surroundings.show(this.view, this.time_s);
     this.drawPath();
-    this.onFrame();
     this.invalidate();
     this.loader.want(this.step, this.view.loop, this.clock.playing);
   }
@@ -334,10 +346,12 @@ export class App {
     const { position, target } = this.view;
     if (position === null || target === null) this.home();
     else this.applyEye();
+    this.settled = true;
   }
 
   private changed(view: View, before: View): void {
-    const differs = (...keys: (keyof View)[]): boolean => keys.some((key) => view[key] !== before[key]);
+    const differs = (...keys: (keyof View)[]): boolean =>
+      keys.some((key) => view[key] !== before[key]);
     if (differs("theme")) this.setTheme();
     if (differs("arrangement")) this.stage.arrange(this.sides.length, view.arrangement);
     if (differs("eye", "sensor") && !differs("position")) this.applyEye();
@@ -359,7 +373,7 @@ export class App {
     if (differs("follow")) this.eyes.carry(view.follow ? this.selected()?.box : undefined);
     if (differs("range_image")) requestAnimationFrame(() => this.resize());
     this.invalidate();
-    this.writeHash();
+    this.onView();
   }
 
   refreshAll(): void {
@@ -401,53 +415,14 @@ export class App {
 
   private drawBoxes(): void {
     const background = this.rgbToken("--scene");
-    for (const side of this.sides) side.drawBoxes(this.view, this.theme, background);
+    const accent = this.rgbToken("--accent");
+    for (const side of this.sides) side.drawBoxes(this.view, this.theme, background, accent);
   }
 
   private drawPath(): void {
     const { selected, layers } = this.view;
     const track = layers.path && selected !== null ? this.tracks.get(selected) : undefined;
     this.paths.draw(track, this.time_s, this.rgbToken("--accent"), this.rgbToken("--dim"));
-  }
-
-  private drawOverlay(): void {
-    const { view, stage, sides } = this;
-    const colourOf = boxColours(this.scene, this.theme);
-    const labels: Label[] = [];
-    for (const side of sides) {
-      side.boxes.forEach((box, k) => {
-        const chosen = keyOf(box, k) === view.selected && view.selected_side === side.number;
-        if (!chosen && (!view.layers.names || !side.shows(box, k, view))) return;
-        const [x, y, z, , , h] = box.box;
-        const name = box.track >= 0 ? `${box.class} ${box.track}` : box.class;
-        labels.push({
-          at: [x, y, z + h / 2],
-          text: box.score === null ? name : `${name} ${box.score.toFixed(2)}`,
-          colour: cssColour(colourOf(box.class)),
-          strong: chosen,
-          side: side.number,
-        });
-      });
-    }
-    const viewports = stage.viewports.map((viewport: Viewport) => ({
-      viewport,
-      matrix: stage.matrixOf(viewport, this.eyes.camera),
-      title: this.scene.sides[viewport.side]?.name ?? "",
-    }));
-    const { measure } = this;
-    const line = measure.from ? { from: measure.from, to: measure.to, text: measure.text } : null;
-    this.overlay.draw(viewports, labels, line, this.markedPlace(), {
-      paper: this.token("--panel"),
-      ink: this.token("--text"),
-      accent: this.token("--accent"),
-    });
-  }
-
-  private markedPlace(): [number, number, number] | null {
-    if (this.picked === null) return this.place;
-    const { position } = this.sides[this.picked.side]!.frame;
-    const at = 3 * this.picked.index;
-    return [position[at]!, position[at + 1]!, position[at + 2]!];
   }
 
   private applyEye(): void {
@@ -460,7 +435,7 @@ export class App {
       if (found !== null) eyes.chase(found.box);
       else if (this.shownStep >= 0) {
         this.store.set({ eye: "orbit" });
-        this.tell("Select an object first: the eye then chases it.");
+        this.hint("Select an object first: the eye then chases it.");
       }
     } else eyes.orbit();
     if (view.position !== null && view.target !== null && !this.settled) {
@@ -485,48 +460,6 @@ export class App {
 
   private moved(): void {
     this.redraw();
-    this.writeHash();
+    this.onView();
   }
-
-  private takeHash(): void {
-    const view = viewOfHash(location.hash, this.base);
-    if (hashOf(view, this.base) === hashOf(this.view, this.base)) return;
-    this.restore(view);
-  }
-
-  private writeHash(): void {
-    window.clearTimeout(this.hashTimer);
-    // Not while it plays: browsers allow only so many changes of the address.
-    this.hashTimer = window.setTimeout(() => {
-      if (this.clock.playing || !this.homed) return;
-      const link = this.link();
-      try {
-        history.replaceState(null, "", link);
-      } catch {
-        // An address that may not be changed (a page inside another) keeps what it has.
-      }
-    }, 400);
-  }
-}
-
-/** The view that a scene opens with. */
-export function baseView(scene: Scene): View {
-  const quantities = offered(scene);
-  const pair = scene.sides.length > 1;
-  const still = !scene.sides.some((side) => side.point_packet);
-  const first = scene.sides[0]?.fields ?? [];
-  const colour =
-    pair && quantities.includes("away")
-      ? "away"
-      : quantities.includes("class")
-        ? "class"
-        : first.includes("intensity")
-          ? "intensity"
-          : "height";
-  return {
-    ...DEFAULT_VIEW,
-    colour,
-    sensor: scene.sensors[0]?.name ?? "",
-    layers: { ...DEFAULT_VIEW.layers, twin: still, lanes: still, ignored: still },
-  };
 }

@@ -59,7 +59,13 @@ export function rayHits(box: BoxNumbers, origin: Point3, direction: Point3): num
 }
 
 /** Whether a point lies in a box that is larger by a margin on every side. */
-export function contains(box: BoxNumbers, px: number, py: number, pz: number, margin = 0.1): boolean {
+export function contains(
+  box: BoxNumbers,
+  px: number,
+  py: number,
+  pz: number,
+  margin = 0.1,
+): boolean {
   const [x, y, z, l, w, h, yaw] = box;
   if (Math.abs(pz - z) > h / 2 + margin) return false;
   const [c, s] = [Math.cos(yaw), Math.sin(yaw)];

@@ -54,12 +54,7 @@ export class BoxDrawing {
         this.turn.setFromAxisAngle(UP, yaw);
         this.matrix.compose(new THREE.Vector3(x, y, z), this.turn, new THREE.Vector3(l, w, h));
         this.faces.setMatrixAt(filled, this.matrix);
-        this.colour.setRGB(
-          colour[0] / 255,
-          colour[1] / 255,
-          colour[2] / 255,
-          THREE.SRGBColorSpace,
-        );
+        this.colour.setRGB(colour[0] / 255, colour[1] / 255, colour[2] / 255, THREE.SRGBColorSpace);
         this.faces.setColorAt(filled, this.colour);
         filled++;
       }

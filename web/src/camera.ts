@@ -89,7 +89,7 @@ export class Eyes {
   }
 
   above(): void {
-    const height = this.mode === "above" ? this.distance() : Math.max(60, this.distance() * 4.4);
+    const height = this.mode === "above" ? this.distance() : Math.max(160, this.distance() * 4.4);
     if (this.mode === "sensor") this.controls.target.copy(this.ahead(20));
     this.mode = "above";
     this.glide = null;

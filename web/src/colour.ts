@@ -2,6 +2,10 @@
 
 import type { Rgb, Scene } from "./document";
 
+/** Names of the classes that are ground. */
+export const GROUND_CLASSES =
+  /^(road|parking|sidewalk|other-ground|terrain|lane-marking|marking|ground|curb|crossing|water)$/;
+
 export type Theme = "light" | "dark";
 
 /** sRGB, 0..255, to OKLab (Ottosson 2020): lightness 0..1, a, b. */
@@ -45,11 +49,37 @@ export function readable(colour: Rgb, theme: Theme): Rgb {
   return rgbOfOklab([Math.min(high, Math.max(low, L)), a, b]);
 }
 
+const GROUND_CHROMA = 0.055;
+const CLASS_CHROMA = 0.15;
+
+/**
+ * The colour of a class as points are drawn in it: its own hue, less loud. What covers most of a
+ * picture, the ground, is the calmest, so that what stands on it is seen.
+ */
+export function calm(colour: Rgb, theme: Theme, ground: boolean): Rgb {
+  const [L, a, b] = oklabOf(readable(colour, theme));
+  const chroma = Math.hypot(a, b);
+  const most = ground ? GROUND_CHROMA : CLASS_CHROMA;
+  const share = chroma > most ? most / chroma : 1;
+  const level = ground ? (theme === "dark" ? Math.min(L, 0.6) : Math.max(L, 0.6)) : L;
+  return rgbOfOklab([level, share * a, share * b]);
+}
+
 export const cssColour = ([r, g, b]: Rgb): string => `rgb(${r} ${g} ${b})`;
 
 // Anchors of the tables: viridis and turbo as matplotlib has them; "away" from calm to alarming.
 const ANCHORS: Record<string, string[]> = {
-  viridis: ["440154", "472d7b", "3b528b", "2c728e", "21918c", "28ae80", "5ec962", "addc30", "fde725"],
+  viridis: [
+    "440154",
+    "472d7b",
+    "3b528b",
+    "2c728e",
+    "21918c",
+    "28ae80",
+    "5ec962",
+    "addc30",
+    "fde725",
+  ],
   turbo: ["30123b", "4662d7", "36aaf9", "1ae4b6", "72fe5e", "c8ef34", "faba39", "f66b19", "ca2a04"],
   away: ["6f8796", "8aa08f", "cdbf5a", "f0a63a", "ee6c2f", "d92f5c", "b0179e"],
 };
@@ -74,11 +104,11 @@ export function gradientTable(name: string, theme: Theme): Table {
 /** The colours of the semantic classes at their numbers; grey where there is no class. */
 export function classTable(scene: Scene, theme: Theme): Table {
   const grey: Rgb = theme === "dark" ? [128, 136, 144] : [128, 134, 140];
-  const colours = new Map(scene.classes.map((one) => [one.id & 255, one.colour]));
-  colours.delete(0);
+  const classes = new Map(scene.classes.map((one) => [one.id & 255, one]));
+  classes.delete(0);
   return tableOf((k) => {
-    const colour = colours.get(k);
-    return colour ? readable(colour, theme) : grey;
+    const one = classes.get(k);
+    return one ? calm(one.colour, theme, GROUND_CLASSES.test(one.name)) : grey;
   });
 }
 
@@ -118,8 +148,8 @@ export function entry(table: Table, k: number): Rgb {
 /** The colours of boxes by class, readable in the theme; one of its own for a class without any. */
 export function boxColours(scene: Scene, theme: Theme): (name: string) => Rgb {
   const colours = new Map<string, Rgb>();
-  for (const one of scene.classes) colours.set(one.name, readable(one.colour, theme));
-  for (const one of scene.box_classes) colours.set(one.name, readable(one.colour, theme));
+  for (const one of scene.classes) colours.set(one.name, calm(one.colour, theme, false));
+  for (const one of scene.box_classes) colours.set(one.name, calm(one.colour, theme, false));
   const spare = instanceTable(theme);
   return (name) => {
     let colour = colours.get(name);

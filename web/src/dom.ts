@@ -34,7 +34,8 @@ const ICONS: Record<string, string> = {
   loop: "M3 7a4.6 4.6 0 0 1 4.6-4H13M13 3l-2-1.8M13 3l-2 1.8M13 9a4.6 4.6 0 0 1-4.6 4H3M3 13l2 1.8M3 13l2-1.8",
   earlier: "M8 3.5 3.5 8 8 12.5M13 3.5 8.5 8l4.5 4.5",
   later: "M8 3.5 12.5 8 8 12.5M3 3.5 7.5 8 3 12.5",
-  sliders: "M2 4.5h7M12.5 4.5H14M2 11.5h1.5M7 11.5h7M10.7 6.2a1.7 1.7 0 1 0 0-3.4 1.7 1.7 0 0 0 0 3.4ZM5.3 13.2a1.7 1.7 0 1 0 0-3.4 1.7 1.7 0 0 0 0 3.4Z",
+  sliders:
+    "M2 4.5h7M12.5 4.5H14M2 11.5h1.5M7 11.5h7M10.7 6.2a1.7 1.7 0 1 0 0-3.4 1.7 1.7 0 0 0 0 3.4ZM5.3 13.2a1.7 1.7 0 1 0 0-3.4 1.7 1.7 0 0 0 0 3.4Z",
   list: "M5.5 4H14M5.5 8H14M5.5 12H14M2.2 4h.6M2.2 8h.6M2.2 12h.6",
   ruler: "M1.8 10.4 10.4 1.8l3.8 3.8-8.6 8.6zM4.4 7.8l1.6 1.6M6.8 5.4l2.2 2.2M9.2 3l1.6 1.6",
   image: "M2 3.5h12v9H2zM2 6.5h12M2 9.5h12M6 3.5v9M10 3.5v9",
@@ -123,7 +124,12 @@ export function slider(
   say: (value: number) => string,
 ): HTMLLabelElement {
   const said = el("output", {});
-  const input = el("input", { type: "range", min: String(low), max: String(high), step: String(step) });
+  const input = el("input", {
+    type: "range",
+    min: String(low),
+    max: String(high),
+    step: String(step),
+  });
   input.addEventListener("input", () => set(Number(input.value)));
   bind(() => {
     const value = get();
@@ -158,7 +164,11 @@ export function segments<T extends string>(
   set: (value: T) => void,
 ): HTMLDivElement {
   const buttons = options.map(([value, text, title]) => {
-    const button = el("button", { type: "button", title: title ?? text, onclick: () => set(value) }, text);
+    const button = el(
+      "button",
+      { type: "button", title: title ?? text, onclick: () => set(value) },
+      text,
+    );
     bind(() => button.setAttribute("aria-pressed", String(get() === value)));
     return button;
   });

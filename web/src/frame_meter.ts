@@ -4,6 +4,7 @@ export class FrameMeter {
   frames = 0; // data frames shown since the start
   private readonly pictures: number[] = [];
   private readonly data: number[] = [];
+  private readonly work_ms: number[] = [];
 
   rendered(): void {
     keep(this.pictures);
@@ -12,6 +13,18 @@ export class FrameMeter {
   shown(): void {
     this.frames++;
     keep(this.data);
+  }
+
+  /** Takes how long the page's own script worked for a new frame: decoding, colours, panels, drawing calls. */
+  worked(ms: number): void {
+    this.work_ms.push(ms);
+    if (this.work_ms.length > 100) this.work_ms.shift();
+  }
+
+  /** The median of that work. */
+  get script_ms(): number {
+    const sorted = [...this.work_ms].sort((a, b) => a - b);
+    return sorted[sorted.length >> 1] ?? 0;
   }
 
   /** Pictures and data frames a second over the last two seconds. */

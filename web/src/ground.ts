@@ -1,10 +1,9 @@
 // Which points lie on the ground: by semantic class where there is one, else by height over the lowest nearby.
 
+import { GROUND_CLASSES } from "./colour";
 import type { Scene } from "./document";
 import type { PointFrame } from "./frame_data";
 
-const GROUND_CLASSES =
-  /^(road|parking|sidewalk|other-ground|terrain|lane-marking|marking|ground|curb|crossing|water)$/;
 const CELL_M = 2;
 const ABOVE_M = 0.3;
 const REACH_CELLS = 160; // half the width of the grid: points beyond it use its border

@@ -161,14 +161,17 @@ export function listenToKeys(app: App, help: Help, actions: Actions): void {
       if (event.key === "Escape") (event.target as HTMLElement).blur();
       return;
     }
-    const onButton = event.target instanceof HTMLButtonElement || event.target instanceof HTMLElement && event.target.tagName === "SUMMARY";
+    const onButton =
+      event.target instanceof HTMLElement && ["BUTTON", "SUMMARY"].includes(event.target.tagName);
     if (onButton && (event.key === " " || event.key === "Enter")) return;
     const onSlider = event.target instanceof HTMLInputElement && event.target.type === "range";
     if (onSlider && /^(Arrow|Home|End)/.test(event.key)) return;
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const number = /^[1-9]$/.test(key) ? Number(key) - 1 : -1;
     const quantity = number >= 0 ? offered(app.scene)[number] : undefined;
-    const action = quantity ? () => app.store.set({ colour: quantity, from: null, to: null }) : keys[key];
+    const action = quantity
+      ? () => app.store.set({ colour: quantity, from: null, to: null })
+      : keys[key];
     if (action === undefined) return;
     event.preventDefault();
     action(event);
@@ -178,7 +181,7 @@ export function listenToKeys(app: App, help: Help, actions: Actions): void {
 export function nextSensor(app: App): void {
   const { sensors } = app.scene;
   if (sensors.length === 0) {
-    app.tell("No sensor is known: there is no eye of one.");
+    app.hint("No sensor is known: there is no eye of one.");
     return;
   }
   const at = sensors.findIndex((sensor) => sensor.name === app.view.sensor);

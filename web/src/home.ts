@@ -28,7 +28,11 @@ export function homeOf(scene: Scene, sides: SideView[], bounds?: THREE.Box3): Ho
   const length = Math.hypot(dx, dy);
   [dx, dy] = length > 0.1 ? [dx / length, dy / length] : [1, 0];
   return {
-    position: [at[0] - 26 * dx + 8 * dy, at[1] - 26 * dy - 8 * dx, Math.max(at[2] + 8, ground + 20)],
+    position: [
+      at[0] - 26 * dx + 8 * dy,
+      at[1] - 26 * dy - 8 * dx,
+      Math.max(at[2] + 8, ground + 20),
+    ],
     target: [at[0] + 14 * dx, at[1] + 14 * dy, ground],
   };
 }

@@ -6,7 +6,15 @@ import { bind, el } from "./dom";
 import { DESCRIPTIONS, sayQuantity } from "./quantity";
 
 export function legend(app: App): HTMLElement {
-  const box = el("section", { className: "card legend", "aria-label": "What the colours mean" });
+  const narrow = window.matchMedia("(max-width: 760px)").matches;
+  const body = el("div", { className: "legend-body" });
+  const summary = el("summary", {});
+  const box = el(
+    "details",
+    { className: "card legend", open: !narrow, "aria-label": "What the colours mean" },
+    summary,
+    body,
+  );
   let drawn = "";
   bind(() => {
     const { view, scene } = app;
@@ -21,13 +29,23 @@ export function legend(app: App): HTMLElement {
     for (const id of view.hidden) if (!classes.includes(id)) classes.push(id);
     classes.sort((a, b) => a - b);
     const domain = app.sides[0]?.domain ?? [0, 1];
-    const key = [view.colour, app.theme, view.hidden, classes, domain, points, coverage?.unit, view.from, view.to].join();
+    const key = [
+      view.colour,
+      app.theme,
+      view.hidden,
+      classes,
+      domain,
+      points,
+      coverage?.unit,
+      view.from,
+      view.to,
+    ].join();
     if (key === drawn) return;
     drawn = key;
     const parts: (HTMLElement | null)[] = [];
     if (points) {
       const { label } = DESCRIPTIONS[view.colour];
-      parts.push(el("h2", {}, label));
+      summary.textContent = label;
       if (view.colour === "class") parts.push(classChips(app, classes));
       else if (view.colour === "side") {
         parts.push(
@@ -35,7 +53,9 @@ export function legend(app: App): HTMLElement {
         );
       } else if (view.colour === "sensor") {
         parts.push(
-          ...scene.sensors.map((sensor, k) => swatch(cssColour(entry(app.sides[0]!.table, k)), sensor.name)),
+          ...scene.sensors.map((sensor, k) =>
+            swatch(cssColour(entry(app.sides[0]!.table, k)), sensor.name),
+          ),
         );
       } else if (view.colour === "instance") {
         parts.push(el("p", { className: "hint" }, "Each object a colour; grey belongs to none."));
@@ -43,11 +63,12 @@ export function legend(app: App): HTMLElement {
         parts.push(gradient(app, app.sides[0]!.table, domain, true));
       }
     }
+    if (!points) summary.textContent = "Ground";
     if (coverage !== null) {
       parts.push(el("h2", {}, `Coverage${coverage.unit ? `, ${coverage.unit}` : ""}`));
       parts.push(gradient(app, coverage.table, coverage.domain, false));
     }
-    box.replaceChildren(...parts.filter((part) => part !== null));
+    body.replaceChildren(...parts.filter((part) => part !== null));
   });
   return box;
 }
@@ -90,7 +111,11 @@ function classChips(app: App, classes: number[]): HTMLElement {
       names.get(id) ?? `class ${id}`,
     );
   });
-  return el("div", { className: "chips", role: "group", "aria-label": "Classes of points" }, ...chips);
+  return el(
+    "div",
+    { className: "chips", role: "group", "aria-label": "Classes of points" },
+    ...chips,
+  );
 }
 
 function gradient(

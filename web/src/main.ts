@@ -2,10 +2,12 @@
 
 import "./page.css";
 
+import { keepAddress } from "./address";
 import { App } from "./app";
 import { bind, el, updateBound } from "./dom";
 import { readDocument, type Scene } from "./document";
 import { Help, listenToKeys } from "./help";
+import { placeInWindow } from "./labels";
 import { legend } from "./legend";
 import { emptyState, Messages } from "./messages";
 import { objectList } from "./object_list";
@@ -24,6 +26,7 @@ declare global {
       state(): Record<string, unknown>;
       frameRate(): Record<string, number>;
       memory(): Record<string, number>;
+      place?(track: number): [number, number] | null;
       errors: string[];
       app?: App;
     };
@@ -52,7 +55,7 @@ function layout(scene: Scene): App {
   const main = el("main", { className: "main" }, stage);
   document.body.append(main);
   const app = new App(scene, openSource(document), canvas, over, surface);
-  app.onMessage = (sentence) => messages.say(sentence, true);
+  app.onMessage = (sentence, bad) => messages.say(sentence, bad);
   new Pointer(app, surface);
 
   const narrow = window.matchMedia("(max-width: 760px)");
@@ -64,14 +67,19 @@ function layout(scene: Scene): App {
     toggle: (which) => {
       open[which] = !open[which];
       // On a phone a sheet takes the lower half: one at a time.
-      if (narrow.matches && open[which]) open[which === "settings" ? "objects" : "settings"] = false;
+      if (narrow.matches && open[which])
+        open[which === "settings" ? "objects" : "settings"] = false;
       app.invalidate();
       requestAnimationFrame(() => app.resize());
     },
   };
   const help = new Help();
   const toolbar = new Toolbar(app, help, panels, (sentence) => messages.say(sentence));
-  const settings = el("aside", { className: "panel settings", "aria-label": "Settings" }, ...settingsPanel(app));
+  const settings = el(
+    "aside",
+    { className: "panel settings", "aria-label": "Settings" },
+    ...settingsPanel(app),
+  );
   const { element: objects, search } = objectsPanel(app, hasObjects);
   bind(() => {
     settings.hidden = !open.settings;
@@ -121,6 +129,7 @@ function layout(scene: Scene): App {
   acceptDroppedViews(toolbar);
   new ResizeObserver(() => app.resize()).observe(stage);
   app.onUpdate = updateBound;
+  keepAddress(app);
   return app;
 }
 
@@ -196,6 +205,8 @@ function failed(error: unknown): void {
 }
 
 async function start(): Promise<void> {
+  const dark = window.matchMedia("(prefers-color-scheme: dark)").matches;
+  document.documentElement.dataset["theme"] = dark ? "dark" : "light";
   const scene = await fetchDocument().catch((error: unknown) => {
     throw error instanceof SyntaxError
       ? new Error("The document of this page is damaged: it is not JSON.")
@@ -207,7 +218,9 @@ async function start(): Promise<void> {
     app = layout(scene);
   } catch (error) {
     if (/WebGL/i.test(String(error))) {
-      throw new Error("This browser has no WebGL 2, which the picture is drawn with; switch on hardware acceleration or use another browser.");
+      throw new Error(
+        "This browser has no WebGL 2, which the picture is drawn with; switch on hardware acceleration or use another browser.",
+      );
     }
     throw error;
   }
@@ -230,11 +243,13 @@ async function start(): Promise<void> {
     target: app.eyes.target.toArray(),
     measured: app.measure.text,
   });
-  api.frameRate = () => app.meter.rates();
+  api.frameRate = () => ({ ...app.meter.rates(), script_ms: app.meter.script_ms });
+  api.place = (track) => placeInWindow(app, track);
   api.memory = () => ({
     packets_bytes: app.cache.size,
     packets_limit_bytes: app.cache.limit,
-    heap_bytes: (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? 0,
+    heap_bytes:
+      (performance as { memory?: { usedJSHeapSize: number } }).memory?.usedJSHeapSize ?? 0,
     geometries: app.stage.renderer.info.memory.geometries,
     textures: app.stage.renderer.info.memory.textures,
   });

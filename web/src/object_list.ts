@@ -33,7 +33,7 @@ export function objectList(app: App): HTMLElement[] {
     if (document.activeElement !== search) search.value = app.view.filters.text;
   });
 
-  const rows = el("div", { className: "rows" });
+  const rows = el("div", { className: "rows", role: "presentation" });
   const scroller = el(
     "div",
     {
@@ -56,7 +56,7 @@ export function objectList(app: App): HTMLElement[] {
     const first = Math.max(0, Math.floor(scroller.scrollTop / height) - 2);
     const count = Math.ceil(scroller.clientHeight / height) + 4;
     while (pool.length < count) {
-      const row = new Row(app);
+      const row = new Row(app, `object-row-${pool.length}`);
       pool.push(row);
       rows.append(row.element);
     }
@@ -64,8 +64,17 @@ export function objectList(app: App): HTMLElement[] {
     pool.forEach((row, k) => {
       const at = first + k;
       const index = k < count ? order[at] : undefined;
-      row.show(index === undefined ? null : boxes[index]!, index ?? -1, at * height, colourOf, origins);
+      row.show(
+        index === undefined ? null : boxes[index]!,
+        index ?? -1,
+        at * height,
+        colourOf,
+        origins,
+      );
     });
+    const chosen = pool.find(({ element }) => !element.hidden && element.ariaSelected === "true");
+    if (chosen === undefined) scroller.removeAttribute("aria-activedescendant");
+    else scroller.setAttribute("aria-activedescendant", chosen.element.id);
   };
   scroller.addEventListener("scroll", fill, { passive: true });
   new ResizeObserver(fill).observe(scroller);
@@ -91,13 +100,17 @@ export function objectList(app: App): HTMLElement[] {
   let selected: number | null = null;
   bind(() => {
     const boxes = current();
-    order = listed(boxes, app.view.filters, origins);
+    const { layers, score } = app.view;
+    const counts = (k: number): boolean =>
+      boxes[k]!.score === null || (layers.detections && boxes[k]!.score! >= score);
+    order = listed(boxes, app.view.filters, origins).filter(counts);
+    const all = boxes.filter((_, k) => counts(k)).length;
     said.textContent =
-      boxes.length === 0
+      all === 0
         ? "No objects in this frame."
-        : order.length === boxes.length
-          ? `${boxes.length} objects`
-          : `${order.length} of ${boxes.length} objects`;
+        : order.length === all
+          ? `${all} ${all === 1 ? "object" : "objects"}`
+          : `${order.length} of ${all} objects`;
     if (app.view.selected !== selected) {
       selected = app.view.selected;
       const at = order.findIndex((k) => keyOf(boxes[k]!, k) === selected);
@@ -115,10 +128,7 @@ export function objectList(app: App): HTMLElement[] {
           (side) => store.set({ selected: null, selected_side: Number(side) }),
         )
       : null;
-  return [
-    el("div", { className: "list-head" }, sides, search, filterBox(app), said),
-    scroller,
-  ];
+  return [el("div", { className: "list-head" }, sides, search, filterBox(app), said), scroller];
 }
 
 const rowHeight = (): number => (window.matchMedia("(pointer: coarse)").matches ? 44 : 32);
@@ -201,7 +211,11 @@ function filterBox(app: App): HTMLElement {
       (occlusion) => store.filter({ occlusion }),
       (value) => `${Math.round(100 * value)} %`,
     ),
-    checkbox("With ignored ones", () => filters().ignored, (ignored) => store.filter({ ignored })),
+    checkbox(
+      "With ignored ones",
+      () => filters().ignored,
+      (ignored) => store.filter({ ignored }),
+    ),
   );
   return el(
     "div",
@@ -230,10 +244,19 @@ class Row {
   private index = -1;
   private box: Box | null = null;
 
-  constructor(private readonly app: App) {
+  constructor(
+    private readonly app: App,
+    id: string,
+  ) {
     this.element = el(
       "div",
-      { className: "row", role: "option", onclick: () => this.choose(), ondblclick: () => app.lookAtSelected() },
+      {
+        id,
+        className: "row",
+        role: "option",
+        onclick: () => this.choose(),
+        ondblclick: () => app.lookAtSelected(),
+      },
       this.dot,
       this.name,
       this.first,
@@ -263,17 +286,20 @@ class Row {
     this.element.setAttribute("aria-selected", String(keyOf(box, index) === view.selected));
     this.element.classList.toggle("ignored", Boolean(box.ignored));
     this.dot.style.background = cssColour(colourOf(box.class));
-    const name = box.score === null ? box.class : `${box.class} · found ${box.score.toFixed(2)}`;
-    this.name.textContent = box.track >= 0 && box.score === null ? `${name} ${box.track}` : name;
+    const label = box.track >= 0 ? `${box.class} ${box.track}` : box.class;
+    this.name.textContent = box.score === null ? label : `${box.class}, found`;
     this.first.textContent = `${rangeOf(box.box, origins).toFixed(0)} m`;
+    this.second.textContent = this.say(box, view.filters.sort);
+  }
+
+  /** The last column: what is sorted by, else the points, or the speed where points are not known. */
+  private say(box: Box, sort: Sort): string {
+    if (box.score !== null) return box.score.toFixed(2);
+    if (sort === "occlusion" && box.occlusion !== null)
+      return `${Math.round(100 * box.occlusion)} %`;
     const speed = speedOf(box);
-    this.second.textContent =
-      view.filters.sort === "speed" && speed !== null
-        ? `${speed.toFixed(1)} m/s`
-        : view.filters.sort === "occlusion" && box.occlusion !== null
-          ? `${Math.round(100 * box.occlusion)} %`
-          : box.points === null
-            ? ""
-            : `${box.points} pts`;
+    if (speed !== null && (sort === "speed" || box.points === null))
+      return `${speed.toFixed(1)} m/s`;
+    return box.points === null ? "" : `${box.points} pts`;
   }
 }

@@ -17,23 +17,41 @@ export function objectPanel(app: App): HTMLElement {
   const follow = pressed(
     el(
       "button",
-      { type: "button", className: "button", title: "Follow (F)", onclick: () => app.store.set({ follow: !app.view.follow }) },
+      {
+        type: "button",
+        className: "button",
+        title: "Follow (F)",
+        onclick: () => app.store.set({ follow: !app.view.follow }),
+      },
       icon("follow"),
       "Follow",
     ),
     () => app.view.follow,
   );
   const chase = pressed(
-    el("button", { type: "button", className: "button", title: "Chase (C)", onclick: () => toggleChase(app) }, "Chase"),
+    el(
+      "button",
+      { type: "button", className: "button", title: "Chase (C)", onclick: () => toggleChase(app) },
+      "Chase",
+    ),
     () => app.view.eye === "chase",
   );
-  const look = el("button", { type: "button", className: "button", onclick: () => app.lookAtSelected() }, "Look at");
+  const look = el(
+    "button",
+    { type: "button", className: "button", onclick: () => app.lookAtSelected() },
+    "Look at",
+  );
   const actions = el("div", { className: "actions" }, look, follow, chase);
   const title = el("h2", {});
   const panel = el(
     "section",
     { className: "object", "aria-label": "Selected object", "aria-live": "polite" },
-    el("div", { className: "object-head" }, title, iconButton("close", "Deselect", () => app.select(null), "Esc")),
+    el(
+      "div",
+      { className: "object-head" },
+      title,
+      iconButton("close", "Deselect", () => app.select(null), "Esc"),
+    ),
     body,
     actions,
   );
@@ -51,15 +69,23 @@ export function objectPanel(app: App): HTMLElement {
     const { box, side, index } = found;
     const dot = el("i", { className: "dot" });
     dot.style.background = cssColour(boxColours(app.scene, app.theme)(box.class));
-    title.replaceChildren(dot, box.track >= 0 && box.score === null ? `${box.class} ${box.track}` : box.class);
-    body.replaceChildren(...told(app, box, side, index), table(rowsOf(app, box)), ...lifeOf(app, box));
+    title.replaceChildren(
+      dot,
+      box.track >= 0 && box.score === null ? `${box.class} ${box.track}` : box.class,
+    );
+    body.replaceChildren(
+      ...told(app, box, side, index),
+      table(rowsOf(app, box)),
+      ...hiders(app, box),
+      ...lifeOf(app, box),
+    );
   });
   return panel;
 }
 
 export function toggleChase(app: App): void {
   if (app.view.eye === "chase") app.store.set({ eye: "orbit" });
-  else if (app.selected() === null) app.tell("Select an object first: the eye then chases it.");
+  else if (app.selected() === null) app.hint("Select an object first: the eye then chases it.");
   else app.store.set({ eye: "chase" });
 }
 
@@ -75,7 +101,7 @@ function table(rows: Row[]): HTMLElement {
 function told(app: App, box: Box, side: SideView, index: number): HTMLElement[] {
   const sentences: [string, string][] = [];
   const verdict = side.verdicts[index];
-  if (app.scene.detections && verdict) {
+  if (app.scene.detections && app.view.layers.detections && verdict) {
     const said = {
       hit: box.score === null ? "A detection hits it." : "Hits a label.",
       miss: "No detection hits it at this score.",
@@ -96,18 +122,38 @@ function rowsOf(app: App, box: Box): Row[] {
   const rows: (Row | null)[] = [
     box.score === null ? null : ["Score", box.score.toFixed(3)],
     ["Size", `${l.toFixed(2)} × ${w.toFixed(2)} × ${h.toFixed(2)} m`],
-    ["Speed", speed === null ? "not known" : `${speed.toFixed(1)} m/s (${(3.6 * speed).toFixed(0)} km/h)`],
+    [
+      "Speed",
+      speed === null ? "not known" : `${speed.toFixed(1)} m/s (${(3.6 * speed).toFixed(0)} km/h)`,
+    ],
     ["Range", `${rangeOf(box.box, sensorOrigins(app.scene)).toFixed(1)} m`],
     box.score === null ? ["Points", box.points === null ? "not known" : String(box.points)] : null,
     box.score === null ? ["Occlusion", percent(box.occlusion)] : null,
     box.truncation === null || box.score !== null ? null : ["Truncation", percent(box.truncation)],
-    box.score === null ? ["Difficulty", box.difficulty ?? "none"] : null,
+    box.score === null ? ["Difficulty", box.difficulty ?? "not graded"] : null,
     box.ignored ? ["Ignored", box.ignored] : null,
-    box.hidden_by && box.hidden_by.length > 0 ? ["Hidden by", box.hidden_by.join(", ")] : null,
     ["Place", `${x.toFixed(2)}, ${y.toFixed(2)}, ${z.toFixed(2)} m`],
     ["Heading", `${((yaw * 180) / Math.PI).toFixed(0)}°`],
   ];
   return rows.filter((row): row is Row => row !== null);
+}
+
+/** Whom it is hidden by, each to be selected. */
+function hiders(app: App, box: Box): HTMLElement[] {
+  if (!box.hidden_by || box.hidden_by.length === 0) return [];
+  const links = box.hidden_by.flatMap((track, k) => [
+    k > 0 ? ", " : "",
+    el(
+      "button",
+      {
+        type: "button",
+        className: "link",
+        onclick: () => app.select(track, app.view.selected_side),
+      },
+      String(track),
+    ),
+  ]);
+  return [el("p", { className: "life" }, "Hidden by ", ...links)];
 }
 
 /** When the object is there, and ways to its first and last moments. */

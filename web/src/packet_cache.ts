@@ -1,9 +1,10 @@
 // Packets that were asked for, the least recently used dropped when they are too many bytes.
 
 import { parsePacket, type Packet } from "./packet";
-import type { Source } from "./source";
+import { Unreachable, type Source } from "./source";
 
 const MEGABYTE = 2 ** 20;
+const ASK_AGAIN_MS = 2000;
 
 export class PacketCache {
   private readonly kept = new Map<string, Packet>();
@@ -30,13 +31,13 @@ export class PacketCache {
     return this.kept.has(name);
   }
 
-  failure(name: string): Error | undefined {
-    return this.failed.get(name);
+  /** The size of a packet that is here. */
+  bytesOf(name: string): number | undefined {
+    return this.kept.get(name)?.bytes;
   }
 
-  /** Forgets failures, so that the packets are asked for again. */
-  retry(): void {
-    this.failed.clear();
+  failure(name: string): Error | undefined {
+    return this.failed.get(name);
   }
 
   get(name: string): Promise<Packet> {
@@ -55,6 +56,9 @@ export class PacketCache {
         })
         .catch((error: Error) => {
           this.failed.set(name, error);
+          if (error instanceof Unreachable) {
+            setTimeout(() => this.failed.delete(name), ASK_AGAIN_MS);
+          }
           throw error;
         })
         .finally(() => this.coming.delete(name));

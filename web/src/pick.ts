@@ -71,7 +71,12 @@ export function pickBox(
 export function boxOfPoint(boxes: Box[], frame: PointFrame, k: number): number {
   const instance = frame.fields.get("instance")?.[k] ?? 0;
   const inside = (box: Box): boolean =>
-    contains(box.box, frame.position[3 * k]!, frame.position[3 * k + 1]!, frame.position[3 * k + 2]!);
+    contains(
+      box.box,
+      frame.position[3 * k]!,
+      frame.position[3 * k + 1]!,
+      frame.position[3 * k + 2]!,
+    );
   if (instance > 0) {
     const same = boxes.findIndex((box) => box.score === null && (box.track & 0xffff) === instance);
     if (same >= 0) return same;

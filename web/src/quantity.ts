@@ -133,9 +133,12 @@ export function fillQuantity(
   }
 }
 
-/** The entry of the instance table: 0 for no object, else 1..255, the same for the same object. */
+/**
+ * The entry of the instance table: 0 for no object, else 1..254, the same for the same object.
+ * After 254 golden angles the hue is far from the first one's; after 255 it would be almost the same.
+ */
 export function instanceEntry(instance: number): number {
-  return instance <= 0 ? 0 : ((instance - 1) % 255) + 1;
+  return instance <= 0 ? 0 : ((instance - 1) % 254) + 1;
 }
 
 /** A domain that holds all but the most extreme hundredth of the values at either end. */

@@ -10,7 +10,12 @@ export interface RangeImage {
 }
 
 /** Takes a point of the scene to a sensor's frame: x forward, y left, z up. */
-export function inSensor(pose: number[], x: number, y: number, z: number): [number, number, number] {
+export function inSensor(
+  pose: number[],
+  x: number,
+  y: number,
+  z: number,
+): [number, number, number] {
   const dx = x - pose[3]!;
   const dy = y - pose[7]!;
   const dz = z - pose[11]!;
@@ -117,7 +122,8 @@ export class RangeProjector {
   private each(frame: PointFrame, number: number, visit: (k: number) => void): void {
     const of = frame.fields.get("sensor");
     const stride = Math.max(1, Math.floor(frame.count / 2000));
-    for (let k = 0; k < frame.count; k += stride) if (of === undefined || of[k] === number) visit(k);
+    for (let k = 0; k < frame.count; k += stride)
+      if (of === undefined || of[k] === number) visit(k);
   }
 }
 

@@ -31,7 +31,12 @@ export function rangePanel(app: App): HTMLElement {
       el("h2", {}, "Range image"),
       sensor,
       el("span", { className: "hint" }, "Forward in the middle, the sensor's left on the left"),
-      iconButton("close", "Close the range image", () => app.store.set({ range_image: false }), "R"),
+      iconButton(
+        "close",
+        "Close the range image",
+        () => app.store.set({ range_image: false }),
+        "R",
+      ),
     ),
     el("div", { className: "range-images" }, ...images.map((image) => image.element)),
   );

@@ -8,10 +8,10 @@ const ROUND = 72;
 
 export class SensorDrawing {
   readonly object = new THREE.Group();
-  private readonly lines = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.5 });
+  private readonly lines = new THREE.LineBasicMaterial({ transparent: true, opacity: 0.32 });
   private readonly faces = new THREE.MeshBasicMaterial({
     transparent: true,
-    opacity: 0.05,
+    opacity: 0.035,
     side: THREE.DoubleSide,
     depthWrite: false,
   });

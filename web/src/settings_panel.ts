@@ -41,7 +41,7 @@ export function settingsPanel(app: App): HTMLElement[] {
       segments(
         "Light or dark",
         [
-          ["auto", "As the system"],
+          ["auto", "Auto", "As the system is"],
           ["light", "Light"],
           ["dark", "Dark"],
         ],
@@ -63,10 +63,10 @@ function sidesGroup(app: App): HTMLElement {
     segments(
       "How the sides are arranged",
       [
-        ["beside", "Beside"],
-        ["over", "Over"],
-        ["first", first!.name, `Only ${first!.name}`],
-        ["second", second!.name, `Only ${second!.name}`],
+        ["beside", "Beside", "Side by side"],
+        ["over", "Over", "One over the other"],
+        ["first", "Left", `Only ${first!.name}`],
+        ["second", "Right", `Only ${second!.name}`],
       ],
       () => app.view.arrangement,
       (arrangement) => app.store.set({ arrangement }),
@@ -92,7 +92,12 @@ function pointsGroup(app: App): HTMLElement {
       (size) => store.set({ size }),
       (value) => `${value.toFixed(2)}×`,
     ),
-    checkbox("Ground", () => app.view.ground, (ground) => store.set({ ground }), "G"),
+    checkbox(
+      "Ground",
+      () => app.view.ground,
+      (ground) => store.set({ ground }),
+      "G",
+    ),
   );
 }
 
@@ -124,7 +129,8 @@ function detectionsGroup(app: App): HTMLElement {
   bind(() => {
     const side = app.sides.find(({ boxes }) => boxes.some((box) => box.score !== null));
     const { hits, misses, falseAlarms } = countVerdicts(side?.boxes ?? [], side?.verdicts ?? []);
-    const share = (of: number, all: number): string => (all > 0 ? `${Math.round((100 * of) / all)} %` : "–");
+    const share = (of: number, all: number): string =>
+      all > 0 ? `${Math.round((100 * of) / all)} %` : "–";
     const rows: [string, string, string][] = [
       ["hit", "Hits", String(hits)],
       ["miss", "Misses", String(misses)],

@@ -88,14 +88,7 @@ export class SideView {
   colour(quantity: Quantity, theme: Theme, domain: [number, number] | null): void {
     if (this.frame.count === 0) return;
     const { cloud, frame } = this;
-    fillQuantity(
-      cloud.value,
-      frame,
-      quantity,
-      this.number,
-      this.origins,
-      this.scene.ground_z,
-    );
+    fillQuantity(cloud.value, frame, quantity, this.number, this.origins, this.scene.ground_z);
     cloud.valuesChanged(frame.count);
     this.domain = domain ?? domainFor(quantity, this.scene, cloud.value, frame.count);
     this.table = tableFor(quantity, this.scene, theme);
@@ -156,14 +149,16 @@ export class SideView {
   shows(box: Box, k: number, view: View): boolean {
     if (keyOf(box, k) === view.selected && view.selected_side === this.number) return true;
     if (box.score !== null) {
-      return view.layers.detections && box.score >= view.score && passes(box, view.filters, this.origins);
+      return (
+        view.layers.detections && box.score >= view.score && passes(box, view.filters, this.origins)
+      );
     }
     if (!view.layers.boxes) return false;
     if (box.ignored && !view.layers.ignored) return false;
     return passes(box, view.filters, this.origins);
   }
 
-  drawBoxes(view: View, theme: Theme, background: Rgb): void {
+  drawBoxes(view: View, theme: Theme, background: Rgb, accent: Rgb): void {
     this.verdicts = verdictsAt(this.boxes, view.score);
     const colourOf = boxColours(this.scene, theme);
     const verdictColour = VERDICT_COLOURS[theme];
@@ -178,10 +173,11 @@ export class SideView {
         let colour = overlaid ? sideColour : colourOf(box.class);
         if (judged && verdict) colour = verdictColour[verdict];
         const label = box.score === null;
+        if (k === selected) colour = accent;
         return {
           colour,
           shown: this.shows(box, k, view),
-          pale: Boolean(box.ignored) || (judged && label && verdict === "hit"),
+          pale: k !== selected && (Boolean(box.ignored) || (judged && label && verdict === "hit")),
           selected: k === selected,
           filled: !this.side.point_packet || (judged && verdict === "miss" && label),
         };

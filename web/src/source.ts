@@ -15,6 +15,9 @@ export function openSource(page: Document): Source {
   return new Server();
 }
 
+/** The server did not answer at all: asking again later may help. */
+export class Unreachable extends Error {}
+
 class Server implements Source {
   readonly saved = false;
 
@@ -24,12 +27,14 @@ class Server implements Source {
     try {
       answer = await fetch(`packet/${path}`, { credentials: "omit" });
     } catch {
-      throw new Error("The server does not answer: is “urbantwin view” still running?");
+      throw new Unreachable("The server does not answer: is “urbantwin view” still running?");
     }
     if (!answer.ok) {
       const said = (await answer.text().catch(() => "")).trim().slice(0, 300);
       const plain = answer.headers.get("content-type")?.startsWith("text/plain") ?? false;
-      throw new Error(plain && said ? said : `The server has no packet “${name}” (${answer.status}).`);
+      throw new Error(
+        plain && said ? said : `The server has no packet “${name}” (${answer.status}).`,
+      );
     }
     return answer.arrayBuffer();
   }

@@ -7,7 +7,13 @@ import type { SideView } from "./side_view";
 import { stepsAhead } from "./timeline";
 
 const AHEAD = 12;
+const AHEAD_STILL = 4;
 const AT_ONCE = 4;
+
+/** How many steps may be loaded ahead, so that they do not push each other out of the memory. */
+export function stepsThatFit(bytes: number, limit: number): number {
+  return bytes > 0 ? Math.max(1, Math.floor((0.6 * limit) / bytes)) : AHEAD;
+}
 
 export class StepLoader {
   constructor(
@@ -41,7 +47,9 @@ export class StepLoader {
   /** Fetches a step, then what comes next. */
   want(step: number, loop: boolean, playing: boolean): void {
     for (const name of this.namesOf(step)) this.fetch(name);
-    const ahead = stepsAhead(step, this.steps.length, playing ? AHEAD : 4, loop);
+    const room = stepsThatFit(this.bytesOf(step), this.cache.limit);
+    const count = Math.min(playing ? AHEAD : AHEAD_STILL, room);
+    const ahead = stepsAhead(step, this.steps.length, count, loop);
     for (const next of ahead) {
       for (const name of this.namesOf(next)) {
         if (this.cache.pending >= AT_ONCE) return;
@@ -52,6 +60,10 @@ export class StepLoader {
 
   packet(name: string): Packet | undefined {
     return this.cache.peek(name);
+  }
+
+  private bytesOf(step: number): number {
+    return this.namesOf(step).reduce((sum, name) => sum + (this.cache.bytesOf(name) ?? 0), 0);
   }
 
   private fetch(name: string): void {

@@ -38,7 +38,13 @@ export class PlayClock {
    *
    * @param ready whether a step can be shown: the clock waits before one that cannot.
    */
-  advance(step: number, elapsed_s: number, speed: number, loop: boolean, ready: (step: number) => boolean): number {
+  advance(
+    step: number,
+    elapsed_s: number,
+    speed: number,
+    loop: boolean,
+    ready: (step: number) => boolean,
+  ): number {
     if (!this.playing || this.steps.length === 0) return step;
     // A tab that slept does not race through what it missed.
     this.time_s += Math.min(elapsed_s, 0.5) * speed;

@@ -41,6 +41,8 @@ export function timelineBar(app: App): HTMLElement {
   const track = el("div", { className: "track-box" }, marks, input, eventMarks(app));
 
   let drawn = "";
+  let states: string[] = [];
+  let looked_ms = -Infinity;
   bind(() => {
     setIcon(play, app.clock.playing ? "pause" : "play", app.clock.playing ? "Pause" : "Play");
     input.value = String(app.step);
@@ -57,9 +59,14 @@ export function timelineBar(app: App): HTMLElement {
       speed.append(el("option", { value: String(app.view.speed) }, `${app.view.speed}×`));
     }
     speed.value = String(app.view.speed);
-    const states = steps.map((_, k) =>
-      app.loader.error(k) !== null ? "e" : app.loader.ready(k) ? "r" : "-",
-    );
+    // Of thousands of frames not more often than people notice.
+    const now = performance.now();
+    if (!app.clock.playing || now - looked_ms > 300) {
+      looked_ms = now;
+      states = steps.map((_, k) =>
+        app.loader.error(k) !== null ? "e" : app.loader.ready(k) ? "r" : "-",
+      );
+    }
     const wanted = `${states.join("")}${marks.clientWidth}${app.theme}${app.step}`;
     if (wanted !== drawn) {
       drawn = wanted;

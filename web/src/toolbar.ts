@@ -1,5 +1,6 @@
 // The bar at the top: what is shown, the eyes, the tools.
 
+import { linkOf } from "./address";
 import type { App } from "./app";
 import { bind, choice, el, icon, iconButton, pressed, segments, setIcon } from "./dom";
 import { saveBlob, savePicture } from "./film";
@@ -42,12 +43,21 @@ export class Toolbar {
       () => app.view.section,
     );
     const range = pressed(
-      iconButton("image", "Range image", () => store.set({ range_image: !app.view.range_image }), "R"),
+      iconButton(
+        "image",
+        "Range image",
+        () => store.set({ range_image: !app.view.range_image }),
+        "R",
+      ),
       () => app.view.range_image,
     );
     const film = iconButton("film", "Record a film", () => this.film(), "V");
     bind(() => {
-      setIcon(film, app.film.recording ? "stop" : "film", app.film.recording ? "Stop recording" : "Record a film");
+      setIcon(
+        film,
+        app.film.recording ? "stop" : "film",
+        app.film.recording ? "Stop recording" : "Record a film",
+      );
       film.classList.toggle("recording", app.film.recording);
     });
     const sides = app.scene.sides;
@@ -59,7 +69,11 @@ export class Toolbar {
         "div",
         { className: "title" },
         el("h1", { title: app.scene.title }, app.scene.title),
-        el("small", {}, sides.length > 1 ? sides.map((side) => side.name).join(" · ") : app.scene.kind),
+        el(
+          "small",
+          {},
+          sides.length > 1 ? sides.map((side) => side.name).join(" · ") : app.scene.kind,
+        ),
       ),
       el("div", { className: "eyes" }, this.eyes(), this.sensors()),
       el(
@@ -129,7 +143,8 @@ export class Toolbar {
       ["orbit", "Orbit", "Orbit (O)"],
       ["above", "Above", "From above (T)"],
     ];
-    if (this.app.scene.sensors.length > 0) options.push(["sensor", "Sensor", "From the sensor (S)"]);
+    if (this.app.scene.sensors.length > 0)
+      options.push(["sensor", "Sensor", "From the sensor (S)"]);
     if (this.app.scene.sides.some((side) => side.box_packet)) {
       options.push(["chase", "Chase", "Chase the selected object (C)"]);
     }
@@ -154,7 +169,7 @@ export class Toolbar {
 
   private openShare(): void {
     const field = this.share.querySelector<HTMLInputElement>("input[type=text]")!;
-    field.value = this.app.link();
+    field.value = linkOf(this.app);
     this.share.showModal();
     field.select();
   }
@@ -178,7 +193,11 @@ export class Toolbar {
         el("h1", {}, "This view"),
         iconButton("close", "Close", () => dialog.close(), "Esc"),
       ),
-      el("p", {}, "The link and the file hold the frame, the eye, colours, layers, filters and what is selected."),
+      el(
+        "p",
+        {},
+        "The link and the file hold the frame, the eye, colours, layers, filters and what is selected.",
+      ),
       el(
         "div",
         { className: "link-row" },

@@ -259,7 +259,9 @@ export class ViewStore {
 
   set(patch: Patch): void {
     const before = this.current;
-    const changed = (Object.keys(patch) as (keyof View)[]).some((key) => patch[key] !== before[key]);
+    const changed = (Object.keys(patch) as (keyof View)[]).some(
+      (key) => patch[key] !== before[key],
+    );
     if (!changed) return;
     this.current = { ...before, ...patch };
     for (const listener of this.listeners) listener(this.current, before);
