@@ -1,4 +1,4 @@
-"""The page in a real browser: Debian's Chromium, headless, by Playwright; drawn by the processor."""
+"""The page in a real browser: Chromium, headless, by Playwright; drawn by the processor."""
 
 import json
 import os
