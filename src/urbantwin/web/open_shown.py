@@ -14,8 +14,9 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.dataset import parts_of
 from urbantwin.detections.forms import read_any_form
 from urbantwin.errors import InputError
-from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.fidelity.readers.choice import file_and_choice
+from urbantwin.fidelity.readers.layouts import layout_of, recordings_inside
 from urbantwin.geometry import Pose
 from urbantwin.lidar import place_rig
 from urbantwin.progress import Progress, untold
@@ -206,7 +207,7 @@ class _Opening:
         for path, mine, role in zip(self.paths, own, roles, strict=True):
             sides.append(
                 RecordedSide(
-                    open_recording(path),
+                    _recording(path),
                     role,
                     own=mine,
                     chosen=self.wanted.frames.rows,
@@ -221,7 +222,7 @@ class _Opening:
         assert isinstance(first, RecordedSide)
         kind = "pair" if pair else "dataset" if own[0] is not None else "frames"
         shown = Shown(
-            title=" | ".join(side.name for side in sides),
+            title=_title(own) or " | ".join(side.name for side in sides),
             kind=kind,
             sides=sides,
             scene_frame="site" if in_site else "points",
@@ -368,6 +369,27 @@ class _Opening:
         if tracks is not None and len(tracks.track):
             shown.layers["tracks"] = lambda: tracks_packet(tracks)
             shown.events = [*shown.events, *events_of(tracks)]
+
+
+def _title(own: Sequence[OwnDataset | None]) -> str:
+    """Return the name of the site that one dataset was made of; empty where there is none."""
+    if len(own) != 1 or own[0] is None:
+        return ""
+    twin = (own[0].manifest.get("made_from") or {}).get("twin") or {}
+    site = (twin.get("made_from") or {}).get("site") or {}
+    return str(site.get("name") or "")
+
+
+def _recording(path: Path) -> Recording:
+    """Open frames of any layout.
+
+    Raises:
+        InputError: there is none; or what is there is not right.
+    """
+    nothing = path.is_dir() and layout_of(path) is None and not recordings_inside(path)
+    if nothing:
+        raise InputError("is nothing that can be looked at", file=path, expected=_EXPECTED)
+    return open_recording(path)
 
 
 def _beside(path: Path, kind: str) -> Path | None:

@@ -121,7 +121,7 @@ def _application(shown: Shown, token: str, script: bytes, style: bytes) -> Starl
             return PlainTextResponse(error.strerror or "cannot be read", 422)
         return _whole(request, content, "application/octet-stream", cache="private, max-age=3600")
 
-    return Starlette(
+    application = Starlette(
         routes=[
             Route(f"/{token}/", index),
             Route(f"/{token}/document.json", document),
@@ -130,6 +130,8 @@ def _application(shown: Shown, token: str, script: bytes, style: bytes) -> Starl
             Route(f"/{token}/packet/{{name:path}}", packet),
         ]
     )
+    application.router.redirect_slashes = False
+    return application
 
 
 def _whole(request: Request, content: bytes, kind: str, cache: str = "no-store") -> Response:
