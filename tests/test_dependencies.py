@@ -17,7 +17,7 @@ ONLY_FILES = {"cmaes", "eclipse-sumo", "embreex", "tzdata"}
 #: The package itself, and pydantic's other half, of which pydantic names the one version it needs.
 NOT_DECLARED = {"urbantwin", "pydantic_core"}
 #: Extras of what only some users need: modules that import them are imported where they are.
-EXTRAS = ("warp", "learn")
+EXTRAS = ("warp", "learn", "rerun")
 #: Programs for another Python than ours: they import nothing of UrbanTwin, and it not them.
 OTHER_PROGRAMS = {"blender_fbx.py"}
 

@@ -1,7 +1,8 @@
-"""The page in a real browser: headless Chromium, Debian's, by Playwright; drawn by the processor."""
+"""The page in a real browser: Debian's Chromium, headless, by Playwright; drawn by the processor."""
 
 import json
 import os
+import shutil
 import time
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -65,7 +66,11 @@ def look_at(browser):
 
 
 def until(page, condition, seconds=90):
-    page.wait_for_function(condition, timeout=seconds * 1000)
+    """Wait until an expression is true; not by Playwright's own way, which the policy forbids."""
+    end = time.monotonic() + seconds
+    while not page.evaluate(condition):
+        assert time.monotonic() < end, (condition, page.evaluate("urbantwin.state()"))
+        time.sleep(0.05)
 
 
 def test_a_served_dataset_plays_fifty_frames_and_selects_a_box(dataset, look_at):
@@ -83,7 +88,7 @@ def test_a_served_dataset_plays_fifty_frames_and_selects_a_box(dataset, look_at)
         rates, memory = page.evaluate("urbantwin.frameRate()"), page.evaluate("urbantwin.memory()")
         print(f"\n50 frames in {took:.1f} s; {json.dumps(rates)}; {json.dumps(memory)}")
         assert memory["packets_bytes"] <= memory["packets_limit_bytes"]
-        row = page.get_by_text("truck 4", exact=False).first
+        row = page.get_by_text("truck 4", exact=True).first
         row.click()
         until(page, "urbantwin.state().selected_box !== null", 20)
         chosen = page.evaluate("urbantwin.state().selected_box")
@@ -124,8 +129,6 @@ def test_another_page_of_the_browser_cannot_read_it(dataset, browser):
 
 
 def test_a_damaged_frame_is_said_and_the_rest_plays(dataset, look_at, tmp_path):
-    import shutil
-
     folder = tmp_path / "dataset"
     shutil.copytree(dataset, folder, ignore=lambda *_: ["pictures"])
     damaged = folder / "points" / "000002.npy"

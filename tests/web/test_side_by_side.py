@@ -78,7 +78,7 @@ def test_a_report_lists_its_worst_places_and_leads_to_its_sides(real, dataset, t
         worst = [one for one in shown.worst if one["text"].startswith("frame ")]
         assert np.linalg.norm(np.array(worst[0]["at"]) - [-9.0, -9.0, 2.0]) < 1.0
         assert worst[0]["frame"] == 3
-        assert [one["frame"] for one in shown.events if one["kind"] == "worst pair"][0] == 3
+        assert next(one["frame"] for one in shown.events if one["kind"] == "worst pair") == 3
     page = (tmp_path / "report" / "report.html").read_text()
     assert "urbantwin view real dataset --report report" in page
     shutil.rmtree(tmp_path / "real")

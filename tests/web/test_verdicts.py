@@ -11,7 +11,7 @@ from urbantwin.web.open_shown import Wanted
 
 from .conftest import LATE, TRUCK, WALKER
 
-FRAME = "000030"
+FRAME = "000020"
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def detections(dataset, tmp_path_factory):
     found = np.array([box[TRUCK], box[TRUCK] + [0.5, 0, 0, 0, 0, 0, 0], beside, nowhere])
     kinds = ["truck", "truck", "pedestrian", "car"]
     nothing = (np.zeros((0, 7)), [], np.zeros(0))
-    both = joined(["000029", FRAME], [nothing, (found, kinds, np.array([0.9, 0.8, 0.7, 0.6]))])
+    both = joined(["000019", FRAME], [nothing, (found, kinds, np.array([0.9, 0.8, 0.7, 0.6]))])
     folder = tmp_path_factory.mktemp("found") / "detections"
     write_detections(folder, both, {"model": "by hand"})
     return folder
@@ -60,7 +60,7 @@ def test_every_detection_and_every_object_has_its_verdict(dataset, detections, u
 
 def test_a_frame_that_was_looked_at_without_a_box_has_misses_alone(dataset, detections, unpacked):
     shown = open_shown(Wanted(dataset, detections=detections))
-    header, _ = unpacked(shown.packet("boxes/0/29"))
+    header, _ = unpacked(shown.packet("boxes/0/19"))
     assert {one["verdict"] for one in header["boxes"]} <= {None, "miss"}
     assert any(one["verdict"] == "miss" for one in header["boxes"])
     header, _ = unpacked(shown.packet("boxes/0/2"))  # nobody looked at this one

@@ -84,7 +84,9 @@ def test_a_motion_and_a_twin_are_shown(place, motion_of, twin, tmp_path, unpacke
     car = {"track": 3, "class": "car", "asset": "car-sedan", "x": 2.0, "y": 5.0, "z": 1.0}
     car |= {"yaw": 0.5, "length": 4.0, "width": 2.0, "height": 1.5, "speed": 2.0, "time_s": 0.0}
     made = motion_of(twin, [car], steps=3)
-    replace(made, manifest={"kind": "motion", **made.manifest}).save(tmp_path / "motion")
+    replace(made, manifest={"kind": "motion", "version": 1, **made.manifest}).save(
+        tmp_path / "motion"
+    )
     shown = open_shown(Wanted(tmp_path / "motion", twin=place / "twin"))
     document = shown.document()
     assert document["kind"] == "motion"

@@ -70,7 +70,7 @@ def pairs_of_sides(
 
 def away_from(frame: Frame, other: Frame) -> NDArray[np.float64]:
     """Return the distance (N,) of each point of a frame to the nearest of another, metres."""
-    return PointTree(other.points).nearest_of(PointTree(frame.points))[0]
+    return PointTree(frame.points).nearest_of(PointTree(other.points))[0]
 
 
 def read_report(folder: Path) -> dict[str, Any]:
