@@ -242,7 +242,7 @@ export class App {
     const { camera } = this.eyes;
     camera.updateMatrixWorld();
     this.sectionPlane.update(view, this.eyes.target, camera.position);
-    this.surroundings.twin?.cut(this.sectionPlane.clipping);
+    this.surroundings.cut(this.sectionPlane.clipping);
     const fog = view.fog * view.fog * 0.05;
     stage.setBackground(this.token("--scene"), fog);
     const pixels = stage.pixelsPerMetre(camera);

@@ -10,7 +10,7 @@ import type { Box } from "./frame_data";
 const CUBE = new THREE.BoxGeometry(1, 1, 1);
 const MAX_FACES = 512;
 
-export interface BoxLook {
+interface BoxLook {
   colour: Rgb;
   shown: boolean;
   pale: boolean;
@@ -80,7 +80,7 @@ function outline(lines: FatLines, box: Box["box"], colour: Rgb): void {
   lines.add(at(0), at(l / 2 + Math.min(1.2, 0.4 * l)), colour);
 }
 
-export function mixed(a: Rgb, b: Rgb, share: number): Rgb {
+function mixed(a: Rgb, b: Rgb, share: number): Rgb {
   return [
     Math.round(a[0] + share * (b[0] - a[0])),
     Math.round(a[1] + share * (b[1] - a[1])),

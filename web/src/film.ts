@@ -9,7 +9,7 @@ export function saveBlob(blob: Blob, name: string): void {
 }
 
 /** A canvas that holds several others, one over the other. */
-export class Composite {
+class Composite {
   readonly canvas = document.createElement("canvas");
   private readonly brush = this.canvas.getContext("2d")!;
 

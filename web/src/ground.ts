@@ -9,7 +9,7 @@ const ABOVE_M = 0.3;
 const REACH_CELLS = 160; // half the width of the grid: points beyond it use its border
 
 /** A table of 256: 1 at the numbers of classes that are ground. */
-export function groundClasses(scene: Scene): Uint8Array {
+function groundClasses(scene: Scene): Uint8Array {
   const table = new Uint8Array(256);
   for (const one of scene.classes) if (GROUND_CLASSES.test(one.name)) table[one.id & 255] = 1;
   return table;

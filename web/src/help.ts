@@ -8,7 +8,7 @@ import { toggleSection } from "./settings_panel";
 import { jumpToEvent } from "./timeline_bar";
 import type { Layer } from "./view_state";
 
-export interface Actions {
+interface Actions {
   measure(): void;
   picture(): void;
   film(): void;
@@ -178,7 +178,7 @@ export function listenToKeys(app: App, help: Help, actions: Actions): void {
   });
 }
 
-export function nextSensor(app: App): void {
+function nextSensor(app: App): void {
   const { sensors } = app.scene;
   if (sensors.length === 0) {
     app.hint("No sensor is known: there is no eye of one.");

@@ -13,7 +13,7 @@ interface Lane {
   name?: string;
 }
 
-export const LANE_COLOURS: Record<string, Rgb> = {
+const LANE_COLOURS: Record<string, Rgb> = {
   driving: [76, 150, 230],
   bus: [224, 142, 40],
   tram: [180, 90, 200],

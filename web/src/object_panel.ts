@@ -218,7 +218,7 @@ export function pointCard(app: App): HTMLElement {
   return card;
 }
 
-export function pointRows(app: App): Row[] {
+function pointRows(app: App): Row[] {
   const { picked, scene } = app;
   if (picked === null) return [];
   const { frame, side } = app.sides[picked.side]!;

@@ -5,12 +5,15 @@ import * as THREE from "three";
 import type { App } from "./app";
 import type { Point3 } from "./document";
 import { MARK } from "./points";
+import { rayHits } from "./box_geometry";
 import { boxOfPoint, pickBox, pickPoint } from "./pick";
 import { keyOf, type SideView } from "./side_view";
 import type { Viewport } from "./stage";
 
 const CLICK_PX = 6;
 const HANDLE_PX = 18;
+const PAST_POLES_PX = 12;
+const BEHIND_WALL_M = 0.8; // points scatter about the surfaces that they lie on
 
 export class Pointer {
   private down: { x: number; y: number; id: number } | null = null;
@@ -108,9 +111,12 @@ export class Pointer {
     const viewport = app.stage.at(x, y);
     const matrix = app.stage.matrixOf(viewport, app.eyes.camera);
     const ray = app.stage.rayAt(x, y, app.eyes.camera);
-    const point = this.pointUnder(viewport, matrix, x, y, radius);
+    const wall = this.wallUnder(ray);
+    const reach = this.reachAt(x, y, wall);
+    const point = this.pointUnder(viewport, matrix, x, y, radius, reach);
     if (app.measure.on) {
-      const place = point === null ? this.surfaceUnder(ray) : this.placeOf(point.side, point.index);
+      const place =
+        point === null ? this.surfaceUnder(ray, wall) : this.placeOf(point.side, point.index);
       if (place !== null) app.measure.take(place);
       app.invalidate();
       return;
@@ -130,7 +136,7 @@ export class Pointer {
     const direction = ray.direction.toArray() as Point3;
     for (const side of this.sidesIn(viewport)) {
       const hit = pickBox(side.boxes, origin, direction, (box, k) => {
-        return !side.shows(box, k, app.view);
+        return !side.shows(box, k, app.view) || rayHits(box.box, origin, direction) > reach;
       });
       if (hit >= 0) {
         app.select(keyOf(side.boxes[hit]!, hit), side.number);
@@ -148,8 +154,10 @@ export class Pointer {
     x: number,
     y: number,
     radius: number,
+    reach: number,
   ): { side: SideView; index: number } | null {
-    const { view, sectionPlane } = this.app;
+    const { view, sectionPlane, eyes } = this.app;
+    const eye = eyes.camera.position;
     if (!view.layers.points) return null;
     for (const side of this.sidesIn(viewport)) {
       const { position } = side.frame;
@@ -164,6 +172,11 @@ export class Pointer {
         radius,
         (k) =>
           mark[k] === MARK.hidden ||
+          Math.hypot(
+            position[3 * k]! - eye.x,
+            position[3 * k + 1]! - eye.y,
+            position[3 * k + 2]! - eye.z,
+          ) > reach ||
           (view.section &&
             sectionPlane.hides(
               position[3 * k]!,
@@ -182,15 +195,36 @@ export class Pointer {
     return [position[3 * k]!, position[3 * k + 1]!, position[3 * k + 2]!];
   }
 
-  /** Where a ray meets the twin, else the ground's level. */
-  private surfaceUnder(ray: THREE.Ray): Point3 | null {
-    const { twin } = this.app.surroundings;
-    if (twin !== null && twin.object.visible) {
-      const [hit] = new THREE.Raycaster(ray.origin, ray.direction).intersectObject(twin.object);
-      if (hit !== undefined) return hit.point.toArray() as Point3;
+  /** How far one sees at a place of the picture: past poles and twigs, not past walls. */
+  private reachAt(x: number, y: number, wall: THREE.Vector3 | null): number {
+    const { stage, eyes } = this.app;
+    const places = [wall];
+    for (const aside of wall === null ? [] : [-PAST_POLES_PX, PAST_POLES_PX]) {
+      places.push(this.wallUnder(stage.rayAt(x + aside, y, eyes.camera)));
     }
-    const plane = new THREE.Plane(new THREE.Vector3(0, 0, 1), -this.app.scene.ground_z);
-    const place = ray.intersectPlane(plane, new THREE.Vector3());
+    const eye = eyes.camera.position;
+    return Math.max(
+      ...places.map((place) => (place === null ? Infinity : place.distanceTo(eye) + BEHIND_WALL_M)),
+    );
+  }
+
+  /** Where a ray first meets what is seen of the twin. */
+  private wallUnder(ray: THREE.Ray): THREE.Vector3 | null {
+    const { surroundings, sectionPlane, view } = this.app;
+    const { twin } = surroundings;
+    if (twin === null || !twin.object.visible) return null;
+    const hits = new THREE.Raycaster(ray.origin, ray.direction).intersectObject(twin.object);
+    const seen = hits.find(
+      ({ point: { x, y, z } }) =>
+        !view.section || !sectionPlane.hides(x, y, z, view.section_thick_m),
+    );
+    return seen?.point ?? null;
+  }
+
+  /** Where a ray meets the twin, else the ground's level. */
+  private surfaceUnder(ray: THREE.Ray, wall: THREE.Vector3 | null): Point3 | null {
+    const level = new THREE.Plane(new THREE.Vector3(0, 0, 1), -this.app.scene.ground_z);
+    const place = wall ?? ray.intersectPlane(level, new THREE.Vector3());
     return place === null ? null : (place.toArray() as Point3);
   }
 }

@@ -124,7 +124,7 @@ export class PointCloud {
     uniforms["size"]!.value = POINT_M * size;
     uniforms["pixels"]!.value = pixels;
     uniforms["least"]!.value = Math.max(1, 1.4 * size * ratio);
-    uniforms["most"]!.value = 12 * size * ratio;
+    uniforms["most"]!.value = 7 * size * ratio;
     uniforms["fog"]!.value = fog;
     const { r, g, b } = background.clone().convertLinearToSRGB();
     (uniforms["background"]!.value as THREE.Vector3).set(r, g, b);

@@ -9,7 +9,7 @@ import {
   type Table,
   type Theme,
 } from "./colour";
-import type { Point3, Scene, Side } from "./document";
+import type { Point3, Scene } from "./document";
 import type { PointFrame } from "./frame_data";
 
 export const QUANTITIES = [
@@ -183,5 +183,3 @@ export function sayQuantity(quantity: Quantity, value: number): string {
   const digits = quantity === "time" ? 4 : unit === "m" ? 2 : 0;
   return `${value.toFixed(digits)}${unit ? ` ${unit}` : ""}`;
 }
-
-export const hasField = (side: Side, field: string): boolean => side.fields.includes(field);

@@ -10,12 +10,7 @@ export interface RangeImage {
 }
 
 /** Takes a point of the scene to a sensor's frame: x forward, y left, z up. */
-export function inSensor(
-  pose: number[],
-  x: number,
-  y: number,
-  z: number,
-): [number, number, number] {
+function inSensor(pose: number[], x: number, y: number, z: number): [number, number, number] {
   const dx = x - pose[3]!;
   const dy = y - pose[7]!;
   const dz = z - pose[11]!;

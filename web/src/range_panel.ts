@@ -80,8 +80,10 @@ class SideImage {
       canvas.width = canvas.width; // cleared
       return;
     }
-    this.said.textContent = app.sides.length > 1 ? side.side.name : "";
     const image = this.projector.project(side.frame, sensor, app.scene.sensors.indexOf(sensor));
+    const seen = image.index.some((k) => k >= 0);
+    const name = app.sides.length > 1 ? side.side.name : "";
+    this.said.textContent = seen ? name : "No points of this sensor in this frame.";
     this.image = image;
     if (canvas.width !== image.width || canvas.height !== image.height) {
       canvas.width = image.width;

@@ -23,7 +23,7 @@ import { inLayer, layerOf } from "./stage";
 import { verdictsAt, type Verdict } from "./verdicts";
 import type { View } from "./view_state";
 
-export const VERDICT_COLOURS: Record<Theme, Record<Verdict, Rgb>> = {
+const VERDICT_COLOURS: Record<Theme, Record<Verdict, Rgb>> = {
   dark: { hit: [72, 207, 134], miss: [255, 110, 150], "false alarm": [255, 168, 66] },
   light: { hit: [16, 140, 78], miss: [200, 28, 92], "false alarm": [196, 98, 0] },
 };

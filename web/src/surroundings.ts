@@ -83,6 +83,16 @@ export class Surroundings {
     if (this.coverage) this.coverage.object.visible = layers.coverage;
   }
 
+  /** Cuts the twin and what lies on its ground by planes. */
+  cut(planes: THREE.Plane[]): void {
+    for (const part of [this.twin, this.lanes, this.coverage]) {
+      part?.object.traverse((one: THREE.Object3D) => {
+        const { material } = one as THREE.Mesh;
+        for (const each of [material ?? []].flat()) each.clippingPlanes = planes;
+      });
+    }
+  }
+
   setTheme(theme: Theme, line: THREE.Color, accent: THREE.Color): void {
     this.theme = theme;
     (this.grid.material as THREE.LineBasicMaterial).color.copy(line);

@@ -133,7 +133,7 @@ function eventMarks(app: App): HTMLElement {
 }
 
 /** Shows an event: its frame, and whom it is about. */
-export function jump(app: App, step: number, track: number | null): void {
+function jump(app: App, step: number, track: number | null): void {
   app.play(false);
   app.go(step);
   if (track !== null) {

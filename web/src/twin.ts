@@ -27,7 +27,6 @@ export function placed(packet: Packet, name = "position"): Float32Array {
 export class TwinDrawing {
   readonly object: THREE.Mesh;
   readonly triangles: number;
-  private readonly materials: THREE.MeshLambertMaterial[] = [];
 
   constructor(packet: Packet) {
     const geometry = new THREE.BufferGeometry();
@@ -36,15 +35,16 @@ export class TwinDrawing {
     if (index === undefined) throw new Error("The twin has no triangles.");
     geometry.setIndex(new THREE.BufferAttribute(Uint32Array.from(index.data), 1));
     this.triangles = index.data.length / 3;
+    const materials: THREE.MeshLambertMaterial[] = [];
     const numbers = new Map<string, number>();
     for (const group of (packet.header["groups"] ?? []) as Group[]) {
       const key = group.colour.join();
       let number = numbers.get(key);
       if (number === undefined) {
-        number = this.materials.length;
+        number = materials.length;
         numbers.set(key, number);
         const [r, g, b] = group.colour;
-        this.materials.push(
+        materials.push(
           new THREE.MeshLambertMaterial({
             color: new THREE.Color().setRGB(r / 255, g / 255, b / 255, THREE.SRGBColorSpace),
             side: THREE.DoubleSide,
@@ -58,11 +58,7 @@ export class TwinDrawing {
       }
       geometry.addGroup(3 * group.first, 3 * group.count, number);
     }
-    this.object = new THREE.Mesh(geometry, this.materials);
-  }
-
-  cut(planes: THREE.Plane[]): void {
-    for (const material of this.materials) material.clippingPlanes = planes;
+    this.object = new THREE.Mesh(geometry, materials);
   }
 
   get bounds(): THREE.Box3 {
