@@ -95,6 +95,11 @@ COMMANDS = {
             "carla",
             lambda stand, out: ["export", stand.twin, "--to", "carla", "-o", out],
         ),
+        Command(
+            "view",
+            "page.html",
+            lambda stand, out: ["view", stand.dataset, "--frames", "0:3", "--save", out],
+        ),
     )
 }
 
@@ -173,6 +178,8 @@ class Stand:
             arguments = ["tune", self.real, self.twin, *options]
         elif output == "carla":
             arguments = ["export", self.older("twin"), "--to", "carla"]
+        elif output == "page.html":
+            arguments = ["view", self.older("dataset")]
         else:
             arguments = ["background", self.older("dataset"), *SENSOR]
         return self._made(f"older/{output}", [*arguments, "-o", out])

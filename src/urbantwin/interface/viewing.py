@@ -99,8 +99,8 @@ class View:
             over.wait()
         finally:
             self.close()
-            for number, former in before.items():
-                signal.signal(number, former)
+            for heard, former in before.items():
+                signal.signal(heard, former)
 
     def __repr__(self) -> str:
         """Return what is shown and where."""
