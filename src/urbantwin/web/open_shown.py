@@ -200,8 +200,7 @@ class _Opening:
         in_site = all(
             one is not None and one.site_SE3_frame(one.manifest["frames"][0]["name"]) is not None
             for one in own
-            if one is None or one.manifest["frames"]
-        ) and any(one is not None for one in own)
+        )
         roles = self._roles(own) if pair else ["only"]
         sides: list[RecordedSide | MotionSide] = []
         for path, mine, role in zip(self.paths, own, roles, strict=True):
@@ -259,9 +258,9 @@ class _Opening:
     @staticmethod
     def _roles(own: Sequence[OwnDataset | None]) -> list[str]:
         """Say which side is real: what is no dataset of ours; of two alike, the first."""
-        return ["real", "synthetic"] if own[0] is None or own[1] is not None else [
-            "synthetic", "real"
-        ]  # fmt: skip
+        if own[0] is not None and own[1] is None:
+            return ["synthetic", "real"]
+        return ["real", "synthetic"]
 
     def _pair(self, shown: Shown, own: Sequence[OwnDataset | None]) -> None:
         first, second = shown.sides
