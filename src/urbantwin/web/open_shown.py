@@ -202,28 +202,27 @@ class _Opening:
             for one in own
         )
         roles = self._roles(own) if pair else ["only"]
-        sides: list[RecordedSide | MotionSide] = []
+        sides: list[RecordedSide] = []
         for path, mine, role in zip(self.paths, own, roles, strict=True):
-            sides.append(
-                RecordedSide(
-                    _recording(path),
-                    role,
-                    own=mine,
-                    chosen=self.wanted.frames.rows,
-                    in_site=in_site,
-                    tell=self.tell,
-                )
+            side = RecordedSide(
+                _recording(path),
+                role,
+                own=mine,
+                beside=sides[0] if sides else None,
+                chosen=self.wanted.frames.rows,
+                in_site=in_site,
+                tell=self.tell,
             )
+            sides.append(side)
         if pair and sides[0].name == sides[1].name:
             for side, path in zip(sides, self.paths, strict=True):
                 side.name = f"{path.resolve().parent.name}/{side.name}"
         first = sides[0]
-        assert isinstance(first, RecordedSide)
         kind = "pair" if pair else "dataset" if own[0] is not None else "frames"
         shown = Shown(
             title=_title(own) or " | ".join(side.name for side in sides),
             kind=kind,
-            sides=sides,
+            sides=list(sides),
             scene_frame="site" if in_site else "points",
         )
         self._place_in_twin(shown, own, in_site)
@@ -280,7 +279,7 @@ class _Opening:
             except InputError:
                 return None
 
-        pose = first.scene_SE3_frame(0, None)
+        pose = first.scene_SE3_frame(shown.pairs[0][0])
         shown.worst = worst_places(self.report, shown.pairs, first.entries, pose, worst_of_pair)
         shown.events += [
             {
