@@ -33,8 +33,8 @@ from urbantwin.view.surface_colours import surface_colours
 from urbantwin.web import open_shown
 from urbantwin.web.beside import read_report, worst_places
 from urbantwin.web.chosen_frames import ChosenFrames
-from urbantwin.web.open_shown import Wanted
 from urbantwin.web.side import FrameEntry
+from urbantwin.web.wanted import Wanted
 
 from .artefact_set import PLACE, artefacts, content, make_artefacts
 from .harness import NUMBERS

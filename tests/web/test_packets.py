@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from urbantwin.errors import InputError
 from urbantwin.web import open_shown
 from urbantwin.web.chosen_frames import ChosenFrames
-from urbantwin.web.open_shown import Wanted
 from urbantwin.web.packet import packet, quantised
+from urbantwin.web.wanted import Wanted
 
 from .conftest import FRAMES, HIDDEN, LATE, TRUCK, WALKER
 

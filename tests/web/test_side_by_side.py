@@ -12,8 +12,8 @@ from urbantwin.errors import InputError
 from urbantwin.web import open_shown
 from urbantwin.web.beside import farthest_place, pairs_of_sides
 from urbantwin.web.chosen_frames import ChosenFrames
-from urbantwin.web.open_shown import Wanted
 from urbantwin.web.side import FrameEntry
+from urbantwin.web.wanted import Wanted
 
 
 def places(shown, unpacked, name):

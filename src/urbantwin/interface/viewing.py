@@ -188,9 +188,9 @@ def look(  # noqa: PLR0913 - the options of the command
     """
     from urbantwin.web import PageServer, open_shown, write_page, write_rerun
     from urbantwin.web.chosen_frames import ChosenFrames
-    from urbantwin.web.open_shown import Wanted
     from urbantwin.web.page_document import page_file
     from urbantwin.web.rerun_file import check_rerun_file
+    from urbantwin.web.wanted import Wanted
 
     wanted = Wanted(
         Path(path),

@@ -69,7 +69,7 @@ class RecordedSide:
         self._lock = Lock()
         self._poses: dict[int, Pose | None] = {}
         self._beside = beside
-        self.shift_m = None if beside is None else beside.shift_m
+        self.shift_m: NDArray[np.float64] | None = None if beside is None else beside.shift_m
         if own is not None:
             entries = own.entries(recording)
             self.rate_hz = own.rate_hz
