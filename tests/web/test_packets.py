@@ -1,6 +1,7 @@
 """Packets against the data itself, read by numpy and pyarrow."""
 
 import json
+import shutil
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -210,3 +211,22 @@ def test_a_sensor_that_moves_is_in_the_frame_of_its_first(tmp_path, unpacked):
         header, arrays = unpacked(shown.packet(f"points/0/{index}"))
         places = np.array(header["origin"]) + header["step"] * arrays["position"]
         assert np.allclose(places, wall, atol=2e-3), index
+
+
+def test_the_coverage_beside_a_twin_is_a_layer(place, tmp_path, unpacked):
+    shutil.copytree(place / "twin", tmp_path / "twin")
+    folder = tmp_path / "coverage"
+    folder.mkdir()
+    (folder / "coverage.json").write_text('{"kind": "coverage", "sensors": ["a", "b"]}')
+    facing = np.arange(24.0, dtype="f4").reshape(2, 3, 4)
+    np.savez(
+        folder / "coverage.npz", x0=-2.0, y0=5.0, cell_m=0.5, rate_hz=10.0,
+        height_m=np.full((4, 5), 1.5, "f4"), semantic=np.zeros((3, 4), "u2"),
+        ground=facing, lying=facing, facing=facing,
+    )  # fmt: skip
+    shown = open_shown(Wanted(tmp_path / "twin"))
+    assert shown.document()["twin"]["coverage"] == {"packet": "coverage"}
+    header, arrays = unpacked(shown.packet("coverage"))
+    assert (header["x0"], header["y0"], header["cell_m"]) == (-2.0, 5.0, 0.5)
+    assert np.allclose(arrays["value"], (facing[0] + facing[1]) / 10.0)
+    assert arrays["z"].shape == (4, 5)
