@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.taxonomy import BOX_SEMANTICS, semantic_classes
 from urbantwin.web.beside import away_from
-from urbantwin.web.motion_side import MotionSide
 from urbantwin.web.points import points_packet
-from urbantwin.web.recorded_side import RecordedSide
 from urbantwin.web.shown_boxes import boxes_packet
+from urbantwin.web.side import Side
 from urbantwin.web.verdicts import DetectionsBeside
 
 __all__ = ["Shown"]
@@ -50,7 +49,7 @@ class Shown:
 
     title: str
     kind: str
-    sides: list[RecordedSide | MotionSide] = field(default_factory=list)
+    sides: list[Side] = field(default_factory=list)
     scene_frame: str = "site"
     pairs: list[tuple[int, int]] | None = None
     layers: dict[str, Callable[[], bytes]] = field(default_factory=dict)

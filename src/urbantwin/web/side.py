@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -47,7 +46,7 @@ class Side(Protocol):
     name: str
     role: str
     rate_hz: float
-    entries: Sequence[FrameEntry]
+    entries: list[FrameEntry]
     fields: list[str]
     has_points: bool
     has_boxes: bool
