@@ -42,6 +42,9 @@ def pretrain(
     intensity: Annotated[
         bool, typer.Option("--intensity", help="Tell it of intensities, too.")
     ] = False,
+    part: Annotated[
+        str, typer.Option(metavar="NAME", help="Of datasets with a split: train, val, test, all.")
+    ] = "train",
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights and samples.")] = 0,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Threads that make samples.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
@@ -59,6 +62,7 @@ def pretrain(
         batch=batch,
         width=width,
         intensity=intensity,
+        part=part,
         seed=seed,
         workers=workers,
         device=device,

@@ -48,6 +48,7 @@ def describe(path: Path) -> dict[str, Any]:
         "frame_of_points": manifest["frame"],
         "train": counts["train"],
         "val": counts["val"],
+        "test": counts.get("test", 0),
         "sensors": [
             {key: one[key] for key in ("name", "model", "columns")}
             for one in manifest["rig"]["sensors"]

@@ -17,10 +17,17 @@ from urbantwin.artefact import (
     write_inventory,
     write_json,
 )
-from urbantwin.dataset.dataset_writer import MARKS, checksums, finish_dataset, record_dataset
+from urbantwin.dataset.dataset_writer import (
+    MARKS,
+    checksums,
+    finish_dataset,
+    record_dataset,
+    write_tables,
+)
 from urbantwin.dataset.layout import RAY_TYPE
 from urbantwin.dataset.manifest import manifest_of_parts, recipe_key, recipe_of, recipe_of_rig
 from urbantwin.dataset.motion_interpolation import FASTEST_M_S, SAME_TIME_S
+from urbantwin.dataset.split import SplitAsked, check_split, split_in_time
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.casting.backend import tracer_on
@@ -53,6 +60,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     every: int = 1,
     rig_file: str | Path | None = None,
     backend: str = "embree",
+    split: SplitAsked | None = None,
     asked: Mapping[str, Any] | None = None,
     inputs: Sequence[Path] = (),
     also: Callable[[Path], None] | None = None,
@@ -80,6 +88,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         every: of the frames only those whose number is a multiple of this.
         rig_file: the rig's file, for errors.
         backend: what casts the rays: ``embree``, ``warp`` or ``warp:DEVICE``.
+        split: into training, validation and test; the usual one when not given.
         asked: what the rig was placed from, for who makes the dataset again: see `asked_of`.
         inputs: files and folders besides the twin that ``out`` must not touch: the motion's, the
             rig's.
@@ -89,8 +98,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
 
     Raises:
         InputError: a backend that this machine lacks, a motion on another twin, a negative
-            number, a span without frames, a rig that rides on an actor that is not there all the
-            time, or an ``out`` that holds other files.
+            number, a span without frames, a gap that leaves a part of the split empty, a rig that
+            rides on an actor that is not there all the time, or an ``out`` that holds other files.
         StageError: a worker was killed, or the disk is full.
     """
     if workers is not None and workers < 1:
@@ -101,6 +110,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     if motion.manifest["twin_sha256"] != twin.sha256:
         raise InputError("the motion was made on another twin", expected="a motion on this twin")
     times_s = frame_times(rig.rate_hz, start_s, stop_s, motion.times(), every=every)
+    asked_split = split or SplitAsked()
+    check_split(list(times_s.values()), asked_split)
     file = None if rig_file is None else str(rig_file)
     rig = boarded(rig, motion, list(times_s.values()), fastest_m_s=FASTEST_M_S, file=file)
     tracer_on(backend)  # Before any work: is it there?
@@ -108,11 +119,11 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     check_folder(out, kind="dataset", inputs=inputs)
     say = progress or untold
     say(0.0, "static world")
-    recipe = recipe_of(twin, motion, rig, seed, times_s, backend, asked)
+    recipe = recipe_of(twin, motion, rig, seed, times_s, backend, asked, asked_split.told())
     parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}
     total = len(times_s) * len(parts)
 
-    key = recipe_key({**recipe, "pictures": also is not None})
+    key = recipe_key({**recipe, "pictures": also is not None, "split": asked_split.told()})
     with replaced_folder(out, kind="dataset", inputs=inputs, key=key) as folder:
         if not (folder / INVENTORY).is_file():
             _check_room(out, folder, parts, times_s)
@@ -135,10 +146,21 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                     progress=count,
                 )
             say(0.98, "tables")
-            for name, part in parts.items():
-                own = {**recipe, **recipe_of_rig(part)}
-                ignored = ignore_areas(part, twin.mesh, twin.region)
-                finish_dataset(folder / name, own, times_s, entries[name], ignored, motion)
+            recipes = {name: {**recipe, **recipe_of_rig(part)} for name, part in parts.items()}
+            recorded = [
+                write_tables(
+                    folder / name,
+                    recipes[name],
+                    times_s,
+                    entries[name],
+                    ignore_areas(part, twin.mesh, twin.region),
+                    motion,
+                )
+                for name, part in parts.items()
+            ]
+            divided = split_in_time(recorded, asked_split)
+            for name, own in recipes.items():
+                finish_dataset(folder / name, own, times_s, entries[name], divided)
             if not rig.fused:
                 manifests = {name: sha256_of(folder / name / "dataset.json") for name in parts}
                 write_json(folder / "dataset.json", manifest_of_parts(recipe, entries, manifests))

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
 
+    from urbantwin.dataset.split import SplitAsked
     from urbantwin.geometry import Pose
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
@@ -296,6 +297,9 @@ def record(  # noqa: PLR0913 - the options of the command
     ride: str | None = None,
     fused: bool | None = None,
     backend: str = "embree",
+    split: str | Sequence[float] = "70,15,15",
+    gap: float | None = None,
+    thin: float | None = None,
     background: AnyPath | Sequence[AnyPath] = (),
     fuse: bool = False,
     workers: int | None = None,
@@ -323,6 +327,10 @@ def record(  # noqa: PLR0913 - the options of the command
         ride: track or class of the actor that carries a rig that rides.
         fused: one dataset of all sensors, or one for each; as the rig says if not given.
         backend: what casts the rays: ``embree``, ``warp`` (a CUDA device) or ``warp:DEVICE``.
+        split: shares of training, validation and test, cut in time.
+        gap: seconds between the parts, of which no part has the frames; as long as the scene needs
+            to change, and no more than a tenth of the recording, if not given.
+        thin: leave frames in which nobody moved so many metres out of the parts.
         background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world.
         fuse: where nobody measured, the twin is seen.
         workers: processes to work with; every number gives the same bytes.
@@ -337,11 +345,13 @@ def record(  # noqa: PLR0913 - the options of the command
     Example:
         >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
     """
+    from urbantwin.dataset.split import SplitAsked, shares_of
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.rig import rig_spec_on
     from urbantwin.interface.twin import Twin
     from urbantwin.site.rig_changes import RigChanges
 
+    divided = SplitAsked(shares_of(split), gap, thin)
     changes = RigChanges(
         effects=effects,
         weather=weather,
@@ -373,6 +383,7 @@ def record(  # noqa: PLR0913 - the options of the command
         stop_s=stop,
         every=every,
         backend=backend,
+        split=divided,
         workers=workers,
         seed=seed,
         inputs=inputs,
@@ -394,6 +405,7 @@ def recorded(  # noqa: PLR0913 - the options of the command
     stop_s: float | None = None,
     every: int = 1,
     backend: str = "embree",
+    split: SplitAsked | None = None,
     workers: int | None = None,
     seed: int | None = None,
     inputs: Sequence[Path] = (),
@@ -414,6 +426,7 @@ def recorded(  # noqa: PLR0913 - the options of the command
         stop_s: no frame after this time.
         every: only each N-th frame.
         backend: what casts the rays.
+        split: into training, validation and test; the usual one when not given.
         workers: processes to work with.
         seed: of every random choice.
         inputs: what it is made from.
@@ -446,6 +459,7 @@ def recorded(  # noqa: PLR0913 - the options of the command
             every=every,
             rig_file=rig_file,
             backend=backend,
+            split=split,
             asked=asked_of(spec, rig_file, on, background=background, fuse=fuse),
             inputs=inputs,
             also=also if pictures else None,
