@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet
+from urbantwin.cli.options import AsJson, Out, PartOfSplit, Quiet
 
 __all__ = ["EXAMPLES", "detect"]
 
@@ -32,9 +32,7 @@ def detect(
     layout: Annotated[
         str | None, typer.Option(help="How the frames lie.  [default: found out]")
     ] = None,
-    part: Annotated[
-        str, typer.Option(metavar="NAME", help="Of a dataset with a split: train, val, test, all.")
-    ] = "all",
+    part: PartOfSplit = "all",
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     quiet: Quiet = False,
     as_json: AsJson = False,

@@ -11,6 +11,7 @@ __all__ = [
     "AsJson",
     "Layout",
     "Out",
+    "PartOfSplit",
     "Pictures",
     "Quiet",
     "RigPicture",
@@ -54,6 +55,10 @@ Seed = Annotated[
 Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Processes to work with; every number gives the same bytes."),
+]
+PartOfSplit = Annotated[
+    str,
+    typer.Option(metavar="NAME", help="Of datasets with a split: train, val, test or all frames."),
 ]
 SplitGap = Annotated[
     float | None,

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet
+from urbantwin.cli.options import AsJson, Out, PartOfSplit, Quiet
 
 __all__ = ["EXAMPLES", "train"]
 
@@ -76,9 +76,7 @@ def train(
         bool,
         typer.Option("--in-order", help="One dataset after the other; needs --steps."),
     ] = False,
-    part: Annotated[
-        str, typer.Option(metavar="NAME", help="Of datasets with a split: train, val, test, all.")
-    ] = "train",
+    part: PartOfSplit = "train",
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights and samples.")] = 0,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Threads that make samples.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",

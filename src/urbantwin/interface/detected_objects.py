@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from urbantwin.interface.parts import chosen_frames
+from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -79,7 +79,6 @@ def detect(
     """
     from urbantwin.artefact import replaced_folder
     from urbantwin.detections import check_detections_folder, put_detections, write_semantic
-    from urbantwin.fidelity.readers import open_recording
     from urbantwin.learn.torch_device import check_torch
 
     check_torch(device)
@@ -89,12 +88,9 @@ def detect(
     target = beside(real, "detections") if out is None else Path(out)
     inputs = [source, real]
     check_detections_folder(target, inputs)
-    seen = chosen_frames([real], part) if part != "all" else None
     with shown_stage("detect", progress, brief=True) as tell:
         detector = read_model(source, device)
-        recording = open_recording(real, layout)
-        if seen is not None and seen.names[0] is not None:
-            recording = recording.only(seen.names[0])
+        recording = recording_of_part(real, layout, part)
         made_by = {"urbantwin": "detect", "least": least, "model": dict(detector.trained)}
         with replaced_folder(target, kind="detections", inputs=inputs) as scratch:
             found = detected(

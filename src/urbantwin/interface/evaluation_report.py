@@ -10,6 +10,7 @@ from typing import Any
 from urbantwin.artefact import check_folder, read_json, replaced_folder
 from urbantwin.artefact.output import kind_of
 from urbantwin.interface.detected_objects import detect
+from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -96,6 +97,7 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     *,
     classes: Sequence[str] | None = None,
     layout: str | None = None,
+    part: str = "all",
     within: float | None = None,
     fewest_points: int | None = None,
     vans: bool = False,
@@ -111,6 +113,8 @@ def evaluate(  # noqa: PLR0913 - the options of the command
         out: the folder to write; one beside the detections when not given.
         classes: which to judge; all that are labelled when not given.
         layout: how the data lies; found out when not given.
+        part: of a dataset that is split, the frames to judge by: ``train``, ``val``, ``test``;
+            ``all`` of them when not given.
         within: what is farther from every sensor does not count, metres.
         fewest_points: boxes with fewer neither help nor hurt; 5 when not given.
         vans: count KITTI's vans as cars; else they neither help nor hurt.
@@ -124,7 +128,6 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     from urbantwin.evaluation import evaluate as judged
     from urbantwin.evaluation.report import write_evaluation
     from urbantwin.evaluation.semantic import judged_semantic
-    from urbantwin.fidelity.readers import open_recording
     from urbantwin.progress import between
 
     source, real = Path(detections), Path(data)
@@ -133,9 +136,9 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     check_folder(target, kind=_KIND, inputs=[source, real])
     if kind_of(source) == "model":
         said = target.with_name(f"{target.name}-detections")
-        source = detect(source, real, said, layout=layout, progress=progress).folder
+        source = detect(source, real, said, layout=layout, part=part, progress=progress).folder
     with shown_stage("evaluate", progress, brief=True) as tell:
-        recording = open_recording(real, layout)
+        recording = recording_of_part(real, layout, part)
         said_there, notes = read_any_form(source, lambda: recording)
         seen = read_labelled(
             said_there,

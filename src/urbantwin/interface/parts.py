@@ -6,11 +6,15 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from urbantwin.dataset.split import PARTS, frames_of_part, is_split_document, read_split_document
 from urbantwin.errors import InputError
 
-__all__ = ["ChosenFrames", "chosen_frames"]
+__all__ = ["ChosenFrames", "chosen_frames", "recording_of_part"]
+
+if TYPE_CHECKING:
+    from urbantwin.fidelity.readers import Recording
 
 _ALL = "all"
 
@@ -69,3 +73,18 @@ def chosen_frames(given: Sequence[Path], part: str, *, place: str = "--part") ->
         folders.append(path)
         names.append(None if listed is None else tuple(listed))
     return ChosenFrames(tuple(folders), tuple(names))
+
+
+def recording_of_part(path: Path, layout: str | None, part: str) -> Recording:
+    """Open a recording with the frames of a part alone; see `chosen_frames`.
+
+    Raises:
+        InputError: there is no such part, it is empty, or the recording cannot be read.
+    """
+    from urbantwin.fidelity.readers import open_recording
+
+    if is_split_document(path):
+        raise InputError("is a list of datasets", file=path, expected="one of them")
+    (names,) = chosen_frames([path], part).names
+    recording = open_recording(path, layout)
+    return recording if names is None else recording.only(set(names))

@@ -42,7 +42,11 @@ def split_by_scenario(
     if len(scenarios) < 2 <= len(wanted):
         sources = scenarios[0].sources
         why = f" ({', '.join(scenarios[0].because)})" if scenarios[0].because else ""
-        told = "is one scenario" if len(sources) == 1 else f"and {len(sources) - 1} more are one scenario"
+        told = (
+            "is one scenario"
+            if len(sources) == 1
+            else f"and {len(sources) - 1} more are one scenario"
+        )
         raise InputError(
             told + why, file=sources[0].folder,
             expected="recordings of several motions, or --by time",
