@@ -19,6 +19,7 @@ urbantwin record twin/ motion/ --rig rig.yaml -o dataset/ --workers 4
 urbantwin record twin/ motion/ -o dataset/ --start 5 --stop 10 --every 10
 urbantwin record twin/ motion/ -o dataset/ --weather rain --visibility 800
 urbantwin record twin/ motion/ -o dataset/ --effects none
+urbantwin record twin/ motion/ -o dataset/ --storage zstd
 urbantwin record twin/ motion/ -o dataset/ --split 60,20,20 --gap 5 --thin 0.5
 urbantwin record twin/ motion/ --rig bus.yaml --ride 12 -o dataset/
 urbantwin record twin/ motion/ -o dataset/ --backend warp --workers 1
@@ -78,6 +79,14 @@ def record(
             help="What casts the rays: embree; warp (an extra: a CUDA device); warp:DEVICE.",
         ),
     ] = "embree",
+    storage: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Of points: npy, which OpenPCDet reads; zstd, columns in Parquet, nothing lost; "
+            "laz, LAS 1.4 in whole millimetres.",
+        ),
+    ] = "npy",
     split: Annotated[
         str,
         typer.Option(metavar="SHARES", help="Of training, validation and test, cut in time."),
@@ -119,6 +128,7 @@ def record(
         ride=ride,
         fused=fused,
         backend=backend,
+        storage=storage,
         split=split,
         gap=gap,
         thin=thin,

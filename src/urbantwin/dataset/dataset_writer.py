@@ -10,7 +10,7 @@ from urbantwin.artefact import sha256_of, write_json
 from urbantwin.dataset.box_table import write_boxes
 from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
-from urbantwin.dataset.layout import FOLDERS, frame_name, read_json_or_none
+from urbantwin.dataset.layout import folders_of, frame_name, read_json_or_none
 from urbantwin.dataset.manifest import frames_of, manifest_of
 from urbantwin.dataset.split.actor_places import Recorded
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
@@ -45,6 +45,7 @@ def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.recor
     times_s: Mapping[int, float],
     workers: int | None,
     backend: str,
+    storage: str,
     progress: Callable[[int], None],
 ) -> Entries:
     """Record the frames that a folder does not have yet, and return what all of them hold.
@@ -58,13 +59,14 @@ def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.recor
         times_s: number of each frame -> its time.
         workers: number of processes; as many as there are processors when not given.
         backend: what casts the rays, see `lidar.Scanner`.
+        storage: of points, see `layout.write_frame`.
         progress: called with the number of frames that are there, after each.
 
     Returns:
         What ``layout.write_frame`` returned for each frame, and its sweeps.
     """
     done = folder / MARKS
-    for name in (MARKS, *FOLDERS):
+    for name in (MARKS, *folders_of(storage)):
         (folder / name).mkdir(parents=True, exist_ok=True)
     missing = [index for index in times_s if read_json_or_none(_mark(done, index)) is None]
 
@@ -85,6 +87,7 @@ def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.recor
         twin.surface_materials,
         twin.region,
         backend,
+        storage,
     )
     if missing:
         there = len(times_s) - len(missing)

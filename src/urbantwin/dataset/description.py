@@ -43,6 +43,7 @@ def describe(path: Path) -> dict[str, Any]:
         "kind": "dataset",
         "made_with": f"urbantwin {manifest['urbantwin']}",
         "frames": counts["frames"],
+        "storage": manifest.get("storage", "npy"),
         "time_s": f"{times[0]:g} to {times[-1]:g}",
         "rate_hz": manifest["rig"]["rate_hz"],
         "frame_of_points": manifest["frame"],

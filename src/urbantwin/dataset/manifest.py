@@ -65,6 +65,14 @@ LAYOUT = {
     "sweeps": "sweeps.parquet: one row per frame, sensor and turn: times, and poses in the site",
     "ImageSets": "train.txt, val.txt, test.txt: names of the frames of each part, see split",
 }
+#: Of points that are kept in columns.
+_PACKED = {
+    "zstd": "points/NNNNNN.parquet: x, y, z in metres and intensity 0..1 (f4), semantic, instance "
+    "(u2), sensor u1, ring u2, column u2, time f4, echo u1: as in npy, nothing lost",
+    "laz": "points/NNNNNN.laz: LAS 1.4, point format 6; whole millimetres, intensity 0..65535, "
+    "gps_time in seconds from the frame's time; ring, column, sensor, echo, semantic and instance "
+    "as extra bytes",
+}
 
 
 def recipe_of(
@@ -75,7 +83,7 @@ def recipe_of(
     times_s: Mapping[int, float],
     backend: str = "embree",
     asked: Mapping[str, Any] | None = None,
-    split: Mapping[str, Any] | None = None,
+    storage: str = "npy",
 ) -> dict[str, Any]:
     """Return all that the frames follow from: what a run that goes on must have in common.
 
@@ -86,8 +94,9 @@ def recipe_of(
         seed: of all random numbers.
         times_s: number of each frame -> its time.
         backend: what casts the rays, see `lidar.Scanner`.
-        asked: what the rig was placed from, see `provenance.asked_of`.
-        split: what was asked of the split, see `SplitAsked.told`.
+        asked: what the rig was placed from, see `provenance.asked_of`, and what was asked of the
+            split, see `SplitAsked.told`.
+        storage: of points, see `layout.write_frame`.
     """
     times = list(times_s.values())
     return {
@@ -96,6 +105,7 @@ def recipe_of(
         "urbantwin": __version__,
         **versions_here(backend),
         "backend": backend,
+        "storage": storage,
         "seeds": {"record": seed, "traffic": motion.manifest["seed"]},
         **recipe_of_rig(rig),
         "anchor": twin.manifest["anchor"],
@@ -108,9 +118,7 @@ def recipe_of(
         "made_from": {
             "twin": _part(twin.manifest, "version", "made_from"),
             "motion": _part(motion.manifest, "urbantwin", "asked", "made"),
-            "record": None
-            if asked is None
-            else {**asked, **_span(times_s), **({} if split is None else {"split": dict(split)})},
+            "record": None if asked is None else {**asked, **_span(times_s), "storage": storage},
         },
         "start_s": times[0],
         "frames": [frame_name(index) for index in times_s],
@@ -191,7 +199,7 @@ def manifest_of(
     frames = frames_of(times_s, entries)
     return {
         **{key: value for key, value in recipe.items() if key not in ("frames", "start_s")},
-        "layout": LAYOUT,
+        "layout": _layout(recipe["storage"]),
         "class_names": classes,
         "point_cloud_range": _point_cloud_range(entries),
         "objects": object_statistics(entries, recipe["dataset_SE3_site"]),
@@ -217,6 +225,16 @@ def manifest_of(
         "tables_sha256": dict(sorted(tables.items())),
         "warnings": rows_of([*warnings_of_record(entries), *warnings_of_split(split)]),
         "frames": frames,
+    }
+
+
+def _layout(storage: str) -> dict[str, str]:
+    """Return what the files of a dataset are."""
+    packed = _PACKED.get(storage)
+    if packed is None:
+        return LAYOUT
+    return {"points": packed} | {
+        key: text for key, text in LAYOUT.items() if key not in ("points", "semantic", "rays")
     }
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from urbantwin.artefact import replaced_file
 from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.dataset.frame_files import stored_frames
 from urbantwin.errors import InputError
 
 __all__ = ["write_openpcdet"]
@@ -81,6 +82,8 @@ def write_openpcdet(dataset: Path, file: Path) -> list[str]:
         passing.write_text(yaml.safe_dump(config, sort_keys=False, width=100))
     few = sorted(set(known) - set(classes))
     notes = [f"left out: {known[name]} boxes of {name}" for name in few]
+    if stored_frames(dataset):
+        notes.append("OpenPCDet reads points/*.npy, and these are kept in columns")
     side = config["DATA_CONFIG"]["POINT_CLOUD_RANGE"][3]
     return [*notes, f"looks {side:g} m along x and y; DATA_PATH is {dataset}"]
 

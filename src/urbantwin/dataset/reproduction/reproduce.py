@@ -221,6 +221,7 @@ def _recorded(
         every=source.record.every,
         rig_file=file,
         backend=source.dataset.backend,
+        storage=source.record.storage,
         split=_split(source),
         asked=asked_of(spec, file, twin, background=background, fuse=fuse),
         inputs=[] if plan.motion is None else [plan.motion],

@@ -65,6 +65,7 @@ class _Record(Part):
     ]
     every: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     split: _Split | None = None
+    storage: Literal["npy", "zstd", "laz"] = "npy"
 
 
 class _MadeFrom(Part):
