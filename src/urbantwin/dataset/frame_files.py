@@ -72,7 +72,10 @@ class FrameFiles:
         if self.is_plain:
             return read_labels(self.labels_file, len(self.points))
         columns = self._columns(("semantic", "instance"))
-        return columns["instance"].astype("<u4") << np.uint32(16) | columns["semantic"]
+        labels: NDArray[np.uint32] = columns["instance"].astype("<u4")
+        labels <<= 16
+        labels |= columns["semantic"]
+        return labels
 
     @cached_property
     def rays(self) -> NDArray[np.void]:

@@ -42,13 +42,13 @@ def split_by_scenario(
     if len(scenarios) < 2 <= len(wanted):
         sources = scenarios[0].sources
         why = f" ({', '.join(scenarios[0].because)})" if scenarios[0].because else ""
-        told = (
+        single = (
             "is one scenario"
             if len(sources) == 1
             else f"and {len(sources) - 1} more are one scenario"
         )
         raise InputError(
-            told + why, file=sources[0].folder,
+            single + why, file=sources[0].folder,
             expected="recordings of several motions, or --by time",
         )  # fmt: skip
     part_of = _assigned([one.frames for one in scenarios], wanted, seed)
@@ -64,8 +64,8 @@ def split_by_scenario(
     places = {part: set(parked_places(mine)) for part, mine in chosen.items()}
     parked = {part: len(mine) for part, mine in places.items()}
     sites = {part: _sites(mine) for part, mine in chosen.items()}
-    for one, other in (("train", "val"), ("train", "test"), ("val", "test")):
-        parked[f"in {one} and {other}"] = len(places[one] & places[other])
+    for first, second in (("train", "val"), ("train", "test"), ("val", "test")):
+        parked[f"in {first} and {second}"] = len(places[first] & places[second])
     total = sum(one.frames for one in scenarios)
     told: dict[str, Any] = {
         "kind": "split",

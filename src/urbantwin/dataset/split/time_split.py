@@ -70,7 +70,7 @@ class Split:
         when = moments_of([float(one["time_s"]) for one in frames])
         number = np.searchsorted(self.moments, when)
         return {
-            part: [str(frames[k]["name"]) for k in np.flatnonzero(np.isin(number, mine))]
+            part: [str(frames[k]["name"]) for k in np.flatnonzero(np.isin(number, mine)).tolist()]
             for part, mine in parts.items()
         }
 
@@ -83,7 +83,7 @@ def check_split(times_s: Sequence[float], asked: SplitAsked) -> None:
     """
     if asked.gap_s is None:
         return
-    times = np.unique(moments_of(times_s)) * 1e-6
+    times = np.asarray(np.unique(moments_of(times_s)) * 1e-6, np.float64)
     cut = _cut(times, asked.shares, asked.gap_s)
     empty = [part for part, mine in cut.items() if not len(mine)]
     if empty:
