@@ -111,7 +111,7 @@ def test_a_short_recording_says_what_its_gap_is_worth(tmp_path):
     one = recorded(tmp_path, 100, passing(100, speed=0.3))
     told = split_in_time([one], SplitAsked()).told_of(one.frames)
     assert told["scene_changes_in_s"] is None
-    assert told["gap_s"] <= 0.1 * 9.9
+    assert told["gap_s"] <= 0.1 * 9.9 + 0.1
     (warning,) = warnings_of_split(told)
     assert "1 of 1 moving actors stand in val where they stood in train" in str(warning)
     for count, missing in ((1, "val and test"), (2, "test")):
@@ -182,6 +182,7 @@ def test_a_dataset_is_divided_anew_as_it_would_have_been_recorded(
     assert digests(again) == digests(tmp_path / "other")
     assert lists(again) != before
     assert not any(one.damages for one in verify(again))
+    assert "gap_s: 0.2" in str(told.summary())
     assert told.summary()["frames"] == {k: len(v) for k, v in lists(again).items()}
     ut.split(again, progress=False)
     assert digests(again) == digests(dataset)

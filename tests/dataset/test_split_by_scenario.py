@@ -65,6 +65,7 @@ def test_recordings_of_one_scenario_are_found(folder):
 def test_no_scenario_is_in_two_parts(folder, tmp_path):
     here = shutil.copytree(folder, tmp_path / "all")
     made = ut.split(here, progress=False)
+    assert "seed2/dataset" in str(made.summary())
     assert made.path == here / "split.json"
     told = json.loads(made.path.read_text())
     part_of = {row["scenario"]: row["part"] for row in told["datasets"]}

@@ -115,14 +115,15 @@ def split_in_time(recorded: Sequence[Recorded], asked: SplitAsked) -> Split:
         gap = round(longest if needed is None else min(needed, longest), 3)
     none = {part: np.zeros(0, np.int64) for part in PARTS}
     cut = none | _cut(times, asked.shares, gap)
+    between = _least_between(times, cut)
     parts = {part: thinned(places, mine, asked.moved_m) for part, mine in cut.items()}
     told = {
         "by": "time",
         "shares": dict(zip(PARTS, (round(one, 6) for one in asked.shares), strict=True)),
-        "gap_s": gap,
-        "gap_was_asked": asked.gap_s is not None,
+        "gap_s": between,
+        "gap_asked_s": asked.gap_s,
         "scene_changes_in_s": needed,
-        "why": _why(gap, needed, asked),
+        "why": _why(between, needed, asked),
         "parts": {},
         "frames_in_gaps": 0,
         "thinned": None if asked.moved_m is None else {"moved_m": asked.moved_m},
@@ -163,7 +164,7 @@ def warnings_of_split(told: Mapping[str, Any]) -> Iterator[ResultWarning]:
         else "the scene does not change within half of the recording"
     )
     limit = ", and a gap that nobody asked for takes a tenth of it at most"
-    limit = "" if told["gap_was_asked"] else limit
+    limit = "" if told["gap_asked_s"] is not None else limit
     yield ResultWarning(
         "split",
         f"the gap of {gap:g} s is short: {worst['still']} of {worst['moving']} moving actors stand "
@@ -219,6 +220,13 @@ def _cut(
 def _longest_gap(times: NDArray[np.float64], shares: Sequence[float]) -> float:
     spans = [times[last - 1] - times[first] for first, last in _bounds(len(times), shares).values()]
     return float(min(_OF_RECORDING * (times[-1] - times[0]), _OF_PART * min(spans)))
+
+
+def _least_between(times: NDArray[np.float64], cut: Mapping[str, NDArray[np.int64]]) -> float:
+    """Return the least time from the last frame of a part to the first of the next."""
+    there = [mine for mine in cut.values() if len(mine)]
+    least = min((times[b[0]] - times[a[-1]] for a, b in pairwise(there)), default=0.0)
+    return round(float(least), 3)
 
 
 def thinned(
