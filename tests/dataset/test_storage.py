@@ -167,15 +167,6 @@ def test_the_other_files_are_the_same(dataset, packed):
         assert (dataset / name).read_bytes() == (packed / "zstd" / name).read_bytes()
 
 
-@pytest.mark.parametrize("storage", ["laz"])
-def test_workers_and_another_run_write_the_same_bytes(
-    twin, motion, rig, packed, tmp_path, digests, storage
-):
-    out = tmp_path / "again"
-    record(twin, motion, rig, out, workers=2, seed=5, storage=storage)
-    assert digests(out) == digests(packed / storage)
-
-
 def test_what_a_killed_run_left_is_gone_on_from(twin, motion, rig, packed, tmp_path, digests):
     """Another storage is another dataset: it is not mixed with what is there."""
     out = tmp_path / "dataset"

@@ -15,6 +15,7 @@ torch = pytest.importorskip(
     "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
 )
 
+from urbantwin.artefact import write_inventory  # noqa: E402
 from urbantwin.artefact.output import kind_of  # noqa: E402
 from urbantwin.detections import joined  # noqa: E402
 from urbantwin.fidelity.readers import open_recording  # noqa: E402
@@ -351,6 +352,11 @@ def test_frames_of_other_parts_are_not_learned_from(street: Path, tmp_path: Path
     assert found.frames == ("000001",)
     judged = ut.evaluate(model, split, tmp_path / "r", part="val", progress=False)
     assert judged.manifest["frames"] == 1
+    write_inventory(split)
+    model = ut.train(split, tmp_path / "model", **given)
+    for part, noted in (("all", True), ("train", True), ("val", False)):
+        judged = ut.evaluate(model, split, tmp_path / f"r-{part}", part=part, progress=False)
+        assert any("has learned from" in one for one in judged.manifest["notes"]) == noted
     (split / "ImageSets/train.txt").write_text("000009\n")
     with pytest.raises(ut.InputError, match="has no frame of its list"):
         ut.train(split, tmp_path / "m", **given)

@@ -211,7 +211,9 @@ def _chosen(path: Path, number: int, names: Sequence[Collection[str] | None] | N
     found = recording.only(set(wanted))
     if not len(found):
         raise InputError(
-            "has no frame of its list", file=path, expected="names of frames in ImageSets"
+            "has no frame of its list",
+            file=path,
+            expected="names of its frames in ImageSets, or --part all",
         )
     return found
 
