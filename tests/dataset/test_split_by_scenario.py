@@ -14,6 +14,7 @@ from urbantwin.dataset.split import read_split_document
 from urbantwin.dataset.split.scenarios import scenarios_of
 from urbantwin.dataset.split.sources import datasets_at
 from urbantwin.errors import InputError
+from urbantwin.interface.parts import chosen_frames
 from urbantwin.lidar import place_rig
 
 
@@ -110,6 +111,20 @@ def test_a_document_is_refused_when_it_no_longer_fits(folder, tmp_path, twin, mo
     made.path.write_text('{"kind": "split", "datasets": [{"path": "a", "part": "some"}]}')
     with pytest.raises(InputError, match=r"datasets\[0\]\.part"):
         read_split_document(made.path)
+
+
+def test_training_takes_a_document(folder, tmp_path):
+    made = ut.split(folder, tmp_path / "split.json", thin=1.0, progress=False)
+    document = read_split_document(made.path)
+    for part in ("train", "val", "test"):
+        chosen = chosen_frames([made.path], part)
+        rows = [row for row in made.told["datasets"] if row["part"] == part]
+        assert [str(one.resolve()) for one in chosen.folders] == [row["path"] for row in rows]
+        assert [list(one) for one in chosen.names] == [row["kept"] for row in rows]
+    assert chosen_frames([made.path], "all").names == (None,) * len(document.rows)
+    assert chosen_frames([folder / "seed2/dataset"], "train").names == (
+        ("000000", "000001", "000002", "000003"),
+    )
 
 
 def test_one_motion_is_cut_at_the_same_moments_in_all_recordings(folder, tmp_path):

@@ -109,6 +109,19 @@ def test_a_laz_is_what_the_standard_says(packed):
     )
 
 
+def test_laszip_reads_what_was_written(packed, judge):
+    """The format's own library, where we write and read by another."""
+    (told,) = judge("laszip_frames", packed / "laz/points/000005.laz")
+    frame = FrameFiles(packed / "laz", "000005")
+    found = columns_of_frame(frame.points, frame.labels, frame.rays)
+    for name in ("ring", "column", "sensor", "echo", "semantic", "instance"):
+        assert told[name] == found[name].tolist()
+    assert np.array_equal(np.array(told["gps_time"], "f4"), found["time"])
+    for axis in "xyz":
+        assert np.array_equal(np.array(told[axis]).astype("f4"), found[axis])
+    assert np.array_equal((np.array(told["intensity"]) / 65535).astype("f4"), found["intensity"])
+
+
 def test_both_echoes_of_a_ray_know_of_each_other(tmp_path):
     points, labels, rays = random_columns(6)
     rays["sensor"], rays["ring"], rays["column"] = 0, [1, 1, 2, 3, 3, 4], 7

@@ -30,6 +30,8 @@ _LATER = {
 }
 #: Tracks of parked vehicles are these or more (``motion/``), where no column says who is parked.
 _PARKED = 30_001
+#: There are fewer tracks than this: they have 16 bits.
+_TRACKS = 1 << 20
 #: The track of the sensors of a rig that rides: no actor has it.
 _RIG = 0
 #: Who moves less than this in the whole recording stands, metres.
@@ -125,7 +127,7 @@ def places_of(recorded: Sequence[Recorded]) -> ActorPlaces:
     moment, track, ends, length, parked = (
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
-    _, first = np.unique(np.column_stack([moment, track]), axis=0, return_index=True)
+    _, first = np.unique(moment * _TRACKS + track, return_index=True)
     return ActorPlaces(
         times * _SAME_S, moment[first], track[first], ends[first], length[first], parked[first]
     )
@@ -144,9 +146,9 @@ def _rows(one: Recorded, times: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
     along = np.column_stack([np.cos(rows["yaw"]), np.sin(rows["yaw"]), np.zeros(len(frame))])
     along *= rows["length"][:, None] / 2
     front, rear = middle + along, middle - along
-    poses = [_pose(one, told) for told in one.frames]
     rides = any("dataset_SE3_site" in told for told in one.frames)
-    for k, pose in enumerate(poses if rides else poses[:1]):
+    poses = [_pose(one, told) for told in (one.frames if rides else one.frames[:1])]
+    for k, pose in enumerate(poses):
         mine = frame == k if rides else slice(None)
         front[mine], rear[mine] = pose.apply(front[mine]), pose.apply(rear[mine])
     ends = np.hstack([front[:, :2], rear[:, :2]])
