@@ -25,7 +25,7 @@ urbantwin split variation/ --by time
 def split(
     datasets: Annotated[
         list[Path],
-        typer.Argument(help="Datasets, or folders that hold some.", metavar="DATASET..."),
+        typer.Argument(help="Datasets, or folders that hold some.", metavar="DATASET"),
     ],
     out: Annotated[
         Path | None,
