@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
+    from urbantwin.interface.dataset_split import DatasetSplit, split
     from urbantwin.interface.detected_objects import DetectedObjects, detect
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
@@ -70,6 +71,7 @@ __all__ = [
     "Coverage",
     "Curriculum",
     "Dataset",
+    "DatasetSplit",
     "Datasheet",
     "DetectedObjects",
     "DiscoveredRig",
@@ -132,6 +134,7 @@ __all__ = [
     "reproduce",
     "run",
     "sensors",
+    "split",
     "suite",
     "teach",
     "track",

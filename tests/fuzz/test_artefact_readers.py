@@ -11,7 +11,12 @@ import pytest
 
 from urbantwin.artefact import read_json
 from urbantwin.cli.app import main
+from urbantwin.dataset.frame_columns import COLUMNS, parquet_bytes
+from urbantwin.dataset.frame_files import FrameFiles
+from urbantwin.dataset.frame_las import laz_bytes
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
+from urbantwin.dataset.split import SplitAsked, datasets_at, read_split_document, split_in_time
+from urbantwin.dataset.split.scenarios import scenarios_of
 from urbantwin.exports.carla.spawn_points import spawn_points
 from urbantwin.exports.geojson import write_geojson
 from urbantwin.fidelity.challenge import read_detections
@@ -168,6 +173,24 @@ def _of_twin(name: str, use: Callable[[Twin], object]) -> Reader:
                   beside("twin"))  # fmt: skip
 
 
+def _frame_files(path: Path) -> None:
+    frame = FrameFiles(path.parent.parent, path.stem)
+    assert len(frame.points) == len(frame.labels) == len(frame.rays)
+
+
+def _packed(as_bytes: Callable[[dict[str, np.ndarray]], bytes]) -> bytes:
+    """The file of a small frame."""
+    draw, count = np.random.default_rng(1), 40
+    return as_bytes({name: draw.integers(0, 2, count).astype(one) for name, one in COLUMNS.items()})
+
+
+def _split_boxes(path: Path) -> None:
+    (source,) = datasets_at([path.parent])
+    scenarios_of([source, source])
+    split_in_time(source.recorded, SplitAsked(moved_m=0.5))
+
+
+SPLIT = b'{"kind": "split", "datasets": [{"path": "one", "part": "train", "kept": ["000000"]}]}'
 DETECTIONS = b'{"0001": [{"box": [1, 2, 0.5, 4, 2, 1.5, 0.1], "score": 0.9, "class": "Car"}]}'
 JOURNAL = (
     b'{"recipe": "abc"}\n{"study": "one", "trial": 0, "shares": [0.5], "loss": 1.5}\n'
@@ -196,6 +219,14 @@ READERS = [
                beside("dataset"))
         for name in _BESIDE["dataset"]
     ),
+    Reader("frame in columns", _frame_files, "points/f.parquet", lambda: [_packed(parquet_bytes)]),
+    Reader("frame as laz", _frame_files, "points/f.laz", lambda: [_packed(laz_bytes)]),
+    Reader("split of datasets", read_split_document, "a.json", lambda: [SPLIT],
+           lambda: {"one/dataset.json": content("dataset/dataset.json")}),
+    Reader("split of boxes", _split_boxes, "dataset/boxes.parquet",
+           _seeds("dataset/boxes.parquet"), beside("dataset")),
+    Reader("split of manifest", _split_boxes, "dataset/dataset.json",
+           _seeds("dataset/dataset.json"), beside("dataset")),
     Reader("mesh", LabelledMesh.load, "a.npz", _seeds("twin/scene.npz")),
     Reader("coverage", inspected, "coverage.json", _seeds("coverage/coverage.json")),
     Reader("report", inspected, "report.json", lambda: [_report()]),

@@ -81,6 +81,7 @@ class _Counts(Part):
     frames: Annotated[int, Field(ge=1, lt=2**53)]
     train: _Count
     val: _Count
+    test: _Count = 0  # datasets of older versions have none
     points: _Count
     boxes: dict[str, _Count]
     boxes_with_points: dict[str, _Count]

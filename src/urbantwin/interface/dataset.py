@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact import check_folder
-from urbantwin.artefact.arrays import ArrayOf, read_array
 from urbantwin.artefact.tables import read_parquet
-from urbantwin.dataset.frame_files import read_labels, read_rays
+from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.interface.outcome import outcome_of_dataset
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
 
+    from urbantwin.dataset.split import SplitAsked
     from urbantwin.geometry import Pose
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
@@ -59,14 +59,12 @@ class Frame:
     @cached_property
     def points(self) -> NDArray[np.float32]:
         """Points (N, 4): x, y, z in metres, dataset frame, and intensity 0..1."""
-        path = self.dataset.folder / "points" / f"{self.name}.npy"
-        return read_array(path, "the points of a frame", ArrayOf("f4", ("N", 4)))
+        return self._files.points
 
     @cached_property
     def labels(self) -> NDArray[np.uint32]:
         """Labels (N,) as they are in the file: class in the low 16 bits, track in the high."""
-        path = self.dataset.folder / "semantic" / f"{self.name}.label"
-        return read_labels(path, len(self.points))
+        return self._files.labels
 
     @cached_property
     def semantic(self) -> NDArray[np.uint16]:
@@ -81,7 +79,11 @@ class Frame:
     @cached_property
     def rays(self) -> NDArray[np.void]:
         """The ray (N,) of each point: ``sensor``, ``ring``, ``column``, ``time``, ``echo``."""
-        return read_rays(self.dataset.folder / "rays" / f"{self.name}.npy", len(self.points))
+        return self._files.rays
+
+    @cached_property
+    def _files(self) -> FrameFiles:
+        return FrameFiles(self.dataset.folder, self.name)
 
     @cached_property
     def boxes(self) -> pa.Table:
@@ -296,6 +298,10 @@ def record(  # noqa: PLR0913 - the options of the command
     ride: str | None = None,
     fused: bool | None = None,
     backend: str = "embree",
+    storage: str = "npy",
+    split: str | Sequence[float] = "70,15,15",
+    gap: float | None = None,
+    thin: float | None = None,
     background: AnyPath | Sequence[AnyPath] = (),
     fuse: bool = False,
     workers: int | None = None,
@@ -323,6 +329,12 @@ def record(  # noqa: PLR0913 - the options of the command
         ride: track or class of the actor that carries a rig that rides.
         fused: one dataset of all sensors, or one for each; as the rig says if not given.
         backend: what casts the rays: ``embree``, ``warp`` (a CUDA device) or ``warp:DEVICE``.
+        storage: of points: ``npy``, as OpenPCDet reads them; ``zstd``, columns in Parquet, a third
+            of the size, of which nothing is lost; or ``laz``, LAS 1.4 in whole millimetres.
+        split: shares of training, validation and test, cut in time.
+        gap: seconds between the parts, of which no part has the frames; as long as the scene needs
+            to change, and no more than a tenth of the recording, if not given.
+        thin: leave frames in which nobody moved so many metres out of the parts.
         background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world.
         fuse: where nobody measured, the twin is seen.
         workers: processes to work with; every number gives the same bytes.
@@ -337,11 +349,13 @@ def record(  # noqa: PLR0913 - the options of the command
     Example:
         >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
     """
+    from urbantwin.dataset.split import SplitAsked, shares_of
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.rig import rig_spec_on
     from urbantwin.interface.twin import Twin
     from urbantwin.site.rig_changes import RigChanges
 
+    divided = SplitAsked(shares_of(split), gap, thin)
     changes = RigChanges(
         effects=effects,
         weather=weather,
@@ -373,6 +387,8 @@ def record(  # noqa: PLR0913 - the options of the command
         stop_s=stop,
         every=every,
         backend=backend,
+        storage=storage,
+        split=divided,
         workers=workers,
         seed=seed,
         inputs=inputs,
@@ -394,6 +410,8 @@ def recorded(  # noqa: PLR0913 - the options of the command
     stop_s: float | None = None,
     every: int = 1,
     backend: str = "embree",
+    storage: str = "npy",
+    split: SplitAsked | None = None,
     workers: int | None = None,
     seed: int | None = None,
     inputs: Sequence[Path] = (),
@@ -414,6 +432,8 @@ def recorded(  # noqa: PLR0913 - the options of the command
         stop_s: no frame after this time.
         every: only each N-th frame.
         backend: what casts the rays.
+        storage: of points, see `record`.
+        split: into training, validation and test; the usual one when not given.
         workers: processes to work with.
         seed: of every random choice.
         inputs: what it is made from.
@@ -446,6 +466,8 @@ def recorded(  # noqa: PLR0913 - the options of the command
             every=every,
             rig_file=rig_file,
             backend=backend,
+            storage=storage,
+            split=split,
             asked=asked_of(spec, rig_file, on, background=background, fuse=fuse),
             inputs=inputs,
             also=also if pictures else None,

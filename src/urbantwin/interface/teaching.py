@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from urbantwin.dataset.split import SplitAsked
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset import recorded
 from urbantwin.interface.done_steps import DoneSteps
@@ -249,6 +250,7 @@ class _Course:
             fuse=bool(seen),
             start_s=_START_S,
             every=max(1, round(self.every_s * rig.rate_hz)),
+            split=SplitAsked((1.0, 0.0, 0.0)),  # a lesson teaches, or judges, as a whole
             workers=self.workers,
             seed=lesson.seed,
             inputs=[self.twin.folder],

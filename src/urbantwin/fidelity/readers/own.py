@@ -14,10 +14,11 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.frame_files import read_rays
+from urbantwin.dataset.frame_files import FrameFiles, read_rays, stored_frames
 from urbantwin.dataset.manifest_schema import FramePoses, pose_of_matrix
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import read_fields
+from urbantwin.fidelity.cloud_formats import Fields, read_fields
+from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
 from urbantwin.fidelity.readers.frame_assembly import frame_of
@@ -64,6 +65,10 @@ def open_own(path: Path, columns: int | None) -> Recording:
             names = ", ".join(one.name for one in parts_of(path))
             raise InputError("holds a dataset for each sensor", file=path, expected=f"one: {names}")
     files = clouds_in(path / "points")
+    in_columns = manifest.get("storage", "npy") != "npy"
+    if in_columns:
+        kept = [FrameFiles(path, name).file for name in stored_frames(path)]
+        files = sorted(kept, key=counting_order)
     if not files:
         raise InputError("holds no points", file=path / "points", expected=_EXPECTED)
     file = path / "dataset.json"
@@ -79,25 +84,14 @@ def open_own(path: Path, columns: int | None) -> Recording:
         file = files[index]
         name = file.stem
         lines = path / "labels" / f"{name}.txt"
-        given: dict[str, NDArray[Any]] = {}
-        rays = path / "rays" / file.name
-        if rays.is_file():
-            table = read_rays(rays)
-            given |= {
-                _RAYS[field]: table[field] for field in table.dtype.names or () if field in _RAYS
-            }
-        labels = path / "semantic" / f"{name}.label"
-        if labels.is_file():
-            with laid_out(labels, _LABELS):
-                code = np.frombuffer(read_bytes(labels, _LABELS), "<u4")
-            given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
+        fields, given = _in_columns(path, name) if in_columns else _plain(path, file, columns)
         dataset_SE3_site = poses.get(name, poses.get(""))
         seen_from = labelled.get(name, discovered)
         if dataset_SE3_site is not None:
             seen_from = places.of(name, dataset_SE3_site)
         return frame_of(
             file,
-            read_fields(file, columns),
+            fields,
             name=name,
             given=given,
             boxes=boxes.of(name) if boxes.exists else read_label_lines(lines),
@@ -106,6 +100,31 @@ def open_own(path: Path, columns: int | None) -> Recording:
         )
 
     return Recording(path, "own", tuple(file.stem for file in files), read)
+
+
+def _plain(path: Path, file: Path, columns: int | None) -> tuple[Fields, Fields]:
+    """Return the fields of a frame's points, and what other files say of them."""
+    given: Fields = {}
+    rays = path / "rays" / file.name
+    if rays.is_file():
+        given |= _of_rays(read_rays(rays))
+    labels = path / "semantic" / f"{file.stem}.label"
+    if labels.is_file():
+        with laid_out(labels, _LABELS):
+            code = np.frombuffer(read_bytes(labels, _LABELS), "<u4")
+        given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
+    return read_fields(file, columns), given
+
+
+def _in_columns(path: Path, name: str) -> tuple[Fields, Fields]:
+    """Return the same of a frame whose file holds all of it."""
+    kept = FrameFiles(path, name)
+    code = kept.labels
+    return kept.fields, _of_rays(kept.rays) | {"semantic": code & 0xFFFF, "instance": code >> 16}
+
+
+def _of_rays(table: NDArray[np.void]) -> Fields:
+    return {_RAYS[field]: table[field] for field in table.dtype.names or () if field in _RAYS}
 
 
 def read_label_lines(path: Path) -> Boxes | None:
