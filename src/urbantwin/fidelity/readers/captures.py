@@ -1,12 +1,12 @@
 """Captures of packets: the units that sent them, and the recording of one.
 
-What a packet holds tells which sensor sent it: `velodyne_model`, `hesai_form`, or, for an Ouster, the
-size that the metadata beside the capture asks for. Neither names nor ports are looked at.
+What a packet holds tells which sensor sent it: `velodyne_model`, `hesai_form`, or, for an Ouster,
+the size that the metadata beside the capture asks for. Neither names nor ports are looked at.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -274,8 +274,8 @@ def _recording(
     path: Path,
     layout: str,
     turns: tuple[int, int, int],
-    read: Any,
-    notes: list[str],  # noqa: ANN401
+    read: Callable[[int], Frame],
+    notes: list[str],
 ) -> Recording:
     first, last, count = turns
     if last - first < count:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -50,8 +51,8 @@ def angles_of(
         raise InputError(
             f"has the packets of a {' or '.join(models)}, which are alike",
             file=file,
-            expected=f"{choice or file.name}:{models[0]} to say which, or the unit's angle correction beside "
-            f"it as {file.stem}.csv",
+            expected=f"{choice or file.name}:{models[0]} to say which, or the unit's angle "
+            f"correction beside it as {file.stem}.csv",
         )
     name = chosen or models[0]
     return sensor(name), (
@@ -99,7 +100,7 @@ def firing_turns(
     begin, last = 0, -1
     for number, end in enumerate(ends):
         cuts = [begin, *(begin + 1 + np.flatnonzero(np.diff(turn[begin:end]))).tolist(), end]
-        for first, behind in zip(cuts[:-1], cuts[1:], strict=True):
+        for first, behind in pairwise(cuts):
             if turn[first] != last:
                 turns.append([])
                 last = turn[first]

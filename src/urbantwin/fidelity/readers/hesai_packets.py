@@ -1,17 +1,17 @@
 """Packets of Hesai's spinning sensors: which model sends them, and what stands where in one.
 
-Sources: the structures of Hesai's own reader (HesaiLidar_SDK_2.0, ``libhesai/UdpProtocol``) and those
-of Autoware's (tier4/nebula, ``nebula_decoders_hesai/decoders``); both follow the models' user manuals,
-"Point Cloud Data Packet". All numbers are little-endian.
+Sources: the structures of Hesai's own reader (HesaiLidar_SDK_2.0, ``libhesai/UdpProtocol``) and
+those of Autoware's (tier4/nebula, ``nebula_decoders_hesai/decoders``); both follow the models' user
+manuals, "Point Cloud Data Packet". All numbers are little-endian.
 
     Pandar40P, 40M        blocks of FF EE, azimuth, 40 returns; tail
     Pandar64              EE FF, lasers, blocks, -, unit of distance, -, -; blocks; tail
-    protocols 1.4 to 6.1  EE FF, protocol (2), - (2), lasers, blocks, first return, unit of distance,
-                          returns, flags; blocks; of 1.4 and 3.2 a checksum (4) and what is told of
-                          functional safety (17); tail
+    protocols 1.4 to 6.1  EE FF, protocol (2), - (2), lasers, blocks, first return, unit of
+                          distance, returns, flags; blocks; of 1.4 and 3.2 a checksum (4) and what
+                          is told of functional safety (17); tail
 
-A block is an azimuth (2, hundredths of a degree, clockwise) and, for each channel, a distance (2), a
-reflectivity (1) and up to two bytes more.
+A block is an azimuth (2, hundredths of a degree, clockwise) and, for each channel, a distance (2),
+a reflectivity (1) and up to two bytes more.
 """
 
 from __future__ import annotations

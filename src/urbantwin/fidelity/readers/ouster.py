@@ -1,4 +1,4 @@
-"""Captures of Ouster sensors: the turns of one, by the unit's metadata in JSON beside the capture."""
+"""Captures of Ouster sensors: the turns of one, by its metadata in JSON beside it."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Packets of Velodyne's sensors: what they are of, their turns, and the points in them.
 
-A packet has 1206 bytes: twelve blocks of a flag, an azimuth in hundredths of a degree and 32 pairs of
-distance and intensity; then a time, the return mode and the model ("VLP-16 User Manual", 9.3). It is
-decoded by `velodyne-decoder`, with the calibration that it has of the model.
+A packet has 1206 bytes: twelve blocks of a flag, an azimuth in hundredths of a degree and 32 pairs
+of distance and intensity; then a time, the return mode and the model ("VLP-16 User Manual", 9.3).
+It is decoded by `velodyne-decoder`, with the calibration that it has of the model.
 """
 
 from __future__ import annotations

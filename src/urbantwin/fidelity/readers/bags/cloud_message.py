@@ -160,11 +160,9 @@ def _values(
     fields: dict[str, NDArray[np.generic]] = {}
     for name, offset, kind, count in layout:
         form = np.dtype(kind)
-        if offset < 0 or offset + max(count, 1) * form.itemsize > step:
-            raise ValueError(
-                f"has field {name:.40} at bytes {offset} to {offset + max(count, 1) * form.itemsize} "
-                f"of points of {step}"
-            )
+        end = offset + max(count, 1) * form.itemsize
+        if offset < 0 or end > step:
+            raise ValueError(f"has field {name:.40} at bytes {offset} to {end} of points of {step}")
         # A vector, or bytes that only fill up, is nothing of a frame.
         if count <= 1 and name and name.lower() not in fields:
             values = np.ndarray((height, width), form, data, offset, (row, step)) if needed else (
@@ -181,17 +179,17 @@ def _foxglove(topic: Topic, data: bytes) -> Any:  # noqa: ANN401
             raise ValueError("is no object")
         return message
     if topic.encoding == "protobuf":
-        return _protobuf(topic)(data)
+        return _protobuf(topic.kind, topic.schema)(data)
     return ros_message(topic, data)
 
 
 @lru_cache(16)
-def _protobuf(topic: Topic) -> Any:  # noqa: ANN401 - of a library
+def _protobuf(kind: str, schema: bytes) -> Any:  # noqa: ANN401 - of a library
     from mcap.records import Schema
     from mcap_protobuf.decoder import DecoderFactory
 
-    schema = Schema(id=1, data=topic.schema, encoding="protobuf", name=topic.kind)
-    return DecoderFactory().decoder_for("protobuf", schema)
+    of_kind = Schema(id=1, data=schema, encoding="protobuf", name=kind)
+    return DecoderFactory().decoder_for("protobuf", of_kind)
 
 
 def _pose(pose: Any, part: Any) -> Pose | None:  # noqa: ANN401

@@ -44,18 +44,22 @@ _LONGEST_NAME = 16
 class McapFile(MessageFile):
     """A file whose messages have been found."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, at: Path | None = None) -> None:
         """Walk over the records of a file.
+
+        Args:
+            path: the file, for errors.
+            at: where it lies unpacked, if it is packed.
 
         Raises:
             InputError: it is no MCAP file, or damaged before its first message.
         """
-        self.path = path
+        self.path, self._at = path, at or path
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
         self._found: dict[int, list[Located]] = {}
         self._kept: tuple[int, bytes] = (-1, b"")
-        with path.open("rb") as stream:
+        with self._at.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:
                 raise InputError("is not an MCAP file", file=path, expected=_EXPECTED)
             self._walk(stream)
@@ -71,7 +75,7 @@ class McapFile(MessageFile):
     def read(self, one: Located) -> bytes:
         """Return the bytes of a message; see `MessageFile`."""
         chunk, offset = one.at
-        with self.path.open("rb") as stream:
+        with self._at.open("rb") as stream:
             if chunk >= 0:
                 data = self._unpacked(stream, chunk)
                 where = f"byte {offset} of the chunk at byte {chunk}"
@@ -90,7 +94,7 @@ class McapFile(MessageFile):
         return bytes(data[begin + _MESSAGE_HEAD.size : begin + length])
 
     def _walk(self, stream: BinaryIO) -> None:
-        size = self.path.stat().st_size
+        size = self._at.stat().st_size
         at, chunk, indexed = len(MAGIC), -1, True
         closed = False
         while at + _RECORD.size <= size and not closed:
@@ -173,7 +177,7 @@ class McapFile(MessageFile):
             at = begin + length
 
     def _unpacked(self, stream: BinaryIO, chunk: int) -> bytes:
-        """Return the records of a chunk; the last one is kept: messages come one after the other."""
+        """Return the records of a chunk; messages come one after the other: the last is kept."""
         at, data = self._kept
         if at == chunk:
             return data

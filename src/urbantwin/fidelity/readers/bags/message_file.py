@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ class Topic:
     name: str
     kind: str
     encoding: str
-    schema: bytes = b""
+    schema: bytes = field(default=b"", compare=False)
 
     @classmethod
     def of_ros(cls, name: str, kind: str, encoding: str, schema: bytes = b"") -> Topic:

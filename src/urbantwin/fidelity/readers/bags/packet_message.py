@@ -1,4 +1,4 @@
-"""Messages that hold the packets of one scan, as drivers of Velodyne's and Hesai's sensors record them."""
+"""Messages that hold the packets of one scan, as drivers of Velodynes and Hesais record them."""
 
 from __future__ import annotations
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
+import weakref
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from urbantwin.artefact.arrays import may_unpack
 from urbantwin.errors import InputError
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Frame
@@ -28,6 +29,7 @@ from urbantwin.fidelity.readers.bags.transforms import (
     place_of_frame,
     static_transforms,
 )
+from urbantwin.fidelity.readers.bags.unpacking import PACKED, ZSTD, unpacked_bytes, unpacked_file
 from urbantwin.fidelity.readers.choice import file_and_choice
 from urbantwin.fidelity.readers.documents import read_yaml_document
 from urbantwin.fidelity.readers.frame_assembly import frame_of
@@ -36,36 +38,45 @@ from urbantwin.fidelity.readers.recording import Recording
 __all__ = ["is_mcap", "is_rosbag", "open_bag"]
 
 #: First bytes of files of messages, their usual endings, and what reads them.
-_FILES: tuple[tuple[bytes, str, Callable[[Path], MessageFile]], ...] = (
+_FILES: tuple[tuple[bytes, str, Callable[[Path, Path | None], MessageFile]], ...] = (
     (ros1.MAGIC, ".bag", ros1.Ros1Bag),
     (sqlite.MAGIC, ".db3", sqlite.SqliteBag),
     (mcap_file.MAGIC, ".mcap", mcap_file.McapFile),
 )
 _METADATA = "metadata.yaml"
 _INFORMATION = "rosbag2_bagfile_information"
-_PACKED_AS_A_WHOLE = ".zstd"
-_ZSTD = b"\x28\xb5\x2f\xfd"
 #: Topics that a line lists, and transforms that are looked at.
 _LISTED, _MOST_TRANSFORMS = 8, 1000
 
 
 @dataclass(frozen=True)
 class _Message:
-    """A message of the recording, and the file that it is in."""
+    """A message, and the file that it is in."""
 
     file: MessageFile
+    topic: Topic
     located: Located
+
+    def read(self) -> bytes:
+        """Return its bytes, unpacked if each message was packed for itself."""
+        data = self.file.read(self.located)
+        if self.topic.encoding != "cdr" or not data.startswith(ZSTD):
+            return data
+        with as_input_error(self.file.path, "a message", str(self)):
+            return unpacked_bytes(data)
+
+    def __str__(self) -> str:
+        """Return which one it is, for errors."""
+        return f"{self.topic.name} at {self.located.time_ns} ns"
 
 
 def is_rosbag(path: Path) -> bool:
     """Return whether a path is a bag of ROS 1 or ROS 2, or a folder that is one or holds one."""
     place, _ = file_and_choice(path)
     if place.is_dir():
-        return (
-            (place / _METADATA).is_file()
-            and bool(_files(place))
-            or any(one.suffix.lower() != ".mcap" for one in _files(place))
-        )
+        found = _files(place)
+        kinds = {_without_packing(one) for one in found}
+        return bool(kinds - {".mcap"}) or (bool(found) and (place / _METADATA).is_file())
     return _ending(place) in (".bag", ".db3")
 
 
@@ -90,28 +101,23 @@ def open_bag(path: Path, layout: str) -> Recording:
     place, choice = file_and_choice(path)
     files = [_opened(one) for one in _files_of_one(place)]
     topic, model = _topic(place, files, choice)
-    messages = sorted(
-        (_Message(file, one) for file in files for one in file.messages.get(topic, [])),
-        key=lambda one: one.located.time_ns,
-    )
+    messages = sorted(_messages(files, topic), key=lambda one: one.located.time_ns)
     notes = [note for file in files for note in file.notes]
     if topic.kind in PACKETS:
-        first = _bytes(messages[0], topic)
-        scans = ScanPackets(topic, first, messages[0].file.path, model)
+        scans = ScanPackets(topic, messages[0].read(), messages[0].file.path, model)
         notes += scans.notes
     else:
-        notes += _place(files, topic, messages[0])
+        notes += _place(files, messages[0])
     names = _names([one.located.time_ns for one in messages])
 
     def read(index: int) -> Frame:
         message = messages[index]
-        said = f"{topic.name} at {message.located.time_ns} ns"
-        data = _bytes(message, topic)
+        data = message.read()
         known: dict[str, Any] = {}
         if topic.kind in PACKETS:
-            fields, known["notes"] = scans.fields(data, said)
+            fields, known["notes"] = scans.fields(data, str(message))
         else:
-            cloud = cloud_message(topic, data, message.file.path, said)
+            cloud = cloud_message(topic, data, message.file.path, str(message))
             fields = cloud.fields
             if cloud.place is not None:
                 known["sensor_places"] = cloud.place[None]
@@ -122,9 +128,18 @@ def open_bag(path: Path, layout: str) -> Recording:
 
 
 def _files(folder: Path) -> list[Path]:
-    endings = tuple(ending for _, ending, _ in _FILES)
-    found = (one for one in folder.iterdir() if one.name.lower().endswith(endings))
+    endings = {ending for _, ending, _ in _FILES}
+    found = (one for one in folder.iterdir() if _without_packing(one) in endings)
     return sorted((one for one in found if one.is_file()), key=counting_order)
+
+
+def _without_packing(file: Path) -> str:
+    """Return a name's ending, of ``a.db3.zstd`` that of what is packed."""
+    return Path(file.name.lower().removesuffix(PACKED)).suffix
+
+
+def _messages(files: list[MessageFile], topic: Topic) -> list[_Message]:
+    return [_Message(file, topic, one) for file in files for one in file.messages.get(topic, [])]
 
 
 def _files_of_one(place: Path) -> list[Path]:
@@ -164,18 +179,20 @@ def _ending(file: Path) -> str | None:
     with file.open("rb") as stream:
         start = stream.read(16)
     of_content = (ending for magic, ending, _ in _FILES if start.startswith(magic))
-    suffix = file.suffix.lower()
+    suffix = _without_packing(file)
     return next(of_content, suffix if suffix in endings else None)
 
 
 def _opened(file: Path) -> MessageFile:
-    if file.suffix.lower() == _PACKED_AS_A_WHOLE:
-        raise InputError("is packed as a whole", file=file, expected=f"`zstd -d {file.name}` first")
     ending = _ending(file)
     opens = next((opens for _, one, opens in _FILES if one == ending), None)
     if opens is None:
         raise InputError("is no file of messages", file=file, expected="a .bag, .db3 or .mcap")
-    return opens(file)
+    at = unpacked_file(file)
+    opened = opens(file, at)
+    if at is not None:
+        weakref.finalize(opened, shutil.rmtree, at.parent, ignore_errors=True)
+    return opened
 
 
 def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[Topic, str | None]:
@@ -210,7 +227,7 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
         raise InputError(
             "holds no clouds" if full else "holds no messages",
             file=place,
-            expected=f"PointCloud2, foxglove.PointCloud or a scan's packets"
+            expected="PointCloud2, foxglove.PointCloud or a scan's packets"
             + (f"; it has {listed(full)}" if full else ""),
         )
     if len(able) > 1:
@@ -222,37 +239,17 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
     return able[0], None
 
 
-def _bytes(message: _Message, topic: Topic) -> bytes:
-    """Return a message's bytes, unpacked if each message was packed for itself."""
-    data = message.file.read(message.located)
-    if topic.encoding != "cdr" or not data.startswith(_ZSTD):
-        return data
-    import zstandard
-
-    with as_input_error(
-        message.file.path, "a message", f"{topic.name} at {message.located.time_ns}"
-    ):
-        size = zstandard.frame_content_size(data)
-        if size < 0 or not may_unpack(size, len(data)):
-            raise ValueError("does not say how large it is, or far too large")
-        return zstandard.ZstdDecompressor().decompress(data)
-
-
-def _place(files: list[MessageFile], topic: Topic, first: _Message) -> list[str]:
+def _place(files: list[MessageFile], first: _Message) -> list[str]:
     """Return a sentence on where the points' frame is, if the bag says it."""
-    static = [
-        (file, one, located)
-        for file in files
-        for one, messages in file.messages.items()
-        if one.kind == TRANSFORMS and is_static(one.name)
-        for located in messages
-    ][:_MOST_TRANSFORMS]
+    topics = {topic for file in files for topic in file.messages}
+    told_of = [one for one in topics if one.kind == TRANSFORMS and is_static(one.name)]
+    static = [one for topic in told_of for one in _messages(files, topic)][:_MOST_TRANSFORMS]
     if not static:
         return []
     try:
-        cloud = cloud_message(topic, _bytes(first, topic), first.file.path, topic.name)
+        cloud = cloud_message(first.topic, first.read(), first.file.path, str(first))
         with as_input_error(first.file.path, "transforms"):
-            told = static_transforms(ros_message(one, file.read(at)) for file, one, at in static)
+            told = static_transforms(ros_message(one.topic, one.read()) for one in static)
     except InputError:  # said where that frame is read; transforms are beside the point
         return []
     found = place_of_frame(cloud.frame_id, told)

@@ -24,8 +24,12 @@ _EXPECTED = "a bag of ROS 1, closed as it should be (rosbag reindex mends others
 class Ros1Bag(MessageFile):
     """A bag whose index has been read."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, at: Path | None = None) -> None:
         """Read the index of a bag.
+
+        Args:
+            path: the file, for errors.
+            at: where it lies unpacked, if it is packed.
 
         Raises:
             InputError: it is no bag, or cut, or damaged.
@@ -34,7 +38,7 @@ class Ros1Bag(MessageFile):
 
         self.path = path
         self._lock = Lock()
-        self._bag = Reader(path)
+        self._bag = Reader(at or path)
         with as_input_error(path, _EXPECTED):
             self._bag.open()
             weakref.finalize(self, self._bag.close)

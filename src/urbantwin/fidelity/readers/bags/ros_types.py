@@ -42,24 +42,24 @@ def ros_message(topic: Topic, data: bytes) -> Any:  # noqa: ANN401 - its fields 
     Raises:
         Exception: of the library, where the bytes are not such a message, or nobody defines it.
     """
-    known = _types(topic)
+    known = _types(topic.kind, topic.encoding, topic.schema)
     if topic.encoding == "ros1":
         return known.deserialize_ros1(data, topic.kind)
     return known.deserialize_cdr(data, topic.kind)
 
 
 @lru_cache(16)
-def _types(topic: Topic) -> Any:  # noqa: ANN401 - of a library
+def _types(kind: str, encoding: str, schema: bytes) -> Any:  # noqa: ANN401 - of a library
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-    known = get_typestore(Stores.ROS1_NOETIC if topic.encoding == "ros1" else Stores.ROS2_FOXY)
-    if topic.kind in known.fielddefs:
+    known = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_FOXY)
+    if kind in known.fielddefs:
         return known
-    text = topic.schema.decode() if len(topic.schema) < _MOST_BYTES else ""
-    if topic.kind in _DRIVERS and not text:
-        whole, part, fields = _DRIVERS[topic.kind]
+    text = schema.decode() if len(schema) < _MOST_BYTES else ""
+    if kind in _DRIVERS and not text:
+        whole, part, fields = _DRIVERS[kind]
         text = f"{whole}{'=' * 80}\nMSG: {part}\n{fields}"
     is_idl = text.lstrip().startswith(("=====", "module", "#include", "//"))
-    defined = get_types_from_idl(text) if is_idl else get_types_from_msg(text, topic.kind)
+    defined = get_types_from_idl(text) if is_idl else get_types_from_msg(text, kind)
     known.register({name: one for name, one in defined.items() if name not in known.fielddefs})
     return known

@@ -1,7 +1,6 @@
 """Files of ROS 2 bags in SQLite (``.db3``): tables ``topics`` and ``messages``.
 
-Source: ros2/rosbag2, ``rosbag2_storage_sqlite3``. Their index is on the time, so that one message is
-found without reading the others.
+Source: ros2/rosbag2, ``rosbag2_storage_sqlite3``. A message is read when it is asked for.
 """
 
 from __future__ import annotations
@@ -29,13 +28,17 @@ _EXPECTED = "a .db3 of ROS 2"
 class SqliteBag(MessageFile):
     """A file of which it is known what is in it."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, at: Path | None = None) -> None:
         """Read which messages there are, and when.
+
+        Args:
+            path: the file, for errors.
+            at: where it lies unpacked, if it is packed.
 
         Raises:
             InputError: it is no such file, or damaged.
         """
-        self.path = path
+        self.path, self._at = path, at or path
         with self._open() as database:
             tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master")}
             if not {"topics", "messages"} <= tables:
@@ -68,8 +71,8 @@ class SqliteBag(MessageFile):
     def _open(self, place: str | None = None) -> Iterator[sqlite3.Connection]:
         """Open it for one thread; nothing is written, not even beside it."""
         # What a recorder that is still writing has not moved into the file stands beside it.
-        alone = not self.path.with_name(self.path.name + "-wal").exists()
-        where = f"file:{quote(str(self.path))}?mode=ro" + ("&immutable=1" if alone else "")
+        alone = not self._at.with_name(self._at.name + "-wal").exists()
+        where = f"file:{quote(str(self._at))}?mode=ro" + ("&immutable=1" if alone else "")
         with (
             as_input_error(self.path, _EXPECTED, place),
             closing(sqlite3.connect(where, uri=True)) as database,
