@@ -24,7 +24,7 @@ EXPECTED = (
     "a twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; an "
     "OpenStreetMap extract (.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, "
     "Lanelet2 .osm), a DEM (.tif), a cloud (.npy, .bin, .pcd, .ply), a recording (KITTI, "
-    "nuScenes, Argoverse 2 and others, .pcap of an Ouster) or geometry (.glb, .gltf, "
+    "nuScenes, Argoverse 2 and others, a ROS bag, MCAP, .pcap) or geometry (.glb, .gltf, "
     ".obj, .ply, .stl, .fbx, .las, .laz, CityJSON, tileset.json, .3tz, a folder of photogrammetry)"
 )
 GEOMETRY = (
@@ -61,8 +61,13 @@ def summary_of(path: Path, progress: Progress = untold) -> Summary:
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
     """
-    if not path.exists():
+    from urbantwin.fidelity.readers.choice import file_and_choice
+
+    place, choice = file_and_choice(path)
+    if not place.exists():
         raise InputError("not found", file=path, expected=EXPECTED)
+    if choice is not None:
+        return Summary({"path": str(path), **_recording(path)})
     describe = _folder if path.is_dir() else _by_ending(path.name.lower(), progress)
     if describe is None:
         raise InputError("is nothing that UrbanTwin knows", file=path, expected=EXPECTED)
@@ -80,7 +85,7 @@ def _by_ending(name: str, progress: Progress) -> Callable[[Path], dict[str, Any]
         ((".tif", ".tiff"), _dem),
         ((".ply",), _mesh_or_cloud),
         (CLOUDS, _cloud),
-        ((".pcap",), _recording),
+        ((".pcap", ".pcapng", ".cap", ".bag", ".db3", ".mcap"), _recording),
         ((".json",), _geometry_or_roads),
         (GEOMETRY, _geometry),
     ):

@@ -81,7 +81,8 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
     Args:
         path: a folder that a command wrote (or a manifest in it: ``out/twin/twin.json``), one with
             a twin, a motion and a dataset in it; a ``site.yaml``, a ``rig.yaml`` or a sensor's
-            file; a measured background; a cloud, or real frames in any layout that is known.
+            file; a measured background; a cloud, or real frames in any layout that is known (of
+            a bag or capture with several, one: ``a.bag:/lidar/points``, ``a.pcap:192.168.1.201``).
 
     Returns:
         A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run` or
@@ -95,9 +96,14 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
     Example:
         >>> ut.open("out/dataset")[3].points
     """
-    place = Path(path)
+    from urbantwin.fidelity.readers import open_recording
+    from urbantwin.fidelity.readers.choice import file_and_choice
+
+    place, choice = file_and_choice(Path(path))
     if not place.exists():
         raise InputError("not found", file=place, expected=_EXPECTED)
+    if choice is not None:
+        return open_recording(Path(path))
     if place.is_file():
         folder = place.parent
         if place.suffix != ".json" or kind_of(folder) != place.stem:
@@ -112,8 +118,6 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
         return Run(place)
     if (place / "site.yaml").is_file():
         return _opened_file(place / "site.yaml")
-    from urbantwin.fidelity.readers import open_recording
-
     return open_recording(place)
 
 

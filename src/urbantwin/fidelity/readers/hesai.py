@@ -56,7 +56,7 @@ def angles_of(
         )
     name = chosen or models[0]
     return sensor(name), (
-        f"Angles of the beams are the catalogue's of a {name}: no angle correction of the unit "
+        f"Angles of the beams are the catalogue's of the {name}: no angle correction of the unit "
         f"({file.stem}.csv) lies beside the recording.",
     )
 

@@ -21,7 +21,7 @@ from urbantwin.errors import InputError
 __all__ = ["PACKET_BYTES", "TWO_RETURNS", "Velodyne", "azimuth_deg", "velodyne_model"]
 
 PACKET_BYTES = 1206
-TWO_RETURNS = "Of two returns of a beam the one that the packets call the strongest is read."
+TWO_RETURNS = "Of two returns of a beam the stronger is read."
 #: The model's byte in a packet (manuals, "Factory bytes").
 _MODELS = {
     0x21: "HDL-32E",
@@ -32,10 +32,12 @@ _MODELS = {
     0xA1: "VLS-128",
 }
 _HDL_64E = "HDL-64E"
+#: Series of it, and published calibrations that the decoder brings along.
+_OTHER_64E = {"HDL64E_S2": "HDL-64E_S2.1-sztaki.yml", "HDL64E_S3": "HDL-64E_S3-VeloView.yml"}
 _FLAGS = struct.Struct("<" + "H98x" * 12)
 _AZIMUTHS = struct.Struct("<" + "2xH96x" * 12)
 _UPPER, _LOWER = 0xEEFF, 0xDDFF
-_DUAL, _STRONGEST = 0x39, 1
+_DUAL = 0x39
 #: The decoder leaves out what is nearer or farther, metres: nothing.
 _NEAREST_M, _FARTHEST_M = 0.0, 1000.0
 
@@ -80,9 +82,11 @@ class Velodyne:
         if model == _HDL_64E:
             self._decoder_model, self._calibration = _hdl_64e(packets)
             if self._calibration is None:
+                other = _OTHER_64E[self._decoder_model]
+                self._calibration = _published(other)
                 self.notes = (
-                    "The HDL-64E's calibration is not whole in its packets: VeloView's of an S3 "
-                    "stands for it.",
+                    "The HDL-64E's calibration is not whole in its packets: that of another unit "
+                    f"({other}) stands for it.",
                 )
         elif " or " in model:
             raise InputError(
@@ -121,15 +125,16 @@ class Velodyne:
         ]
         if not of_this:  # the decoder does not look whether there is one
             raise InputError(f"has no packet of a {self.model}", file=self._file)
+        problem = None
         try:
             _, points = decoder.ScanDecoder(decoder.Config(**settings)).decode(
                 decoder.PacketVector(of_this), True
             )
         except RuntimeError as error:
-            raise InputError(f"is not readable ({error})", file=self._file) from None
-        kept = points[(points["return_type"] & _STRONGEST) > 0]
-        # A unit that sends the last return only marks all of its points as that.
-        points = kept if len(kept) else points
+            problem = str(error)
+        if problem is not None:  # without what the error holds on to, which the decoder tells of
+            raise InputError(f"is not readable ({problem})", file=self._file)
+        points = points[_stronger(points)]
         return {name: points[name] for name in ("x", "y", "z", "intensity", "ring", "column")} | {
             "time_s": points["time"].astype(np.float64)
         }
@@ -140,6 +145,25 @@ class Velodyne:
             azimuth = _AZIMUTHS.unpack_from(packet)
             return bool(azimuth[0] == azimuth[2])
         return packet[PACKET_BYTES - 2] == _DUAL
+
+
+def _stronger(points: NDArray[np.void]) -> NDArray[np.int64]:
+    """Return which points stay, in their order, where a beam has one: the stronger of two.
+
+    What is called the strongest is the second strongest where the last return is stronger
+    ("VLP-16 User Manual", 6.1.3).
+    """
+    beam = points["column"].astype(np.int64) * 256 + points["ring"]
+    # Of two that are as strong, the one called the strongest, which comes second.
+    order = np.lexsort((-np.arange(len(points)), -points["intensity"], beam))
+    return np.sort(order[np.unique(beam[order], return_index=True)[1]])
+
+
+def _published(name: str) -> str:
+    from velodyne_decoder import get_bundled_calibration
+
+    text: str = get_bundled_calibration(name).to_string()
+    return text
 
 
 def _hdl_64e(packets: Iterable[bytes]) -> tuple[str, str | None]:
