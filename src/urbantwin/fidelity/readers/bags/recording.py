@@ -44,7 +44,7 @@ _FILES: tuple[tuple[bytes, str, Callable[[Path, Path | None], MessageFile]], ...
     (mcap_file.MAGIC, ".mcap", mcap_file.McapFile),
 )
 _METADATA = "metadata.yaml"
-_INFORMATION = "rosbag2_bagfile_information"
+_INFORMATION, _FIRST_BYTES = "rosbag2_bagfile_information", 4096
 #: Topics that a line lists, and transforms that are looked at.
 _LISTED, _MOST_TRANSFORMS = 8, 1000
 
@@ -74,9 +74,8 @@ def is_rosbag(path: Path) -> bool:
     """Return whether a path is a bag of ROS 1 or ROS 2, or a folder that is one or holds one."""
     place, _ = file_and_choice(path)
     if place.is_dir():
-        found = _files(place)
-        kinds = {_without_packing(one) for one in found}
-        return bool(kinds - {".mcap"}) or (bool(found) and (place / _METADATA).is_file())
+        kinds = {_without_packing(one) for one in _files(place)}
+        return bool(kinds - {".mcap"}) or _is_of_ros2(place)
     return _ending(place) in (".bag", ".db3")
 
 
@@ -133,6 +132,14 @@ def _files(folder: Path) -> list[Path]:
     return sorted((one for one in found if one.is_file()), key=counting_order)
 
 
+def _is_of_ros2(folder: Path) -> bool:
+    """Return whether a folder's metadata are those of a bag of ROS 2."""
+    if not (folder / _METADATA).is_file():
+        return False
+    with (folder / _METADATA).open("rb") as stream:
+        return _INFORMATION.encode() in stream.read(_FIRST_BYTES)
+
+
 def _without_packing(file: Path) -> str:
     """Return a name's ending, of ``a.db3.zstd`` that of what is packed."""
     return Path(file.name.lower().removesuffix(PACKED)).suffix
@@ -147,7 +154,7 @@ def _files_of_one(place: Path) -> list[Path]:
     if place.is_file():
         return [place]
     found = _files(place)
-    if (place / _METADATA).is_file():
+    if _is_of_ros2(place):
         document = read_yaml_document(place / _METADATA, "the metadata of a ROS 2 bag")
         told = document.get(_INFORMATION) if isinstance(document, dict) else None
         listed = told.get("relative_file_paths") if isinstance(told, dict) else None
