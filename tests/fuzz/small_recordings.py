@@ -3,11 +3,33 @@
 import io
 import json
 import struct
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import yaml
 from pyarrow import feather
+
+from ..fidelity.bag_files import (
+    CLOUD,
+    ROS1,
+    ROS2,
+    foxglove_json,
+    foxglove_protobuf,
+    foxglove_schema,
+    ros_cloud,
+    write_mcap,
+    write_ros1,
+    write_ros2,
+)
+from ..fidelity.lidar_packets import (
+    VELODYNE,
+    hesai_turns,
+    velodyne_packet,
+    write_pcap,
+    write_pcapng,
+)
 
 __all__ = ["RECORDINGS", "pcd", "ply"]
 
@@ -201,6 +223,65 @@ def ouster() -> dict[str, bytes]:
     return {"a.pcap": capture, "a.json": text(metadata)}
 
 
+def files_of(write, name) -> dict[str, bytes]:
+    """Return what a library writes: the files by their names."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder) / name)
+        files = [path for path in Path(folder).rglob("*") if path.is_file()]
+        return {path.name: path.read_bytes() for path in files}
+
+
+def clouds_of_ros(types):
+    rows = np.zeros(len(ROWS), [(name, "<f4") for name in ("x", "y", "z", "intensity")])
+    for name, column in zip(rows.dtype.names, ROWS.T, strict=True):
+        rows[name] = column
+    return {"/points": (CLOUD, None, [(k, ros_cloud(types, rows)) for k in range(2)])}, rows
+
+
+def rosbag(packed) -> dict[str, bytes]:
+    topics, _ = clouds_of_ros(ROS1)
+    return files_of(lambda path: write_ros1(path, topics, packed=packed), "a.bag")
+
+
+def rosbag_of_ros2(storage, packed) -> dict[str, bytes]:
+    topics, _ = clouds_of_ros(ROS2)
+    return files_of(lambda path: write_ros2(path, topics, storage=storage, packed=packed), "bag")
+
+
+def mcap() -> dict[str, bytes]:
+    """Clouds in JSON; those in protobuf stand in a file of their own."""
+    _, rows = clouds_of_ros(ROS2)
+    topics = {"a": ("foxglove.PointCloud", "jsonschema", b"{}", "json", [(0, foxglove_json(rows))])}
+    return files_of(lambda path: write_mcap(path, topics), "a.mcap")
+
+
+def mcap_of_protobuf() -> dict[str, bytes]:
+    _, rows = clouds_of_ros(ROS2)
+    schema = foxglove_schema().SerializeToString()
+    message = foxglove_protobuf(rows, position=(1, 2, 3), orientation=(0, 0, 0, 1))
+    topics = {"a": ("foxglove.PointCloud", "protobuf", schema, "protobuf", [(0, message)])}
+    return files_of(lambda path: write_mcap(path, topics, use_chunking=False), "a.mcap")
+
+
+def velodyne(write, name, model) -> dict[str, bytes]:
+    block = [(900 + k, k) for k in range(32)]
+    packets = [
+        velodyne_packet((20 * k + np.arange(12)) % 360, [block] * 12, VELODYNE[model])
+        for k in range(20)
+    ]
+    return files_of(lambda path: write(path, packets), name)
+
+
+def hesai(model, channels, blocks) -> dict[str, bytes]:
+    packets, *_ = hesai_turns(model, channels, blocks, columns=24, turns=1.5)
+    return files_of(lambda path: write_pcap(path, packets), "a.pcap")
+
+
+def angles(channels) -> bytes:
+    lines = [f"{k + 1},{10 - k / 4},0.5" for k in range(channels)]
+    return "\n".join(["Channel,Elevation,Azimuth", *lines]).encode()
+
+
 RECORDINGS = {
     "argoverse2": argoverse(),
     "nuscenes": nuscenes(),
@@ -211,4 +292,18 @@ RECORDINGS = {
     "opencood": opencood(),
     "lumpi": lumpi(),
     "ouster": ouster(),
+    "rosbag": rosbag(None),
+    "rosbag of bz2": rosbag("BZ2"),
+    "rosbag of lz4": rosbag("LZ4"),
+    "rosbag of ROS 2": rosbag_of_ros2("SQLITE3", None),
+    "rosbag of ROS 2 packed": rosbag_of_ros2("SQLITE3", "FILE"),
+    "rosbag of ROS 2 in MCAP": rosbag_of_ros2("MCAP", "STORAGE"),
+    "rosbag of ROS 2 in MCAP packed": rosbag_of_ros2("MCAP", "MESSAGE"),
+    "mcap": mcap(),
+    "mcap of protobuf": mcap_of_protobuf(),
+    "velodyne": velodyne(write_pcap, "a.pcap", "VLP-16"),
+    "velodyne of 128": velodyne(write_pcapng, "a.pcapng", "VLS-128"),
+    "hesai": {**hesai("Pandar40P", 40, 10), "a.csv": angles(40)},
+    "hesai of 128": {**hesai("OT128", 128, 2), "a.csv": angles(128)},
+    "hesai of 32": hesai("PandarXT-32", 32, 8),
 }

@@ -78,9 +78,11 @@ def as_input_error(path: Path, expected: str, place: str | None = None) -> Itera
     """Raise InputError for whatever a library says of a file that is damaged."""
     try:
         yield
-    except (InputError, OSError):
+    except InputError:
         raise
     except Exception as error:  # of parsers and decoders, each of its own kind
+        if isinstance(error, OSError) and error.errno is not None:  # of the system, not of bz2
+            raise
         raise InputError(
             f"is not readable ({one_line(error)})", file=path, place=place, expected=expected
         ) from None
