@@ -257,7 +257,10 @@ def _hesai_recording(path: Path, capture: Path, unit: _Unit, model: str | None) 
         turn = turns[first + index]
         packets = [unit.packets[number] for number, *_ in turn]
         fields, notes = hesai_fields(
-            form, sensor, list(_payloads(capture, packets)), [span for _, *span in turn]
+            form,
+            sensor,
+            list(_payloads(capture, packets)),
+            [(start, stop) for _, start, stop in turn],
         )
         return _frame(capture, first + index, fields, notes)
 

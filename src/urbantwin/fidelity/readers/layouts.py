@@ -42,6 +42,10 @@ class Layout:
     opens: Callable[[Path, int | None], Recording]
 
 
+def _open_capture(layout: str, path: Path, columns: int | None) -> Recording:
+    return open_capture(path, layout)
+
+
 #: In the order in which they are tried: what says most about itself first.
 LAYOUTS: dict[str, Layout] = {
     "own": Layout("a dataset of urbantwin", is_own, open_own),
@@ -59,7 +63,7 @@ LAYOUTS: dict[str, Layout] = {
         name: Layout(
             f"a capture of {maker}",
             partial(is_capture_of, name),
-            lambda path, _, name=name: open_capture(path, name),
+            partial(_open_capture, name),
         )
         for name, maker in CAPTURES.items()
     },

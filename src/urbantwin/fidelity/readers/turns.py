@@ -34,7 +34,7 @@ def turn_numbers(angle_deg: NDArray[np.float64]) -> NDArray[np.int64]:
     # What lies a hair before 0 is not to begin a turn by rounding.
     along = start + np.concatenate([[0.0], np.cumsum(forward)]) + 1e-6
     turn = np.maximum.accumulate(np.floor(along / 360).astype(np.int64))
-    return turn - turn[0]
+    return np.asarray(turn - turn[0], np.int64)
 
 
 def whole_turns(sizes: Sequence[int]) -> tuple[int, int]:
