@@ -15,11 +15,11 @@ SOURCE, PORT = (192, 168, 1, 201), 2368
 def write_pcap(path, packets, *, order="<", fractions=10**6):
     """Write UDP packets: bytes, or (bytes, time, source, port)."""
     magic = {10**6: 0xA1B2C3D4, 10**9: 0xA1B23C4D}[fractions]
-    data = struct.pack(order + "IHHiIII", magic, 2, 4, 0, 0, 65535, 1)
+    data = [struct.pack(order + "IHHiIII", magic, 2, 4, 0, 0, 65535, 1)]
     for frame, time in framed(packets):
         parts = int(time), round((time - int(time)) * fractions), len(frame), len(frame)
-        data += struct.pack(order + "IIII", *parts) + frame
-    Path(path).write_bytes(data)
+        data += [struct.pack(order + "IIII", *parts), frame]
+    Path(path).write_bytes(b"".join(data))
 
 
 def write_pcapng(path, packets, *, order="<"):
@@ -114,7 +114,13 @@ def hesai_packet(
         # EE FF, lasers, blocks, reserved, unit (mm), reserved 2; the tail of a Pandar40P.
         head = b"\xee\xff" + bytes([64, 6, 0, 4, 0, 0])
         return head + body(b"") + bytes(8) + motor + stamp + bytes([mode, 0x42]) + from_2000
-    protocol = {"Pandar128": (1, 4), "OT128": (1, 4), "QT128": (3, 2), "PandarQT": (3, 1)}
+    protocol = {
+        "Pandar128": (1, 4),
+        "Pandar90": (1, 4),
+        "OT128": (1, 4),
+        "QT128": (3, 2),
+        "PandarQT": (3, 1),
+    }
     major, minor = protocol.get(model, (6, 1))
     flags = {(1, 4): 0x05, (3, 2): 0x15}.get((major, minor), 1) if flags is None else flags
     # EE FF, protocol 2, reserved 2, lasers, blocks, first return, unit, returns, flags.

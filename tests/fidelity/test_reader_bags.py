@@ -2,7 +2,9 @@
 
 import itertools
 import math
+import sqlite3
 import struct
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from urbantwin.fidelity.readers import open_recording
 
 from .bag_files import (
     CLOUD,
+    OF_FOXGLOVE,
     ROS1,
     ROS2,
     SECOND,
@@ -264,11 +267,12 @@ VELODYNE_SCAN = (
     + "=" * 80
     + ("\nMSG: velodyne_msgs/VelodynePacket\n{time} stamp\nuint8[1206] data\n")
 )
-PANDAR_SCAN = (
-    "std_msgs/Header header\npandar_msgs/PandarPacket[] packets\n"
-    + "=" * 80
-    + ("\nMSG: pandar_msgs/PandarPacket\n{time} stamp\nuint8[1500] data\nuint32 size\n")
-)
+#: Messages of Hesai's packets: fields of one, and whether packets are filled up.
+OF_HESAI = {
+    "pandar_msgs/PandarScan": ("{time} stamp\nuint8[1500] data\nuint32 size", True),
+    "nebula_msgs/NebulaPackets": ("{time} stamp\nuint8[] data", False),
+    "hesai_ros_driver/UdpFrame": ("uint8[] data\nuint32 size", False),
+}
 
 
 def test_a_bag_of_velodyne_packets(tmp_path):
@@ -312,30 +316,74 @@ def captured_from(packets, index):
     return index > 0 and azimuth[1] < azimuth[0]
 
 
-def test_a_bag_of_hesai_packets(tmp_path):
+@pytest.mark.parametrize("kind", OF_HESAI)
+def test_a_bag_of_hesai_packets(tmp_path, kind):
     packets, *_ = hesai_turns("OT128", 128, 2, columns=180, turns=1.0, start=0.0)
     write_pcap(tmp_path / "a.pcap", packets)
     captured = open_recording(tmp_path / "a.pcap:OT128").read(0)
+    fields, filled = OF_HESAI[kind]
+    package, name = kind.split("/")
+    packet = "PandarPacket" if name == "PandarScan" else "Packet"
 
     def scan(types):
         time = types.types["builtin_interfaces/msg/Time"]
-        one = types.types["pandar_msgs/msg/PandarPacket"]
-        return types.types["pandar_msgs/msg/PandarScan"](
-            header(types),
-            [
-                one(time(0, 0), np.frombuffer(p.ljust(1500, b"\0"), np.uint8), len(p))
-                for p in packets
-            ],
-        )
+        one = types.types[f"{package}/msg/{packet}"]
+        parts = [np.frombuffer(some.ljust(1500 * filled, b"\0"), np.uint8) for some in packets]
+        known = [
+            ({"stamp": time(0, 0)} if "stamp" in fields else {})
+            | ({"size": len(some)} if "size" in fields else {})
+            for some in packets
+        ]
+        made = [one(data=part, **more) for part, more in zip(parts, known, strict=True)]
+        return types.types[f"{package}/msg/{name}"](header(types), made)
 
-    definition = PANDAR_SCAN.format(time="builtin_interfaces/Time")
-    topics = {"/pandar_packets": ("pandar_msgs/msg/PandarScan", definition, [(5, scan)])}
-    write_ros2(tmp_path / "bag", topics)
-    with pytest.raises(InputError, match=r"alike.*bag.*:/pandar_packets:Pandar128 to say"):
+    definition = f"std_msgs/Header header\n{package}/{packet}[] packets\n{'=' * 80}\n" + (
+        f"MSG: {package}/{packet}\n" + fields.format(time="builtin_interfaces/Time")
+    )
+    write_ros2(tmp_path / "bag", {"/packets": (f"{package}/msg/{name}", definition, [(5, scan)])})
+    with closing(sqlite3.connect(tmp_path / "bag" / "bag.db3")) as database, database:
+        database.execute("DELETE FROM message_definitions")  # as before ROS 2 Iron
+    with pytest.raises(InputError, match=r"alike.*bag.*:/packets:Pandar128 to say"):
         open_recording(tmp_path / "bag")
-    frame = open_recording(tmp_path / "bag:/pandar_packets:OT128").read(0)
+    frame = open_recording(tmp_path / "bag:/packets:OT128").read(0)
     np.testing.assert_array_equal(frame.points, captured.points)
     np.testing.assert_allclose(frame.time_s, captured.time_s)
+
+
+FOXGLOVE_MSGS = """\
+builtin_interfaces/Time timestamp
+string frame_id
+geometry_msgs/Pose pose
+uint32 point_stride
+foxglove_msgs/PackedElementField[] fields
+uint8[] data
+{}
+MSG: foxglove_msgs/PackedElementField
+string name
+uint32 offset
+uint8 type
+""".format("=" * 80)
+
+
+def test_foxglove_clouds_in_ros2(tmp_path):
+    """`foxglove_msgs` are ROS's form of the same schema; the file defines them."""
+    rows, kind = TABLES[0], "foxglove_msgs/msg/PointCloud"
+
+    def cloud(types):
+        known = types.types
+        field = known["foxglove_msgs/msg/PackedElementField"]
+        fields = [field(n, o, OF_FOXGLOVE[k.str[1:]]) for n, (k, o) in rows.dtype.fields.items()]
+        pose = known["geometry_msgs/msg/Pose"](
+            known["geometry_msgs/msg/Point"](0.0, 0.0, 0.0),
+            known["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        )
+        time, data = known["builtin_interfaces/msg/Time"](1, 0), np.frombuffer(rows.tobytes(), "u1")
+        return known[kind](time, "lidar", pose, 32, fields, data)
+
+    for storage in ("SQLITE3", "MCAP"):
+        topics = {"/a": (kind, FOXGLOVE_MSGS, [(5, cloud)])}
+        write_ros2(tmp_path / storage, topics, storage=storage)
+        same(open_recording(tmp_path / storage).read(0), rows)
 
 
 def test_an_mcap_that_was_cut(tmp_path):

@@ -26,6 +26,7 @@ MODELS = {
     "XT32M2X": (32, 6, "hesai_sdk2/angle_correction/XT32M2X_Angle_Correction_File.csv"),
     "QT128": (128, 2, "nebula/hesai/PandarQT128.csv"),
     "Pandar128": (128, 2, "hesai_sdk2/angle_correction/Pandar128E3X_Angle_Correction_File.csv"),
+    "Pandar90": (90, 2, "hesai_sdk2/angle_correction/Pandar90E3X_Angle_Correction_File.csv"),
     "OT128": (128, 2, "nebula/hesai/Pandar128E4X.csv"),
 }
 ALIKE = ("Pandar40P", "Pandar40M", "Pandar128", "OT128")
