@@ -15,6 +15,9 @@ import pytest
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
 
+from .lidar_packets import write_pcap
+from .test_reader_velodyne import turning
+
 NAME = "OS-1-128_v2.3.0_1024x10"
 ROWS, COLUMNS, PER_PACKET = 128, 1024, 16
 
@@ -191,3 +194,31 @@ def test_bad_captures(tmp_path, capture):
         mine.write_bytes(data)
         with pytest.raises(InputError, match=r"a\.pcap"):
             open_recording(mine)
+
+
+def test_of_several_units_one_is_chosen(tmp_path, capture, scan):
+    """Two Ousters and a Velodyne in one capture, each told by its packets."""
+    kind = "LEGACY"
+    velodyne, *_ = turning("VLP-16", turns=1.5)
+    packets = list(packets_of(scan, kind, 7))
+    path = tmp_path / "a.pcap"
+    units = {"10.0.0.1": packets, "10.0.0.2": packets[:64]}
+    rows = [
+        (one, 1.7e9 + k * 1e-3, tuple(map(int, source.split("."))), 7502)
+        for source, some in units.items()
+        for k, one in enumerate(some)
+    ]
+    write_pcap(path, sorted(rows + velodyne, key=lambda one: one[1]))
+    # Without the Ousters' metadata, the Velodyne's packets are all that is known.
+    assert open_recording(path).layout == "velodyne"
+    write_metadata(tmp_path / "a.json", capture[1], kind)
+    with pytest.raises(InputError) as raised:
+        open_recording(tmp_path)
+    for told in ("3 units", "10.0.0.1:7502 (Ouster, 64", "10.0.0.2:7502", "2368 (VLP-16"):
+        assert told in str(raised.value)
+    for choice in ("10.0.0.1", "10.0.0.2:7502"):
+        recording = open_recording(path.with_name(f"a.pcap:{choice}"))
+        assert (recording.layout, recording.names) == ("ouster", ("7",))
+        np.testing.assert_allclose(recording.read(0).points, scan.points, atol=1e-9)
+    assert open_recording(path.with_name("a.pcap:2368")).layout == "velodyne"
+    assert open_recording(path, "velodyne").layout == "velodyne"

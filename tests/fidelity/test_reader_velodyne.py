@@ -8,7 +8,6 @@ import struct
 
 import numpy as np
 import pytest
-import velodyne_decoder
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
@@ -159,6 +158,9 @@ def test_a_vls_128(tmp_path, mode):
             banks=[int(one) for one in banks],
         )  # fmt: skip
         packets.append((packet, time, SOURCE, 2368))
+    # Imported here: what is imported before the tests begin, they keep to the end, which it tells.
+    import velodyne_decoder
+
     write_pcap(tmp_path / "a.pcap", packets)
     frame = open_recording(tmp_path / "a.pcap:VLS-128").read(0)
     settings = velodyne_decoder.Config(min_range=0, max_range=1000, cut_angle=0.0)
@@ -237,7 +239,9 @@ def test_bad_captures(tmp_path):
         open_recording(path)
     # A model that nobody knows is no Velodyne, and an azimuth beyond 360 degrees is none.
     write_pcap(path, [(one[0][:-1] + b"\x77", *one[1:]) for one in packets])
-    with pytest.raises(InputError, match=r"a\.pcap: has no JSON beside it"):
+    with pytest.raises(
+        InputError, match=r"a\.pcap: has no packets of a Velodyne or Hesai, and no JSON"
+    ):
         open_recording(path)
     wrong = packets[0][0][:2] + struct.pack("<H", 40000) + packets[0][0][4:]
     write_pcap(path, [wrong, *packets])

@@ -69,9 +69,11 @@ def metadata_of(capture: Path) -> Path:
     same = [one for one in found if capture.stem.startswith(one.stem)]
     chosen = sorted(same, key=lambda one: len(one.stem))[-1:] or found
     if len(chosen) != 1:
-        problem = f"has {len(found)} JSON files beside it" if found else "has no JSON beside it"
+        problem = f"and {len(found)} JSON files beside it" if found else "and no JSON beside it"
         raise InputError(
-            problem, file=capture, expected=f"the sensor's metadata as {capture.stem}.json"
+            f"has no packets of a Velodyne or Hesai, {problem}",
+            file=capture,
+            expected=f"an Ouster's metadata as {capture.stem}.json",
         )
     return chosen[0]
 
