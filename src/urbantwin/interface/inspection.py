@@ -62,6 +62,7 @@ def summary_of(path: Path, progress: Progress = untold) -> Summary:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
     """
     from urbantwin.fidelity.readers.choice import file_and_choice
+    from urbantwin.fidelity.readers.layouts import layout_of
 
     place, choice = file_and_choice(path)
     if not place.exists():
@@ -69,6 +70,8 @@ def summary_of(path: Path, progress: Progress = untold) -> Summary:
     if choice is not None:
         return Summary({"path": str(path), **_recording(path)})
     describe = _folder if path.is_dir() else _by_ending(path.name.lower(), progress)
+    if describe is None and layout_of(path) is not None:  # by its content
+        describe = _recording
     if describe is None:
         raise InputError("is nothing that UrbanTwin knows", file=path, expected=EXPECTED)
     return Summary({"path": str(path), **describe(path)})

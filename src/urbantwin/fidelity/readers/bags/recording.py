@@ -196,9 +196,14 @@ def _opened(file: Path) -> MessageFile:
     if opens is None:
         raise InputError("is no file of messages", file=file, expected="a .bag, .db3 or .mcap")
     at = unpacked_file(file)
-    opened = opens(file, at)
-    if at is not None:
-        weakref.finalize(opened, shutil.rmtree, at.parent, ignore_errors=True)
+    if at is None:
+        return opens(file, None)
+    try:
+        opened = opens(file, at)
+    except BaseException:
+        shutil.rmtree(at.parent, ignore_errors=True)
+        raise
+    weakref.finalize(opened, shutil.rmtree, at.parent, ignore_errors=True)
     return opened
 
 
@@ -231,8 +236,9 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
     # Who recorded clouds and packets has the clouds of these packets.
     able = clouds or packets
     if not able:
+        cut = any(file.notes for file in files)
         raise InputError(
-            "holds no clouds" if full else "holds no messages",
+            "holds no clouds" if full else "was cut" if cut else "holds no messages",
             file=place,
             expected="PointCloud2, foxglove.PointCloud or a scan's packets"
             + (f"; it has {listed(full)}" if full else ""),
