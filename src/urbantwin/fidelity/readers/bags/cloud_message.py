@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import organised
 from urbantwin.fidelity.readers.bags.message_file import Topic, as_input_error
 from urbantwin.fidelity.readers.bags.ros_types import ros_message
+from urbantwin.fidelity.readers.labels import pose_of_quaternion
 from urbantwin.geometry import Pose
 from urbantwin.strict_json import parse_json
 
@@ -35,8 +35,6 @@ _ENCODINGS = ("ros1", "cdr", "protobuf", "json")
 _OF_ROS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _OF_FOXGLOVE = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4", 8: "f8"}
 _EXPECTED = "a cloud"
-#: A rotation whose quaternion is shorter is none.
-_SHORTEST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,6 +211,5 @@ def pose_of(xyz: list[float], xyzw: list[float]) -> Pose:
     """
     if not np.isfinite([*xyz, *xyzw]).all():
         raise ValueError("has a pose that is not finite")
-    length = float(np.linalg.norm(xyzw))
-    rotation = np.eye(3) if length < _SHORTEST else Rotation.from_quat(xyzw).as_matrix()
-    return Pose(rotation, np.array(xyz, np.float64))
+    x, y, z, w = xyzw if any(xyzw) else (0.0, 0.0, 0.0, 1.0)
+    return pose_of_quaternion(w, x, y, z, xyz)
