@@ -38,6 +38,7 @@ _FLAGS = struct.Struct("<" + "H98x" * 12)
 _AZIMUTHS = struct.Struct("<" + "2xH96x" * 12)
 _UPPER, _LOWER = 0xEEFF, 0xDDFF
 _DUAL = 0x39
+_HOUR_S = 3600.0
 #: The decoder leaves out what is nearer or farther, metres: nothing.
 _NEAREST_M, _FARTHEST_M = 0.0, 1000.0
 
@@ -135,8 +136,11 @@ class Velodyne:
         if problem is not None:  # without what the error holds on to, which the decoder tells of
             raise InputError(f"is not readable ({problem})", file=self._file)
         points = points[_stronger(points)]
+        # The sensor's clock begins anew every hour.
+        time = points["time"].astype(np.float64)
+        time = (time + _HOUR_S / 2) % _HOUR_S - _HOUR_S / 2
         return {name: points[name] for name in ("x", "y", "z", "intensity", "ring", "column")} | {
-            "time_s": points["time"].astype(np.float64)
+            "time_s": time - time.min() if len(time) else time
         }
 
     def has_two_returns(self, packet: bytes) -> bool:
