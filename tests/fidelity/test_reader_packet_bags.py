@@ -100,3 +100,51 @@ def test_a_bag_of_hesai_packets(tmp_path, kind):
     frame = open_recording(tmp_path / "bag:/packets:OT128").read(0)
     np.testing.assert_array_equal(frame.points, captured.points)
     np.testing.assert_allclose(frame.time_s, captured.time_s)
+
+
+LIVOX = """\
+std_msgs/Header header
+uint64 timebase
+uint32 point_num
+uint8 lidar_id
+uint8[3] rsvd
+{package}/CustomPoint[] points
+{line}
+MSG: {package}/CustomPoint
+uint32 offset_time
+float32 x
+float32 y
+float32 z
+uint8 reflectivity
+uint8 tag
+uint8 line
+"""
+
+
+@pytest.mark.parametrize("defined", [False, True])
+@pytest.mark.parametrize("package", ["livox_ros_driver", "livox_ros_driver2"])
+def test_clouds_of_livox(tmp_path, package, defined):
+    rng = np.random.default_rng(0)
+    points = rng.normal(0, 20, (200, 3)).astype(np.float32)
+
+    def cloud(types):
+        one = types.types[f"{package}/msg/CustomPoint"]
+        rows = [
+            one(k * 500_000, *map(float, xyz), k % 256, 16, k % 6) for k, xyz in enumerate(points)
+        ]
+        kind = types.types[f"{package}/msg/CustomMsg"]
+        return kind(header(types), 7, 200, 1, np.zeros(3, np.uint8), rows)
+
+    definition = LIVOX.format(package=package, line="=" * 80)
+    topics = {"/livox/lidar": (f"{package}/msg/CustomMsg", definition, [(5, cloud)])}
+    write_ros2(tmp_path / "bag", topics)
+    if not defined:
+        with closing(sqlite3.connect(tmp_path / "bag" / "bag.db3")) as database, database:
+            database.execute("DELETE FROM message_definitions")
+    write_ros1(tmp_path / "a.bag", topics)
+    for name in ("bag", "a.bag"):
+        frame = open_recording(tmp_path / name).read(0)
+        np.testing.assert_array_equal(frame.points, points.astype(float))
+        np.testing.assert_array_equal(frame.intensity, np.arange(200))
+        np.testing.assert_array_equal(frame.ring, np.arange(200) % 6)
+        np.testing.assert_allclose(frame.time_s, np.arange(200) * 5e-4, atol=1e-9)

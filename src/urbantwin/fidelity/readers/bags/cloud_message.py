@@ -1,7 +1,8 @@
-"""Messages that are clouds: ``sensor_msgs/PointCloud2`` and Foxglove's ``PointCloud``.
+"""Messages that are clouds: ``sensor_msgs/PointCloud2``, Foxglove's ``PointCloud`` and Livox's own.
 
 Sources: ROS, ``sensor_msgs/PointCloud2.msg`` and ``PointField.msg``; Foxglove, "PointCloud schema"
-(docs.foxglove.dev/docs/visualization/message-schemas/point-cloud) in protobuf and in JSON.
+(docs.foxglove.dev/docs/visualization/message-schemas/point-cloud) in protobuf and in JSON; Livox,
+livox_ros_driver, README.md ("Livox custom msg format").
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import organised
 from urbantwin.fidelity.readers.bags.message_file import Topic, as_input_error
-from urbantwin.fidelity.readers.bags.ros_types import ros_message
+from urbantwin.fidelity.readers.bags.ros_types import LIVOX_PACKAGES, ros_message
 from urbantwin.fidelity.readers.labels import pose_of_quaternion
 from urbantwin.geometry import Pose
 from urbantwin.strict_json import parse_json
@@ -29,7 +30,8 @@ __all__ = ["CLOUDS", "CloudMessage", "cloud_message", "pose_of"]
 _POINT_CLOUD2 = "sensor_msgs/msg/PointCloud2"
 _FOXGLOVE = ("foxglove.PointCloud", "foxglove_msgs/msg/PointCloud", "foxglove/PointCloud")
 #: Types of messages that are clouds.
-CLOUDS = (_POINT_CLOUD2, *_FOXGLOVE)
+_LIVOX = tuple(f"{package}/msg/CustomMsg" for package in LIVOX_PACKAGES)
+CLOUDS = (_POINT_CLOUD2, *_FOXGLOVE, *_LIVOX)
 _ENCODINGS = ("ros1", "cdr", "protobuf", "json")
 #: Numbers of types: PointField's, and those of Foxglove's PackedElementField.
 _OF_ROS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
@@ -74,6 +76,8 @@ def cloud_message(topic: Topic, data: bytes, file: Path, place: str) -> CloudMes
     with as_input_error(file, _EXPECTED, place):
         if topic.kind == _POINT_CLOUD2:
             return _of_ros(ros_message(topic, data))
+        if topic.kind in _LIVOX:
+            return _of_livox(ros_message(topic, data))
         return _of_foxglove(_foxglove(topic, data), as_json=topic.encoding == "json")
 
 
@@ -91,6 +95,14 @@ def _of_ros(message: Any) -> CloudMessage:  # noqa: ANN401
         (int(message.row_step), int(message.point_step)),
     )
     return CloudMessage(organised(fields, height, width), str(message.header.frame_id))
+
+
+def _of_livox(message: Any) -> CloudMessage:  # noqa: ANN401
+    fields = {
+        name: np.array([getattr(point, name) for point in message.points], np.float64)
+        for name in ("x", "y", "z", "reflectivity", "line", "offset_time")
+    }
+    return CloudMessage(fields, str(message.header.frame_id))
 
 
 def _of_foxglove(message: Any, *, as_json: bool) -> CloudMessage:  # noqa: ANN401

@@ -7,9 +7,19 @@ from typing import Any
 
 from urbantwin.fidelity.readers.bags.message_file import Topic
 
-__all__ = ["ros_message"]
+__all__ = ["LIVOX_PACKAGES", "ros_message"]
 
-#: Packets of LiDARs, as drivers define them: files of ROS 2 before Iron hold no definitions.
+LIVOX_PACKAGES = ("livox_ros_driver", "livox_ros_driver2", "livox_interfaces")
+
+#: The cloud that all of Livox's drivers have.
+_LIVOX = (
+    "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
+    "CustomPoint[] points\n",
+    "{}/CustomPoint",
+    "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
+    "uint8 reflectivity\nuint8 tag\nuint8 line\n",
+)
+#: What drivers of LiDARs define for themselves: files of ROS 2 before Iron hold no definitions.
 _DRIVERS = {
     "velodyne_msgs/msg/VelodyneScan": (
         "std_msgs/Header header\nVelodynePacket[] packets\n",
@@ -31,6 +41,10 @@ _DRIVERS = {
         "hesai_ros_driver/UdpPacket",
         "uint8[] data\nuint32 size\n",
     ),
+    **{
+        f"{package}/msg/CustomMsg": (_LIVOX[0], _LIVOX[1].format(package), _LIVOX[2])
+        for package in LIVOX_PACKAGES
+    },
 }
 #: Definitions end so and are parsed; longer ones are no message's.
 _MOST_BYTES = 1_000_000
