@@ -98,7 +98,7 @@ def _of_ros(message: Any) -> CloudMessage:  # noqa: ANN401
 
 
 def _of_livox(message: Any) -> CloudMessage:  # noqa: ANN401
-    fields = {
+    fields: dict[str, NDArray[np.generic]] = {
         name: np.array([getattr(point, name) for point in message.points], np.float64)
         for name in ("x", "y", "z", "reflectivity", "line", "offset_time")
     }
