@@ -9,8 +9,9 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.readers.pcap import datagrams_in, mapped
 
-from .bag_files import header, write_ros1, write_ros2
+from .bag_files import ROS1, header, write_ros1, write_ros2
 from .lidar_packets import hesai_turns, write_pcap
 from .test_reader_velodyne import turning
 
@@ -148,3 +149,49 @@ def test_clouds_of_livox(tmp_path, package, defined):
         np.testing.assert_array_equal(frame.intensity, np.arange(200))
         np.testing.assert_array_equal(frame.ring, np.arange(200) % 6)
         np.testing.assert_allclose(frame.time_s, np.arange(200) * 5e-4, atol=1e-9)
+
+
+def test_packets_of_a_real_ouster(tmp_path, shared_data):
+    """The same packets, message by message, as ``ouster_ros`` records them: the same frames."""
+    folder = shared_data / "lidar/ouster-os1-128"
+    capture, metadata = next(folder.glob("*.pcap")), next(folder.glob("*.json"))
+    captured = open_recording(capture)
+    with mapped(capture) as data:
+        payloads = [
+            b"".join(bytes(data[begin:end]) for begin, end in one.parts)
+            for one in datagrams_in(capture, data)
+        ]
+
+    def packets(some, package):
+        def message(payload):
+            return lambda types: types.types[f"{package}/msg/PacketMsg"](
+                np.frombuffer(payload, np.uint8)
+            )
+
+        rows = [(1000 + k, message(one)) for k, one in enumerate(some)]
+        return (f"{package}/msg/PacketMsg", "uint8[] buf\n", rows)
+
+    told = ROS1.types["std_msgs/msg/String"](metadata.read_text())
+    topics = {
+        "/os/lidar_packets": packets(payloads, "ouster_ros"),
+        "/os/imu_packets": packets([bytes(48)] * 3, "ouster_ros"),
+        "/os/metadata": ("std_msgs/msg/String", None, [(0, told)]),
+    }
+    write_ros1(tmp_path / "a.bag", topics)
+    del topics["/os/metadata"]
+    write_ros1(tmp_path / "b.bag", topics)
+    topics = {"/os/lidar_packets": packets(payloads, "ouster_sensor_msgs")}
+    write_ros2(tmp_path / "bag", topics, storage="MCAP", packed="STORAGE")
+    for name in ("b.bag", "bag"):
+        with pytest.raises(InputError, match=r"no topic of metadata, and no JSON beside it"):
+            open_recording(tmp_path / name)
+    for place in (tmp_path, tmp_path / "bag"):
+        (place / metadata.name).write_bytes(metadata.read_bytes())
+    for name in ("a.bag", "b.bag", "bag", "a.bag:/os/lidar_packets"):
+        recording = open_recording(tmp_path / name)
+        assert recording.names == captured.names
+        ours, theirs = recording.read(1), captured.read(1)
+        np.testing.assert_array_equal(ours.points, theirs.points)
+        np.testing.assert_array_equal(ours.time_s, theirs.time_s)
+    with pytest.raises(InputError, match=r"no packet of 8448 bytes"):
+        open_recording(tmp_path / "a.bag:/os/imu_packets")

@@ -197,30 +197,45 @@ def lumpi() -> dict[str, bytes]:
     return {"lidar/000001.ply": ply(), "Label.csv": line * 2}
 
 
-def ouster() -> dict[str, bytes]:
-    """A sensor of four channels that sends 64 columns a turn, 16 in a packet."""
-    metadata = {
-        "beam_altitude_angles": [10.0, 0.0, -10.0, -20.0],
-        "beam_azimuth_angles": [1.0, 0.0, -1.0, 0.0],
-        "columns_per_frame": 64,
-        "columns_per_packet": 16,
-        "udp_profile_lidar": "RNG15_RFL8_NIR8",
-        "lidar_origin_to_beam_origin_mm": 15.8,
-    }
-    capture = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
+OUSTER = {
+    "beam_altitude_angles": [10.0, 0.0, -10.0, -20.0],
+    "beam_azimuth_angles": [1.0, 0.0, -1.0, 0.0],
+    "columns_per_frame": 64,
+    "columns_per_packet": 16,
+    "udp_profile_lidar": "RNG15_RFL8_NIR8",
+    "lidar_origin_to_beam_origin_mm": 15.8,
+}
+
+
+def ouster_packets():
+    """Two turns of a sensor of four channels that sends 64 columns a turn, 16 in a packet."""
     for turn in (1, 2):
         for first in range(0, 64, 16):
             payload = struct.pack("<HH28x", 1, turn)
             for column in range(first, first + 16):
                 payload += struct.pack("<QHH", 10**9 + 10**6 * column, column, 1)
                 payload += b"".join(struct.pack("<HBB", 900 + row, 40, 7) for row in range(4))
-            payload += bytes(32)
-            udp = struct.pack(">HHHH", 7502, 7502, 8 + len(payload), 0) + payload
-            ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), first, 0, 64, 17, 0,
-                             bytes(4), bytes(4)) + udp  # fmt: skip
-            frame = bytes(12) + b"\x08\x00" + ip
-            capture += struct.pack("<IIII", 0, 0, len(frame), len(frame)) + frame
-    return {"a.pcap": capture, "a.json": text(metadata)}
+            yield payload + bytes(32)
+
+
+def ouster() -> dict[str, bytes]:
+    files = files_of(lambda path: write_pcap(path, list(ouster_packets())), "a.pcap")
+    return files | {"a.json": text(OUSTER)}
+
+
+def rosbag_of_ouster() -> dict[str, bytes]:
+    kind = "ouster_ros/msg/PacketMsg"
+
+    def message(payload):
+        return lambda types: types.types[kind](np.frombuffer(payload, np.uint8))
+
+    rows = [(k, message(payload)) for k, payload in enumerate(ouster_packets())]
+    topics = {
+        "/os/lidar_packets": (kind, "uint8[] buf\n", rows),
+        "/os/metadata": ("std_msgs/msg/String", None, [(0, ROS1.types["std_msgs/msg/String"](
+            text(OUSTER).decode()))]),
+    }  # fmt: skip
+    return files_of(lambda path: write_ros1(path, topics), "a.bag")
 
 
 def files_of(write, name) -> dict[str, bytes]:
@@ -299,6 +314,7 @@ RECORDINGS = {
     "rosbag of ROS 2 packed": rosbag_of_ros2("SQLITE3", "FILE"),
     "rosbag of ROS 2 in MCAP": rosbag_of_ros2("MCAP", "STORAGE"),
     "rosbag of ROS 2 in MCAP packed": rosbag_of_ros2("MCAP", "MESSAGE"),
+    "rosbag of an Ouster": rosbag_of_ouster(),
     "mcap": mcap(),
     "mcap of protobuf": mcap_of_protobuf(),
     "velodyne": velodyne(write_pcap, "a.pcap", "VLP-16"),

@@ -25,7 +25,7 @@ from urbantwin.fidelity.readers.hesai import (
     hesai_fields,
 )
 from urbantwin.fidelity.readers.hesai_packets import HesaiForm, hesai_form, unread_protocol
-from urbantwin.fidelity.readers.ouster import metadata_of, ouster_recording
+from urbantwin.fidelity.readers.ouster import HEADER_BYTES, metadata_of, ouster_recording
 from urbantwin.fidelity.readers.ouster_packets import OusterFormat, read_ouster_format
 from urbantwin.fidelity.readers.pcap import Datagram, datagrams_in, is_pcap, mapped, payload_of
 from urbantwin.fidelity.readers.recording import Recording
@@ -92,7 +92,7 @@ def open_capture(path: Path, layout: str | None = None) -> Recording:
     capture = captures[0]
     unit, model = _chosen(capture, _units(capture, layout), choice)
     if isinstance(unit.form, OusterFormat):
-        return ouster_recording(path, capture, unit.form, unit.packets)
+        return _ouster_recording(path, capture, unit.form, unit.packets)
     if isinstance(unit.form, HesaiForm):
         return _hesai_recording(path, capture, unit, model)
     return _velodyne_recording(path, capture, unit)
@@ -175,7 +175,7 @@ def _ousters(
             expected="a model that docs/real_data.md names",
         )
     try:
-        metadata = metadata_of(capture)
+        metadata = metadata_of(capture, "has no packets of a Velodyne or Hesai")
         form = read_ouster_format(metadata)
     except InputError:
         if alone:
@@ -222,6 +222,21 @@ def _payloads(capture: Path, packets: list[Datagram]) -> Iterator[bytes]:
     with capture.open("rb") as stream:
         for one in packets:
             yield payload_of(stream, one)
+
+
+def _ouster_recording(
+    path: Path, capture: Path, form: OusterFormat, packets: list[Datagram]
+) -> Recording:
+    def begun() -> Iterator[tuple[Datagram, bytes]]:
+        with capture.open("rb") as stream:
+            for one in packets:
+                begin, end = one.parts[0]
+                stream.seek(begin)
+                yield one, stream.read(min(end - begin, HEADER_BYTES))
+
+    return ouster_recording(
+        (path, capture, "ouster"), form, begun(), lambda some: list(_payloads(capture, some))
+    )
 
 
 def _velodyne_recording(path: Path, capture: Path, unit: _Unit) -> Recording:

@@ -7,7 +7,9 @@ from typing import Any
 
 from urbantwin.fidelity.readers.bags.message_file import Topic
 
-__all__ = ["LIVOX_PACKAGES", "ros_message"]
+__all__ = ["LIVOX_PACKAGES", "OUSTER_PACKAGES", "ros_message"]
+
+OUSTER_PACKAGES = ("ouster_ros", "ouster_sensor_msgs", "ouster_msgs")
 
 LIVOX_PACKAGES = ("livox_ros_driver", "livox_ros_driver2", "livox_interfaces")
 
@@ -41,6 +43,7 @@ _DRIVERS = {
         "hesai_ros_driver/UdpPacket",
         "uint8[] data\nuint32 size\n",
     ),
+    **{f"{package}/msg/PacketMsg": ("uint8[] buf\n", "", "") for package in OUSTER_PACKAGES},
     **{
         f"{package}/msg/CustomMsg": (_LIVOX[0], _LIVOX[1].format(package), _LIVOX[2])
         for package in LIVOX_PACKAGES
@@ -72,7 +75,7 @@ def _types(kind: str, encoding: str, schema: bytes) -> Any:  # noqa: ANN401 - of
     text = schema.decode() if len(schema) < _MOST_BYTES else ""
     if kind in _DRIVERS and not text:
         whole, part, fields = _DRIVERS[kind]
-        text = f"{whole}{'=' * 80}\nMSG: {part}\n{fields}"
+        text = f"{whole}{'=' * 80}\nMSG: {part}\n{fields}" if part else whole
     is_idl = text.lstrip().startswith(("=====", "module", "#include", "//"))
     defined = get_types_from_idl(text) if is_idl else get_types_from_msg(text, kind)
     known.register({name: one for name, one in defined.items() if name not in known.fielddefs})
