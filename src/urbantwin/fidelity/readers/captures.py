@@ -31,7 +31,12 @@ from urbantwin.fidelity.readers.pcap import Datagram, datagrams_in, is_pcap, map
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.fidelity.readers.turns import PART_LEFT_OUT, turn_numbers, whole_turns
 from urbantwin.fidelity.readers.velodyne import TWO_RETURNS as TWO_OF_VELODYNE
-from urbantwin.fidelity.readers.velodyne import Velodyne, azimuth_deg, velodyne_model
+from urbantwin.fidelity.readers.velodyne import (
+    Velodyne,
+    azimuth_deg,
+    unread_model,
+    velodyne_model,
+)
 
 __all__ = ["CAPTURES", "is_capture_of", "open_capture"]
 
@@ -130,7 +135,7 @@ def _units(capture: Path, layout: str | None) -> list[_Unit]:
     """Return the units in a capture, whose packets are in their order."""
     units: dict[tuple[Any, ...], _Unit] = {}
     others: list[Datagram] = []
-    unread: set[str] = set()
+    unread: set[str | None] = set()
     with mapped(capture) as data:
         for one in datagrams_in(capture, data):
             packet = _whole(data, one)
@@ -144,7 +149,7 @@ def _units(capture: Path, layout: str | None) -> list[_Unit]:
                 new = _Unit("hesai", form.models, one.source, one.port, form)
             else:
                 others.append(one)
-                unread |= {protocol} if (protocol := unread_protocol(packet)) else set()
+                unread |= {unread_protocol(packet), unread_model(packet)} - {None}
                 continue
             units.setdefault(key, new).packets.append(one)
     found = [one for one in units.values() if layout in (None, one.layout)]
@@ -156,21 +161,21 @@ def _units(capture: Path, layout: str | None) -> list[_Unit]:
 
 
 def _ousters(
-    capture: Path, packets: list[Datagram], unread: set[str], *, alone: bool
+    capture: Path, packets: list[Datagram], unread: set[str | None], *, alone: bool
 ) -> list[_Unit]:
     """Return the Ousters among packets, as large as the metadata beside the capture asks for.
 
     Args:
         capture: the file.
         packets: of none of the other makers.
-        unread: protocols of Hesai's among them that are not read.
+        unread: what Hesai's and Velodyne's among them are that are not read.
         alone: whether there is nothing else: what is missing is an error then.
     """
     if not packets and not alone:
         return []
     if unread and alone:
         raise InputError(
-            f"holds packets of Hesai's protocol {', '.join(sorted(unread))}, which is not read",
+            f"holds packets of {', '.join(sorted(filter(None, unread)))}, which are not read",
             file=capture,
             expected="a model that docs/real_data.md names",
         )

@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 
-__all__ = ["PACKET_BYTES", "TWO_RETURNS", "Velodyne", "azimuth_deg", "velodyne_model"]
+__all__ = [
+    "PACKET_BYTES",
+    "TWO_RETURNS",
+    "Velodyne",
+    "azimuth_deg",
+    "unread_model",
+    "velodyne_model",
+]
 
 PACKET_BYTES = 1206
 TWO_RETURNS = "Of two returns of a beam the stronger is read."
@@ -54,6 +61,13 @@ def velodyne_model(packet: bytes | memoryview) -> str | None:
     if flags[:4] == (_UPPER, _LOWER, _UPPER, _LOWER):
         return _HDL_64E
     return _MODELS.get(packet[PACKET_BYTES - 1])
+
+
+def unread_model(packet: bytes | memoryview) -> str | None:
+    """Return what a packet is of that has the form of a Velodyne's and is not read."""
+    if len(packet) != PACKET_BYTES or bytes(packet[:2]) != b"\xff\xee":
+        return None
+    return f"a Velodyne of model {packet[PACKET_BYTES - 1]:#04x}"
 
 
 def azimuth_deg(packet: bytes | memoryview) -> float:
