@@ -16,6 +16,7 @@ __all__ = ["EXAMPLES", "inspect"]
 EXAMPLES = """
 urbantwin inspect out/dataset
 urbantwin inspect map.osm.pbf
+urbantwin inspect drive.mcap:/lidar/points
 urbantwin inspect twin/ --json | jq .counts
 """
 
@@ -25,7 +26,7 @@ def inspect(
         Path,
         typer.Argument(
             help="A twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; "
-            "an OpenStreetMap extract, a DEM, a cloud or a file of geometry."
+            "an OpenStreetMap extract, a DEM, a cloud, a recording or a file of geometry."
         ),
     ],
     quiet: Annotated[

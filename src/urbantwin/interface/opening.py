@@ -96,14 +96,14 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
     Example:
         >>> ut.open("out/dataset")[3].points
     """
-    from urbantwin.fidelity.readers import open_recording
-    from urbantwin.fidelity.readers.choice import file_and_choice
-
-    place, choice = file_and_choice(Path(path))
+    place = Path(path)
     if not place.exists():
-        raise InputError("not found", file=place, expected=_EXPECTED)
-    if choice is not None:
-        return open_recording(Path(path))
+        from urbantwin.fidelity.readers import open_recording
+        from urbantwin.fidelity.readers.choice import file_and_choice
+
+        if file_and_choice(place)[1] is None:
+            raise InputError("not found", file=place, expected=_EXPECTED)
+        return open_recording(place)
     if place.is_file():
         folder = place.parent
         if place.suffix != ".json" or kind_of(folder) != place.stem:
@@ -118,6 +118,8 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
         return Run(place)
     if (place / "site.yaml").is_file():
         return _opened_file(place / "site.yaml")
+    from urbantwin.fidelity.readers import open_recording
+
     return open_recording(place)
 
 
