@@ -10,7 +10,6 @@ from urbantwin.fidelity.readers.layouts import layout_of
 
 from ..fuzz.small_recordings import RECORDINGS, ROWS
 
-
 #: Layouts whose recordings are of a sensor alone, without labels.
 UNLABELLED = {"ouster", "velodyne", "hesai", "rosbag", "mcap"}
 
