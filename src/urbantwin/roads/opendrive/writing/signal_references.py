@@ -56,7 +56,7 @@ def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSigna
             found = _beside(carriers[-1], posed)
             hosts = [found] if found is not None else [signal]
         standing.append(min(hosts, key=lambda host: (round(abs(host.t), 3), host.road)))
-        if signal.lanes:
+        if signal.lanes and signal.lanes != NO_LANE:
             referred.append(signal)
     roads = (*model.roads, *carriers)
     return replace(model, roads=roads, signals=tuple(standing)), tuple(referred)

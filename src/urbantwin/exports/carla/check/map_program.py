@@ -1,0 +1,69 @@
+"""Says what CARLA's own library makes of an OpenDRIVE: run as a program, never imported.
+
+Its Python needs the package ``carla``. A map that CARLA trips over ends its process; here it ends
+only this one. Its arguments are the ``.xodr``, the map's name and a folder for what CARLA writes;
+the answer is one line of JSON. Places are in CARLA's frame: x east, y south, z up, metres.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+#: From one waypoint to the next, metres.
+STEP_M = 2.0
+
+
+def main(source: str, name: str, folder: str) -> dict[str, Any]:
+    """Read the map as the server, ``make import`` and the Traffic Manager do."""
+    import carla
+
+    chart = carla.Map(name, Path(source).read_text())
+    graph = Path(folder) / f"{name}.bin"
+    chart.cook_in_memory_map(str(graph))  # Import.py, build_binary_for_tm
+    every = chart.generate_waypoints(STEP_M)
+    return {
+        "traffic_manager_bytes": graph.stat().st_size if graph.exists() else 0,
+        "waypoints": [row(w) for w in every],
+        "ends": [row(w) for w in every if not w.next(STEP_M)],
+        "topology": [[row(a), row(b)] for a, b in chart.get_topology()],
+        "crosswalks": [place(corner) for corner in chart.get_crosswalks()],
+        "signals": [signal(chart, mark) for mark in chart.get_all_landmarks()],
+    }
+
+
+def place(location: Any) -> list[float]:  # noqa: ANN401 - carla has no types
+    """Return x, y, z."""
+    return [location.x, location.y, location.z]
+
+
+def row(waypoint: Any) -> list[float]:  # noqa: ANN401
+    """Return road, lane, station, x, y, z, and whether it is in a junction."""
+    where = [waypoint.road_id, waypoint.lane_id, waypoint.s]
+    return [*where, *place(waypoint.transform.location), int(waypoint.is_junction)]
+
+
+def signal(chart: Any, mark: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Return a reference to a signal, and the lanes that it names which are not there."""
+    lanes = [
+        lane
+        for first, last in mark.get_lane_validities()
+        for lane in range(min(first, last), max(first, last) + 1)
+        if lane
+    ]
+    there = {lane: chart.get_waypoint_xodr(mark.road_id, lane, mark.s) for lane in lanes}
+    return {
+        "id": mark.id,
+        "type": mark.type,
+        "road": mark.road_id,
+        "s": mark.s,
+        "place": place(mark.transform.location),
+        "lanes": {str(lane): w and place(w.transform.location) for lane, w in there.items()},
+        "driven": [lane for lane, w in there.items() if w and str(w.lane_type) == "Driving"],
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(main(*sys.argv[1:])))
