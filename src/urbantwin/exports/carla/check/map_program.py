@@ -1,13 +1,15 @@
 """Says what CARLA's own library makes of an OpenDRIVE: run as a program, never imported.
 
 Its Python needs the package ``carla``. A map that CARLA trips over ends its process; here it ends
-only this one. Its arguments are the ``.xodr``, the map's name and a folder for what CARLA writes;
-the answer is one line of JSON. Places are in CARLA's frame: x east, y south, z up, metres.
+only this one. Its arguments are the ``.xodr``, the map's name, a file of spawn points and a
+folder for what CARLA writes; the answer is one line of JSON. Places are in CARLA's frame: x east,
+y south, z up, metres.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from typing import Any
 STEP_M = 2.0
 
 
-def main(source: str, name: str, folder: str) -> dict[str, Any]:
+def main(source: str, name: str, spawns: str, folder: str) -> dict[str, Any]:
     """Read the map as the server, ``make import`` and the Traffic Manager do."""
     import carla
 
@@ -31,6 +33,25 @@ def main(source: str, name: str, folder: str) -> dict[str, Any]:
         "topology": [[row(a), row(b)] for a, b in chart.get_topology()],
         "crosswalks": [place(corner) for corner in chart.get_crosswalks()],
         "signals": [signal(chart, mark) for mark in chart.get_all_landmarks()],
+        "spawns": [spawn(carla, chart, one) for one in json.loads(Path(spawns).read_text())],
+    }
+
+
+def spawn(carla: Any, chart: Any, entry: dict[str, Any]) -> dict[str, Any] | None:  # noqa: ANN401
+    """Return the lane at a spawn point, how far beside its middle it is and how it is turned."""
+    at, turn = carla.Location(**entry["location"]), carla.Rotation(**entry["rotation"])
+    kinds = (carla.LaneType.Driving, carla.LaneType.Any)  # sidewalks may lie over lanes
+    maybe = (chart.get_waypoint(at, project_to_road=False, lane_type=kind) for kind in kinds)
+    found = next((one for one in maybe if one is not None), None)
+    if found is None:
+        return None
+    there, yaw = found.transform, math.radians(found.transform.rotation.yaw)
+    gap = at - there.location
+    return {
+        "type": str(found.lane_type),
+        "junction": bool(found.is_junction),
+        "aside": gap.y * math.cos(yaw) - gap.x * math.sin(yaw),
+        "turned": (turn.yaw - there.rotation.yaw + 180) % 360 - 180,
     }
 
 
