@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.exports.carla.check import NOT_PROVEN
 from urbantwin.exports.carla.meshes import named_objects, navigation_objects
 from urbantwin.exports.carla.names import OBJECTS, folder_of, map_name
 from urbantwin.exports.carla.rig import carla_rig
@@ -98,7 +100,7 @@ def write_carla(twin: Twin, folder: Path) -> None:
 
 
 def readme(title: str, package: str, name: str) -> str:
-    """Return how to import a package, in some twenty lines.
+    """Return how to import a package, in some thirty lines.
 
     Args:
         title: the twin's name.
@@ -119,10 +121,13 @@ def readme(title: str, package: str, name: str) -> str:
         "You need CARLA built from source (with CARLA's Unreal Engine 4.26).",
         "1. Copy the package's folder, and nothing else of this one, to carla/Import/: there,",
         "   make import takes every .json for a package.",
-        "2. In carla/: make import. Then make launch; the map is in Content/<package>/Maps.",
-        f'3. For a packaged CARLA: make package ARGS="--packages={package}";',
+        f"2. Copy navigation/{name}.obj to carla/Util/DockerUtils/dist/. From it, and the",
+        "   crosswalks of the .xodr, make import builds where people walk; without it they have",
+        "   nowhere to, because CARLA's FBX2OBJ needs an SDK that is not to be had any more.",
+        "3. In carla/: make import. Then make launch; the map is in Content/<package>/Maps.",
+        f'4. For a packaged CARLA: make package ARGS="--packages={package}";',
         "   put the archive into its Import folder and run ImportAssets.sh there.",
-        "4. In Python: client.load_world(<map>). Without the mesh:",
+        "5. In Python: client.load_world(<map>). Without the mesh:",
         "   client.generate_opendrive_world(open('<map>.xodr').read())",
         "",
         "Semantic tags: make import moves Road_Road, Road_Marking, Road_Sidewalk, Road_Curb and",
@@ -130,9 +135,15 @@ def readme(title: str, package: str, name: str) -> str:
         "Content Browser move these on from Static/Terrain/<map> to Static/<name>/<map>:",
         f"{by_hand}.",
         "TrafficLight and TrafficSign meshes are not placed: CARLA sets up its own by the .xodr.",
+        "CARLA knows no signal programs: at a junction, the stages have green one after another.",
         "",
         "Frame: x east, y south, z up, metres from the anchor, as in carla.Map. The FBX has",
         "centimetres and y north; Unreal mirrors y as it imports.",
         "traffic.json, spawn_points.json and rig.json are what urbantwin carla sets up.",
+        "",
+        "Checked: `urbantwin verify` puts every file here before the rules of CARLA's own code,",
+        "and names the file of CARLA that has the rule; with CARLA's Python package, also lanes,",
+        "signals and spawn points.",
+        *textwrap.wrap(f"Not proven: {NOT_PROVEN}.", 88),
     ]
     return "\n".join(lines) + "\n"

@@ -27,3 +27,9 @@ class Finding:
     problems: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     missing: str = ""
+
+    def told(self, most: int | None = None) -> list[str]:
+        """Return what a person should be told: problems, the first of them, notes, or "sound"."""
+        if self.missing:
+            return [f"not applied: {self.missing}"]
+        return [*self.problems[:most], *self.notes] if self.problems else ["sound", *self.notes]

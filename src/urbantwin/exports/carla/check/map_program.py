@@ -38,20 +38,29 @@ def main(source: str, name: str, spawns: str, folder: str) -> dict[str, Any]:
 
 
 def spawn(carla: Any, chart: Any, entry: dict[str, Any]) -> dict[str, Any] | None:  # noqa: ANN401
-    """Return the lane at a spawn point, how far beside its middle it is and how it is turned."""
+    """Return the lane at a spawn point, how far beside its middle it is and how it is turned.
+
+    In bends, the waypoint that CARLA finds may be metres further along its lane.
+    """
     at, turn = carla.Location(**entry["location"]), carla.Rotation(**entry["rotation"])
-    kinds = (carla.LaneType.Driving, carla.LaneType.Any)  # sidewalks may lie over lanes
-    maybe = (chart.get_waypoint(at, project_to_road=False, lane_type=kind) for kind in kinds)
-    found = next((one for one in maybe if one is not None), None)
+    found = chart.get_waypoint(at, project_to_road=True, lane_type=carla.LaneType.Driving)
     if found is None:
         return None
-    there, yaw = found.transform, math.radians(found.transform.rotation.yaw)
-    gap = at - there.location
+    near = [found]
+    for step in range(1, 13):
+        near += [*found.next(0.25 * step), *found.previous(0.25 * step)]
+
+    def gap(waypoint: Any) -> float:  # noqa: ANN401
+        there = waypoint.transform.location
+        return math.hypot(at.x - there.x, at.y - there.y)
+
+    found = min(near, key=gap)
+    yaw = found.transform.rotation.yaw
     return {
-        "type": str(found.lane_type),
+        "aside": gap(found),
+        "width": found.lane_width,
         "junction": bool(found.is_junction),
-        "aside": gap.y * math.cos(yaw) - gap.x * math.sin(yaw),
-        "turned": (turn.yaw - there.rotation.yaw + 180) % 360 - 180,
+        "turned": (turn.yaw - yaw + 180) % 360 - 180,
     }
 
 

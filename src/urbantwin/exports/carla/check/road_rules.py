@@ -208,11 +208,11 @@ def stop_places(package: Package) -> Problems:
 def spawn_points(package: Package) -> Problems:
     """Spawn points: on a driving lane outside junctions, in its direction."""
     for number, found in enumerate(_answer(package)["spawns"]):
-        if found is None:
-            yield f"spawn point {number} is on no lane"
-        elif found["type"] != "Driving" or found["junction"]:
-            yield f"spawn point {number} is on a lane for {found['type']}, or in a junction"
-        elif abs(found["aside"]) > 0.3 or abs(found["turned"]) > 10.0:
+        if found is None or found["aside"] > found["width"] / 2:
+            yield f"spawn point {number} is on no lane to drive on"
+        elif found["junction"]:
+            yield f"spawn point {number} is in a junction"
+        elif found["aside"] > 0.5 or abs(found["turned"]) > 10.0:
             yield f"spawn point {number} is {found['aside']:.1f} m beside the middle of its lane"
 
 

@@ -28,7 +28,7 @@ def navigation(package: Package) -> Problems:
     path = package.folder / "navigation" / f"{package.name}.obj"
     corners, area = _obj(path)
     for name in sorted(set(area) - set(AREAS)):
-        yield f"the material {name!r} is none of {', '.join(AREAS)}"
+        yield f"the material {str(name)!r} is none of {', '.join(AREAS)}"
     if not len(corners):
         yield "it has no triangle"
         return
