@@ -2,7 +2,7 @@
 
 Its Python needs the package ``carla``. A map that CARLA trips over ends its process; here it ends
 only this one. Its arguments are the ``.xodr``, the map's name, a file of spawn points and a
-folder for what CARLA writes; the answer is one line of JSON. Places are in CARLA's frame: x east,
+folder, where CARLA writes, and the answer is ``answer.json``. Places are in CARLA's frame: x east,
 y south, z up, metres.
 """
 
@@ -96,4 +96,5 @@ def signal(chart: Any, mark: Any) -> dict[str, Any]:  # noqa: ANN401
 
 
 if __name__ == "__main__":
-    print(json.dumps(main(*sys.argv[1:])))
+    answer = main(*sys.argv[1:])
+    Path(sys.argv[-1], "answer.json").write_text(json.dumps(answer))

@@ -139,12 +139,11 @@ def _asked(
             )
         except subprocess.TimeoutExpired:
             raise InputError("CARLA does not come to an end with it", file=xodr) from None
-    if "No module named 'carla'" in done.stderr:
-        return None
-    if done.returncode:
-        said = [line for line in done.stderr.splitlines() if line.strip()]
-        raise InputError(
-            f"CARLA cannot read it ({said[-1] if said else done.returncode})", file=xodr
-        )
-    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+        if "No module named 'carla'" in done.stderr:
+            return None
+        if done.returncode:
+            said = [line for line in done.stderr.splitlines() if line.strip()]
+            why = said[-1] if said else done.returncode
+            raise InputError(f"CARLA cannot read it ({why})", file=xodr)
+        answer: dict[str, Any] = json.loads((scratch / "answer.json").read_text())
     return answer
