@@ -107,16 +107,19 @@ def read_package(folder: Path, python: str = sys.executable) -> Package:
 
 def _mesh(path: Path) -> Mesh:
     model = read_fbx(path)
+    mesh = model.mesh
+    if mesh is None:  # an FBX holds triangles, or is refused
+        raise InputError("holds no triangle", file=path)
     header = path.read_bytes()[:27]
-    pairs = [name.split(" / ") for name in model.mesh.names]
+    pairs = [name.split(" / ") for name in mesh.names]
     nodes = list(dict.fromkeys(pair[0] for pair in pairs))
     materials: dict[str, list[str]] = {name: [] for name in nodes}
     for pair in pairs:
         materials[pair[0]].append(pair[-1])
     number = np.array([nodes.index(pair[0]) for pair in pairs])
     return Mesh(
-        model.mesh.vertices[model.mesh.faces],
-        number[model.mesh.object],
+        mesh.vertices[mesh.faces],
+        number[mesh.object],
         tuple(nodes),
         tuple(tuple(materials[name]) for name in nodes),
         int.from_bytes(header[23:27], "little") if header.startswith(b"Kaydara FBX Binary") else 0,

@@ -66,7 +66,7 @@ def with_model_ids(
         values = {**asdict(sign), "id": number[sign.id], "road": roads[road].id}
         del values["turned"]
         signals.append(RoadSignal(**values, program=program_of.get(sign.id, "")))
-    controllers = []
+    controllers: list[SignalController] = []
     for key, program in programs.items():
         spot = log.at(f"controller {key}")
         for signal in program.signals:
