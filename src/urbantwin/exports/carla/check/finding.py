@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-__all__ = ["Finding", "Problems"]
+__all__ = ["Finding", "NoCarlaError", "Problems"]
 
 Problems = Iterator[str]
+
+
+class NoCarlaError(Exception):
+    """A rule asks CARLA's library, which is not installed."""
 
 
 @dataclass(frozen=True)

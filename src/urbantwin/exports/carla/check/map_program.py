@@ -80,7 +80,7 @@ def signal(chart: Any, mark: Any) -> dict[str, Any]:  # noqa: ANN401
     lanes = [
         lane
         for first, last in mark.get_lane_validities()
-        for lane in range(min(first, last), max(first, last) + 1)
+        for lane in range(max(min(first, last), -99), min(max(first, last), 99) + 1)
         if lane
     ]
     there = {lane: chart.get_waypoint_xodr(mark.road_id, lane, mark.s) for lane in lanes}

@@ -19,7 +19,7 @@ from urbantwin.errors import InputError
 from urbantwin.exports.carla.package_documents import read_plan
 from urbantwin.reconstruct.formats.fbx import read_fbx
 
-__all__ = ["Mesh", "Package", "read_package"]
+__all__ = ["Mesh", "Package", "read_package", "read_roads"]
 
 _PROGRAM = Path(__file__).with_name("map_program.py")
 #: CARLA reads a map within this, seconds.
@@ -89,20 +89,28 @@ def read_package(folder: Path, python: str = sys.executable) -> Package:
     name, package = plan["carla"]["map"], plan["carla"]["package"]
     base = folder / package / name / name
     xodr = base.with_suffix(".xodr")
-    parser = etree.XMLParser(resolve_entities=False, no_network=True)
-    try:
-        roads = etree.fromstring(read_bytes(xodr, "the package's map of the roads"), parser)
-    except etree.XMLSyntaxError as error:
-        raise InputError(f"is not XML ({error})", file=xodr, expected="OpenDRIVE") from None
     return Package(
         folder,
         folder / package,
         name,
         plan,
         _mesh(base.with_suffix(".fbx")),
-        roads,
+        read_roads(xodr),
         _asked(xodr, name, plan["spawn_points"]["spawn_points"], python),
     )
+
+
+def read_roads(path: Path) -> etree._Element:
+    """Return the root of an OpenDRIVE.
+
+    Raises:
+        InputError: it is missing, or not XML.
+    """
+    parser = etree.XMLParser(resolve_entities=False, no_network=True)
+    try:
+        return etree.fromstring(read_bytes(path, "the package's map of the roads"), parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise InputError(f"is not XML ({error})", file=path, expected="OpenDRIVE") from None
 
 
 def _mesh(path: Path) -> Mesh:

@@ -11,7 +11,7 @@ import shapely
 from lxml import etree
 from numpy.typing import NDArray
 
-from urbantwin.exports.carla.check.finding import Problems
+from urbantwin.exports.carla.check.finding import NoCarlaError, Problems
 from urbantwin.exports.carla.check.read import Package
 
 __all__ = [
@@ -121,15 +121,13 @@ def signals(package: Package) -> Problems:
                 if kind == "274" and not float(item.get("value") or 0) > 0:
                     yield f"signal {name} is a speed limit without a speed"
             held = [
-                lane
+                int(str(one.get(key)))
                 for one in item.findall("validity")
-                for lane in range(int(one.get("fromLane")), int(one.get("toLane")) + 1)
+                for key in ("fromLane", "toLane")
             ]
             if not held:
                 yield f"signal {name} names no lanes: CARLA would take those of the other direction"
-            if any(
-                lane * (-1 if facing == "+" else 1) < 0 for lane in held if facing in ("+", "-")
-            ):
+            elif (facing == "+" and max(held) > 0) or (facing == "-" and min(held) < 0):
                 yield f"signal {name} faces {facing}, but holds for lanes of the other direction"
 
 
@@ -218,7 +216,7 @@ def spawn_points(package: Package) -> Problems:
 
 def _answer(package: Package) -> dict[str, Any]:
     if package.carla is None:
-        raise LookupError("carla")
+        raise NoCarlaError
     return package.carla
 
 

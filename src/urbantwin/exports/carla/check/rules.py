@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from urbantwin.exports.carla.check import import_rules, road_rules, walking_rules
-from urbantwin.exports.carla.check.finding import Finding, Problems
+from urbantwin.exports.carla.check.finding import Finding, NoCarlaError, Problems
 from urbantwin.exports.carla.check.read import Package, read_package
 
-__all__ = ["NOT_PROVEN", "check_package"]
+__all__ = ["NOT_PROVEN", "check_package", "findings"]
 
 #: Rule, who reads it, and what finds its problems; or what is only good to know of the one before.
 RULES: tuple[tuple[str, str, Callable[[Package], Problems], bool], ...] = (
@@ -50,15 +50,21 @@ def check_package(folder: Path, *, python: str = sys.executable) -> tuple[Findin
     Raises:
         InputError: a file is missing or cannot be read.
     """
-    package = read_package(folder, python)
-    found = []
+    return findings(read_package(folder, python))
+
+
+def findings(package: Package) -> tuple[Finding, ...]:
+    """Apply every rule to a package that was read."""
+    found: list[Finding] = []
     for rule, reader, apply, told in RULES:
         try:
             said = tuple(apply(package))
-        except LookupError:
+        except NoCarlaError:
             if not told:
                 found.append(Finding(rule, reader, missing=_HOW_TO_GET_CARLA))
             continue
+        except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
+            said = (f"it cannot be read ({type(error).__name__}: {error})",)
         if told:
             found[-1] = replace(found[-1], notes=said)
         else:

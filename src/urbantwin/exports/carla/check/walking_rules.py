@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
-from urbantwin.exports.carla.check.finding import Problems
+from urbantwin.exports.carla.check.finding import NoCarlaError, Problems
 from urbantwin.exports.carla.check.import_rules import LARGEST_M
 from urbantwin.exports.carla.check.read import Package
 from urbantwin.exports.carla.meshes import navigation_area
 
-__all__ = ["crosswalks", "navigation", "without_sidewalk"]
+__all__ = ["crosswalks", "navigation", "triangles_of_obj", "without_sidewalk"]
 
 #: ``FBX2OBJ.cpp``; areas in ``LibCarla/source/carla/nav/Navigation.h``.
 AREAS = ("road", "sidewalk", "crosswalk", "grass", "block")
@@ -26,7 +26,7 @@ STEP_M = 0.3
 def navigation(package: Package) -> Problems:
     """The OBJ: metres, y up, z south, one of five materials, sidewalks that face up."""
     path = package.folder / "navigation" / f"{package.name}.obj"
-    corners, area = _obj(path)
+    corners, area = triangles_of_obj(path)
     for name in sorted(set(area) - set(AREAS)):
         yield f"the material {str(name)!r} is none of {', '.join(AREAS)}"
     if not len(corners):
@@ -79,7 +79,7 @@ def without_sidewalk(package: Package) -> Problems:
 def _outlines(package: Package) -> list[NDArray[np.float64]]:
     """Return the crosswalks (N, 3) in the site frame; CARLA gives one closed ring after another."""
     if package.carla is None:
-        raise LookupError("carla")
+        raise NoCarlaError
     corners = np.array(package.carla["crosswalks"], np.float64).reshape(-1, 3) * [1, -1, 1]
     found, start = [], 0
     for k in range(1, len(corners)):
@@ -94,8 +94,12 @@ def _bounds(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([every.min(axis=0), every.max(axis=0)])
 
 
-def _obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
-    """Return triangles (F, 3, 3) and their materials (F,), as RecastBuilder reads both."""
+def triangles_of_obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
+    """Return triangles (F, 3, 3) and their materials (F,), as RecastBuilder reads both.
+
+    Raises:
+        InputError: it is missing, or holds something else.
+    """
     vertices, faces, materials, name = [], [], [], ""
     text = read_bytes(path, "where people walk").decode(errors="replace")
     try:
