@@ -168,6 +168,11 @@ def test_signals_for_nobody_or_for_the_other_direction_are_told(package, carla_p
 
     assert "CARLA does not know" in only(road_rules.signals(changed(package, unknown)))
 
+    def slow(roads):
+        next(e for e in roads.iter("signal") if e.get("type") == "274").set("subtype", "-1")
+
+    assert "no plate" in only(road_rules.signals(changed(package, slow)))
+
 
 def test_one_controller_for_a_whole_junction_is_told(package):
     def merged(roads):

@@ -113,3 +113,20 @@ def test_signals_without_lanes_get_those_of_their_direction(
     for one in item.findall("validity"):
         found |= set(range(int(one.get("fromLane")), int(one.get("toLane")) + 1))
     assert found - {0} == lanes
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "plate", "km_h"),
+    [(50, "km/h", "50", 50), (20, "km/h", "30", 20), (30, "mph", "50", 48)],
+)
+def test_a_speed_limit_has_a_plate_of_carlas(two_avenues_twin, tmp_path, value, unit, plate, km_h):
+    twin = two_avenues_twin
+    model = twin.lane_model
+    sign = next(s for s in model.signals if not s.dynamic)
+    others = [s for s in model.signals if s is not sign]
+    model = replace(model, signals=(*others, replace(sign, value=float(value), unit=unit)))
+    write_opendrive(model, twin.frame, tmp_path / "m.xodr", version="1.4", name="m")
+    root = etree.parse(tmp_path / "m.xodr").getroot()
+    (item,) = [one for one in root.iter("signal") if one.get("id") == str(sign.id)]
+    assert (item.get("type"), item.get("subtype"), item.get("unit")) == ("274", plate, "km/h")
+    assert float(item.get("value")) == km_h

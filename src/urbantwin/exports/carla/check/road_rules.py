@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from urbantwin.exports.carla.check.finding import NoCarlaError, Problems
 from urbantwin.exports.carla.check.read import Package
+from urbantwin.roads.opendrive.writing.carla import PLATES
 
 __all__ = [
     "by_changing",
@@ -120,6 +121,8 @@ def signals(package: Package) -> Problems:
                     yield f"signal {name} is of type {kind}, which CARLA does not know"
                 if kind == "274" and not float(item.get("value") or 0) > 0:
                     yield f"signal {name} is a speed limit without a speed"
+                if kind == "274" and item.get("subtype") not in map(str, PLATES):
+                    yield f"signal {name} is a speed limit of which CARLA has no plate"
             held = [
                 int(str(one.get(key)))
                 for one in item.findall("validity")
