@@ -33,8 +33,8 @@ SIGNS = {"205", "206", "274"}
 WALKERS = "1000002"
 #: A lane's waypoint this far beside the carriageway, or above it, is beside it, metres.
 BESIDE_M, ABOVE_M = 0.05, 0.5
-#: From the stop line to the place that stops vehicles, metres: a pole stands before the line.
-STOP_M = 3.0
+#: From the stop line to the place that stops vehicles, metres.
+STOP_M = 1.0
 
 
 def lanes(package: Package) -> Problems:
