@@ -130,3 +130,20 @@ def test_a_speed_limit_has_a_plate_of_carlas(two_avenues_twin, tmp_path, value, 
     (item,) = [one for one in root.iter("signal") if one.get("id") == str(sign.id)]
     assert (item.get("type"), item.get("subtype"), item.get("unit")) == ("274", plate, "km/h")
     assert float(item.get("value")) == km_h
+
+
+def test_a_light_before_its_stop_line_stops_vehicles_at_the_line(two_avenues_twin, tmp_path):
+    twin = two_avenues_twin
+    model = twin.lane_model
+    line = next(a for a in model.areas if a.name == "StopLine")
+    light = next(s for s in model.signals if s.road == line.road and s.type == "1000001")
+    others = [s for s in model.signals if s is not light]
+    model = replace(model, signals=(*others, replace(light, s=line.s - 4.0)))
+    write_opendrive(model, twin.frame, tmp_path / "m.xodr", version="1.4", name="m")
+    root = etree.parse(tmp_path / "m.xodr").getroot()
+    (stands,) = [e for e in root.iter("signal") if e.get("id") == str(light.id)]
+    (holds,) = [e for e in root.iter("signalReference") if e.get("id") == str(light.id)]
+    assert float(stands.get("s")) == pytest.approx(line.s - 4.0)
+    assert [one.get("fromLane") for one in stands.findall("validity")] == ["0"]
+    assert float(holds.get("s")) == pytest.approx(line.s)
+    assert {int(one.get("fromLane")) for one in holds.findall("validity")} == {min(light.lanes)}
