@@ -37,7 +37,7 @@ def write_fbx(objects: Sequence[MeshObject], path: Path, looks: Mapping[str, Loo
     """Write binary FBX 7.5: one mesh per object, named as it; x east, y north, z up, centimetres.
 
     Unreal mirrors y as it imports (``FbxMainImport.cpp``, ``ConvertPos``), so the mesh comes out
-    in CARLA's frame. Nodes have no transform; the objects' extras are their user properties.
+    in CARLA's frame. Nodes have no transform; the objects' extras are their properties.
     Every triangle has its own normal, and texture coordinates in metres seen from the nearest
     side. The same objects give the same bytes.
 
