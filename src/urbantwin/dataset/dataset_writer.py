@@ -12,6 +12,7 @@ from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
 from urbantwin.dataset.layout import FOLDERS, frame_name, read_json_or_none
 from urbantwin.dataset.manifest import manifest_of
+from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
 from urbantwin.dataset.split import split_frames
 from urbantwin.dataset.sweep_table import write_sweeps
 from urbantwin.dataset.workers import Recipe, Task, record_frames
@@ -109,9 +110,20 @@ def finish_dataset(
     write_boxes(boxes, times_s, entries, motion)
     write_ignore_regions(folder / IGNORE_REGIONS, ignored)
     write_sweeps(sweeps, list(times_s), entries)
+    frames = [
+        {"name": frame_name(index), "time_s": time_s, **_pose_in(entry)}
+        for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
+    ]
+    write_sequence_tables(folder, {**recipe, "frames": frames}, folder, motion)
     tables = {
         name: sha256_of(folder / name)
-        for name in (*TABLES, IGNORE_REGIONS, "ImageSets/train.txt", "ImageSets/val.txt")
+        for name in (
+            *TABLES,
+            *SEQUENCE_TABLES,
+            IGNORE_REGIONS,
+            "ImageSets/train.txt",
+            "ImageSets/val.txt",
+        )
     }
     manifest = manifest_of(recipe, times_s, entries, (train, validate), tables)
     write_json(folder / "dataset.json", manifest)
@@ -125,6 +137,11 @@ def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
         for entry in own
         for file, digest in entry["sha256"].items()
     }
+
+
+def _pose_in(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the mark of a frame says of where it is: of a rig that rides alone."""
+    return {key: entry[key] for key in ("dataset_SE3_site",) if key in entry}
 
 
 def _mark(done: Path, index: int) -> Path:
