@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
+    from urbantwin.interface.datasets import Datasets
     from urbantwin.interface.detected_objects import DetectedObjects, detect
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
@@ -44,7 +45,9 @@ if TYPE_CHECKING:
     from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
+    from urbantwin.interface.selection import Frames, Selection
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
+    from urbantwin.interface.sequence import SequenceFiles, sequence
     from urbantwin.interface.site_file import Site, init
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.teaching import Taught, teach
@@ -70,6 +73,7 @@ __all__ = [
     "Coverage",
     "Curriculum",
     "Dataset",
+    "Datasets",
     "Datasheet",
     "DetectedObjects",
     "DiscoveredRig",
@@ -77,6 +81,7 @@ __all__ = [
     "Exported",
     "Film",
     "Frame",
+    "Frames",
     "Improved",
     "InputError",
     "LabelledRecording",
@@ -90,7 +95,9 @@ __all__ = [
     "ResultWarning",
     "RigSpec",
     "Run",
+    "Selection",
     "SensorCatalogue",
+    "SequenceFiles",
     "Site",
     "StageError",
     "Suite",
@@ -132,6 +139,7 @@ __all__ = [
     "reproduce",
     "run",
     "sensors",
+    "sequence",
     "suite",
     "teach",
     "track",

@@ -31,6 +31,7 @@ _CLASSES = {
     "objects": ("objects_report", "ObjectsReport"),
     "coverage": ("coverage_map", "Coverage"),
     "tuning": ("tuning", "Tuning"),
+    "sequence": ("sequence", "SequenceFiles"),
 }
 _EXPECTED = (
     "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "
@@ -84,10 +85,10 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
             file; a measured background; a cloud, or real frames in any layout that is known.
 
     Returns:
-        A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run` or
-        `Package`; a `Site`, a `RigSpec` or a `Datasheet`; a `Background`; a `Cloud` or a
-        `Recording`. Where the type
-        matters to a type checker, ``ut.Dataset.open(path)`` and its like say it.
+        A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
+        `SequenceFiles` or `Package`; `Datasets`, of a folder with several; a `Site`, a `RigSpec` or
+        a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type matters to a type
+        checker, ``ut.Dataset.open(path)`` and its like say it.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
@@ -112,6 +113,11 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
         return Run(place)
     if (place / "site.yaml").is_file():
         return _opened_file(place / "site.yaml")
+    from urbantwin.interface.datasets import Datasets, datasets_inside
+
+    inside = datasets_inside(place)
+    if inside:
+        return Datasets(inside)
     from urbantwin.fidelity.readers import open_recording
 
     return open_recording(place)
