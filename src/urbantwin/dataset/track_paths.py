@@ -37,13 +37,21 @@ class BodyPoses(NamedTuple):
     stretch: NDArray[np.int64]
 
 
+class _Stretch(NamedTuple):
+    """A part of a path: from when to when, and how; of one row alone nobody knows how."""
+
+    first_s: float
+    last_s: float
+    path: ActorPath | None
+
+
 class TrackPaths:
     """Paths of all tracks of a table.
 
     A path is a row of stretches: where a track was not there for longer than ``gap_s``, or was put
     elsewhere, it ends and begins anew. Within a stretch the body goes straight from row to row and
     turns about one axis at one speed, which is how recording moves it; before and after it, for
-    ``beyond_s``, it goes straight on.
+    ``beyond_s`` and not nearer to another one, it goes straight on.
 
     Args:
         table: with ``track``, ``time_s``, ``x``, ``y``, ``z``, ``yaw``, ``pitch``, ``roll``, in any
@@ -61,15 +69,9 @@ class TrackPaths:
         self._ends = np.append(first, len(order))
         self._time_s = time_s[order]
         self._pose = np.column_stack([table[name].to_numpy()[order] for name in _POSE])
-        self._kept: dict[int, list[ActorPath]] = {}
+        self._kept: dict[int, list[_Stretch]] = {}
 
-    def stretches(self, track: int) -> list[ActorPath]:
-        """Return the stretches of a track's path; those of one row alone are left out."""
-        if track not in self._kept:
-            self._kept[track] = self._stretches(track)
-        return self._kept[track]
-
-    def _stretches(self, track: int) -> list[ActorPath]:
+    def _stretches(self, track: int) -> list[_Stretch]:
         number = int(np.searchsorted(self._tracks, track))
         if number == len(self._tracks) or self._tracks[number] != track:
             return []
@@ -83,9 +85,12 @@ class TrackPaths:
         cuts = np.flatnonzero(left | (moved > FASTEST_M_S * step_s)) + 1
         turns = rotation_from_ypr(*pose[:, 3:].T)
         return [
-            ActorPath(time_s[own], turns[own], pose[own, :3])
+            _Stretch(
+                float(time_s[own[0]]),
+                float(time_s[own[-1]]),
+                ActorPath(time_s[own], turns[own], pose[own, :3]) if len(own) > 1 else None,
+            )
             for own in np.split(np.arange(len(time_s)), cuts)
-            if len(own) > 1
         ]
 
     def at(self, track: int, time_s: NDArray[np.float64]) -> BodyPoses:
@@ -93,14 +98,19 @@ class TrackPaths:
         count = len(time_s)
         rotation = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
         translation, stretch = np.zeros((count, 3)), np.full(count, -1)
-        for number, path in enumerate(self.stretches(track)):
-            # What lies within a stretch is its own; beyond two of them, the earlier goes on.
-            inside = (time_s >= path.time_s[0]) & (time_s <= path.time_s[-1])
-            near = (time_s >= path.time_s[0] - self._beyond_s) & (
-                time_s <= path.time_s[-1] + self._beyond_s
-            )
-            mine = inside | (near & (stretch < 0))
-            if mine.any():
+        if track not in self._kept:
+            self._kept[track] = self._stretches(track)
+        every = self._kept[track]
+        if not every:
+            return BodyPoses(rotation, translation, stretch)
+        # (stretches, T): how long before or after each one a time is; 0 within it.
+        first, last = (np.array([one[end] for one in every])[:, None] for end in (0, 1))
+        away_s = np.maximum(np.maximum(first - time_s, time_s - last), 0.0)
+        nearest = away_s.argmin(axis=0)
+        near = away_s.min(axis=0) <= self._beyond_s
+        for number, (_, _, path) in enumerate(every):
+            mine = near & (nearest == number)
+            if path is not None and mine.any():
                 rotation[mine], translation[mine] = poses_along(path, time_s[mine])
                 stretch[mine] = number
         return BodyPoses(rotation, translation, stretch)
