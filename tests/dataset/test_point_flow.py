@@ -31,7 +31,7 @@ def paths(*tables):
 
 
 def test_a_body_that_turns_at_a_constant_rate():
-    """A car on a circle of 20 m at 8 m/s, seen at steps of its motion: it turns about the middle."""
+    """A car on a circle of 20 m at 8 m/s, seen at steps: it turns about the middle."""
     rate = 8.0 / 20.0
     times = np.arange(0.0, 2.0, 0.1)
     angle = rate * times
