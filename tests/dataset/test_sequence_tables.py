@@ -195,3 +195,16 @@ def test_the_tables_are_in_the_manifest_and_damage_is_told(dataset, tmp_path):
     with pytest.raises(ut.InputError, match=r"trajectories\.parquet"):
         _ = ut.open(folder).trajectories
     assert pq.read_table(dataset / "tracks.parquet").num_rows == 3
+
+
+def test_frames_in_which_nobody_is(twin, motion, rig, tmp_path):
+    record(twin, motion, rig, tmp_path / "dataset", workers=1, seed=5, stop_s=0.1)
+    frames = ut.open(tmp_path / "dataset")
+    for name in ("boxes", "tracks", "tracklets", "trajectories"):
+        assert getattr(frames, name).num_rows == 0
+    assert len(frames.poses) == 4
+    near = frames.where(classes="car", within_m=10.0, max_occlusion=0.5)
+    assert (len(near), near[1].boxes.num_rows) == (2, 0)
+    assert len(frames.where(with_boxes=True)) == 0
+    flow = near[0].flow()
+    assert (flow[np.isfinite(flow)] == 0).all()

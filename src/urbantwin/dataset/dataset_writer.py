@@ -110,11 +110,11 @@ def finish_dataset(
     write_boxes(boxes, times_s, entries, motion)
     write_ignore_regions(folder / IGNORE_REGIONS, ignored)
     write_sweeps(sweeps, list(times_s), entries)
-    frames = [
+    told = [
         {"name": frame_name(index), "time_s": time_s, **_pose_in(entry)}
         for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
     ]
-    write_sequence_tables(folder, {**recipe, "frames": frames}, folder, motion)
+    write_sequence_tables(folder, {**recipe, "frames": told}, folder, motion)
     tables = {
         name: sha256_of(folder / name)
         for name in (

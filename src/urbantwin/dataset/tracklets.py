@@ -79,7 +79,7 @@ def track_table(tracklets: pa.Table, boxes: pa.Table) -> pa.Table:
 
     track = tracklets["track"].to_numpy()
     tracks, first = np.unique(track, return_index=True)
-    last = np.append(first[1:], len(track)) - 1
+    last = np.append(first, len(track))[1:] - 1
     points = tracklets["num_points"].to_numpy()
     place = _columns(tracklets, "x", "y", "z")
     step = np.zeros(len(track))

@@ -25,10 +25,20 @@ class DatasetSequence:
 
     folder: Path
     manifest: dict[str, Any]
-    names: tuple[str, ...]
-    times_s: NDArray[np.float64]
-    boxes: pa.Table
-    sweeps: pa.Table
+
+    if TYPE_CHECKING:  # what who has these fields brings
+
+        @property
+        def names(self) -> tuple[str, ...]: ...  # noqa: D102
+
+        @property
+        def times_s(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+        @property
+        def boxes(self) -> pa.Table: ...  # noqa: D102
+
+        @property
+        def sweeps(self) -> pa.Table: ...  # noqa: D102
 
     @cached_property
     def tracks(self) -> pa.Table:

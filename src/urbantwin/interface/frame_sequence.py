@@ -23,8 +23,14 @@ class FrameSequence(PointFields):
     """What a frame knows by the other frames of its dataset."""
 
     time_s: float
-    boxes: pa.Table
-    site_SE3_dataset: Pose  # noqa: N815
+
+    if TYPE_CHECKING:  # what who has these fields brings
+
+        @property
+        def boxes(self) -> pa.Table: ...  # noqa: D102
+
+        @property
+        def site_SE3_dataset(self) -> Pose: ...  # noqa: D102, N802
 
     @property
     def next(self) -> Frame | None:

@@ -24,10 +24,20 @@ class PointFields:
 
     dataset: Dataset
     name: str
-    points: NDArray[np.float32]
-    semantic: NDArray[np.uint16]
-    instance: NDArray[np.uint16]
-    rays: NDArray[np.void]
+
+    if TYPE_CHECKING:  # what who has these fields brings
+
+        @property
+        def points(self) -> NDArray[np.float32]: ...  # noqa: D102
+
+        @property
+        def semantic(self) -> NDArray[np.uint16]: ...  # noqa: D102
+
+        @property
+        def instance(self) -> NDArray[np.uint16]: ...  # noqa: D102
+
+        @property
+        def rays(self) -> NDArray[np.void]: ...  # noqa: D102
 
     @property
     def x(self) -> NDArray[np.float32]:

@@ -45,6 +45,7 @@ class Frames(Sequence["Frame"]):
     def _kept(self, dataset: Dataset) -> NDArray[np.bool_] | None:
         """Return which boxes (B,) of a dataset it shows; ``None``: all."""
         del dataset
+        return None
 
     @property
     def names(self) -> tuple[str, ...]:

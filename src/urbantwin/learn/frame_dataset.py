@@ -96,7 +96,8 @@ class FrameDataset(Dataset[Sample]):
         self.labels, self.flow, self.transform, self.seed = labels, flow, transform, seed
         self._number = {name: number for number, name in enumerate(self.classes)}
         # Shared, so that workers that stay know which epoch it is.
-        self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
+        self._epoch: Tensor = torch.zeros((), dtype=torch.int64)
+        self._epoch.share_memory_()  # type: ignore[no-untyped-call]
 
     @property
     def epoch(self) -> int:
