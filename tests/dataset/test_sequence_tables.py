@@ -10,9 +10,9 @@ import pytest
 
 import urbantwin as ut
 from urbantwin.dataset import record
+from urbantwin.dataset.table_form import read_table
 from urbantwin.dataset.trajectories import (
     paths_of_trajectories,
-    read_trajectories,
     write_trajectories,
 )
 from urbantwin.lidar import place_rig
@@ -118,7 +118,7 @@ def test_trajectories_go_on_for_a_while(twin, motion_of, tmp_path):
     motion = replace(motion_of(twin, rows, steps=121, step_s=1.0), parked=parked)
     path = tmp_path / "trajectories.parquet"
     write_trajectories(path, motion, {4, 30_001}, (60.0, 61.0))
-    table = read_trajectories(path)
+    table = read_table(path)
     car = of_track(table, 4)
     assert car["time_s"].to_pylist() == list(range(40, 82))
     np.testing.assert_allclose(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.manifest_schema import pose_of_matrix
-from urbantwin.dataset.pose_table import frame_poses
+from urbantwin.dataset.pose_table import frame_poses, pose_of_frame
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -45,7 +45,7 @@ def box_ranges(boxes: pa.Table, sweeps: pa.Table, manifest: Mapping[str, Any]) -
         if not len(own):
             continue
         name = str(frames[own[0]])
-        pose = poses[name]
+        pose = pose_of_frame(poses, name)
         eyes = np.array(riding.get(name, [pose.translation.tolist()])) if rides else standing
         away = pose.apply(middle[own])[:, None, :2] - eyes[None, :, :2]
         found[own] = np.linalg.norm(away, axis=2).min(axis=1)

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urbantwin.dataset.manifest_schema import pose_of_matrix
+from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, rotation_from_ypr, ypr_from_rotation
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["EGO", "frame_poses", "pose_table", "true_and_reported", "write_poses"]
+__all__ = ["EGO", "frame_poses", "pose_of_frame", "pose_table", "true_and_reported", "write_poses"]
 
 #: Name of the row of the vehicle that carries the sensors; of a rig that stands, of its points.
 EGO = "ego"
@@ -42,6 +43,22 @@ def frame_poses(manifest: Mapping[str, Any]) -> dict[str, Pose]:
         if pose is not None:
             found[str(one["name"])] = pose
     return found
+
+
+def pose_of_frame(poses: Mapping[str, Pose], frame: str) -> Pose:
+    """Return the pose of a frame that a table names.
+
+    Raises:
+        InputError: the manifest has no such frame, or does not say where it is.
+    """
+    if frame not in poses:
+        raise InputError(
+            "does not say where the points of a frame are that boxes.parquet has",
+            file="dataset.json",
+            place=f"frame {frame[:40]}",
+            expected="the frames of its boxes",
+        )
+    return poses[frame]
 
 
 def pose_table(manifest: Mapping[str, Any], sweeps: pa.Table) -> pa.Table:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.pose_table import frame_poses, write_poses
+from urbantwin.dataset.table_form import read_table
 from urbantwin.dataset.tracklets import write_tracklets
 from urbantwin.dataset.trajectories import TRAJECTORIES, write_trajectories
 
@@ -33,8 +33,8 @@ def write_sequence_tables(
     Raises:
         InputError: the boxes or the sweeps are damaged.
     """
-    boxes = read_parquet(source / "boxes.parquet", "the boxes of a dataset")
-    sweeps = read_parquet(source / "sweeps.parquet", "the sweeps of a dataset")
+    boxes = read_table(source / "boxes.parquet")
+    sweeps = read_table(source / "sweeps.parquet")
     write_poses(folder / "poses.parquet", manifest, sweeps)
     write_tracklets(folder, boxes, frame_poses(manifest))
     if motion is None:

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.motion_interpolation import SAME_TIME_S
 from urbantwin.dataset.track_paths import TrackPaths
 from urbantwin.geometry import Pose, rotation_from_ypr
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
 
     from urbantwin.traffic.motion import Motion
 
-__all__ = ["AROUND_S", "TRAJECTORIES", "paths_of_trajectories", "read_trajectories",
-           "write_trajectories"]  # fmt: skip
+__all__ = ["AROUND_S", "TRAJECTORIES", "paths_of_trajectories", "write_trajectories"]
 
 TRAJECTORIES = "trajectories.parquet"
 #: So long before the first frame and after the last, seconds.
@@ -80,15 +78,6 @@ def write_trajectories(
         for rows in _parts(motion, span_s):
             for one in _labelled(rows, wanted, middles, schema):
                 writer.write_table(one)
-
-
-def read_trajectories(path: Path) -> pa.Table:
-    """Read what `write_trajectories` wrote.
-
-    Raises:
-        InputError: missing, damaged, or with other columns.
-    """
-    return read_parquet(path, "the ways of a dataset's actors")
 
 
 def paths_of_trajectories(table: pa.Table) -> TrackPaths:

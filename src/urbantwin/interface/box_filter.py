@@ -14,6 +14,8 @@ from urbantwin.errors import InputError
 from urbantwin.lidar.labels.difficulty import LEVELS
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from urbantwin.interface.dataset import Dataset
 
 __all__ = ["BoxFilter", "FrameFilter"]
@@ -82,16 +84,18 @@ class BoxFilter:
         if self.classes:
             found &= _plain(pc.is_in(table["class"], pa.array(self.classes)))
         if self.difficulty:
-            found &= _plain(pc.is_in(table["difficulty"], pa.array(self.difficulty)))
+            found &= _plain(pc.is_in(_column(dataset, "difficulty"), pa.array(self.difficulty)))
         if self.counted:
-            found &= _plain(pc.is_null(table["ignored"]))
+            found &= _plain(pc.is_null(_column(dataset, "ignored")))
         if self.tracks is not None:
             found &= np.isin(table["track"].to_numpy(), np.array(self.tracks, np.int64))
         if self.min_points is not None:
             found &= table["num_points"].to_numpy() >= self.min_points
         for name, most in (("occlusion", self.max_occlusion), ("truncation", self.max_truncation)):
             if most is not None:
-                found &= _plain(pc.fill_null(pc.less_equal(table[name], float(most)), False))
+                found &= _plain(
+                    pc.fill_null(pc.less_equal(_column(dataset, name), float(most)), False)
+                )
         if self.within_m is not None:
             found &= dataset.box_range_m <= self.within_m
         if self.beyond_m is not None:
@@ -166,6 +170,16 @@ class FrameFilter:
                     f"there is no frame {name!r}", place="frames", expected="names of frames"
                 )
         return found[:: self.every]
+
+
+def _column(dataset: Dataset, name: str) -> pa.ChunkedArray:
+    if name not in dataset.boxes.column_names:
+        raise InputError(
+            f"does not say the {name} of boxes",
+            file=dataset.folder / "boxes.parquet",
+            expected="boxes as they are recorded now; this dataset is of an older version",
+        )
+    return dataset.boxes[name]
 
 
 def _is_number(value: Any) -> bool:  # noqa: ANN401

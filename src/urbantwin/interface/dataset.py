@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import check_folder
 from urbantwin.artefact.arrays import ArrayOf, read_array
-from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
+from urbantwin.dataset.table_form import read_table
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset_sequence import DatasetSequence
 from urbantwin.interface.frame_sequence import FrameSequence
@@ -168,12 +168,12 @@ class Dataset(DatasetSequence, Frames):
     @cached_property
     def boxes(self) -> pa.Table:
         """``boxes.parquet``: one row for each frame and box; see docs/labels.md for its columns."""
-        return read_parquet(self._own("boxes.parquet"), "the boxes of a dataset")
+        return read_table(self._own("boxes.parquet"))
 
     @cached_property
     def sweeps(self) -> pa.Table:
         """``sweeps.parquet``: one row for each turn of a sensor."""
-        return read_parquet(self._own("sweeps.parquet"), "the sweeps of a dataset")
+        return read_table(self._own("sweeps.parquet"))
 
     @cached_property
     def class_names(self) -> dict[int, str]:

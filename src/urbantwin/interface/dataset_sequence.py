@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.tables import read_parquet
+from urbantwin.dataset.table_form import read_table
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -162,4 +162,4 @@ class DatasetSequence:
     def _table(self, name: str) -> pa.Table | None:
         """Return a table; ``None``: the dataset is of a version that did not write it."""
         path = self.folder / name
-        return read_parquet(path, "a table of a dataset") if path.is_file() else None
+        return read_table(path) if path.is_file() else None

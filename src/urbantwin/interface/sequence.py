@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import check_folder, read_json, replaced_folder, sha256_of, write_json
 from urbantwin.artefact.arrays import read_array
-from urbantwin.artefact.tables import read_parquet
+from urbantwin.dataset.table_form import read_table
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
@@ -91,7 +91,7 @@ class SequenceFiles:
         return found
 
     def _table(self, name: str) -> pa.Table:
-        return read_parquet(self.folder / f"{name}.parquet", "a table of a sequence")
+        return read_table(self.folder / f"{name}.parquet")
 
     def __fspath__(self) -> str:
         """Return the folder."""
@@ -141,11 +141,7 @@ def sequence(
         >>> ut.sequence("out/dataset", flow=True).flow("000003")
     """
     from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
-    from urbantwin.dataset.trajectories import (
-        TRAJECTORIES,
-        paths_of_trajectories,
-        read_trajectories,
-    )
+    from urbantwin.dataset.trajectories import TRAJECTORIES, paths_of_trajectories
     from urbantwin.interface.dataset import Dataset
     from urbantwin.progress import each
 
@@ -183,7 +179,7 @@ def sequence(
         if flow:
             (folder / "flow").mkdir(exist_ok=True)
             if driven is not None:  # the dataset itself may be without
-                frames.paths = paths_of_trajectories(read_trajectories(folder / TRAJECTORIES))
+                frames.paths = paths_of_trajectories(read_table(folder / TRAJECTORIES))
             for k in each(range(number), tell, "flow"):
                 file = folder / "flow" / f"{frames.names[k]}.npy"
                 if not file.is_file():  # what an interrupted run left is whole
@@ -194,7 +190,7 @@ def sequence(
                 "kind": "sequence",
                 "dataset_sha256": sha256_of(manifest_file),
                 "frames": number,
-                "tracks": read_parquet(folder / "tracks.parquet", "a table").num_rows,
+                "tracks": read_table(folder / "tracks.parquet").num_rows,
                 "trajectories": TRAJECTORIES in there,
                 "flow": flow,
                 "ego_motion": flow and ego,
@@ -223,7 +219,7 @@ def _motion_of(frames: Dataset, folder: Path) -> Any:  # noqa: ANN401 - imports 
 def _write_csv(table: Path) -> None:
     import pyarrow.csv
 
-    pyarrow.csv.write_csv(read_parquet(table, "a table"), table.with_suffix(".csv"))
+    pyarrow.csv.write_csv(read_table(table), table.with_suffix(".csv"))
 
 
 def _save(file: Path, flow: NDArray[np.float32]) -> None:

@@ -118,6 +118,13 @@ class FrameDataset(Dataset[Sample]):
         frame = self.frames[number]
         boxes = frame.boxes
         names = boxes["class"].to_pylist()
+        for name in names:
+            if name not in self._number:
+                raise InputError(
+                    f"has a box of class {name[:40]}",
+                    place=f"frame {frame.name}",
+                    expected=", ".join(self.classes),
+                )
         velocity = np.column_stack([boxes[one].to_numpy() for one in ("vx", "vy", "vz")])
         occlusion = boxes["occlusion"].to_numpy(zero_copy_only=False)
         sample: Sample = {
