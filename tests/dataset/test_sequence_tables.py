@@ -129,7 +129,7 @@ def test_trajectories_go_on_for_a_while(twin, motion_of, tmp_path):
     order = columns(table, "time_s", "track")
     assert (order == order[np.lexsort(order.T[::-1])]).all()
     body = paths_of_trajectories(table).at(30_001, np.array([39.5, 60.2]))
-    assert (body.stretch == 0).all()
+    assert body.stretch[0] == body.stretch[1] >= 0
     assert body.translation[:, 0] == pytest.approx(7.0)
 
 

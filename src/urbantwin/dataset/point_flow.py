@@ -47,28 +47,25 @@ def flow_of(
             one's: with the motion of who looks (Argoverse 2). Without it, both are in this frame's:
             what stands has no flow.
     """
-    there = np.asarray(points, np.float64)
-    target = site_SE3_now.apply(there)
-    unknown = np.isin(semantic, (semantic_id("unlabelled"), semantic_id("outlier")))
-    order = np.argsort(instance, kind="stable")
-    tracks, first = np.unique(instance[order], return_index=True)
-    for track, own in zip(tracks.tolist(), np.split(order, first[1:]), strict=True):
-        if track == 0:
-            continue
-        if track not in until_s:
-            unknown[own] = True
-            continue
-        times = np.append(measured_s[own], until_s[track])
-        body = paths.at(track, times)
-        same = (body.stretch[:-1] >= 0) & (body.stretch[:-1] == body.stretch[-1])
-        unknown[own] |= ~same
-        # site -> body when it was measured -> site when the next frame sees it.
-        away = target[own] - body.translation[:-1]
-        inside = np.einsum("nji,nj->ni", body.rotation[:-1], away)
-        target[own] = inside @ body.rotation[-1].T + body.translation[-1]
+    flow = np.zeros((len(points), 3))
+    flow[np.isin(semantic, (semantic_id("unlabelled"), semantic_id("outlier")))] = np.nan
+    if then_SE3_site is not None:
+        then_SE3_now = then_SE3_site @ site_SE3_now
+        flow += then_SE3_now.apply(points) - points
+    on = np.flatnonzero(instance)
+    tracks, which = np.unique(instance[on], return_inverse=True)
+    seen_s = np.array([until_s.get(track, np.nan) for track in tracks.tolist()])[which]
+    stays = np.isfinite(seen_s)
+    flow[on[~stays]] = np.nan
+    on, seen_s = on[stays], seen_s[stays]
+    was, will = (paths.at(instance[on], times) for times in (measured_s[on], seen_s))
+    # site -> body when it was measured -> site when the next frame sees it.
+    there = np.asarray(points[on], np.float64)
+    away = site_SE3_now.apply(there) - was.translation
+    inside = np.einsum("nji,nj->ni", was.rotation, away)
+    target = np.einsum("nij,nj->ni", will.rotation, inside) + will.translation
     back = site_SE3_now.inverse() if then_SE3_site is None else then_SE3_site
-    flow = back.apply(target) - there
-    if then_SE3_site is None:
-        flow[instance == 0] = 0.0  # not the dust of going there and back
-    flow[unknown] = np.nan
+    moved = back.apply(target) - there
+    moved[(was.stretch < 0) | (was.stretch != will.stretch)] = np.nan
+    flow[on] = moved
     return flow.astype(np.float32)

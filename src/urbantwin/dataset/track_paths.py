@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from urbantwin.dataset.motion_interpolation import FASTEST_M_S
 from urbantwin.geometry import rotation_from_ypr
-from urbantwin.lidar.actor_path import ActorPath
-from urbantwin.lidar.sensor_path import poses_along
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -23,26 +22,18 @@ _POSE = ("x", "y", "z", "yaw", "pitch", "roll")
 
 
 class BodyPoses(NamedTuple):
-    """Where a body is at T times.
+    """Where bodies are at T times.
 
     Attributes:
         rotation: (T, 3, 3) ``site_SE3_body``.
         translation: (T, 3) metres.
-        stretch: (T,) number of the stretch of its path that each time lies in; -1: it is not
-            known where the body is.
+        stretch: (T,) number of the stretch of a path that each time lies in; -1: nobody knows
+            where the body is.
     """
 
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
     stretch: NDArray[np.int64]
-
-
-class _Stretch(NamedTuple):
-    """A part of a path: from when to when, and how; of one row alone nobody knows how."""
-
-    first_s: float
-    last_s: float
-    path: ActorPath | None
 
 
 class TrackPaths:
@@ -61,59 +52,71 @@ class TrackPaths:
     """
 
     def __init__(self, table: pa.Table, gap_s: float, beyond_s: float) -> None:
-        track = table["track"].to_numpy()
-        time_s = table["time_s"].to_numpy()
+        track, time_s = table["track"].to_numpy(), table["time_s"].to_numpy()
         order = np.lexsort((time_s, track))
-        self._gap_s, self._beyond_s = gap_s, beyond_s
-        self._tracks, first = np.unique(track[order], return_index=True)
-        self._ends = np.append(first, len(order))
-        self._time_s = time_s[order]
+        track, time_s = track[order], time_s[order]
+        fresh = np.ones(len(track), np.bool_)
+        fresh[1:] = (np.diff(track) != 0) | (np.diff(time_s) > 0)
+        order, track, self._time_s = order[fresh], track[fresh], time_s[fresh]
         self._pose = np.column_stack([table[name].to_numpy()[order] for name in _POSE])
-        self._kept: dict[int, list[_Stretch]] = {}
+        self._tracks, self._first = np.unique(track, return_index=True)
+        self._beyond_s = beyond_s
+        step_s = np.diff(self._time_s)
+        moved = np.linalg.norm(np.diff(self._pose[:, :3], axis=0), axis=1)
+        begins = (np.diff(track) != 0) | (moved > FASTEST_M_S * step_s)
+        begins |= (step_s > gap_s) & (moved > _SAME_PLACE_M)
+        #: Number of the stretch of each row.
+        self._stretch = np.concatenate([[0], np.cumsum(begins)])[: len(track)]
 
-    def _stretches(self, track: int) -> list[_Stretch]:
-        number = int(np.searchsorted(self._tracks, track))
-        if number == len(self._tracks) or self._tracks[number] != track:
-            return []
-        rows = slice(self._ends[number], self._ends[number + 1])
-        time_s, pose = self._time_s[rows], self._pose[rows]
-        fresh = np.append(True, np.diff(time_s) > 0)
-        time_s, pose = time_s[fresh], pose[fresh]
-        step_s = np.diff(time_s)
-        moved = np.linalg.norm(np.diff(pose[:, :3], axis=0), axis=1)
-        left = (step_s > self._gap_s) & (moved > _SAME_PLACE_M)
-        cuts = np.flatnonzero(left | (moved > FASTEST_M_S * step_s)) + 1
-        turns = rotation_from_ypr(*pose[:, 3:].T)
-        return [
-            _Stretch(
-                float(time_s[own[0]]),
-                float(time_s[own[-1]]),
-                ActorPath(time_s[own], turns[own], pose[own, :3]) if len(own) > 1 else None,
-            )
-            for own in np.split(np.arange(len(time_s)), cuts)
-        ]
+    def at(self, track: ArrayLike, time_s: NDArray[np.float64]) -> BodyPoses:
+        """Return where the bodies of tracks are, each at a time.
 
-    def at(self, track: int, time_s: NDArray[np.float64]) -> BodyPoses:
-        """Return where the body of a track is at times (T,), seconds from the motion's start."""
-        count = len(time_s)
-        rotation = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
-        translation, stretch = np.zeros((count, 3)), np.full(count, -1)
-        if track not in self._kept:
-            self._kept[track] = self._stretches(track)
-        every = self._kept[track]
-        if not every:
-            return BodyPoses(rotation, translation, stretch)
-        # (stretches, T): how long before or after each one a time is; 0 within it.
-        first, last = (np.array([one[end] for one in every])[:, None] for end in (0, 1))
-        away_s = np.maximum(np.maximum(first - time_s, time_s - last), 0.0)
-        nearest = away_s.argmin(axis=0)
-        near = away_s.min(axis=0) <= self._beyond_s
-        for number, (_, _, path) in enumerate(every):
-            mine = near & (nearest == number)
-            if path is not None and mine.any():
-                rotation[mine], translation[mine] = poses_along(path, time_s[mine])
-                stretch[mine] = number
+        Args:
+            track: (T,) of each, or one of all.
+            time_s: (T,) seconds from the motion's start.
+        """
+        tracks = np.broadcast_to(np.asarray(track, np.int64), time_s.shape)
+        leg = np.full(len(time_s), -1)
+        order = np.argsort(tracks, kind="stable")
+        cuts = np.flatnonzero(np.diff(tracks[order])) + 1
+        for own in np.split(order, cuts) if len(order) else ():
+            number = int(np.searchsorted(self._tracks, tracks[own[0]]))
+            if number < len(self._tracks) and self._tracks[number] == tracks[own[0]]:
+                leg[own] = self._legs(number, time_s[own])
+        rotation = np.broadcast_to(np.eye(3), (len(time_s), 3, 3)).copy()
+        translation, stretch = np.zeros((len(time_s), 3)), np.full(len(time_s), -1)
+        known = np.flatnonzero(leg >= 0)
+        legs, which = np.unique(leg[known], return_inverse=True)
+        if len(legs):
+            begin, end = self._pose[legs], self._pose[legs + 1]
+            times = self._time_s[legs]
+            share = (time_s[known] - times[which]) / (self._time_s[legs + 1] - times)[which]
+            step = end[:, :3] - begin[:, :3]
+            translation[known] = begin[which, :3] + share[:, None] * step[which]
+            a, b = (rotation_from_ypr(*one[:, 3:].T) for one in (begin, end))
+            turn = Rotation.from_matrix(np.swapaxes(a, 1, 2) @ b).as_rotvec()
+            turned = Rotation.from_rotvec(share[:, None] * turn[which]).as_matrix()
+            rotation[known] = a[which] @ turned
+            stretch[known] = self._stretch[legs][which]
         return BodyPoses(rotation, translation, stretch)
+
+    def _legs(self, number: int, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the row (T,) from which a body goes to the next at each time; -1: nobody knows."""
+        low = int(self._first[number])
+        high = len(self._time_s)
+        if number + 1 < len(self._first):
+            high = int(self._first[number + 1])
+        row = low + np.searchsorted(self._time_s[low:high], time_s, side="right") - 1
+        before, after = np.maximum(row, low), np.minimum(row + 1, high - 1)
+        stretch, times = self._stretch, self._time_s
+        inside = (row >= low) & (row + 1 < high) & (stretch[before] == stretch[after])
+        # Else the nearer stretch goes on: by its last leg, or by its first.
+        since = np.where(row >= low, time_s - times[before], np.inf)
+        until = np.where(row + 1 < high, times[after] - time_s, np.inf)
+        leg = np.where(since <= until, before - 1, after)
+        sound = (np.minimum(since, until) <= self._beyond_s) & (leg >= low) & (leg + 1 < high)
+        sound &= stretch[np.clip(leg, low, high - 1)] == stretch[np.clip(leg + 1, low, high - 1)]
+        return np.where(inside, row, np.where(sound, leg, -1))
 
 
 def paths_of_boxes(tracklets: pa.Table, times_s: NDArray[np.float64]) -> TrackPaths:
