@@ -27,6 +27,7 @@ import numpy as np
 import urbantwin as ut
 from record import RATE_HZ, circling_motion, static_world, twin_of
 from urbantwin.dataset import record
+from urbantwin.learn.frame_dataset import FrameDataset
 from urbantwin.lidar import place_rig
 from urbantwin.site.rig import RigSpec, SensorSpec
 
@@ -43,22 +44,28 @@ def recorded(folder: Path) -> Path:
     return folder / "dataset"
 
 
-def plain(folder: Path, names: list[str], rounds: int) -> float:
-    """Frames per second of the loop."""
-    began = time.perf_counter()
+def plain(folder: Path, names: list[str], rounds: int) -> tuple[float, float]:
+    """Frames per second of the loop, and milliseconds of processor time of a frame."""
+    began, worked = time.perf_counter(), time.process_time()
     for _ in range(rounds):
         for name in names:
             np.load(folder / "points" / f"{name}.npy")
             np.fromfile(folder / "semantic" / f"{name}.label", "<u4")
-    return rounds * len(names) / (time.perf_counter() - began)
+    frames = rounds * len(names)
+    return frames / (time.perf_counter() - began), 1e3 * (time.process_time() - worked) / frames
 
 
-def fed(samples: object, workers: int, rounds: int, busy_s: float = 0.0) -> tuple[float, float]:
-    """Frames per second, and the share of the time that who takes them waited."""
-    loader = samples.loader(batch_size=BATCH, workers=workers, shuffle=True)  # type: ignore[attr-defined]
+def fed(
+    samples: FrameDataset, workers: int, rounds: int, busy_s: float = 0.0
+) -> tuple[float, float, float]:
+    """Frames per second, the share of the time that who takes them waited, and of processor time.
+
+    The last is of this process, in milliseconds a frame: without workers, all that there is.
+    """
+    loader = samples.loader(batch_size=BATCH, workers=workers, shuffle=True)
     for _ in loader:  # workers start, and the machine has read the files
         pass
-    frames, waited, began = 0, 0.0, time.perf_counter()
+    frames, waited, began, worked = 0, 0.0, time.perf_counter(), time.process_time()
     for _ in range(rounds):
         batches = iter(loader)
         while True:
@@ -70,7 +77,7 @@ def fed(samples: object, workers: int, rounds: int, busy_s: float = 0.0) -> tupl
             frames += len(batch["frame"])
             time.sleep(busy_s * len(batch["frame"]))
     taken = time.perf_counter() - began
-    return frames / taken, waited / taken
+    return frames / taken, waited / taken, 1e3 * (time.process_time() - worked) / frames
 
 
 def main() -> None:
@@ -85,22 +92,26 @@ def main() -> None:
         dataset = ut.Dataset.open(asked.dataset or recorded(Path(scratch)))
         some = dataset.where(frames=dataset.names[:100], classes=["car"], min_points=5)
         points = np.mean([len(frame.points) for frame in some])
-        loop = max(plain(dataset.folder, list(some.names), asked.rounds) for _ in range(2))
+        loop, loop_ms = max(plain(dataset.folder, list(some.names), asked.rounds) for _ in range(2))
         print(
             f"{len(some)} frames of {points:,.0f} points, batches of {BATCH}, "
             f"{os.cpu_count()} processors"
         )
-        print(f"plain loop of np.load, points and labels: {loop:.0f} frames/s")
+        print(
+            f"plain loop of np.load, points and labels: {loop:.0f} frames/s, "
+            f"{loop_ms:.1f} ms of processor time a frame"
+        )
         for name, samples in (
             ("points, labels and boxes", some.torch()),
             ("and flow", some.torch(flow=True)),
         ):
             print(f"{name}:")
             for workers in asked.workers:
-                free, _ = fed(samples, workers, asked.rounds)
-                held, waits = fed(samples, workers, asked.rounds, asked.busy_ms / 1e3)
+                free, _, own_ms = fed(samples, workers, asked.rounds)
+                held, waits, _ = fed(samples, workers, asked.rounds, asked.busy_ms / 1e3)
                 print(
-                    f"  {workers} workers: {free:6.0f} frames/s, {free / loop:.2f} of the loop; "
+                    f"  {workers} workers: {free:6.0f} frames/s, {free / loop:.2f} of the loop, "
+                    f"{own_ms:.1f} ms of processor time a frame in this process; "
                     f"busy for {asked.busy_ms:g} ms a frame: {held:.0f} frames/s, "
                     f"waits {waits:.0%} of the time"
                 )

@@ -280,8 +280,8 @@ class Selection(Frames):
     ) -> None:
         self.source, self.boxes, self.chosen = source, boxes, chosen
         self.with_boxes = with_boxes
-        if chosen != FrameFilter():
-            _ = self._located  # What does not exist is told now.
+        # What does not exist is told now.
+        _ = source._located if chosen == FrameFilter() else self._located
 
     @property
     def datasets(self) -> tuple[Dataset, ...]:
