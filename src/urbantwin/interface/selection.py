@@ -77,15 +77,16 @@ class Frames(Sequence["Frame"]):
             IndexError: there is no such number.
             InputError: there is no such name, or several frames have it.
         """
+        located = self._located  # refuses a dataset for each sensor
         if isinstance(index, slice):
             return [self[number] for number in range(*index.indices(len(self)))]
         if isinstance(index, str):
             index = self._number_of(index)
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
+        if not -len(located) <= index < len(located):
+            raise IndexError(f"frame {index} of {len(located)}")
         from urbantwin.interface.dataset import Frame
 
-        dataset, _, number = self._located[index]
+        dataset, _, number = located[index]
         return Frame(
             dataset,
             dataset.names[number],
