@@ -45,7 +45,7 @@ _BESIDE = {
     "motion": ("motion.json", "actors.parquet", "signals.parquet", "meshes.npz"),
     "dataset": ("dataset.json", "boxes.parquet", "sweeps.parquet", "ignore_regions.geojson",
                 "tracks.parquet", "tracklets.parquet", "trajectories.parquet", "poses.parquet",
-                "ImageSets/train.txt", "points/000000.npy", "rays/000000.npy",
+                "lanes.parquet", "ImageSets/train.txt", "points/000000.npy", "rays/000000.npy",
                 "semantic/000000.label", "labels/000000.txt"),
 }  # fmt: skip
 
@@ -144,7 +144,8 @@ def _followed(folder: Path) -> None:
     dataset = Dataset(folder)
     problems = []
     for use in (
-        lambda: [dataset.tracks, dataset.tracklets, dataset.poses, dataset.split("train")],
+        lambda: [dataset.tracks, dataset.tracklets, dataset.poses, dataset.lanes],
+        lambda: dataset.split("train"),
         lambda: dataset[0].trajectories(past=1.0),
         lambda: [dataset[0].site_SE3_ego, dataset[0].site_SE3_sensor(reported=True)],
         lambda: dataset[0].flow(ego=True),

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.csv
 import pytest
+import shapely
 
 import urbantwin as ut
 from urbantwin.cli import main
@@ -32,6 +33,7 @@ def test_the_tables_are_those_of_the_dataset_and_csv_says_the_same(
     assert main(["sequence", str(line.dataset.folder), "-o", str(out), "--csv", "--quiet"]) == 0
     made = ut.open(out)
     assert isinstance(made, ut.SequenceFiles)
+    assert made.lanes.equals(line.dataset.lanes)
     for name in TABLES:
         table = getattr(made, name)
         assert table.equals(getattr(line.dataset, name))
@@ -96,3 +98,26 @@ def test_what_cannot_be_followed(
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "mine.txt").write_text("mine")
     assert main(["sequence", str(line.dataset.folder), "-o", str(tmp_path / "c")]) == 2
+
+
+def test_lanes_are_those_of_the_twin_and_actors_drive_on_them(line: Line) -> None:
+    table = line.dataset.lanes
+    assert table["id"].to_pylist() == sorted(lane.id for lane in line.twin.lanes)
+    rows = {row["id"]: row for row in table.to_pylist()}
+    for lane in line.twin.lanes:
+        row = rows[lane.id]
+        middle = np.column_stack([row["x"], row["y"], row["z"]])
+        np.testing.assert_array_equal(middle, lane.centre)
+        assert set(row["successors"]) <= rows.keys()
+    cars = [
+        row for row in line.dataset.trajectories.to_pylist()
+        if row["class"] == "car" and rows.get(row["lane"], {}).get("kind") == "driving"
+    ]  # fmt: skip
+    away = [
+        shapely.LineString(
+            np.column_stack([rows[one["lane"]]["x"], rows[one["lane"]]["y"]])
+        ).distance(shapely.Point(one["x"], one["y"]))
+        for one in cars
+    ]
+    assert len(cars) > 20
+    assert np.percentile(away, 90) < 1.0

@@ -99,6 +99,7 @@ def finish_dataset(
     entries: Sequence[Mapping[str, Any]],
     ignored: Sequence[IgnoreArea],
     motion: Motion,
+    twin: Twin,
 ) -> None:
     """Write what needs all frames: the split, the tables, the areas and ``dataset.json``."""
     train, validate = split_frames([frame_name(index) for index in times_s])
@@ -114,7 +115,7 @@ def finish_dataset(
         {"name": frame_name(index), "time_s": time_s, **_pose_in(entry)}
         for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
     ]
-    write_sequence_tables(folder, {**recipe, "frames": told}, folder, motion)
+    write_sequence_tables(folder, {**recipe, "frames": told}, folder, motion, twin)
     tables = {
         name: sha256_of(folder / name)
         for name in (
@@ -124,6 +125,7 @@ def finish_dataset(
             "ImageSets/train.txt",
             "ImageSets/val.txt",
         )
+        if (folder / name).is_file()  # a twin of meshes alone has no lanes
     }
     manifest = manifest_of(recipe, times_s, entries, (train, validate), tables)
     write_json(folder / "dataset.json", manifest)

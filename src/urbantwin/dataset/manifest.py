@@ -65,6 +65,7 @@ LAYOUT = {
     "tracklets": "tracklets.parquet: one row per track and frame: its box, site frame",
     "trajectories": "trajectories.parquet: one row per track and step of the motion, site frame",
     "poses": "poses.parquet: where the ego and each sensor were, site frame",
+    "lanes": "lanes.parquet: one row per lane of the twin, if it has some: its middle, site frame",
     "ImageSets": "train.txt: the first four fifths of the time; val.txt: the last fifth",
 }
 

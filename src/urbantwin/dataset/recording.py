@@ -138,7 +138,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
             for name, part in parts.items():
                 own = {**recipe, **recipe_of_rig(part)}
                 ignored = ignore_areas(part, twin.mesh, twin.region)
-                finish_dataset(folder / name, own, times_s, entries[name], ignored, motion)
+                finish_dataset(folder / name, own, times_s, entries[name], ignored, motion, twin)
             if not rig.fused:
                 manifests = {name: sha256_of(folder / name / "dataset.json") for name in parts}
                 write_json(folder / "dataset.json", manifest_of_parts(recipe, entries, manifests))

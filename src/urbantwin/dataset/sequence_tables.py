@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from urbantwin.dataset.lane_table import LANES, write_lanes
 from urbantwin.dataset.pose_table import frame_poses, write_poses
 from urbantwin.dataset.table_form import read_table
 from urbantwin.dataset.tracklets import write_tracklets
@@ -13,22 +14,30 @@ from urbantwin.dataset.trajectories import TRAJECTORIES, write_trajectories
 
 if TYPE_CHECKING:
     from urbantwin.traffic.motion import Motion
+    from urbantwin.twin import Twin
 
 __all__ = ["SEQUENCE_TABLES", "write_sequence_tables"]
 
-SEQUENCE_TABLES = ("tracks.parquet", "tracklets.parquet", TRAJECTORIES, "poses.parquet")
+SEQUENCE_TABLES = ("tracks.parquet", "tracklets.parquet", TRAJECTORIES, "poses.parquet", LANES)
 
 
 def write_sequence_tables(
-    folder: Path, manifest: Mapping[str, Any], source: Path, motion: Motion | None
+    folder: Path,
+    manifest: Mapping[str, Any],
+    source: Path,
+    motion: Motion | None,
+    twin: Twin | None = None,
 ) -> None:
-    """Write the tables of `SEQUENCE_TABLES`; without a motion, all but the trajectories.
+    """Write the tables of `SEQUENCE_TABLES`.
+
+    Without a motion there are no trajectories, and without a twin that has streets no lanes.
 
     Args:
         folder: where they go.
         manifest: ``dataset.json``, or as much of it as says where the frames and the rig are.
         source: the folder of the dataset, for its boxes and its sweeps.
         motion: that was recorded.
+        twin: on which it was.
 
     Raises:
         InputError: the boxes or the sweeps are damaged.
@@ -37,6 +46,8 @@ def write_sequence_tables(
     sweeps = read_table(source / "sweeps.parquet")
     write_poses(folder / "poses.parquet", manifest, sweeps)
     write_tracklets(folder, boxes, frame_poses(manifest))
+    if twin is not None and "roads.json" in twin.manifest["files"]:
+        write_lanes(folder / LANES, twin.roads)
     if motion is None:
         return
     times = [float(one["time_s"]) for one in manifest["frames"]]

@@ -49,6 +49,11 @@ _FORMS: dict[str, Mapping[str, str]] = {
         **dict.fromkeys(("track", "num_points"), "whole"),
         **dict.fromkeys(("time_s", *_POSE, *_BOX, *_VELOCITY), "number"),
     },
+    "lanes.parquet": {
+        **dict.fromkeys(("id", "road", "junction", "kind"), "text"),
+        **dict.fromkeys(("width", "speed_limit"), "number"),
+        "level": "whole",
+    },
     "trajectories.parquet": {
         "class": "text",
         "track": "whole",
@@ -58,6 +63,7 @@ _FORMS: dict[str, Mapping[str, str]] = {
 #: What boxes may lack, and may not know of every row.
 _SHARES = ("occlusion", "visibility", "truncation")
 _TEXTS = ("difficulty", "ignored")
+_LISTS = ("x", "y", "z")
 #: Nothing in a site, and no time of a motion, is farther from 0.
 _FURTHEST = 1e10
 _LARGEST_TRACK = 2**31
@@ -80,6 +86,10 @@ def read_table(path: Path) -> pa.Table:
         most = _LARGEST_TRACK if values.dtype.kind == "i" else _FURTHEST
         if np.abs(values).max() > most:
             raise InputError("has a value that is out of bounds", file=path, place=name)
+    if path.name == "lanes.parquet":
+        for name in _LISTS:
+            if name not in table.column_names or not pa.types.is_list(table[name].type):
+                raise InputError("is no list", file=path, place=name, expected="a list of metres")
     for name in _SHARES:
         if name in table.column_names and not pa.types.is_floating(table[name].type):
             raise InputError(f"holds {table[name].type}", file=path, place=name, expected="number")

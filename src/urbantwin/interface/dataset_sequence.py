@@ -81,6 +81,22 @@ class DatasetSequence:
         return self._table("poses.parquet") or pose_table(self.manifest, self.sweeps)
 
     @cached_property
+    def lanes(self) -> pa.Table:
+        """One row for each lane of the twin: its middle (lists ``x``, ``y``, ``z``) in the site.
+
+        Raises:
+            InputError: the twin had none, or the dataset is of a version that did not write them.
+        """
+        table = self._table("lanes.parquet")
+        if table is None:
+            raise InputError(
+                "has no lanes.parquet: its twin has no streets, or its version did not write it",
+                file=self.folder,
+                expected="`lanes` of its twin",
+            )
+        return table
+
+    @cached_property
     def paths(self) -> TrackPaths:
         """Where the body of a track is at any time: as it was driven, else from box to box."""
         from urbantwin.dataset.track_paths import paths_of_boxes

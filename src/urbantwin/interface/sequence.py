@@ -32,6 +32,7 @@ LAYOUT = {
     "tracklets": "tracklets.parquet: one row per track and frame: its box, site frame",
     "trajectories": "trajectories.parquet: one row per track and step of the motion, site frame",
     "poses": "poses.parquet: where the ego and each sensor were, site frame",
+    "lanes": "lanes.parquet: one row per lane of the twin: its middle, site frame",
     "flow": "flow/NAME.npy: (N, 3) float32, metres: where each point of a frame goes until the "
     "next frame sees it; not a number where nobody knows it",
 }
@@ -77,6 +78,11 @@ class SequenceFiles:
     def poses(self) -> pa.Table:
         """One row for each frame and ego or turn of a sensor."""
         return self._table("poses")
+
+    @cached_property
+    def lanes(self) -> pa.Table:
+        """One row for each lane of the twin."""
+        return self._table("lanes")
 
     def flow(self, frame: str) -> NDArray[np.float32]:
         """Return the flow (N, 3) of a frame's points, by its name.
@@ -140,6 +146,7 @@ def sequence(
     Example:
         >>> ut.sequence("out/dataset", flow=True).flow("000003")
     """
+    from urbantwin.dataset.lane_table import LANES
     from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
     from urbantwin.dataset.trajectories import TRAJECTORIES, paths_of_trajectories
     from urbantwin.interface.dataset import Dataset
@@ -169,13 +176,14 @@ def sequence(
     ):
         tell(0.0, "tables")
         write_sequence_tables(folder, frames.manifest, source, driven)
-        kept = source / TRAJECTORIES
-        if driven is None and kept.is_file():
-            (folder / TRAJECTORIES).write_bytes(kept.read_bytes())
+        for name in (TRAJECTORIES, LANES):  # what boxes and sweeps do not tell
+            if not (folder / name).is_file() and (source / name).is_file():
+                (folder / name).write_bytes((source / name).read_bytes())
         there = [name for name in SEQUENCE_TABLES if (folder / name).is_file()]
         if csv:
             for name in there:
-                _write_csv(folder / name)
+                if name != LANES:  # its lists do not go into a CSV's cells
+                    _write_csv(folder / name)
         if flow:
             (folder / "flow").mkdir(exist_ok=True)
             if driven is not None:  # the dataset itself may be without
