@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.dataset.manifest_schema import pose_of_matrix
 from urbantwin.dataset.pose_table import frame_poses, pose_of_frame
+from urbantwin.dataset.table_form import frames_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -25,7 +26,7 @@ def box_ranges(boxes: pa.Table, sweeps: pa.Table, manifest: Mapping[str, Any]) -
         sweeps: ``sweeps.parquet``: where sensors were that ride.
         manifest: ``dataset.json``: where they stand.
     """
-    frames = boxes["frame"].to_numpy(zero_copy_only=False).astype(str)
+    frames, number = frames_of(boxes)
     middle = np.column_stack([boxes[name].to_numpy() for name in ("x", "y", "z")])
     poses = frame_poses(manifest)
     rides = manifest["dataset_SE3_site"] is None
@@ -38,13 +39,11 @@ def box_ranges(boxes: pa.Table, sweeps: pa.Table, manifest: Mapping[str, Any]) -
         places = np.column_stack([sweeps[name].to_numpy() for name in names]).tolist()
         for name, place in zip(sweeps["frame"].to_pylist(), places, strict=True):
             riding.setdefault(name, []).append(place)
-    found = np.zeros(len(frames))
-    order = np.argsort(frames, kind="stable")
-    cuts = np.flatnonzero(frames[order][1:] != frames[order][:-1]) + 1
-    for own in np.split(order, cuts):
-        if not len(own):
-            continue
-        name = str(frames[own[0]])
+    found = np.zeros(len(number))
+    order = np.argsort(number, kind="stable")
+    cuts = np.flatnonzero(np.diff(number[order])) + 1
+    for own in np.split(order, cuts) if len(order) else ():
+        name = frames[number[own[0]]]
         pose = pose_of_frame(poses, name)
         eyes = np.array(riding.get(name, [pose.translation.tolist()])) if rides else standing
         away = pose.apply(middle[own])[:, None, :2] - eyes[None, :, :2]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.errors import InputError
@@ -14,7 +15,7 @@ from urbantwin.errors import InputError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["read_table"]
+__all__ = ["frames_of", "read_table"]
 
 _POSE = ("x", "y", "z", "yaw", "pitch", "roll")
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
@@ -67,6 +68,13 @@ _LISTS = ("x", "y", "z")
 #: Nothing in a site, and no time of a motion, is farther from 0.
 _FURTHEST = 1e10
 _LARGEST_TRACK = 2**31
+
+
+def frames_of(table: pa.Table) -> tuple[list[str], NDArray[np.int64]]:
+    """Return the names of frames in a table, and which of them each row (N,) is of."""
+    frames = table["frame"].combine_chunks().dictionary_encode()
+    codes = frames.indices.to_numpy(zero_copy_only=False).astype(np.int64)
+    return frames.dictionary.to_pylist(), codes
 
 
 def read_table(path: Path) -> pa.Table:

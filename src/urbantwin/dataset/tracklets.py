@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.pose_table import pose_of_frame
+from urbantwin.dataset.table_form import frames_of
 from urbantwin.geometry import Pose
 
 if TYPE_CHECKING:
@@ -41,9 +42,8 @@ def tracklet_table(boxes: pa.Table, site_SE3_dataset: Mapping[str, Pose]) -> pa.
     """
     import pyarrow as pa
 
-    frame = boxes["frame"].to_numpy(zero_copy_only=False)
-    names, number = np.unique(frame.astype(str), return_inverse=True)
-    poses = [pose_of_frame(site_SE3_dataset, name) for name in names.tolist()]
+    names, number = frames_of(boxes)
+    poses = [pose_of_frame(site_SE3_dataset, name) for name in names]
     turns = np.array([one.rotation for one in poses]).reshape(-1, 3, 3)[number]
     places = np.array([one.translation for one in poses]).reshape(-1, 3)[number]
     place = _turned(turns, _columns(boxes, "x", "y", "z")) + places

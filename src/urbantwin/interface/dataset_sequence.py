@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.table_form import read_table
+from urbantwin.dataset.table_form import frames_of, read_table
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -124,11 +124,9 @@ class DatasetSequence:
 
     @cached_property
     def _rows_of_frames(self) -> dict[str, NDArray[np.int64]]:
-        frames = self.boxes["frame"].combine_chunks().dictionary_encode()
-        codes = frames.indices.to_numpy(zero_copy_only=False)
+        names, codes = frames_of(self.boxes)
         order = np.argsort(codes, kind="stable")
         cuts = np.flatnonzero(np.diff(codes[order])) + 1
-        names = frames.dictionary.to_pylist()
         return {names[codes[own[0]]]: own for own in np.split(order, cuts) if len(own)}
 
     def box_rows(self, frame: str) -> NDArray[np.int64]:
