@@ -94,6 +94,8 @@ def test_what_cannot_be_followed(
     assert main(["sequence", str(damaged), "-o", str(tmp_path / "b"), "--quiet"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "b").exists()
+    with pytest.raises(ut.InputError, match="--ego: goes with the flow; expected --flow"):
+        ut.sequence(line.dataset, tmp_path / "d", ego=True, progress=False)
     # Nothing that others wrote is replaced.
     (tmp_path / "c").mkdir()
     (tmp_path / "c" / "mine.txt").write_text("mine")

@@ -136,7 +136,7 @@ def sequence(
         out: the folder to write; ``sequence`` beside the dataset when not given.
         motion: that the dataset was recorded of: for trajectories, which an older dataset lacks.
         flow: write where each point goes until the next frame, too.
-        ego: the flow is with the motion of who looks; see `Frame.flow`.
+        ego: the flow, which is asked for, is with the motion of who looks; see `Frame.flow`.
         csv: write each table as CSV, too.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -152,6 +152,8 @@ def sequence(
     from urbantwin.interface.dataset import Dataset
     from urbantwin.progress import each
 
+    if ego and not flow:
+        raise InputError("goes with the flow", place="--ego", expected="--flow, too")
     source = Path(dataset)
     place = beside(source, "sequence", out)
     given = None if motion is None else Path(motion)
