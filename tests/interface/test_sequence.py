@@ -41,6 +41,8 @@ def test_the_tables_are_those_of_the_dataset_and_csv_says_the_same(
         assert written.num_rows == table.num_rows > 0
         assert written.column_names == table.column_names
     assert ut.verify(out, progress=False)
+    told = ut.inspect(out, progress=False)
+    assert (told["kind"], told["tracks"]) == ("sequence", made.tracks.num_rows)
     assert not made.manifest["flow"]
 
 

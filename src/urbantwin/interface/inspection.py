@@ -18,10 +18,10 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["inspect", "summary_of"]
 
-MANIFESTS = ("twin", "motion", "dataset", "report", "coverage")
+MANIFESTS = ("twin", "motion", "dataset", "report", "coverage", "sequence")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
 EXPECTED = (
-    "a twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; an "
+    "a twin, motion, dataset, report, coverage or sequence; a site.yaml, rig.yaml or sensor; an "
     "OpenStreetMap extract (.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, "
     "Lanelet2 .osm), a DEM (.tif), a cloud (.npy, .bin, .pcd, .ply), a recording (KITTI, "
     "nuScenes, Argoverse 2 and others, .pcap of an Ouster) or geometry (.glb, .gltf, "

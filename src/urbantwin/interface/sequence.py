@@ -6,13 +6,15 @@ import hashlib
 import json
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from urbantwin.artefact import check_folder, read_json, replaced_folder, sha256_of, write_json
 from urbantwin.artefact.arrays import read_array
+from urbantwin.artefact.manifest import Part, validated
 from urbantwin.dataset.table_form import read_table
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath, beside
@@ -38,6 +40,15 @@ LAYOUT = {
 }
 
 
+class _Manifest(Part):
+    kind: Literal["sequence"]
+    frames: Annotated[int, Field(ge=0)]
+    tracks: Annotated[int, Field(ge=0)]
+    trajectories: bool
+    flow: bool
+    ego_motion: bool
+
+
 class SequenceFiles:
     """What `sequence` wrote; it stands for its folder.
 
@@ -48,7 +59,9 @@ class SequenceFiles:
 
     def __init__(self, folder: AnyPath) -> None:
         self.folder = Path(folder)
-        self.manifest: dict[str, Any] = read_json(self.folder / "sequence.json", kind="sequence")
+        file = self.folder / "sequence.json"
+        self.manifest: dict[str, Any] = read_json(file, kind="sequence")
+        validated(self.manifest, _Manifest, file=file, expected="a sequence's manifest")
 
     @classmethod
     def open(cls, folder: AnyPath) -> SequenceFiles:
@@ -112,7 +125,7 @@ class SequenceFiles:
 
     def summary(self) -> Summary:
         """Return what was written in a few values."""
-        told = ("frames", "tracks", "trajectories", "flow", "ego_motion")
+        told = ("kind", "frames", "tracks", "trajectories", "flow", "ego_motion")
         return Summary(path=str(self.folder), **{name: self.manifest[name] for name in told})
 
 
