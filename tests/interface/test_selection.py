@@ -154,6 +154,9 @@ def test_several_datasets_are_one_list_of_frames(line: Line, tmp_path: Path) -> 
     ]
     # Frames of two datasets do not follow each other.
     assert len(both.windows(len(line.dataset))) == 2
+    # One that is called as `run` calls it does not hide the others.
+    shutil.copytree(line.dataset.folder, tmp_path / "all" / "dataset")
+    assert len(ut.open(tmp_path / "all").datasets) == 3
     with pytest.raises(ut.InputError, match="2 frames 000001"):
         both["000001"]
     with pytest.raises(ut.InputError, match="given twice"):

@@ -37,8 +37,8 @@ def inspect(path: AnyPath, *, progress: ShowProgress = True) -> Summary:
     """Say what any artefact or input holds.
 
     Args:
-        path: a twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; an
-            OpenStreetMap extract, a DEM, a cloud, a recording or a file of geometry.
+        path: a twin, motion, dataset, report, coverage or sequence; a site.yaml, rig.yaml or
+            sensor; an OpenStreetMap extract, a DEM, a cloud, a recording or a file of geometry.
         progress: show how far it is; or a function that is told (share, doing).
 
     Returns:

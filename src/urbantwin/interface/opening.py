@@ -107,15 +107,18 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
     kind = kind_of(place)
     if kind is not None:
         return opened_artefact(place, kind)
-    if any((place / name / f"{name}.json").is_file() for name in ("twin", "motion", "dataset")):
+    from urbantwin.interface.datasets import Datasets, datasets_inside
+
+    there = [
+        one for one in ("twin", "motion", "dataset") if (place / one / f"{one}.json").is_file()
+    ]
+    inside = datasets_inside(place) if there in ([], ["dataset"]) else []
+    if there and len(inside) < 2:
         from urbantwin.interface.whole_line import Run
 
         return Run(place)
     if (place / "site.yaml").is_file():
         return _opened_file(place / "site.yaml")
-    from urbantwin.interface.datasets import Datasets, datasets_inside
-
-    inside = datasets_inside(place)
     if inside:
         return Datasets(inside)
     from urbantwin.fidelity.readers import open_recording
