@@ -123,6 +123,8 @@ def test_every_field_of_the_points_has_its_name(line: Line) -> None:
         ({"within_m": -1}, r"within_m: is -1; expected a number, 0 or more"),
         ({"min_points": float("nan")}, r"min_points: is nan"),
         ({"max_occlusion": "all"}, r"max_occlusion: is 'all'"),
+        ({"tracks": ["3"]}, r"tracks: '3' is no track; expected 1 to 65535"),
+        ({"tracks": 0}, r"tracks: 0 is no track"),
         ({"every": 0}, r"every: is 0; expected 1 or more"),
         ({"start": float("inf")}, r"start: is inf"),
     ],

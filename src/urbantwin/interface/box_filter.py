@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.lidar.annotated import LAST_TRACK
 from urbantwin.lidar.labels.difficulty import LEVELS
 
 if TYPE_CHECKING:
@@ -45,6 +46,11 @@ class BoxFilter:
             value = getattr(self, name)
             if value is not None and not (_is_number(value) and value >= 0):
                 raise InputError(f"is {value!r}", place=name, expected="a number, 0 or more")
+        for track in self.tracks or ():
+            if not isinstance(track, int | np.integer) or not 0 < track <= LAST_TRACK:
+                raise InputError(
+                    f"{track!r} is no track", place="tracks", expected=f"1 to {LAST_TRACK}"
+                )
         levels = [one.name for one in LEVELS]
         for name in self.difficulty:
             if name not in levels:
