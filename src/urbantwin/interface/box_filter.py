@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.lidar.annotated import LAST_TRACK
 from urbantwin.lidar.labels.difficulty import LEVELS
 
 if TYPE_CHECKING:
@@ -20,6 +19,9 @@ if TYPE_CHECKING:
     from urbantwin.interface.dataset import Dataset
 
 __all__ = ["BoxFilter", "FrameFilter"]
+
+#: Labels have 16 bits for a track (`lidar.annotated.LAST_TRACK`, which loads scipy).
+_LAST_TRACK = 0xFFFF
 
 
 @dataclass(frozen=True)
@@ -47,9 +49,9 @@ class BoxFilter:
             if value is not None and not (_is_number(value) and value >= 0):
                 raise InputError(f"is {value!r}", place=name, expected="a number, 0 or more")
         for track in self.tracks or ():
-            if not isinstance(track, int | np.integer) or not 0 < track <= LAST_TRACK:
+            if not isinstance(track, int | np.integer) or not 0 < track <= _LAST_TRACK:
                 raise InputError(
-                    f"{track!r} is no track", place="tracks", expected=f"1 to {LAST_TRACK}"
+                    f"{track!r} is no track", place="tracks", expected=f"1 to {_LAST_TRACK}"
                 )
         levels = [one.name for one in LEVELS]
         for name in self.difficulty:
