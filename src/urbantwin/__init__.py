@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
     from urbantwin.interface.dataset_split import DatasetSplit, split
+    from urbantwin.interface.datasets import Datasets
     from urbantwin.interface.detected_objects import DetectedObjects, detect
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
@@ -45,7 +46,9 @@ if TYPE_CHECKING:
     from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
+    from urbantwin.interface.selection import Frames, Selection
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
+    from urbantwin.interface.sequence import SequenceFiles, sequence
     from urbantwin.interface.site_file import Site, init
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.teaching import Taught, teach
@@ -72,6 +75,7 @@ __all__ = [
     "Curriculum",
     "Dataset",
     "DatasetSplit",
+    "Datasets",
     "Datasheet",
     "DetectedObjects",
     "DiscoveredRig",
@@ -79,6 +83,7 @@ __all__ = [
     "Exported",
     "Film",
     "Frame",
+    "Frames",
     "Improved",
     "InputError",
     "LabelledRecording",
@@ -92,7 +97,9 @@ __all__ = [
     "ResultWarning",
     "RigSpec",
     "Run",
+    "Selection",
     "SensorCatalogue",
+    "SequenceFiles",
     "Site",
     "StageError",
     "Suite",
@@ -134,6 +141,7 @@ __all__ = [
     "reproduce",
     "run",
     "sensors",
+    "sequence",
     "split",
     "suite",
     "teach",

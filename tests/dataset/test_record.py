@@ -47,6 +47,10 @@ def test_every_frame_has_its_files_and_nothing_else_is_there(dataset):
         "boxes.parquet",
         "sweeps.parquet",
         "ignore_regions.geojson",
+        "tracks.parquet",
+        "tracklets.parquet",
+        "trajectories.parquet",
+        "poses.parquet",
     }
     expected |= {f"ImageSets/{part}.txt" for part in ("train", "val", "test")}
     for name in NAMES:

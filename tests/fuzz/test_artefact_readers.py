@@ -17,6 +17,7 @@ from urbantwin.dataset.frame_las import laz_bytes
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.dataset.split import SplitAsked, datasets_at, read_split_document, split_in_time
 from urbantwin.dataset.split.scenarios import scenarios_of
+from urbantwin.errors import InputError
 from urbantwin.exports.carla.check.read import Mesh, Package, read_roads
 from urbantwin.exports.carla.check.rules import findings
 from urbantwin.exports.carla.check.walking_rules import triangles_of_obj
@@ -26,6 +27,7 @@ from urbantwin.fidelity.challenge import read_detections
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.geometry import LabelledMesh
+from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.rig import rig_on
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import load_backgrounds, save_backgrounds
@@ -50,8 +52,9 @@ _BESIDE = {
              "lane_model.json", "roads.json", "surface_material.npz", "colours.npz"),
     "motion": ("motion.json", "actors.parquet", "signals.parquet", "meshes.npz"),
     "dataset": ("dataset.json", "boxes.parquet", "sweeps.parquet", "ignore_regions.geojson",
-                "points/000000.npy", "rays/000000.npy", "semantic/000000.label",
-                "labels/000000.txt"),
+                "tracks.parquet", "tracklets.parquet", "trajectories.parquet", "poses.parquet",
+                "lanes.parquet", "ImageSets/train.txt", "points/000000.npy", "rays/000000.npy",
+                "semantic/000000.label", "labels/000000.txt"),
 }  # fmt: skip
 
 
@@ -124,7 +127,12 @@ def read_dataset(path: Path) -> None:
     """What pictures, `compare` and the arbitrary site do with a dataset."""
     folder = next(one for one in path.parents if one.name == "dataset")
     problems = []
-    for use in (read_labelled_points, _compared, lambda one: inspected(one / "dataset.json")):
+    for use in (
+        read_labelled_points,
+        _compared,
+        _followed,
+        lambda one: inspected(one / "dataset.json"),
+    ):
         try:
             use(folder)
         except Exception as error:
@@ -137,6 +145,27 @@ def _compared(folder: Path) -> None:
     recording = open_recording(folder)
     recording.read(0)
     rig_of_manifest(read_json(folder / "dataset.json", kind="dataset"))
+
+
+def _followed(folder: Path) -> None:
+    """What people do with a dataset in Python."""
+    dataset = Dataset(folder)
+    problems = []
+    for use in (
+        lambda: [dataset.tracks, dataset.tracklets, dataset.poses, dataset.lanes],
+        lambda: dataset.split("train"),
+        lambda: dataset[0].trajectories(past=1.0),
+        lambda: [dataset[0].site_SE3_ego, dataset[0].site_SE3_sensor(reported=True)],
+        lambda: dataset[0].flow(ego=True),
+        lambda: dataset[0].cloud,
+        lambda: dataset.where(within_m=50, max_occlusion=0.5, counted=True, with_boxes=True)[:],
+    ):
+        try:
+            use()
+        except Exception as error:
+            problems.append(error)
+    for error in sorted(problems, key=lambda one: isinstance(one, InputError)):
+        raise error
 
 
 def _background() -> bytes:

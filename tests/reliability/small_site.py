@@ -91,6 +91,12 @@ COMMANDS = {
             lambda stand, out: ["background", stand.real, *SENSOR, "-o", out],
         ),
         Command(
+            "sequence",
+            "sequence",
+            lambda stand, out: ["sequence", stand.dataset, "-o", out, "--flow"],
+            resumes=True,
+        ),
+        Command(
             "export",
             "carla",
             lambda stand, out: ["export", stand.twin, "--to", "carla", "-o", out],
@@ -171,6 +177,8 @@ class Stand:
         elif output == "tuned":
             options = ["--fit", "noise", "--trials", "2", "--no-report"]
             arguments = ["tune", self.real, self.twin, *options]
+        elif output == "sequence":
+            arguments = ["sequence", self.dataset, "--csv"]
         elif output == "carla":
             arguments = ["export", self.older("twin"), "--to", "carla"]
         else:

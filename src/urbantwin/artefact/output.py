@@ -42,6 +42,7 @@ KINDS = (
         "model",
         "labelling",
         "exported",
+        "sequence",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

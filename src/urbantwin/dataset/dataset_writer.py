@@ -12,6 +12,7 @@ from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
 from urbantwin.dataset.layout import folders_of, frame_name, read_json_or_none
 from urbantwin.dataset.manifest import frames_of, manifest_of
+from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
 from urbantwin.dataset.split.actor_places import Recorded
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
 from urbantwin.dataset.split.time_split import Split
@@ -103,13 +104,16 @@ def write_tables(
     entries: Sequence[Mapping[str, Any]],
     ignored: Sequence[IgnoreArea],
     motion: Motion,
+    twin: Twin,
 ) -> Recorded:
     """Write the tables of all frames and the areas; return what a split needs of them."""
     boxes, sweeps = (folder / name for name in TABLES)
     write_boxes(boxes, times_s, entries, motion)
     write_ignore_regions(folder / IGNORE_REGIONS, ignored)
     write_sweeps(sweeps, list(times_s), entries)
-    return Recorded(boxes, frames_of(times_s, entries), recipe["dataset_SE3_site"])
+    frames = frames_of(times_s, entries)
+    write_sequence_tables(folder, {**recipe, "frames": frames}, folder, motion, twin)
+    return Recorded(boxes, frames, recipe["dataset_SE3_site"])
 
 
 def finish_dataset(
@@ -122,7 +126,9 @@ def finish_dataset(
     """Write the lists of the split and ``dataset.json``."""
     frames = frames_of(times_s, entries)
     write_image_sets(folder, split.frames(frames))
-    tables = {name: sha256_of(folder / name) for name in (*TABLES, IGNORE_REGIONS, *FILES)}
+    names = (*TABLES, *SEQUENCE_TABLES, IGNORE_REGIONS, *FILES)
+    # A twin of meshes alone has no lanes.
+    tables = {name: sha256_of(folder / name) for name in names if (folder / name).is_file()}
     told = split.told_of(frames)
     write_json(folder / "dataset.json", manifest_of(recipe, times_s, entries, told, tables))
 
@@ -135,6 +141,11 @@ def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
         for entry in own
         for file, digest in entry["sha256"].items()
     }
+
+
+def _pose_in(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the mark of a frame says of where it is: of a rig that rides alone."""
+    return {key: entry[key] for key in ("dataset_SE3_site",) if key in entry}
 
 
 def _mark(done: Path, index: int) -> Path:

@@ -63,6 +63,11 @@ LAYOUT = {
     "boxes": "boxes.parquet: one row per frame and box",
     "ignore_regions": "ignore_regions.geojson: where labels do not count, site frame, metres",
     "sweeps": "sweeps.parquet: one row per frame, sensor and turn: times, and poses in the site",
+    "tracks": "tracks.parquet: one row per track: who it is, its first and last frame",
+    "tracklets": "tracklets.parquet: one row per track and frame: its box, site frame",
+    "trajectories": "trajectories.parquet: one row per track and step of the motion, site frame",
+    "poses": "poses.parquet: where the ego and each sensor were, site frame",
+    "lanes": "lanes.parquet: one row per lane of the twin, if it has some: its middle, site frame",
     "ImageSets": "train.txt, val.txt, test.txt: names of the frames of each part, see split",
 }
 #: Of points that are kept in columns.

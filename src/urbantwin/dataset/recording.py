@@ -168,6 +168,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                     entries[name],
                     ignore_areas(part, twin.mesh, twin.region),
                     motion,
+                    twin,
                 )
                 for name, part in parts.items()
             ]

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact import check_folder
-from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
+from urbantwin.dataset.table_form import read_table
 from urbantwin.errors import InputError
+from urbantwin.interface.dataset_sequence import DatasetSequence
+from urbantwin.interface.frame_sequence import FrameSequence
 from urbantwin.interface.outcome import outcome_of_dataset
 from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.selection import Frames, Located
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.result_warning import ResultWarning, warnings_of
@@ -39,13 +42,14 @@ _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Frame(FrameSequence):
     """One labelled frame of a dataset; each array is read when it is first asked for.
 
     Attributes:
         dataset: that it is of.
         name: of the frame, which its files have.
         time_s: seconds from the start of the motion.
+        chosen: tells which rows of the dataset's boxes somebody asked for (`Dataset.where`).
 
     Example:
         >>> frame = dataset[3]
@@ -55,6 +59,7 @@ class Frame:
     dataset: Dataset
     name: str
     time_s: float
+    chosen: Callable[[], NDArray[np.bool_] | None] | None = None
 
     @cached_property
     def points(self) -> NDArray[np.float32]:
@@ -87,11 +92,10 @@ class Frame:
 
     @cached_property
     def boxes(self) -> pa.Table:
-        """Labelled boxes, one row each: the frame's rows of `Dataset.boxes`."""
-        import pyarrow.compute as pc
-
-        table = self.dataset.boxes
-        return table.filter(pc.equal(table["frame"], self.name))
+        """Labelled boxes, one row each: the frame's rows of `Dataset.boxes` that were asked for."""
+        rows = self.dataset.box_rows(self.name)
+        kept = None if self.chosen is None else self.chosen()
+        return self.dataset.boxes.take(rows if kept is None else rows[kept[rows]])
 
     @cached_property
     def box_array(self) -> NDArray[np.float64]:
@@ -102,7 +106,7 @@ class Frame:
     def site_SE3_dataset(self) -> Pose:  # noqa: N802
         """The pose that takes the frame's points to the site."""
         manifest = self.dataset.manifest
-        told = manifest["frames"][self.dataset.names.index(self.name)]
+        told = manifest["frames"][self.dataset.numbers[self.name]]
         rows = told.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
         return pose_of_matrix(rows).inverse()
 
@@ -118,7 +122,7 @@ class Frame:
         return self.dataset.plot(self.name, picture)
 
 
-class Dataset(Sequence[Frame]):
+class Dataset(DatasetSequence, Frames):
     """A dataset on disk: its frames in the order of time.
 
     It stands for its folder wherever a path is asked for. A rig whose sensors are not fused leaves
@@ -166,12 +170,12 @@ class Dataset(Sequence[Frame]):
     @cached_property
     def boxes(self) -> pa.Table:
         """``boxes.parquet``: one row for each frame and box; see docs/labels.md for its columns."""
-        return read_parquet(self._own("boxes.parquet"), "the boxes of a dataset")
+        return read_table(self._own("boxes.parquet"))
 
     @cached_property
     def sweeps(self) -> pa.Table:
         """``sweeps.parquet``: one row for each turn of a sensor."""
-        return read_parquet(self._own("sweeps.parquet"), "the sweeps of a dataset")
+        return read_table(self._own("sweeps.parquet"))
 
     @cached_property
     def class_names(self) -> dict[int, str]:
@@ -200,37 +204,20 @@ class Dataset(Sequence[Frame]):
             )
         return self.folder / name
 
+    @property
+    def datasets(self) -> tuple[Dataset, ...]:
+        """Itself: see `Frames`."""
+        return (self,)
+
+    @cached_property
+    def _located(self) -> list[Located]:
+        self._own("")
+        name = self.folder.resolve().name
+        return [(self, name, number) for number in range(len(self._frames))]
+
     def __len__(self) -> int:
         """Return how many frames there are."""
         return len(self._frames)
-
-    @overload
-    def __getitem__(self, index: int | str) -> Frame: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Frame]: ...
-    def __getitem__(self, index: int | str | slice) -> Frame | list[Frame]:
-        """Return the frame of a number, from 0, or of a name; of a slice, a list of frames.
-
-        Raises:
-            IndexError: there is no such number.
-            InputError: there is no such name, or the sensors are not fused.
-        """
-        self._own("")
-        if isinstance(index, slice):
-            return [self[number] for number in range(*index.indices(len(self)))]
-        if isinstance(index, str):
-            if index not in self.names:
-                raise InputError(
-                    f"has no frame {index}", file=self.folder, expected="a frame of the dataset"
-                )
-            index = self.names.index(index)
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
-        return Frame(self, self.names[index], float(self.times_s[index]))
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Return the frames one after the other; nothing of one is kept for the next."""
-        return (self[number] for number in range(len(self)))
 
     def __fspath__(self) -> str:
         """Return the folder."""
