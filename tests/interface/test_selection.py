@@ -117,7 +117,7 @@ def test_every_field_of_the_points_has_its_name(line: Line) -> None:
     [
         ({"classes": ["cra"]}, r"classes: 'cra' is no class.*car"),
         ({"difficulty": "simple"}, r"'simple' is no level; expected easy, moderate, hard"),
-        ({"split": "best"}, r"has no split 'best'; expected train, val"),
+        ({"split": "best"}, r"has no split 'best'; expected test, train, val"),
         ({"sequences": ["rain"]}, r"no sequence 'rain'; expected dataset"),
         ({"frames": ["999999"]}, r"no frame '999999'"),
         ({"within_m": -1}, r"within_m: is -1; expected a number, 0 or more"),
