@@ -14,6 +14,7 @@ from urbantwin.errors import InputError
 from urbantwin.exports import export_twin
 from urbantwin.exports.carla.check import check_package, import_rules, road_rules, walking_rules
 from urbantwin.exports.carla.check.read import _asked, read_package
+from urbantwin.exports.carla.check.rules import findings
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def by_rule(found):
 
 def test_a_package_as_it_was_written_breaks_no_rule(folder, carla_python):
     found = check_package(folder, python=carla_python)
-    assert len(found) == 12
+    assert len(found) == 13
     assert by_rule(found) == {one.rule: () for one in found}
     assert not any(one.missing for one in found)
     (heights,) = next(one.notes for one in found if one.rule == "waypoints over the mesh")
@@ -153,9 +154,11 @@ def test_signals_for_nobody_or_for_the_other_direction_are_told(package, carla_p
                 for one in item.findall("validity"):
                     item.remove(one)
 
-    found = list(road_rules.signals(asked(package, opened, carla_python, tmp_path)))
+    other = asked(package, opened, carla_python, tmp_path)
+    found = list(road_rules.signal_lanes(other))
     assert any("for people on foot, stops vehicles" in one for one in found)
-    assert any("names no lanes" in one for one in found)
+    assert all("names no lanes" in one for one in road_rules.signals(other))
+    assert list(road_rules.signals(other))
 
     def turned(roads):
         item = next(e for e in roads.iter("signal") if e.get("type") == "274")
@@ -270,6 +273,15 @@ def test_verify_puts_a_package_before_the_rules(folder, tmp_path):
     (broken / "spawn_points.json").unlink()
     with pytest.raises(InputError, match="missing"):
         ut.verify(broken, progress=False).check()
+
+
+def test_a_rule_that_cannot_be_applied_says_so(package):
+    def spoiled(roads):
+        roads.find(".//validity").set("toLane", "x")
+
+    found = by_rule(findings(changed(package, spoiled)))
+    assert "cannot be read (ValueError" in found["signals and signs"][0]
+    assert found["names of meshes"] == ()
 
 
 def test_what_carla_cannot_read_is_told_in_one_line(package, carla_python, tmp_path):

@@ -20,6 +20,7 @@ __all__ = [
     "heights",
     "lanes",
     "on_mesh",
+    "signal_lanes",
     "signals",
     "spawn_points",
     "stages",
@@ -102,16 +103,18 @@ def heights(package: Package) -> Problems:
         yield f"{near:.0f} % are within 5 cm of the mesh, all within {over.max():.2f} m"
 
 
-def signals(package: Package) -> Problems:
-    """Signals: types that CARLA knows, and lanes that are there and of that direction."""
-    driven_by = defaultdict(set)
+def signal_lanes(package: Package) -> Problems:
+    """Lanes of signals: there, and of vehicles only where the signal is for them."""
     for one in _answer(package)["signals"]:
         gone = [lane for lane, place in one["lanes"].items() if place is None]
         if gone:
             yield f"signal {one['id']} holds for lane {gone[0]} of road {one['road']}, not there"
         if one["type"] == WALKERS and one["driven"]:
             yield f"signal {one['id']}, for people on foot, stops vehicles of road {one['road']}"
-        driven_by[one["id"]].update(one["driven"])
+
+
+def signals(package: Package) -> Problems:
+    """Signals: types that CARLA knows, lanes of that direction, plates that it has."""
     for road in package.roads.iterfind("road"):
         for item in (*road.iterfind("signals/signal"), *road.iterfind("signals/signalReference")):
             name, facing = item.get("id"), item.get("orientation")
