@@ -29,7 +29,8 @@ def read_labels(path: Path, points: int) -> NDArray[np.uint32]:
     try:
         size = path.stat().st_size
         if size != 4 * points:
-            raise InputError(f"has {size} bytes", file=path, expected=expected)
+            place = f"byte {min(size, 4 * points)}"
+            raise InputError(f"has {size} bytes", file=path, place=place, expected=expected)
         return np.fromfile(path, "<u4")
     except FileNotFoundError:
         raise InputError("not found", file=path, expected=expected) from None

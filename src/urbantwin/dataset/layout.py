@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import wrapped
 from urbantwin.lidar import BoxLabel, LabelledFrame
 
-__all__ = ["FOLDERS", "RAY_TYPE", "frame_name", "label_lines", "write_frame"]
+__all__ = ["FOLDERS", "RAY_TYPE", "frame_name", "label_line", "label_lines", "write_frame"]
 
 FOLDERS = ("points", "labels", "semantic", "rays")
 
@@ -42,10 +42,12 @@ def label_lines(boxes: Sequence[BoxLabel]) -> str:
     Metres and radians with four decimals (a tenth of a millimetre). OpenPCDet's reader takes the
     last token as the class and all before it as the box, so nothing else may stand there.
     """
-    return "".join(
-        " ".join([*(f"{_plain(value):.4f}" for value in _normal(one.box)), one.actor_class]) + "\n"
-        for one in boxes
-    )
+    return "".join(label_line(_normal(one.box), one.actor_class) for one in boxes)
+
+
+def label_line(box: Iterable[float], actor_class: str) -> str:
+    """Return the line of one box: x, y, z, length, width, height and yaw in [-pi, pi)."""
+    return " ".join([*(f"{_plain(value):.4f}" for value in box), actor_class]) + "\n"
 
 
 def write_frame(folder: Path, index: int, frame: LabelledFrame) -> dict[str, Any]:

@@ -56,7 +56,11 @@ class Verification:
                 "path": str(one.folder),
                 "kind": one.kind,
                 "files": one.files,
-                "wrong": [{"file": bad.name, "is": bad.problem} for bad in one.damages[:most]],
+                "wrong": [
+                    {"file": bad.name, "is": bad.problem}
+                    | ({"where": bad.where} if bad.where else {})
+                    for bad in one.damages[:most]
+                ],
             }
             for one in self.artefacts
         ]
@@ -71,9 +75,10 @@ class Verification:
         first = next((one for one in self.artefacts if one.damages), None)
         if first is None:
             return
-        wrong = len(self.damages)
+        wrong, bad = len(self.damages), first.damages[0]
         raise InputError(
-            f"{first.damages[0].name} is {first.damages[0].problem}"
+            f"{bad.name} is {bad.problem}"
+            + (f" at {bad.where}" if bad.where else "")
             + (f", and {wrong - 1} more are wrong" if wrong > 1 else ""),
             file=first.folder,
             expected="the files as they were written; `urbantwin reproduce` makes a dataset again",
@@ -93,6 +98,10 @@ def verify(path: AnyPath, *, progress: ShowProgress = True) -> Verification:
     Example:
         >>> assert ut.verify("out/")
     """
+    from urbantwin.dataset.damaged_file import where_damaged
+
     with shown_stage("verify", progress) as tell:
-        found = verify_artefacts(Path(path), workers=usable_processors(), progress=tell)
+        found = verify_artefacts(
+            Path(path), workers=usable_processors(), where=where_damaged, progress=tell
+        )
     return Verification(Path(path), tuple(found))

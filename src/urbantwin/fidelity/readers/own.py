@@ -19,7 +19,7 @@ from urbantwin.dataset.manifest_schema import FramePoses, pose_of_matrix
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.documents import finite_numbers, laid_out
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
@@ -115,9 +115,10 @@ def read_label_lines(path: Path) -> Boxes | None:
     """
     if not path.is_file():
         return None
-    labelled = []
-    for number, line in enumerate(read_lines(path, "labels"), 1):
-        words = line.split()
+    labelled, byte = [], 0
+    for number, raw in enumerate(read_bytes(path, "labels").splitlines(keepends=True), 1):
+        words, begin = raw.decode(errors="replace").split(), byte
+        byte += len(raw)
         if not words:
             continue
         try:
@@ -127,7 +128,7 @@ def read_label_lines(path: Path) -> Boxes | None:
             raise InputError(
                 "is not an OpenPCDet label",
                 file=path,
-                place=f"line {number}",
+                place=f"line {number} (byte {begin})",
                 expected="x y z dx dy dz heading class",
             ) from None
         labelled.append(LabelledBox((x, y, z, length, width, height, yaw), name))
