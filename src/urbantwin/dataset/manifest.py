@@ -17,6 +17,7 @@ from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.named_inputs import named_inputs, told_of
 from urbantwin.dataset.object_statistics import object_statistics
 from urbantwin.dataset.result_warnings import BEYOND, warnings_of_record
 from urbantwin.geometry import Pose
@@ -100,7 +101,8 @@ def recipe_of(
         "surface_sha256": twin.manifest.get("files", {}).get("surface_material.npz"),
         "motion_sha256": table_sha256(motion.rows),
         "meshes_sha256": meshes_sha256(motion.meshes),
-        "inputs": twin.manifest["inputs"],
+        "inputs": named_inputs(twin.manifest, motion.manifest, asked),
+        "about": told_of(twin.manifest, motion.manifest),
         "made_from": {
             "twin": _part(twin.manifest, "version", "made_from"),
             "motion": _part(motion.manifest, "urbantwin", "asked", "made"),
