@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
+    from urbantwin.interface.dataset_card import Card, card
     from urbantwin.interface.detected_objects import DetectedObjects, detect
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
@@ -65,6 +66,7 @@ __all__ = [
     "AlignedRig",
     "Background",
     "Calibration",
+    "Card",
     "CarlaFrames",
     "Cloud",
     "Coverage",
@@ -109,6 +111,7 @@ __all__ = [
     "background",
     "build",
     "calibrate",
+    "card",
     "carla",
     "compare",
     "coverage",

@@ -49,9 +49,8 @@ def table(heading: Sequence[str], rows: Iterable[Sequence[object]], numbers: int
     """
     left = len(heading) - numbers
     lines = [f"| {' | '.join(heading)} |", "|" + "---|" * left + "---:|" * numbers]
-    for row in rows:
-        lines.append(f"| {' | '.join('-' if one is None else _cell(one) for one in row)} |")
-    return lines
+    cells = (["-" if one is None else _cell(one) for one in row] for row in rows)
+    return [*lines, *(f"| {' | '.join(row)} |" for row in cells)]
 
 
 def bullets(texts: Iterable[str]) -> list[str]:

@@ -41,6 +41,7 @@ KINDS = (
         "evaluation",
         "model",
         "labelling",
+        "card",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

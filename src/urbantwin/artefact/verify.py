@@ -11,7 +11,7 @@ from urbantwin.artefact.output import KINDS, kind_of
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress, untold
 
-__all__ = ["Verified", "verify"]
+__all__ = ["Verified", "is_artefact", "verify"]
 
 #: Of so many damaged files of an artefact it is said where they are.
 _PLACED = 50
@@ -90,6 +90,11 @@ def _placed(
             yield one
 
 
+def is_artefact(path: Path) -> bool:
+    """Return whether there is an artefact at a path, around it or in it."""
+    return path.exists() and any(True for _ in _artefacts(path))
+
+
 def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
     """Yield the folder of each artefact, and which folder of it is meant (``""``: all)."""
     inside = path.resolve()
@@ -100,7 +105,7 @@ def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
             below = inside.relative_to(folder).as_posix()
             yield folder, "" if below == "." else below
             return
-    for entry in sorted(inside.iterdir()):
+    for entry in sorted(inside.iterdir()) if inside == path.resolve() else ():
         if entry.is_dir() and not entry.name.startswith(".") and _is_artefact(entry):
             yield entry, ""
 

@@ -16,6 +16,7 @@ __all__ = ["EXAMPLES", "verify"]
 EXAMPLES = """
 urbantwin verify out/
 urbantwin verify out/dataset
+urbantwin verify out/dataset --privacy
 urbantwin verify twin/ --json | jq '.artefacts[].wrong'
 """
 
@@ -27,10 +28,17 @@ def verify(
     path: Annotated[
         Path, typer.Argument(help="An artefact, or a folder of them: what `run` wrote.")
     ],
+    privacy: Annotated[
+        bool,
+        typer.Option(
+            "--privacy",
+            help="Search all files, too, for paths, names, e-mail addresses and time stamps.",
+        ),
+    ] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Find files of artefacts that are damaged, missing or foreign, by their checksums."""
-    found = ut.verify(path, progress=not quiet)
+    found = ut.verify(path, privacy=privacy, progress=not quiet)
     Console(quiet=quiet, as_json=as_json).result(found.summary(None if as_json else SHOWN))
     found.check()

@@ -145,7 +145,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                 write_json(folder / "dataset.json", manifest_of_parts(recipe, entries, manifests))
             if also is not None:
                 also(folder)
-            write_cards(folder, [folder / name for name in parts])
+            write_cards(folder)
             write_inventory(folder, known=checksums(entries), without=[MARKS])
         # With an inventory it is whole, and what an interruption leaves from here on is enough.
         for name in parts:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from urbantwin.artefact import Damage, Verified
 from urbantwin.artefact import verify as verify_artefacts
+from urbantwin.artefact.privacy import Finding, names_here, search_files
+from urbantwin.artefact.verify import is_artefact
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 from urbantwin.processes import usable_processors
+from urbantwin.progress import between
 
 __all__ = ["Verification", "verify"]
 
@@ -23,10 +26,12 @@ class Verification:
     Attributes:
         path: what was verified.
         artefacts: folder, kind, number of files and damages of each.
+        personal: what may say something of people; ``None`` where nobody looked.
     """
 
     path: Path
     artefacts: tuple[Verified, ...]
+    personal: tuple[Finding, ...] | None = None
 
     @property
     def damages(self) -> tuple[Damage, ...]:
@@ -34,15 +39,16 @@ class Verification:
         return tuple(bad for one in self.artefacts for bad in one.damages)
 
     def __bool__(self) -> bool:
-        """Return whether everything is as it was written."""
-        return not self.damages
+        """Return whether everything is as it was written, and says nothing of people."""
+        return not self.damages and not self.personal
 
     def __repr__(self) -> str:
         """Return counts and the path."""
         files = sum(one.files for one in self.artefacts)
+        told = "" if self.personal is None else f", {len(self.personal)} say something of people"
         return (
             f"{files} files of {len(self.artefacts)} artefacts verified, {len(self.damages)} "
-            f"are wrong ({self.path})"
+            f"are wrong{told} ({self.path})"
         )
 
     def summary(self, most: int | None = None) -> Summary:
@@ -64,16 +70,21 @@ class Verification:
             }
             for one in self.artefacts
         ]
-        return Summary(path=str(self.path), artefacts=rows)
+        found = Summary(path=str(self.path), artefacts=rows)
+        if self.personal is not None:
+            found["personal_data"] = [asdict(one) for one in self.personal[:most]]
+        return found
 
     def check(self) -> None:
-        """Refuse what is damaged.
+        """Refuse what is damaged, and what says something of people.
 
         Raises:
-            InputError: a file is damaged, missing or foreign; the first is named.
+            InputError: a file is damaged, missing or foreign, or says something of people; the
+                first is named.
         """
         first = next((one for one in self.artefacts if one.damages), None)
         if first is None:
+            self._check_personal()
             return
         wrong, bad = len(self.damages), first.damages[0]
         raise InputError(
@@ -84,12 +95,26 @@ class Verification:
             expected="the files as they were written; `urbantwin reproduce` makes a dataset again",
         )
 
+    def _check_personal(self) -> None:
+        if self.personal:
+            one, others = self.personal[0], len(self.personal) - 1
+            raise InputError(
+                f"{one.what} ({one.text})" + (f", and {others} more findings" if others else ""),
+                file=self.path / one.file if self.path.is_dir() else self.path,
+                place=one.place,
+                expected="nothing of people, machines or moments; look whether it may be passed on",
+            )
 
-def verify(path: AnyPath, *, progress: ShowProgress = True) -> Verification:
+
+def verify(path: AnyPath, *, privacy: bool = False, progress: ShowProgress = True) -> Verification:
     """Find files of artefacts that are damaged, missing or foreign, by their checksums.
 
     Args:
-        path: an artefact, or a folder of them: what `run` wrote.
+        path: an artefact, or a folder of them: what `run` wrote. With ``privacy`` any file or
+            folder.
+        privacy: search all files, too, for what they say of people: absolute paths, names of users
+            and machines (this one's among them), e-mail addresses, time stamps, in texts and in
+            the metadata of formats that are known.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -100,8 +125,17 @@ def verify(path: AnyPath, *, progress: ShowProgress = True) -> Verification:
     """
     from urbantwin.dataset.damaged_file import where_damaged
 
+    place, found, personal = Path(path), list[Verified](), None
     with shown_stage("verify", progress) as tell:
-        found = verify_artefacts(
-            Path(path), workers=usable_processors(), where=where_damaged, progress=tell
-        )
-    return Verification(Path(path), tuple(found))
+        if not privacy or is_artefact(place):
+            found = verify_artefacts(
+                place,
+                workers=usable_processors(),
+                where=where_damaged,
+                progress=between(tell, 0.0, 0.5) if privacy else tell,
+            )
+        if privacy:
+            personal = tuple(
+                search_files(place, names=names_here(), progress=between(tell, 0.5, 1.0))
+            )
+    return Verification(place, tuple(found), personal)

@@ -10,8 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
+from numpy.typing import NDArray
 
 from urbantwin.dataset.card.statistics import BoxStatistics
+from urbantwin.taxonomy import BOX_SEMANTICS
 from urbantwin.view import style
 
 __all__ = [
@@ -65,14 +67,14 @@ def points_by_range_figure(
     style.title(figure, "Points on a box by its distance", below)
     axes = _axes(figure, (0.075, 0.1, 0.9, 0.74))
     axes.set_yscale("log")
-    furthest, most = 10.0, 10.0
+    furthest, most, colours = 10.0, 10.0, _colours(statistics.names)
     for name in statistics.names:
         mine = np.flatnonzero(seen & (statistics.kind == name))
         if not len(mine):
             continue
         away, points = statistics.range_m[mine], statistics.points[mine]
         furthest, most = max(furthest, float(away.max())), max(most, float(points.max()))
-        colour = style.actor_colour(name) if _is_class(name) else style.MUTED
+        colour = colours[name]
         some = slice(None, None, -(-len(mine) // _DOTS))
         axes.scatter(away[some], points[some], s=4, color=colour, alpha=0.25, linewidths=0)
         bins = (away // _BIN_M).astype(int)
@@ -92,12 +94,12 @@ def points_by_range_figure(
 
 def box_sizes_figure(statistics: BoxStatistics, attribution: str | Iterable[str] = ()) -> Figure:
     """Draw length, width and height of the actors of each class, one value for each track."""
-    figure = style.new_figure(12, 1.9 + 0.5 * max(len(statistics.names), 2))
-    inch = 1.0 / figure.get_figheight()
+    figure = style.new_figure(12, 2.1 + 0.5 * max(len(statistics.names), 2))
+    inch, colours = 1.0 / figure.get_figheight(), _colours(statistics.names)
     below = "Each actor once: middle half (box), 5 to 95 % (line), median (mark)"
     style.title(figure, "Sizes of the actors", below)
     for side, heading in enumerate(_SIDES):
-        bottom, top = 0.55 * inch, 1.0 - 1.1 * inch
+        bottom, top = 0.75 * inch, 1.0 - 1.0 * inch
         axes = _axes(figure, (0.11 + 0.298 * side, bottom, 0.26, top - bottom))
         axes.set_xlabel(heading, color=style.MUTED)
         axes.set_ylim(len(statistics.names) - 0.4, -0.6)
@@ -111,7 +113,7 @@ def box_sizes_figure(statistics: BoxStatistics, attribution: str | Iterable[str]
             values = statistics.size_m[mine[first], side]
             low, quarter, middle, third, high = np.percentile(values, [5, 25, 50, 75, 95])
             largest = max(largest, float(high))
-            colour = style.actor_colour(name) if _is_class(name) else style.MUTED
+            colour = colours[name]
             axes.plot([low, high], [row, row], color=colour, linewidth=1.5)
             axes.barh(row, third - quarter, left=quarter, height=0.5, color=colour, alpha=0.6)
             axes.plot([middle, middle], [row - 0.25, row + 0.25], color=style.INK, linewidth=2)
@@ -142,13 +144,17 @@ def objects_per_frame_figure(
         ]
     ).reshape(len(names), count)
     shown = [k for k, row in enumerate(rows) if row.any()]
-    colours = [style.actor_colour(names[k]) if _is_class(names[k]) else style.MUTED for k in shown]
+    colours = _colours(statistics.names)
     if shown:
         # A step for each frame: nobody is between two of them.
         edges = np.arange(count + 1)
         heights = np.hstack([rows[shown], rows[shown][:, -1:]])
         axes.stackplot(
-            edges, heights, step="post", colors=colours, labels=[names[k] for k in shown]
+            edges,
+            heights,
+            step="post",
+            colors=[colours[names[k]] for k in shown],
+            labels=[names[k] for k in shown],
         )
     top = float(rows.sum(axis=0).max(initial=1)) * 1.08
     axes.set_ylim(-0.055 * top, top)
@@ -194,6 +200,7 @@ def places_figure(statistics: BoxStatistics, attribution: str | Iterable[str] = 
     axes.set_ylabel("north, m", color=style.MUTED)
     bar = figure.colorbar(drawn, cax=figure.add_axes((0.88, 0.075, 0.02, 0.8)))
     bar.set_label("boxes", color=style.MUTED)
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
     bar.ax.tick_params(colors=style.MUTED, labelsize=9)
     bar.outline.set_visible(False)  # type: ignore[operator]
     style.written_attribution(figure, attribution)
@@ -212,21 +219,27 @@ def _axes(figure: Figure, place: tuple[float, float, float, float]) -> Axes:
 
 
 def _legend(axes: Axes, *, reverse: bool = False) -> None:
+    """Write what the colours mean above the axes, to the right."""
     handles, _ = axes.get_legend_handles_labels()
     if handles:
         axes.legend(
-            loc="upper right",
-            ncols=2 if len(handles) > 6 else 1,
-            frameon=True,
-            facecolor=style.PAPER,
-            edgecolor=style.FAINT,
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=-(-len(handles) // 2),
+            frameon=False,
             labelcolor=style.INK,
             fontsize=10,
             reverse=reverse,
         )
 
 
-def _is_class(name: str) -> bool:
-    from urbantwin.taxonomy import BOX_SEMANTICS
-
-    return name in BOX_SEMANTICS
+def _colours(names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    """Return a colour for each class; of those that the taxonomy has one for, lighter ones."""
+    found: dict[str, NDArray[np.float64]] = {}
+    for name in names:
+        known = name in BOX_SEMANTICS
+        colour = style.actor_colour(name) if known else np.array([0.6, 0.65, 0.7])
+        while any(np.allclose(colour, one) for one in found.values()):
+            colour = colour + 0.45 * (1.0 - colour)
+        found[name] = colour
+    return found

@@ -129,8 +129,7 @@ def _walked(value: object, place: str, field: str) -> Iterator[Told]:
             some = range(len(value))
             if len(value) > 16 and all(isinstance(one, int | float) for one in value):
                 some = range(0, len(value), len(value) - 1)
-            for index in reversed(some):
-                waiting.append((value[index], f"{place}[{index}]", field))
+            waiting.extend((value[k], f"{place}[{k}]", field) for k in reversed(some))
         elif isinstance(value, str | int | float):
             yield Told(place, value, field)
 

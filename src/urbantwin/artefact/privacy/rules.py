@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 
-__all__ = ["in_text", "in_value", "is_moment", "words_of"]
+__all__ = ["in_text", "in_value"]
 
 #: Folders that absolute paths begin with, on Linux, on macOS and in containers.
 _ROOTS = (
@@ -88,16 +88,11 @@ def in_value(field: str, value: object) -> Iterator[tuple[str, str]]:
         told = isinstance(value, str | int | float) and not isinstance(value, bool)
         if told and text not in ("", "0") and not text.lower().startswith("urbantwin"):
             yield "name of a person", f"{field}: {text}"[:_SHOWN]
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        if _TIME.search(field) and is_moment(float(value)):
-            yield "time stamp", f"{field}: {value}"[:_SHOWN]
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if number and _TIME.search(field) and _is_moment(float(text)):
+        yield "time stamp", f"{field}: {text}"[:_SHOWN]
 
 
-def is_moment(value: float) -> bool:
+def _is_moment(value: float) -> bool:
     """Return whether a number is a moment of our time, as clocks of recordings tell it."""
     return any(_FIRST_S <= value / unit <= _LAST_S for unit in (1.0, 1e3, 1e6, 1e9))
-
-
-def words_of(name: str) -> bool:
-    """Return whether a field of this name tells times."""
-    return bool(_TIME.search(name))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +15,8 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["Finding", "search_files"]
 
-#: Of one file so many findings are told; the rest is of the same kind, as a rule.
-_MOST = 20
+#: Of one file so many findings of a kind are told, and of the rest how many there are.
+_MOST = 5
 
 
 @dataclass(frozen=True)
@@ -73,43 +74,39 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _in_file(path: Path, name: str, names: Mapping[str, str]) -> list[Finding]:
-    found: dict[tuple[str, str], Finding] = {}
-    more = 0
-    for what, text in _of_name(name, names):
-        found[what, text] = Finding(name, "its name", what, text)
+    found = {
+        (what, text): Finding(name, "its name", what, text)
+        for _, what, text in in_text(name, names)
+    }
+    counts: Counter[str] = Counter()
     try:
-        for place, what, text in _in_contents(path, names):
-            if (what, text) in found:
-                continue
-            if len(found) >= _MOST:
-                more += 1
-                continue
-            found[what, text] = Finding(name, place, what, text)
+        for one in told_in(path):
+            for at, what, text in _of_told(one, names):
+                if (what, text) in found:
+                    continue
+                counts[what] += 1
+                if counts[what] <= _MOST:
+                    found[what, text] = Finding(name, _place(one, at), what, text)
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", file=path) from None
-    rows = list(found.values())
-    if more:
-        rows.append(Finding(name, "further places", "more of it", f"{more} more"))
-    return rows
+    more = [
+        Finding(name, "further places", what, f"{count - _MOST:,} more")
+        for what, count in counts.items()
+        if count > _MOST
+    ]
+    return [*found.values(), *more]
 
 
-def _of_name(name: str, names: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    # Underscores join words in names of files.
-    for _, what, text in in_text(name, names):
-        yield what, text
-
-
-def _in_contents(path: Path, names: Mapping[str, str]) -> Iterator[tuple[str, str, str]]:
-    for one in told_in(path):
-        if one.what:
-            yield one.place, one.what, str(one.value)
-            continue
-        if one.field:
-            for what, text in in_value(one.field, one.value):
-                yield one.place, what, text
-        if isinstance(one.value, str):
-            for at, what, text in in_text(one.value, names):
-                yield _place(one, at), what, text
+def _of_told(one: Told, names: Mapping[str, str]) -> Iterator[tuple[int, str, str]]:
+    """Yield what a text or a number says of somebody: where in it, what kind of thing, what."""
+    if one.what:
+        yield 0, one.what, str(one.value)
+        return
+    if one.field:
+        for what, text in in_value(one.field, one.value):
+            yield 0, what, text
+    if isinstance(one.value, str):
+        yield from in_text(one.value, names)
 
 
 def _place(one: Told, at: int) -> str:

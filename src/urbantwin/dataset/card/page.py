@@ -6,7 +6,7 @@ What a card tells follows Gebru et al. (2021), "Datasheets for Datasets", and Pu
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,19 @@ from urbantwin.dataset.card.licences import consequences, hub_licence, stated
 from urbantwin.dataset.card.limits import limits_of, unchecked_numbers
 from urbantwin.dataset.card.making import making_of, mapping
 from urbantwin.dataset.card.statistics import BoxStatistics, ClassFigures, splits_of
-from urbantwin.dataset.description import parts_of
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.named_inputs import INPUT_KINDS
 
-__all__ = ["CARD", "PICTURES", "card_of_dataset", "card_of_folder", "dataset_folders"]
+__all__ = [
+    "CARD",
+    "PICTURES",
+    "card_of_dataset",
+    "card_of_folder",
+    "joined",
+    "licence_lines",
+    "privacy_lines",
+    "section",
+]
 
 #: Where hubs and people look first.
 CARD = "README.md"
@@ -51,37 +59,40 @@ _REAL = {
 
 
 def card_of_dataset(
-    folder: Path, statistics: BoxStatistics, private: Sequence[Finding] | None
+    folder: Path,
+    statistics: BoxStatistics | None,
+    private: Sequence[Finding] | None,
+    beside: Path | None = None,
 ) -> str:
     """Return the card of a dataset as Markdown.
 
     Args:
-        folder: the dataset's; pictures that it has under ``pictures/`` are shown.
-        statistics: of its boxes.
+        folder: the dataset's.
+        statistics: of its boxes; None where it has no table of them.
         private: what was found of people in its files; None where nobody looked.
+        beside: where the card goes: pictures are shown that are in ``pictures/`` there; the
+            dataset's folder if not given.
 
     Raises:
         InputError: its manifest or a list of frames is damaged.
     """
     manifest = read_manifest(folder)
     place = _place(manifest)
-    figures = [statistics.figures(name) for name in statistics.names]
-    parts = (
+    return joined(
         _front(place, manifest),
-        [f"# {escaped(place)}", "", _summary(manifest, statistics)],
-        _section("Pictures", _pictures(folder)),
-        _section("Classes", [*_classes(figures), *_levels(statistics)]),
-        _section("Points", _points(manifest)),
-        *(_section(title, lines) for title, lines in making_of(manifest)),
-        _section("Split", _split(folder, manifest, statistics)),
-        _section("Files", _files(manifest)),
-        _section("How to load it", _loading()),
-        _section("How it can be made again", _reproducing(folder, manifest)),
-        _section("Inputs, licences and attribution", _licences(manifest)),
-        _section("Personal data", _privacy(manifest, private)),
-        _section("Known limits", _limits(manifest)),
+        [f"# {escaped(place)}", "", _summary(manifest)],
+        section("Pictures", _pictures(folder if beside is None else beside)),
+        section("Classes", [*_classes(manifest, statistics), *_levels(statistics)]),
+        section("Points", _points(manifest)),
+        *(section(title, lines) for title, lines in making_of(manifest)),
+        section("Split", _split(folder, manifest, statistics)),
+        section("Files", _files(manifest)),
+        section("How to load it", _loading()),
+        section("How it can be made again", _reproducing(folder, manifest)),
+        section("Inputs, licences and attribution", licence_lines(manifest["inputs"])),
+        section("Personal data", privacy_lines(manifest["inputs"], private)),
+        section("Known limits", _limits(manifest)),
     )
-    return "\n".join(line for part in parts for line in part).rstrip() + "\n"
 
 
 def card_of_folder(folder: Path, datasets: Sequence[Path], title: str | None = None) -> str:
@@ -117,24 +128,13 @@ def card_of_folder(folder: Path, datasets: Sequence[Path], title: str | None = N
     return "\n".join(lines) + "\n"
 
 
-def dataset_folders(path: Path) -> list[Path]:
-    """Return the folders of the datasets at a path: itself, its parts, or those inside it.
-
-    Raises:
-        InputError: a manifest is damaged.
-    """
-    if (path / "dataset.json").is_file():
-        return parts_of(path)
-    inside = sorted(path.iterdir()) if path.is_dir() else []
-    return [
-        part
-        for one in inside
-        if not one.name.startswith(".") and (one / "dataset.json").is_file()
-        for part in parts_of(one)
-    ]
+def joined(*parts: Iterable[str]) -> str:
+    """Return the text of parts of a card, each of some lines."""
+    return "\n".join(line for part in parts for line in part).rstrip() + "\n"
 
 
-def _section(title: str, lines: Sequence[str]) -> list[str]:
+def section(title: str, lines: Sequence[str]) -> list[str]:
+    """Return lines of a card under a title; none where there are none."""
     return ["", f"## {title}", "", *lines] if lines else []
 
 
@@ -155,10 +155,10 @@ def _front(place: str, manifest: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _summary(manifest: Mapping[str, Any], statistics: BoxStatistics) -> str:
+def _summary(manifest: Mapping[str, Any]) -> str:
     counts, rig = manifest["counts"], manifest["rig"]
     times = [frame["time_s"] for frame in manifest["frames"]]
-    boxes = len(statistics.kind)
+    boxes, seen = (sum(counts[name].values()) for name in ("boxes", "boxes_with_points"))
     rides = " that ride on a vehicle" if manifest["dataset_SE3_site"] is None else ""
     units = ", ".join(code(one["model"]) for one in rig["sensors"])
     frames = f"{counts['frames']:,} frame{'' if counts['frames'] == 1 else 's'}"
@@ -166,7 +166,7 @@ def _summary(manifest: Mapping[str, Any], statistics: BoxStatistics) -> str:
         f"Simulated LiDAR frames of a street, with 3D boxes, tracks, and a class and an instance "
         f"for every point. {frames} from {times[0]:g} to {times[-1]:g} s of one drive, by {units}"
         f"{rides}: {counts['points']:,} points and {boxes:,} boxes, "
-        f"{int(statistics.seen.sum()):,} of them with points. {_where(manifest)}. "
+        f"{seen:,} of them with points. {_where(manifest)}. "
         f"Made by UrbanTwin {escaped(manifest['urbantwin'])}."
     )
 
@@ -198,7 +198,15 @@ def _pictures(folder: Path) -> list[str]:
     return lines[:-1]
 
 
-def _classes(figures: Sequence[ClassFigures]) -> list[str]:
+def _classes(manifest: Mapping[str, Any], statistics: BoxStatistics | None) -> list[str]:
+    counts = manifest["counts"]
+    figures = [
+        ClassFigures(name, count, counts["boxes_with_points"].get(name, 0))
+        for name, count in counts["boxes"].items()
+        if count
+    ]
+    if statistics is not None:
+        figures = [statistics.figures(name) for name in statistics.names]
     heading = ["class", "boxes", "with points", "tracks", "seen", "length", "width", "height"]
     heading += ["points", "distance"]
     rows: list[list[object]] = []
@@ -219,9 +227,11 @@ def _classes(figures: Sequence[ClassFigures]) -> list[str]:
     ]
 
 
-def _levels(statistics: BoxStatistics) -> list[str]:
+def _levels(statistics: BoxStatistics | None) -> list[str]:
     """Return how hard the boxes are to find, where the dataset says it."""
-    lines = []
+    lines: list[str] = []
+    if statistics is None:
+        return lines
     for counts, words in (
         (statistics.difficulty, "Difficulty of the boxes that count"),
         (statistics.ignored, "Boxes that do not count, and why"),
@@ -243,20 +253,16 @@ def _points(manifest: Mapping[str, Any]) -> list[str]:
 
 
 def _split(
-    folder: Path, manifest: Mapping[str, Any], statistics: BoxStatistics
-) -> Iterator[str] | list[str]:
+    folder: Path, manifest: Mapping[str, Any], statistics: BoxStatistics | None
+) -> list[str]:
     splits = splits_of(folder)
-    number = {name: index for index, name in enumerate(statistics.frames)}
     times = {one["name"]: one["time_s"] for one in manifest["frames"]}
     rows: list[list[object]] = []
     for name, frames in splits.items():
-        known = [one for one in frames if one in number]
-        inside = {number[one] for one in known}
-        mine = [k for k, index in enumerate(statistics.frame.tolist()) if index in inside]
-        when = [times[one] for one in known]
+        when = [times[one] for one in frames if one in times]
         span = f"{min(when):g} to {max(when):g} s" if when else None
-        seen = int(statistics.seen[mine].sum()) if mine else 0
-        rows.append([code(name), len(frames), span, len(mine), seen])
+        boxes = (None, None) if statistics is None else statistics.counted(frames)
+        rows.append([code(name), len(frames), span, *boxes])
     told = manifest.get("split")
     lines = table(["split", "frames", "time", "boxes", "with points"], rows, 2)
     if isinstance(told, Mapping):
@@ -343,8 +349,8 @@ def _reproducing(folder: Path, manifest: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _licences(manifest: Mapping[str, Any]) -> list[str]:
-    inputs = manifest["inputs"]
+def licence_lines(inputs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return every input with its terms, and what these ask of who passes on what came of it."""
     if not inputs:
         return ["No input of anybody's is named in `dataset.json`."]
     rows = [
@@ -367,8 +373,11 @@ def _licences(manifest: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _privacy(manifest: Mapping[str, Any], private: Sequence[Finding] | None) -> list[str]:
-    kinds = {one.get("kind") for one in manifest["inputs"]}
+def privacy_lines(
+    inputs: Sequence[Mapping[str, Any]], private: Sequence[Finding] | None
+) -> list[str]:
+    """Return what came in of people, and what a search of the files found; not what it says."""
+    kinds = {one.get("kind") for one in inputs}
     real = [words for kind, words in _REAL.items() if kind in kinds]
     came = f"Of real recordings came in: {'; '.join(real)}." if real else "Nobody was recorded."
     lines = [f"The frames are simulated. {came} Every input is named above with its kind.", ""]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -38,23 +38,20 @@ class ClassFigures:
         name: of the class.
         boxes: of all frames.
         with_points: those of them that have a point.
-        tracks: actors that any frame has.
+        tracks: actors that any frame has; ``None``, as what follows, where no table tells.
         seen_tracks: those of them that have a point in a frame.
-        size_m: length, width and height: median of the tracks; ``None`` without any.
-        least_m, most_m: the same of the 5th and the 95th percentile.
+        size_m: length, width and height: median of the tracks.
         range_m, points: medians of the boxes with points; ``None`` without any.
     """
 
     name: str
     boxes: int
     with_points: int
-    tracks: int
-    seen_tracks: int
-    size_m: tuple[float, float, float] | None
-    least_m: tuple[float, float, float] | None
-    most_m: tuple[float, float, float] | None
-    range_m: float | None
-    points: float | None
+    tracks: int | None = None
+    seen_tracks: int | None = None
+    size_m: tuple[float, float, float] | None = None
+    range_m: float | None = None
+    points: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,29 +93,28 @@ class BoxStatistics:
         names, counts = np.unique(self.kind.astype(str), return_counts=True)
         return tuple(names[np.lexsort((names, -counts))].tolist())
 
+    def counted(self, frames: Iterable[str]) -> tuple[int, int]:
+        """Return how many boxes some frames have, and how many of these have a point."""
+        wanted = set(frames)
+        inside = np.array([name in wanted for name in self.frames], bool)
+        mine = inside[self.frame] if len(self.frame) else np.zeros(0, bool)
+        return int(mine.sum()), int((mine & self.seen).sum())
+
     def figures(self, name: str) -> ClassFigures:
-        """Return what the boxes of a class are like."""
+        """Return what the boxes of a class are like, of which there are some."""
         mine = np.flatnonzero(self.kind == name)
         _, first = np.unique(self.track[mine], return_index=True)
         seen = mine[self.seen[mine]]
         sizes = self.size_m[mine[first]]
         known = seen[np.isfinite(self.range_m[seen])]
-
-        def share(percent: float) -> tuple[float, float, float] | None:
-            if not len(sizes):
-                return None
-            x, y, z = np.percentile(sizes, percent, axis=0).tolist()
-            return x, y, z
-
+        length, width, height = np.median(sizes, axis=0).tolist()
         return ClassFigures(
             name=name,
             boxes=len(mine),
             with_points=len(seen),
             tracks=len(first),
             seen_tracks=len(np.unique(self.track[seen])),
-            size_m=share(50),
-            least_m=share(5),
-            most_m=share(95),
+            size_m=(length, width, height),
             range_m=float(np.median(self.range_m[known])) if len(known) else None,
             points=float(np.median(self.points[seen])) if len(seen) else None,
         )
