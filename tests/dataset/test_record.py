@@ -42,6 +42,7 @@ def left_beside(out):
 def test_every_frame_has_its_files_and_nothing_else_is_there(dataset):
     files = {str(path.relative_to(dataset)) for path in dataset.rglob("*") if path.is_file()}
     expected = {
+        "README.md",
         "SHA256SUMS",
         "dataset.json",
         "boxes.parquet",

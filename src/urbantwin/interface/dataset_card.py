@@ -71,7 +71,7 @@ def card(
     Example:
         >>> print(ut.card("out/dataset"))
     """
-    from urbantwin.dataset.card.write import carded_folders, renewed_folder, write_cards
+    from urbantwin.dataset.card import carded_folders, renewed_folder, write_cards
 
     source, place = Path(path), None if out is None else Path(out)
     folders = carded_folders(source)
@@ -111,7 +111,7 @@ def _there(made: Iterable[Path], scratch: Path, place: Path) -> list[Path]:
 def _draw(dataset: Path, to: Path, tell: Progress) -> None:
     """Draw the pictures of a dataset that a folder lacks."""
     from urbantwin.dataset import parts_of
-    from urbantwin.dataset.card.page import PICTURES
+    from urbantwin.dataset.card import PICTURES
     from urbantwin.view.pictures import pictures_of_dataset
 
     for part in parts_of(dataset):

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.card.statistics import read_statistics, splits_of
+from urbantwin.dataset.card import read_statistics, splits_of
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.motion_interpolation import Rows, rows_at
 from urbantwin.errors import InputError

@@ -18,6 +18,8 @@ __all__ = ["Told", "told_in"]
 _MOST_BYTES = 256_000_000
 #: Letters that follow each other in bytes by chance less often than anybody minds.
 _RUN = re.compile(rb"[\x20-\x7e]{8,}")
+#: Objects of a map that are looked at.
+_MOST_OBJECTS = 200_000
 #: Files inside files are opened so deep.
 _DEEPEST = 3
 
@@ -338,6 +340,20 @@ def _pcap(data: bytes, _: int) -> Iterator[Told]:
     yield from _letters(data)
 
 
+def _map_pbf(data: bytes, _: int) -> Iterator[Told]:
+    """Yield who mapped the objects of an OpenStreetMap extract, and when."""
+    import osmium
+
+    for number, one in enumerate(osmium.FileProcessor(osmium.io.FileBuffer(data, "pbf"))):
+        if number >= _MOST_OBJECTS:
+            break
+        place = f"object {one.id}"
+        yield Told(place, one.user, "user")
+        yield Told(place, one.changeset, "changeset")
+        if one.timestamp.timestamp() > 0:
+            yield Told(place, one.timestamp.isoformat(" ", "minutes"))
+
+
 def _within(place: str, inner: Told) -> Told:
     both = f"{place}: {inner.place}" if inner.place else place
     return Told(both, inner.value, inner.field, inner.lines, inner.what)
@@ -352,6 +368,7 @@ _READERS: dict[str, Callable[[bytes, int], Iterator[Told]]] = {
     **dict.fromkeys(("ply", "pcd"), _header_lines),
     **dict.fromkeys(("pcap", "pcapng"), _pcap),
     **dict.fromkeys(("feather", "arrow"), _feather),
+    "pbf": _map_pbf,
     "parquet": _parquet,
     "npy": _npy,
     "glb": _glb,

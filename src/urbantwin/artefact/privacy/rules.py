@@ -31,7 +31,8 @@ _RULES: tuple[tuple[str, re.Pattern[str]], ...] = (
         "time stamp",
         re.compile(
             r"(?<!\d)(?:19|20)\d\d([-:/.])(?:0[1-9]|1[0-2])\1(?:0[1-9]|[12]\d|3[01])[T _]"
-            r"(?:[01]\d|2[0-3])[:\-][0-5]\d|"
+            # Midnight is a date: formats that ask for a moment have it from who has none.
+            r"(?!00[:\-]00(?![:\-](?!00)\d))(?:[01]\d|2[0-3])[:\-][0-5]\d|"
             r"(?<!\d)(?:19|20)\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])[T_\-](?:[01]\d|2[0-3])"
             r"[0-5]\d[0-5]\d(?!\d)|"
             r"\b(?:Mon|Tue|Wed|Thu|Fri|Sat|Sun),? +(?:\d{1,2} )?(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|"

@@ -366,8 +366,8 @@ def licence_lines(inputs: Sequence[Mapping[str, Any]]) -> list[str]:
     return [
         *table(["what", "name", "licence", "attribution", "SHA-256 begins"], rows),
         "",
-        "What the licences ask of who passes on this dataset or what is made from it, in short "
-        "(their texts count):",
+        "What the licences ask of who passes on what was made from these inputs, in short (their "
+        "texts count):",
         "",
         *bullets(f"**{escaped(name)}**: {escaped(text)}." for name, text in consequences(inputs)),
     ]
