@@ -99,7 +99,7 @@ def parquet_place(path: Path, file: pq.ParquetFile | None) -> str | None:
     begin = size - _TAIL - length
     if begin < len(_PARQUET):
         return f"{span(size - _TAIL, size - len(_PARQUET))}, the length of its footer"
-    return f"{span(begin, size - _TAIL)}, its footer"
+    return f"{span(begin, size - len(_PARQUET))}, its footer and the length of that"
 
 
 def _damaged_column(file: pq.ParquetFile) -> str | None:

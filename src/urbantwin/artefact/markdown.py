@@ -31,9 +31,9 @@ def escaped(text: object) -> str:
 
 def code(text: object) -> str:
     """Return a text as code within a line, also of a table."""
-    line = readable(str(text), _LONGEST).replace("|", "&#124;")
-    if line != readable(str(text), _LONGEST):  # a table splits at a bar even in code
-        return f"<code>{_html(line)}</code>"
+    line = readable(str(text), _LONGEST)
+    if "|" in line:  # a table splits at a bar even in code
+        return f"<code>{escaped(line)}</code>"
     ticks = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
     blank = " " if line[:1] == "`" or line[-1:] == "`" else ""
     return f"{ticks}{blank}{line}{blank}{ticks}" if line else ""
@@ -77,7 +77,3 @@ def _cell(value: object) -> str:
     if isinstance(value, int):
         return f"{value:,}"
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _html(text: str) -> str:
-    return text.replace("<", "&lt;").replace(">", "&gt;")

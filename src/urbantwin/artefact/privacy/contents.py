@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
+from urbantwin.artefact.arrays import may_unpack
 from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["Told", "told_in"]
 
 #: Of a larger file, only so many bytes are searched at its beginning and at its end.
-_MOST_BYTES = 256_000_000
+_MOST_BYTES = 64_000_000
 #: Letters that follow each other in bytes by chance less often than anybody minds.
 _RUN = re.compile(rb"[\x20-\x7e]{8,}")
 #: Objects of a map that are looked at.
@@ -215,6 +216,8 @@ def _zip(data: bytes, depth: int) -> Iterator[Told]:
     import zipfile
 
     with zipfile.ZipFile(BytesIO(data)) as packed:
+        if not may_unpack(sum(one.file_size for one in packed.infolist()), len(data)):
+            raise ValueError("unpacks to far more than its size")
         if packed.comment:
             yield Told("comment", packed.comment.decode(errors="replace"))
         for one in packed.infolist():

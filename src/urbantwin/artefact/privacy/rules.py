@@ -13,41 +13,58 @@ _ROOTS = (
     "workspaces|scratch|nfs|app|build|builds|code|run|storage|content|kaggle|gpfs|lustre|afs|"
     "shared|share|local|cygdrive|export|net|lhome|u|users|datasets"
 )
-_RULES: tuple[tuple[str, re.Pattern[str]], ...] = (
+_END = r"[^\s\"'<>|;,)\]}]"
+#: What is found by letters that begin it, as that is fast -> what has to stand before these, up to
+#: them, for it to be that.
+_RULES: tuple[tuple[str, re.Pattern[str], re.Pattern[str]], ...] = (
     (
         "absolute path",
-        re.compile(
-            rf"(?<![\w.\-/~<])/(?:{_ROOTS})/[^\s\"'<>|;,)\]}}]+|file:///?[^\s\"'<>|)]+|"
-            r"(?<![A-Za-z0-9])[A-Za-z]:(?:\\{1,2}|/(?!/))[^\s\"'<>|:;,)\]}]+|"
-            r"(?<![\\\w])\\\\[\w.\-]+\\[^\s\"'<>|;,)\]}]+|"
-            r"(?<![\w/.])~[\w\-]*/[\w.][^\s\"'<>|;,)\]}]*"
-        ),
+        re.compile(rf"/(?:{_ROOTS})/{_END}+"),
+        re.compile(r"(?<![\w.\-/~<])$"),
     ),
+    ("absolute path", re.compile(rf"file:///?{_END}+"), re.compile("$")),
+    (
+        "absolute path",
+        re.compile(rf":(?:\\{{1,2}}|/(?!/)){_END}+"),
+        re.compile(r"(?<![A-Za-z0-9])[A-Za-z]$"),
+    ),
+    ("absolute path", re.compile(rf"\\\\[\w.\-]+\\{_END}+"), re.compile(r"(?<![\\\w])$")),
+    ("absolute path", re.compile(rf"~[\w\-]*/[\w.]{_END}*"), re.compile(r"(?<![\w/.])$")),
     (
         "e-mail address",
-        re.compile(r"[\w.+\-]+@(?!\d+x\.)[A-Za-z0-9\-]+(?:\.[A-Za-z0-9\-]+)*\.[A-Za-z]{2,}\b"),
+        re.compile(r"@(?!\d+x\.)[A-Za-z0-9\-]+(?:\.[A-Za-z0-9\-]+)*\.[A-Za-z]{2,}\b"),
+        re.compile(r"[\w.+\-]+$"),
     ),
     (
         "time stamp",
         re.compile(
-            r"(?<!\d)(?:19|20)\d\d([-:/.])(?:0[1-9]|1[0-2])\1(?:0[1-9]|[12]\d|3[01])[T _]"
+            r"(?:19|20)\d\d([-:/.])(?:0[1-9]|1[0-2])\1(?:0[1-9]|[12]\d|3[01])[T _]"
             # Midnight is a date: formats that ask for a moment have it from who has none.
             r"(?!00[:\-]00(?![:\-](?!00)\d))(?:[01]\d|2[0-3])[:\-][0-5]\d|"
-            r"(?<!\d)(?:19|20)\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])[T_\-](?:[01]\d|2[0-3])"
-            r"[0-5]\d[0-5]\d(?!\d)|"
-            r"\b(?:Mon|Tue|Wed|Thu|Fri|Sat|Sun),? +(?:\d{1,2} )?(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|"
+            r"(?:19|20)\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])[T_\-](?:[01]\d|2[0-3])"
+            r"[0-5]\d[0-5]\d(?!\d)"
+        ),
+        re.compile(r"(?<!\d)$"),
+    ),
+    (
+        "time stamp",
+        re.compile(
+            r"(?:Mon|Tue|Wed|Thu|Fri|Sat|Sun),? +(?:\d{1,2} )?(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|"
             r"Sep|Oct|Nov|Dec)(?: +\d{1,2})?(?: \d{4})? \d\d:\d\d"
         ),
+        re.compile(r"(?<!\w)$"),
     ),
     (
         "name of a person",
         # Attributes of XML: OpenStreetMap's mappers, and who made a document.
+        re.compile(r"""=\s*(?:"(?!urbantwin|UrbanTwin)[^"]+"|'(?!urbantwin|UrbanTwin)[^']+')"""),
         re.compile(
-            r"(?<![\w:])(?i:user|uid|username|changeset|author|creator|owner|hostname|annotator)"
-            r"\s*=\s*[\"'](?!(?i:urbantwin)|[\"'])[^\"']*[\"']"
+            r"(?<![\w:])(?i:user|uid|username|changeset|author|creator|owner|hostname|annotator)\s*$"
         ),
     ),
 )
+#: So many letters before what is found are looked at.
+_BEFORE = 80
 #: Names of fields that hold people, their machines, vehicles or numbers.
 _PEOPLE = frozenset(
     "user username userid uid author authors creator createdby modifiedby owner annotator "
@@ -73,9 +90,13 @@ def in_text(text: str, names: Mapping[str, str] | None = None) -> Iterator[tuple
         text: any.
         names: what else to look for -> what it is, see `this_machine.names_here`.
     """
-    for what, rule in _RULES:
+    for what, rule, before in _RULES:
         for found in rule.finditer(text):
-            yield found.start(), what, found[0][:_SHOWN]
+            first = max(found.start() - _BEFORE, 0)
+            begins = before.search(text[first : found.start()])
+            if begins is not None:
+                at = first + begins.start()
+                yield at, what, text[at : found.end()][:_SHOWN]
     for name, what in (names or {}).items():
         pattern = rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])"
         for found in re.finditer(pattern, text, re.IGNORECASE):
