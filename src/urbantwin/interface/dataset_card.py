@@ -116,5 +116,8 @@ def _draw(dataset: Path, to: Path, tell: Progress) -> None:
 
     for part in parts_of(dataset):
         own = to / part.relative_to(dataset) / "pictures"
-        if not all((own / name).is_file() for name in PICTURES if name != "scene.png"):
+        drawn = [own / name for name in PICTURES if name != "scene.png"]
+        if not all(one.is_file() for one in drawn):
+            for one in drawn:
+                one.unlink(missing_ok=True)  # a second name of the older dataset's file
             pictures_of_dataset(part, own, progress=between(tell, 0.0, 0.9))

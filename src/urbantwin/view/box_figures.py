@@ -108,9 +108,7 @@ def box_sizes_figure(statistics: BoxStatistics, attribution: str | Iterable[str]
         axes.tick_params(axis="y", colors=style.INK, labelsize=11, length=0)
         largest = 0.0
         for row, name in enumerate(statistics.names):
-            mine = np.flatnonzero(statistics.kind == name)
-            _, first = np.unique(statistics.track[mine], return_index=True)
-            values = statistics.size_m[mine[first], side]
+            values = statistics.track_sizes(name)[:, side]
             low, quarter, middle, third, high = np.percentile(values, [5, 25, 50, 75, 95])
             largest = max(largest, float(high))
             colour = colours[name]

@@ -100,19 +100,25 @@ class BoxStatistics:
         mine = inside[self.frame] if len(self.frame) else np.zeros(0, bool)
         return int(mine.sum()), int((mine & self.seen).sum())
 
+    def track_sizes(self, name: str) -> NDArray[np.float64]:
+        """Return length, width and height (T, 3) of each actor of a class: medians of its boxes."""
+        mine = np.flatnonzero(self.kind == name)
+        mine = mine[np.argsort(self.track[mine], kind="stable")]
+        parts = np.split(mine, np.flatnonzero(np.diff(self.track[mine])) + 1) if len(mine) else []
+        return np.array([np.median(self.size_m[one], axis=0) for one in parts]).reshape(-1, 3)
+
     def figures(self, name: str) -> ClassFigures:
         """Return what the boxes of a class are like, of which there are some."""
         mine = np.flatnonzero(self.kind == name)
-        _, first = np.unique(self.track[mine], return_index=True)
+        sizes = self.track_sizes(name)
         seen = mine[self.seen[mine]]
-        sizes = self.size_m[mine[first]]
         known = seen[np.isfinite(self.range_m[seen])]
         length, width, height = np.median(sizes, axis=0).tolist()
         return ClassFigures(
             name=name,
             boxes=len(mine),
             with_points=len(seen),
-            tracks=len(first),
+            tracks=len(sizes),
             seen_tracks=len(np.unique(self.track[seen])),
             size_m=(length, width, height),
             range_m=float(np.median(self.range_m[known])) if len(known) else None,
