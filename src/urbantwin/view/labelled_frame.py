@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import ArrayOf, read_array
 from urbantwin.artefact.tables import columns_of, read_parquet
-from urbantwin.dataset.frame_files import read_labels, read_rays
+from urbantwin.dataset.frame_files import ray_place, read_labels, read_rays
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
@@ -112,6 +112,9 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
         raise InputError(
             "names a sensor that is not there",
             file=dataset / "rays" / f"{name}.npy",
+            place=ray_place(
+                dataset / "rays" / f"{name}.npy", rays, "sensor", int(np.argmax(rays["sensor"]))
+            ),
             expected=f"numbers below {len(sensors)}",
         )
     mine = np.flatnonzero(table["frame"] == name)

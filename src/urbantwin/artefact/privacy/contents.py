@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -196,6 +197,10 @@ def _npy(data: bytes, _: int) -> Iterator[Told]:
         if values.dtype.kind == "M" and values.size:
             yield Told(place, str(values.ravel()[0]), name, what="time stamp")
         elif values.dtype.kind in "US":
+            codes = np.ascontiguousarray(values.astype(values.dtype.newbyteorder("="))).reshape(-1)
+            known = values.dtype.kind == "S" or not codes.nbytes
+            if not known and codes.view(np.uint32).max() > sys.maxunicode:
+                raise ValueError("letters that there are not")
             for value in np.unique(values).tolist():
                 text = value.decode(errors="replace") if isinstance(value, bytes) else value
                 yield from _document_or_text(place, text, name)

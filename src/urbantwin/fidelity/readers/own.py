@@ -14,7 +14,7 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.frame_files import read_rays
+from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.manifest_schema import FramePoses, pose_of_matrix
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
@@ -37,7 +37,6 @@ _Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 _RAYS = {"sensor": "sensor", "ring": "ring", "column": "column", "time": "time_s"}
 _EXPECTED = "a dataset of urbantwin record"
-_LABELS = "a label of 4 bytes for every point"
 
 
 def is_own(path: Path) -> bool:
@@ -87,8 +86,7 @@ def open_own(path: Path, columns: int | None) -> Recording:
             }
         labels = path / "semantic" / f"{name}.label"
         if labels.is_file():
-            with laid_out(labels, _LABELS):
-                code = np.frombuffer(read_bytes(labels, _LABELS), "<u4")
+            code = read_labels(labels)
             given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
         dataset_SE3_site = poses.get(name, poses.get(""))
         seen_from = labelled.get(name, discovered)
