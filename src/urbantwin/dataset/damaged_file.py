@@ -36,6 +36,15 @@ def where_damaged(path: Path) -> str:
         return f"cannot be read ({error.strerror})"
 
 
+def _read_by(read: Callable[[Path, str], object]) -> Callable[[Path], None]:
+    """Return what reads a file for the error that comes of it alone."""
+
+    def look(path: Path) -> None:
+        read(path, _EXPECTED)
+
+    return look
+
+
 def _array(path: Path) -> None:
     if path.parent.name == "rays":
         read_rays(path)
@@ -98,10 +107,9 @@ def _picture(path: Path) -> str | None:
 
 _LOOKS: dict[str, Callable[[Path], str | None]] = {
     ".npy": _array,
-    ".npz": lambda path: read_arrays(path, _EXPECTED) and None,
-    ".parquet": lambda path: read_parquet(path, _EXPECTED) and None,
-    ".json": lambda path: read_json_value(path, _EXPECTED) and None,
-    ".geojson": lambda path: read_json_value(path, _EXPECTED) and None,
+    ".npz": _read_by(read_arrays),
+    ".parquet": _read_by(read_parquet),
+    **dict.fromkeys((".json", ".geojson"), _read_by(read_json_value)),
     ".label": _labels,
     ".txt": _text,
     ".png": _picture,

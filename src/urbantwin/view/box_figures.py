@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.colors import LinearSegmentedColormap, LogNorm, to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
@@ -151,7 +151,7 @@ def objects_per_frame_figure(
             edges,
             heights,
             step="post",
-            colors=[colours[names[k]] for k in shown],
+            colors=[to_hex(tuple(colours[names[k]].tolist())) for k in shown],
             labels=[names[k] for k in shown],
         )
     top = float(rows.sum(axis=0).max(initial=1)) * 1.08
@@ -200,7 +200,7 @@ def places_figure(statistics: BoxStatistics, attribution: str | Iterable[str] = 
     bar.set_label("boxes", color=style.MUTED)
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
     bar.ax.tick_params(colors=style.MUTED, labelsize=9)
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
     style.written_attribution(figure, attribution)
     return figure
 

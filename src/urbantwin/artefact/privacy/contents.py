@@ -357,6 +357,8 @@ def _map_pbf(data: bytes, _: int) -> Iterator[Told]:
             break
         place = f"object {one.id}"
         yield Told(place, one.user, "user")
+        if isinstance(one, osmium.osm.Changeset):
+            continue
         yield Told(place, one.changeset, "changeset")
         if one.timestamp.timestamp() > 0:
             yield Told(place, one.timestamp.isoformat(" ", "minutes"))

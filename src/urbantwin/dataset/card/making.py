@@ -55,10 +55,12 @@ def _sensors(manifest: Mapping[str, Any]) -> list[str]:
         pose = pose_of_matrix(one["site_SE3_sensor"])
         turns = [f"{np.degrees(angle):.1f}" for angle in ypr_from_rotation(pose.rotation)]
         rows.append(
-            [code(one["name"]), code(one["model"]), str(len(one["sensor"]["elevation_deg"]))]
-            + [str(one["columns"]), f"{one.get('turns_per_second', rig['rate_hz']):g}"]
-            + [f"{value + 0.0:.2f}" for value in pose.translation.tolist()]
-            + turns
+            [
+                *(code(one["name"]), code(one["model"]), str(len(one["sensor"]["elevation_deg"]))),
+                *(str(one["columns"]), f"{one.get('turns_per_second', rig['rate_hz']):g}"),
+                *(f"{value + 0.0:.2f}" for value in pose.translation.tolist()),
+                *turns,
+            ]
         )
     heading = ["sensor", "model", "channels", "columns", "Hz"]
     heading += ["east", "north", "up", "yaw", "pitch", "roll"]

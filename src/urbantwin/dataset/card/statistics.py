@@ -201,8 +201,8 @@ def _eyes(
         return dict.fromkeys(number.values(), fixed)
     expected = "the sweeps of a dataset"
     table = columns_of(read_parquet(file, expected, columns=list(_EYES)), _EYES, file, expected)
-    places = np.column_stack([table[f"true_{axis}"] for axis in "xyz"])
+    eyes = np.column_stack([table[f"true_{axis}"] for axis in "xyz"])
     frames = np.array([number.get(name, -1) for name in table["frame"]], np.int64)
     order = np.argsort(frames, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(frames[order])) + 1) if len(order) else []
-    return {int(frames[part[0]]): places[part] for part in parts}
+    return {int(frames[part[0]]): eyes[part] for part in parts}
