@@ -71,6 +71,27 @@ def test_a_file_that_is_cut_is_told_with_its_end(copy: Path, name: str) -> None:
         assert byte in (size, size - 1, len(blank)) or name.endswith("json"), (size, told)
 
 
+@pytest.mark.parametrize(
+    "name", [f"points/{FRAME}.npy", f"rays/{FRAME}.npy", f"semantic/{FRAME}.label"]
+)
+def test_a_bit_that_turned_in_the_middle_of_numbers_is_told_by_its_block(
+    copy: Path, name: str
+) -> None:
+    size = (copy / name).stat().st_size
+    data = (copy / name).read_bytes()
+    for byte in random.Random(name).sample(range(200, size), 8):
+        changed(copy / name, lambda _, k=byte: data[:k] + bytes([data[k] ^ 1]) + data[k + 1 :])
+        told = where(copy, name)
+        first, last = map(int, re.findall(r"^bytes (\d+) to (\d+)", told)[0])
+        assert first <= byte <= last
+        assert last - first < 4096
+    two = bytearray(data)
+    two[200] ^= 1
+    two[-1] ^= 1
+    changed(copy / name, lambda _: bytes(two))
+    assert where(copy, name) == "bytes 0 to 4095: not what was written, and 1 more block"
+
+
 def test_a_list_of_frames_is_told_by_its_line(copy: Path) -> None:
     path = copy / "ImageSets" / "train.txt"
     changed(path, lambda old: old.replace(b"000002\n", b"000902\n"))

@@ -9,6 +9,7 @@ from urbantwin.artefact.arrays import read_array, read_arrays
 from urbantwin.artefact.damaged_bytes import picture_place
 from urbantwin.artefact.document import read_json_value
 from urbantwin.artefact.tables import read_parquet
+from urbantwin.dataset.block_sums import damaged_block
 from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.layout import label_line
 from urbantwin.dataset.manifest_schema import read_manifest
@@ -20,14 +21,14 @@ _EXPECTED = "as it was written"
 
 
 def where_damaged(path: Path) -> str:
-    """Return which bytes of a file are wrong and how; empty where nothing in it tells.
+    """Return which bytes of a file are wrong and how; empty where nothing tells.
 
-    A turned bit in the middle of numbers is told by checksums alone, and they say which file. What
-    is written twice in a dataset (the boxes' labels, the names of frames) is compared.
+    What is written twice in a dataset (the boxes' labels, the names of frames) is compared; a bit
+    that turned in the middle of numbers is told by the checksums of blocks.
     """
     look = _LOOKS.get(path.suffix)
     try:
-        return (look(path) if look else None) or ""
+        return (look(path) if look else None) or damaged_block(path)
     except InputError as error:
         if error.file != str(path):  # what it is compared with is damaged, too
             return ""

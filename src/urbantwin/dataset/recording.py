@@ -17,6 +17,7 @@ from urbantwin.artefact import (
     write_inventory,
     write_json,
 )
+from urbantwin.dataset.block_sums import write_block_sums
 from urbantwin.dataset.card.write import write_cards
 from urbantwin.dataset.dataset_writer import MARKS, checksums, finish_dataset, record_dataset
 from urbantwin.dataset.layout import RAY_TYPE
@@ -145,6 +146,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                 write_json(folder / "dataset.json", manifest_of_parts(recipe, entries, manifests))
             if also is not None:
                 also(folder)
+            for name in parts:
+                write_block_sums(folder / name)
             write_cards(folder)
             write_inventory(folder, known=checksums(entries), without=[MARKS])
         # With an inventory it is whole, and what an interruption leaves from here on is enough.

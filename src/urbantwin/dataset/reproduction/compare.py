@@ -12,6 +12,7 @@ from typing import Any
 from urbantwin import __version__
 from urbantwin.artefact import INVENTORY, damages, sha256_of
 from urbantwin.artefact.inventory import read_inventory
+from urbantwin.dataset.block_sums import BLOCKS
 from urbantwin.dataset.card.page import CARD
 from urbantwin.dataset.layout import FOLDERS
 from urbantwin.dataset.manifest import versions_here
@@ -227,8 +228,8 @@ def _has_pictures(sums: Mapping[str, str]) -> bool:
 
 
 def _is_data(name: str) -> bool:
-    """Return whether a file is no list of others, and no card, which may have been written anew."""
-    return name.rpartition("/")[2] not in (INVENTORY, CARD)
+    """Return whether a file is neither made of the others alone nor a card."""
+    return name.rpartition("/")[2] not in (INVENTORY, BLOCKS, CARD)
 
 
 def _is_picture(name: str) -> bool:
