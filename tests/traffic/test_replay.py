@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import urbantwin as ut
 from urbantwin.artefact.privacy import search_files
 from urbantwin.cli import main
+from urbantwin.dataset.named_inputs import named_inputs
 from urbantwin.errors import InputError
 from urbantwin.exports.tracks import write_openlabel, write_tracks
 from urbantwin.traffic import Motion, run_traffic
@@ -55,10 +57,26 @@ def test_the_clock_and_the_names_stay_outside_unless_asked_for(
     assert search_files(tmp_path / "again") == []
     assert main(["verify", str(tmp_path / "again"), "--privacy", "-q"]) == 0
 
+    described = tmp_path / "tracks.yaml"
+    terms = {"licence": "CC BY-NC-SA 4.0", "attribution": "somebody"}
+    described.write_text(yaml.safe_dump({"tracks": file.name, **terms}))
     kept = tmp_path / "kept"
-    arguments = ["replay", file, "--twin", crossing_twin.folder, "-o", kept, "--no-pictures", "-q"]
+    arguments = [
+        "replay",
+        described,
+        "--twin",
+        crossing_twin.folder,
+        "-o",
+        kept,
+        "--no-pictures",
+        "-q",
+    ]
     assert main([*map(str, arguments), "--keep-clock", "--keep-names"]) == 0
     told = Motion.load(kept).manifest["recorded"]
+    inputs = named_inputs(crossing_twin.manifest, Motion.load(kept).manifest, None)
+    of_tracks = [one for one in inputs if one["kind"] == "tracks"]
+    assert [one["name"] for one in of_tracks] == ["tracks.yaml", "tracks.csv"]
+    assert all(terms.items() <= one.items() for one in of_tracks)
     assert told["begins_s"] == pytest.approx(began)
     assert "B-MW 1234" in told["names"].values()
     assert {one.what for one in search_files(kept)} == {"time stamp"}

@@ -39,7 +39,7 @@ def named_inputs(
     made_from = twin.get("made_from") or {}
     found = [*twin["inputs"]]
     found += _beside(made_from.get("files", ()))
-    found += [{"kind": "tracks", **_file(one)} for one in _recorded(motion)]
+    found += _recorded(motion)
     if asked is not None:
         found += _beside(one for one in asked["files"] if one.get("of") != "twin")
         found += [{"kind": "background", **_file(one)} for one in asked["background"]]
@@ -79,9 +79,13 @@ def _beside(files: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [{"kind": kinds[one["at"][-1]], **_file(one)} for one in files if one["at"][-1] in kinds]
 
 
-def _recorded(motion: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def _recorded(motion: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the files of recorded tracks, with the terms that their description tells."""
     told = motion.get("recorded")
-    return list(told.get("files", ())) if isinstance(told, Mapping) else []
+    if not isinstance(told, Mapping):
+        return []
+    terms = {name: told[name] for name in _UNSAID if name in told}
+    return [{"kind": "tracks", **_file(one), **terms} for one in told.get("files", ())]
 
 
 def _file(one: Mapping[str, Any]) -> dict[str, Any]:

@@ -75,12 +75,15 @@ def replay(  # noqa: PLR0913 - the options of the command
     with replaced_folder(out, kind="motion", inputs=[twin.folder, *files_of(tracks)]) as folder:
         progress(0.0, "reading tracks")
         recording = read_recording(tracks, twin.frame)
-        sized = load_description(tracks)[0].sizes == "recorded"
+        spec = load_description(tracks)[0]
+        sized = spec.sizes == "recorded"
         motion = _replayed(twin, recording, step, smooth, sized, between(progress, 0.1, 0.9))
         recorded = {
             **({"begins_s": recording.begins_s} if keep_clock else {}),
             **motion.manifest["recorded"],
             "files": _named(files_of(tracks)),
+            "licence": spec.licence,
+            "attribution": spec.attribution,
         }
         if not keep_names:
             recorded["names"] = {

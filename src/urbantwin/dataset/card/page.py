@@ -315,7 +315,12 @@ def _loading() -> list[str]:
 def _reproducing(folder: Path, manifest: Mapping[str, Any]) -> list[str]:
     made = mapping(manifest, "made_from")
     lacking = [name for name in ("twin", "motion", "record") if made.get(name) is None]
-    if lacking:
+    if mapping(manifest, "about", "traffic").get("recorded") is not None:
+        first = (
+            "`urbantwin replay` of the recorded tracks and `urbantwin record`, with the inputs "
+            "below and these seeds: `urbantwin reproduce` does not know tracks."
+        )
+    elif lacking:
         first = (
             f"It cannot: its {' and its '.join(lacking)} did not come from UrbanTwin's own "
             "commands and files alone."
