@@ -245,7 +245,11 @@ def test_a_folder_of_datasets_has_a_card_for_each(twin, motion, rig, copy: Path)
     assert [one.relative_to(made.path.with_name("cards")).as_posix() for one in made.files] == [
         "copy/README.md",
         "other/README.md",
+        "README.md",
     ]
+    links = re.findall(r"\]\(([^)]+)\)", str(made))
+    assert links == ["copy/README.md", "other/README.md"]
+    assert all((made.files[-1].parent / one).is_file() for one in links)
     with pytest.raises(InputError, match="holds no dataset"):
         ut.card(copy / "points", progress=False)
 

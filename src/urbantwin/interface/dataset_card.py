@@ -71,7 +71,7 @@ def card(
     Example:
         >>> print(ut.card("out/dataset"))
     """
-    from urbantwin.dataset.card import carded_folders, renewed_folder, write_cards
+    from urbantwin.dataset.card import carded_folders, renewed_folder, write_cards, write_index
 
     source, place = Path(path), None if out is None else Path(out)
     folders = carded_folders(source)
@@ -94,6 +94,9 @@ def card(
                     if pictures and kind == "dataset":
                         _draw(folder, own, tell)
                     files += _there(write_cards(folder, kind, own), scratch, place)
+                datasets = [folder for folder, kind in folders.items() if kind == "dataset"]
+                if len(folders) > 1 and datasets:
+                    files += _there([write_index(source, datasets, scratch)], scratch, place)
                 write_json(scratch / "card.json", {"kind": "card", "cards": len(files)})
         tell(1.0, "done")
     return Card(source, tuple(files))

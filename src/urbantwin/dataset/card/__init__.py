@@ -7,7 +7,12 @@ from urbantwin.on_demand import names_on_demand
 if TYPE_CHECKING:
     from urbantwin.dataset.card.page import CARD, PICTURES
     from urbantwin.dataset.card.statistics import read_statistics, splits_of
-    from urbantwin.dataset.card.write import carded_folders, renewed_folder, write_cards
+    from urbantwin.dataset.card.write import (
+        carded_folders,
+        renewed_folder,
+        write_cards,
+        write_index,
+    )
 
 __all__ = [
     "CARD",
@@ -17,6 +22,7 @@ __all__ = [
     "renewed_folder",
     "splits_of",
     "write_cards",
+    "write_index",
 ]
 
 names_on_demand(__name__)

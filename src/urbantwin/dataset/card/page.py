@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from urbantwin.artefact import sha256_of
 from urbantwin.artefact.markdown import bullets, code, escaped, front_matter, picture, table
@@ -95,29 +96,27 @@ def card_of_dataset(
     )
 
 
-def card_of_folder(folder: Path, datasets: Sequence[Path], title: str | None = None) -> str:
+def card_of_folder(folder: Path, datasets: Sequence[Path]) -> str:
     """Return the card of a folder with several datasets: a row and a link for each.
 
     Args:
         folder: where the card goes.
         datasets: folders of datasets in it.
-        title: what it is called; the place of the first dataset if not given.
 
     Raises:
         InputError: a manifest is damaged.
     """
-    rows, inputs, first = [], [], ""
+    rows, inputs, place = [], [], ""
     for one in datasets:
         manifest = read_manifest(one)
         name = one.relative_to(folder).as_posix()
         inputs += manifest["inputs"]
-        first = first or _place(manifest)
+        place = place or _place(manifest)
         counts = manifest["counts"]
         models = ", ".join(code(unit["model"]) for unit in manifest["rig"]["sensors"])
-        link = f"[{escaped(name)}]({name.replace(' ', '%20')}/{CARD})"
+        link = f"[{escaped(name)}]({quote(name)}/{CARD})"
         boxes = sum(counts["boxes"].values())
         rows.append([link, models, counts["frames"], counts["points"], boxes])
-    place = title or first
     lines = [
         *front_matter({"license": hub_licence(inputs), "pretty_name": place}),
         "",

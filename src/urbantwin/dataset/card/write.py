@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from urbantwin.dataset.description import parts_of
 from urbantwin.dataset.layout import FOLDERS
 from urbantwin.errors import InputError
 
-__all__ = ["carded_folders", "renewed_folder", "write_cards"]
+__all__ = ["carded_folders", "renewed_folder", "write_cards", "write_index"]
 
 _EXPECTED = "a dataset of `urbantwin record`, an export of one, or a folder of such"
 
@@ -72,6 +72,21 @@ def write_cards(folder: Path, kind: str = "dataset", to: Path | None = None) -> 
     if parts != [folder]:
         cards.append(_written(place, card_of_folder(folder, parts)))
     return cards
+
+
+def write_index(folder: Path, datasets: Iterable[Path], to: Path) -> Path:
+    """Write the card of a folder of datasets, which links to theirs.
+
+    Args:
+        folder: that they are in.
+        datasets: their folders; of one with a dataset for each sensor, these are listed.
+        to: the folder to write into, in which their cards lie as the datasets in ``folder``.
+
+    Raises:
+        InputError: a manifest is damaged.
+    """
+    parts = [part for one in datasets for part in parts_of(one)]
+    return _written(to, card_of_folder(folder, parts))
 
 
 @contextmanager
