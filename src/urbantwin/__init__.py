@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
+    from urbantwin.interface.dataset_card import Card, card
     from urbantwin.interface.dataset_split import DatasetSplit, split
     from urbantwin.interface.datasets import Datasets
     from urbantwin.interface.detected_objects import DetectedObjects, detect
@@ -69,6 +70,7 @@ __all__ = [
     "AlignedRig",
     "Background",
     "Calibration",
+    "Card",
     "CarlaFrames",
     "Cloud",
     "Coverage",
@@ -118,6 +120,7 @@ __all__ = [
     "background",
     "build",
     "calibrate",
+    "card",
     "carla",
     "compare",
     "coverage",

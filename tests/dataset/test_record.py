@@ -42,7 +42,9 @@ def left_beside(out):
 def test_every_frame_has_its_files_and_nothing_else_is_there(dataset):
     files = {str(path.relative_to(dataset)) for path in dataset.rglob("*") if path.is_file()}
     expected = {
+        "README.md",
         "SHA256SUMS",
+        "blocks.parquet",
         "dataset.json",
         "boxes.parquet",
         "sweeps.parquet",

@@ -111,6 +111,7 @@ def separate(twin, motion, tmp_path_factory):
 
 def test_sensors_that_are_not_fused_have_a_dataset_each(fused, separate):
     assert sorted(path.name for path in separate.iterdir()) == [
+        "README.md",
         "SHA256SUMS",
         "dataset.json",
         "steady",

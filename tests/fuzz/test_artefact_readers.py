@@ -1,16 +1,29 @@
 """Bad files in the folders that UrbanTwin itself writes, with their checksums right and wrong."""
 
+import gzip
 import hashlib
+import io
 import json
 import shutil
+import struct
+import tarfile
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import laspy
 import numpy as np
+import osmium
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
 from urbantwin.artefact import read_json
+from urbantwin.artefact.privacy import search_files
 from urbantwin.cli.app import main
+from urbantwin.dataset.card import write_cards
+from urbantwin.dataset.damaged_file import where_damaged
 from urbantwin.dataset.frame_columns import COLUMNS, parquet_bytes
 from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.frame_las import laz_bytes
@@ -132,6 +145,8 @@ def read_dataset(path: Path) -> None:
         _compared,
         _followed,
         lambda one: inspected(one / "dataset.json"),
+        lambda one: write_cards(one, to=one.with_name("card")),
+        lambda _: where_damaged(path),
     ):
         try:
             use(folder)
@@ -249,6 +264,70 @@ def _split_boxes(path: Path) -> None:
 
 
 SPLIT = b'{"kind": "split", "datasets": [{"path": "one", "part": "train", "kept": ["000000"]}]}'
+
+
+def _told_by(ending: str) -> Callable[[], list[bytes]]:
+    """A small file of a format that says something of somebody."""
+    return lambda: [made(f"a.{ending}", _SAYS[ending])]
+
+
+def _image(path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x013B] = "jdoe"
+    Image.new("RGB", (4, 4)).save(path, exif=exif)
+
+
+def _survey(path: Path) -> None:
+    cloud = laspy.LasData(laspy.LasHeader(point_format=1, version="1.2"))
+    cloud.x = cloud.y = cloud.z = cloud.gps_time = np.arange(5.0)
+    cloud.write(path)
+
+
+def _tar(path: Path) -> None:
+    with tarfile.open(path, "w") as packed:
+        one = tarfile.TarInfo("a.json")
+        one.size, one.uname = len(EXPORTED), "jdoe"
+        packed.addfile(one, io.BytesIO(EXPORTED))
+
+
+def _zip(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("a.json", EXPORTED)
+
+
+def _glb(path: Path) -> None:
+    text = b'{"asset": {"version": "2.0", "generator": "/home/jdoe/x"}}  '
+    head = struct.pack("<III", 0x46546C67, 2, 20 + len(text))
+    path.write_bytes(head + struct.pack("<II", len(text), 0x4E4F534A) + text)
+
+
+def _map(path: Path) -> None:
+    with osmium.SimpleWriter(path) as writer:
+        node = osmium.osm.mutable.Node(id=1, location=(9.0, 48.0), user="jdoe", uid=7)
+        writer.add_node(node)
+
+
+EXPORTED = (
+    b'{"kind": "exported", "format": "kitti", "urbantwin": "0.1.0", "inputs": [{"kind": "osm", '
+    b'"name": "a", "licence": "ODbL-1.0", "attribution": "b"}], "losses": ["c"], "notes": []}'
+)
+_SAYS = {
+    "json": lambda path: path.write_bytes(EXPORTED),
+    **dict.fromkeys(("png", "jpg", "tif"), _image),
+    "las": _survey,
+    "tar": _tar,
+    "zip": _zip,
+    "npz": lambda path: np.savez(path, about=np.array('{"user": "jdoe"}'), t=np.arange(4.0)),
+    "gz": lambda path: path.write_bytes(gzip.compress(EXPORTED, mtime=0)),
+    "parquet": lambda path: pq.write_table(
+        pa.table({"user": ["a", "b"], "time": [1.0, 2.0]}), path
+    ),
+    "ply": lambda path: path.write_bytes(
+        b"ply\nformat ascii 1.0\ncomment /home/a/b\nend_header\n1 2"
+    ),
+    "glb": _glb,
+    "pbf": _map,
+}
 DETECTIONS = b'{"0001": [{"box": [1, 2, 0.5, 4, 2, 1.5, 0.1], "score": 0.9, "class": "Car"}]}'
 JOURNAL = (
     b'{"recipe": "abc"}\n{"study": "one", "trial": 0, "shares": [0.5], "loss": 1.5}\n'
@@ -289,6 +368,13 @@ READERS = [
     Reader("coverage", inspected, "coverage.json", _seeds("coverage/coverage.json")),
     Reader("report", inspected, "report.json", lambda: [_report()]),
     Reader("background", load_backgrounds, "a.npz", lambda: [_background()]),
+    Reader("exported card", lambda path: write_cards(path.parent, "exported"), "exported.json",
+           lambda: [EXPORTED]),
+    *(
+        Reader(f"privacy {ending}", search_files, f"a.{ending}", _told_by(ending))
+        for ending in ("json", "png", "jpg", "tif", "las", "tar", "zip", "npz", "gz", "parquet",
+                       "ply", "glb", "pbf")
+    ),
     Reader("detections", read_detections, "a.json", lambda: [DETECTIONS]),
     Reader("carla roads", _carla_roads, "a.xodr", lambda: [ROADS]),
     Reader("carla navigation", triangles_of_obj, "a.obj", lambda: [WALKED]),

@@ -101,6 +101,11 @@ COMMANDS = {
             "carla",
             lambda stand, out: ["export", stand.twin, "--to", "carla", "-o", out],
         ),
+        Command(
+            "card",
+            "card",
+            lambda stand, out: ["card", stand.dataset, "-o", out, "--no-pictures"],
+        ),
     )
 }
 
@@ -181,6 +186,8 @@ class Stand:
             arguments = ["sequence", self.dataset, "--csv"]
         elif output == "carla":
             arguments = ["export", self.older("twin"), "--to", "carla"]
+        elif output == "card":
+            arguments = ["card", self.older("dataset"), "--no-pictures"]
         else:
             arguments = ["background", self.older("dataset"), *SENSOR]
         return self._made(f"older/{output}", [*arguments, "-o", out])

@@ -43,6 +43,7 @@ KINDS = (
         "labelling",
         "exported",
         "sequence",
+        "card",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

@@ -14,7 +14,8 @@ from urbantwin.dataset.frame_columns import read_columns
 from urbantwin.dataset.frame_las import read_laz
 from urbantwin.errors import InputError
 
-__all__ = ["RAY_TYPE", "STORED", "FrameFiles", "read_labels", "read_rays", "stored_frames"]
+__all__ = ["RAY_TYPE", "STORED", "FrameFiles", "ray_place", "read_labels", "read_rays"]
+__all__ += ["stored_frames"]
 
 #: One ray: the number of the sensor in the rig, its channel, the firing within the turn, when it
 #: fired (seconds from the frame's time, as the sensor's clock has it), and which echo it is of the
@@ -27,6 +28,8 @@ STORED = {"npy": ".npy", "zstd": ".parquet", "laz": ".laz"}
 
 _POINTS, _RAYS = "the points of a frame", "a table of rays, one for each point"
 _PLACE = ("x", "y", "z", "intensity")
+#: No sensor has more channels.
+_MOST_RINGS = 4096
 
 
 class FrameFiles:
@@ -136,21 +139,24 @@ def stored_frames(dataset: Path) -> list[str]:
     return [one.stem for one in inside if one.suffix in endings and not one.name.startswith(".")]
 
 
-def read_labels(path: Path, points: int) -> NDArray[np.uint32]:
+def read_labels(path: Path, points: int | None = None) -> NDArray[np.uint32]:
     """Return the labels (N,) of a frame's points: class in the low 16 bits, track in the high.
 
     Args:
         path: the ``.label``.
-        points: how many points the frame has.
+        points: how many points the frame has; not checked if not given.
 
     Raises:
         InputError: missing, or not a label for each point.
     """
-    expected = f"{4 * points} bytes, a label for each point"
+    expected = "4 bytes for each point" if points is None else f"{4 * points} bytes"
+    expected += ", a label for each point" if points is not None else ", its label"
     try:
         size = path.stat().st_size
-        if size != 4 * points:
-            raise InputError(f"has {size} bytes", file=path, expected=expected)
+        whole = size - size % 4 if points is None else 4 * points
+        if size != whole:
+            place = f"byte {min(size, whole)}"
+            raise InputError(f"has {size} bytes", file=path, place=place, expected=expected)
         return np.fromfile(path, "<u4")
     except FileNotFoundError:
         raise InputError("not found", file=path, expected=expected) from None
@@ -177,5 +183,22 @@ def read_rays(path: Path, points: int | None = None) -> NDArray[np.void]:
         if kind.shape or kind.kind not in ("f" if name == "time" else "ui"):
             raise InputError(f"holds {kind}", file=path, place=name[:40], expected=_RAYS)
         if kind.kind == "f" and not np.isfinite(table[name]).all():
-            raise InputError("has a time that is not finite", file=path, place=name)
+            place = ray_place(path, table, name, int(np.argmin(np.isfinite(table[name]))))
+            raise InputError("has a time that is not finite", file=path, place=place)
+    if "ring" in table.dtype.names and len(table) and table["ring"].max() >= _MOST_RINGS:
+        row = int(np.argmax(table["ring"] >= _MOST_RINGS))
+        raise InputError(
+            f"has ring {table['ring'][row]}",
+            file=path,
+            place=ray_place(path, table, "ring", row),
+            expected=f"0 to {_MOST_RINGS - 1}",
+        )
     return table
+
+
+def ray_place(path: Path, table: NDArray[np.void], name: str, row: int) -> str:
+    """Return the name of a value in a frame's table of rays, and the byte where it begins."""
+    fields = table.dtype.fields
+    assert fields is not None
+    begin = path.stat().st_size - table.nbytes
+    return f"{name} of ray {row} (byte {begin + row * table.itemsize + fields[name][1]})"

@@ -17,6 +17,7 @@ from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.named_inputs import named_inputs, told_of
 from urbantwin.dataset.object_statistics import object_statistics
 from urbantwin.dataset.result_warnings import BEYOND, warnings_of_record
 from urbantwin.dataset.split.time_split import warnings_of_split
@@ -61,6 +62,7 @@ LAYOUT = {
     "rays": "rays/NNNNNN.npy: (N,) sensor u1, ring u2, column u2, time f4 (seconds from the "
     "frame's time, by the sensor's clock), echo u1",
     "boxes": "boxes.parquet: one row per frame and box",
+    "blocks": "blocks.parquet: CRC-32 of each 4096 bytes of every file of the frames",
     "ignore_regions": "ignore_regions.geojson: where labels do not count, site frame, metres",
     "sweeps": "sweeps.parquet: one row per frame, sensor and turn: times, and poses in the site",
     "tracks": "tracks.parquet: one row per track: who it is, its first and last frame",
@@ -119,7 +121,8 @@ def recipe_of(
         "surface_sha256": twin.manifest.get("files", {}).get("surface_material.npz"),
         "motion_sha256": table_sha256(motion.rows),
         "meshes_sha256": meshes_sha256(motion.meshes),
-        "inputs": twin.manifest["inputs"],
+        "inputs": named_inputs(twin.manifest, motion.manifest, asked),
+        "about": told_of(twin.manifest, motion.manifest),
         "made_from": {
             "twin": _part(twin.manifest, "version", "made_from"),
             "motion": _part(motion.manifest, "urbantwin", "asked", "made"),

@@ -17,6 +17,8 @@ from urbantwin.artefact import (
     write_inventory,
     write_json,
 )
+from urbantwin.dataset.block_sums import write_block_sums
+from urbantwin.dataset.card.write import write_cards
 from urbantwin.dataset.dataset_writer import (
     MARKS,
     checksums,
@@ -180,6 +182,9 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                 write_json(folder / "dataset.json", manifest_of_parts(recipe, entries, manifests))
             if also is not None:
                 also(folder)
+            for name in parts:
+                write_block_sums(folder / name)
+            write_cards(folder)
             write_inventory(folder, known=checksums(entries), without=[MARKS])
         # With an inventory it is whole, and what an interruption leaves from here on is enough.
         for name in parts:

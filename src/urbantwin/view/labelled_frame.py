@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
-from urbantwin.dataset.frame_files import FrameFiles
+from urbantwin.dataset.frame_files import FrameFiles, ray_place
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
@@ -109,6 +109,9 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
         raise InputError(
             "names a sensor that is not there",
             file=kept.rays_file,
+            place=ray_place(kept.rays_file, rays, "sensor", int(np.argmax(rays["sensor"])))
+            if kept.is_plain
+            else None,
             expected=f"numbers below {len(sensors)}",
         )
     mine = np.flatnonzero(table["frame"] == name)

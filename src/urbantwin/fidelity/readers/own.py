@@ -14,13 +14,13 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.frame_files import FrameFiles, read_rays, stored_frames
+from urbantwin.dataset.frame_files import FrameFiles, read_labels, read_rays, stored_frames
 from urbantwin.dataset.manifest_schema import FramePoses, pose_of_matrix
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import Fields, read_fields
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.documents import finite_numbers, laid_out
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
@@ -39,7 +39,6 @@ _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 _VELOCITY = ("vx", "vy", "vz")
 _RAYS = {"sensor": "sensor", "ring": "ring", "column": "column", "time": "time_s"}
 _EXPECTED = "a dataset of urbantwin record"
-_LABELS = "a label of 4 bytes for every point"
 
 
 def is_own(path: Path) -> bool:
@@ -110,8 +109,7 @@ def _plain(path: Path, file: Path, columns: int | None) -> tuple[Fields, Fields]
         given |= _of_rays(read_rays(rays))
     labels = path / "semantic" / f"{file.stem}.label"
     if labels.is_file():
-        with laid_out(labels, _LABELS):
-            code = np.frombuffer(read_bytes(labels, _LABELS), "<u4")
+        code = read_labels(labels)
         given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
     return read_fields(file, columns), given
 
@@ -135,9 +133,10 @@ def read_label_lines(path: Path) -> Boxes | None:
     """
     if not path.is_file():
         return None
-    labelled = []
-    for number, line in enumerate(read_lines(path, "labels"), 1):
-        words = line.split()
+    labelled, byte = [], 0
+    for number, raw in enumerate(read_bytes(path, "labels").splitlines(keepends=True), 1):
+        words, begin = raw.decode(errors="replace").split(), byte
+        byte += len(raw)
         if not words:
             continue
         try:
@@ -147,7 +146,7 @@ def read_label_lines(path: Path) -> Boxes | None:
             raise InputError(
                 "is not an OpenPCDet label",
                 file=path,
-                place=f"line {number}",
+                place=f"line {number} (byte {begin})",
                 expected="x y z dx dy dz heading class",
             ) from None
         labelled.append(LabelledBox((x, y, z, length, width, height, yaw), name))
