@@ -37,7 +37,7 @@ def made(site: Path, run_program: Run, tmp_path_factory: pytest.TempPathFactory)
     assert outcome.code == 0, outcome.err
     told = json.loads(outcome.out)
     assert {Path(told[kind]) for kind in ("twin", "motion", "dataset")} == set(out.iterdir())
-    assert len(told["pictures"]) == 8
+    assert len(told["pictures"]) == 12
     assert all(Path(picture).stat().st_size > 10_000 for picture in told["pictures"])
     lines = outcome.err.splitlines()
     assert [line for line in lines if line.startswith("warning: ")] == [
