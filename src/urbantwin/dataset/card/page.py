@@ -265,14 +265,38 @@ def _split(
     told = manifest.get("split")
     lines = table(["split", "frames", "time", "boxes", "with points"], rows, 2)
     if isinstance(told, Mapping):
-        words = [
-            f"{escaped(key)}: {escaped(value)}"
-            for key, value in told.items()
-            if isinstance(value, str | int | float) and value not in ("", None)
-        ]
-        return [*lines, "", *bullets(words)]
+        return [*lines, "", *bullets(_how_split(told))]
     how = mapping(manifest, "layout").get("ImageSets")
     return [*lines, "", f"{escaped(how)}."] if how else lines
+
+
+def _how_split(told: Mapping[str, Any]) -> list[str]:
+    """Return how frames were divided, and what the parts share all the same."""
+    gap, lost = told.get("gap_s"), told.get("frames_in_gaps")
+    how = f"By {escaped(told.get('by'))}"
+    if isinstance(gap, int | float):
+        how += f", with a gap of {gap:g} s between the parts"
+    lines = [f"{how}; {lost} frames are in no part." if isinstance(lost, int) else f"{how}."]
+    if told.get("why"):
+        lines.append(escaped(told["why"]))
+    for name in ("actors", "parked"):
+        counts = mapping(told, name)
+        shared = [
+            f"{counts[f'in train and {part}']} of {counts[part]} in `{part}`"
+            for part in ("val", "test")
+            if counts.get(part) and f"in train and {part}" in counts
+        ]
+        if shared:
+            kind = "Actors" if name == "actors" else "Parked vehicles"
+            lines.append(f"{kind} that `train` shows, too: {', '.join(shared)}.")
+    stood = told.get("where_they_stood")
+    lines += [
+        f"Of {one.get('moving')} moving actors {one.get('still')} stand in {code(one.get('to'))} "
+        f"where they stood in {code(one.get('from'))}."
+        for one in (stood if isinstance(stood, list) else [])
+        if isinstance(one, Mapping)
+    ]
+    return lines
 
 
 def _files(manifest: Mapping[str, Any]) -> list[str]:
