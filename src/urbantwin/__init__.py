@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.twin import Twin, build
     from urbantwin.interface.variation import Variation, vary
     from urbantwin.interface.verification import Verification, verify
+    from urbantwin.interface.viewing import View, look
     from urbantwin.interface.whole_line import Run, demo, run
     from urbantwin.result_warning import ResultWarning
     from urbantwin.site.rig import RigSpec
@@ -114,6 +115,7 @@ __all__ = [
     "UrbanTwinError",
     "Variation",
     "Verification",
+    "View",
     "__version__",
     "actors",
     "align",
@@ -136,6 +138,7 @@ __all__ = [
     "init",
     "inspect",
     "label",
+    "look",
     "observe",
     "open",
     "pretrain",

@@ -13,6 +13,8 @@ from ..reliability.small_site import bytes_of
 from .conftest import Line
 
 COMMANDS = {one.callback.__name__: one.callback for one in app.registered_commands}
+#: Where the command's name is that of a package.
+PYTHON_NAMES = {"traffic": "drive", "view": "look"}
 #: What stands for itself on a command line, and what only Python has.
 OF_COMMANDS, OF_PYTHON = {"quiet", "as_json", "shown"}, {"progress", "note"}
 
@@ -25,7 +27,7 @@ def plain(default: object) -> object:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_function_has_the_options_and_defaults_of_its_command(command: str) -> None:
     options = inspect.signature(COMMANDS[command]).parameters
-    function = getattr(ut, {"traffic": "drive"}.get(command, command))
+    function = getattr(ut, PYTHON_NAMES.get(command, command))
     parameters = inspect.signature(function).parameters
     assert set(options) - OF_COMMANDS == set(parameters) - OF_PYTHON
     for name, parameter in parameters.items():
@@ -41,7 +43,7 @@ def test_a_function_has_the_options_and_defaults_of_its_command(command: str) ->
 
 def test_the_functions_of_the_commands_are_documented() -> None:
     for command in COMMANDS:
-        function = getattr(ut, {"traffic": "drive"}.get(command, command))
+        function = getattr(ut, PYTHON_NAMES.get(command, command))
         text = inspect.getdoc(function) or ""
         for name in inspect.signature(function).parameters:
             assert f"    {name}: " in text, (command, name)

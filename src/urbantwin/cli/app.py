@@ -49,6 +49,7 @@ from urbantwin.cli import (
     tune,
     vary,
     verify,
+    view,
 )
 from urbantwin.cli.console import error_line
 from urbantwin.errors import InputError, UrbanTwinError
@@ -107,6 +108,7 @@ for command, examples in (
     (record.record, record.EXAMPLES),
     (split.split, split.EXAMPLES),
     (sequence.sequence, sequence.EXAMPLES),
+    (view.view, view.EXAMPLES),
     (vary.vary, vary.EXAMPLES),
     (suite.suite, suite.EXAMPLES),
     (curriculum.curriculum, curriculum.EXAMPLES),

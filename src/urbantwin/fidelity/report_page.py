@@ -57,6 +57,9 @@ def write_page(report: Report, pictures: Pictures, path: Path) -> None:
         "<h2>What to mend next</h2>",
         _missing(report, pictures.missing),
         "<h2>Worst frames first</h2>",
+        f"<p>To stand in them, both sides with one camera: <code>urbantwin view "
+        f"{escape(str(names['real']['name']))} {escape(str(names['synthetic']['name']))} "
+        "--report report</code>, where <code>report</code> is this page's folder.</p>",
         _worst(report, pictures.worst),
         _objects(report, pictures.objects),
         _foreground_objects(report),

@@ -18,9 +18,10 @@ from urbantwin.interface.outcome import (
 )
 from urbantwin.interface.place import AnyPath, folder_of_site
 from urbantwin.interface.rig import fields_below
-from urbantwin.interface.stage import ShowProgress
+from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Summary
 from urbantwin.interface.twin import Twin, build_of, rig_field, site_with_known_sensors
+from urbantwin.interface.viewing import look
 from urbantwin.result_warning import ResultWarning
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ __all__ = ["LATITUDE", "LONGITUDE", "RADIUS_M", "Run", "demo", "helsinki_extract
 #: The demo: Unioninkatu, Liisankatu and Kaisaniemenkatu: five arms, signals, a bicycle lane, a
 #: park.
 LATITUDE, LONGITUDE, RADIUS_M = 60.174, 24.9503, 130.0
+#: Frames on the demo's page: a second of them has 11 MB.
+_ON_THE_PAGE = "0:10"
 
 
 class Run:
@@ -57,6 +60,11 @@ class Run:
     def dataset(self) -> Dataset:
         """The dataset."""
         return Dataset(self.folder / "dataset")
+
+    @property
+    def page(self) -> Path:
+        """The page that shows some frames of the dataset, where one was saved."""
+        return self.folder / "page.html"
 
     @property
     def pictures(self) -> list[Path]:
@@ -91,6 +99,7 @@ class Run:
             **{kind: str(self.folder / kind) for kind in ("twin", "motion", "dataset")},
             attribution=list(dict.fromkeys(sources)),
             pictures=[str(picture) for picture in self.pictures],
+            **({"page": str(self.page)} if self.page.is_file() else {}),
         )
 
 
@@ -153,7 +162,12 @@ def demo(
                 choose_pole=place_in_sight,
             )
     checked = site_with_known_sensors(file)
-    return _run_of(checked, place, workers=workers, pictures=True, progress=progress)
+    made = _run_of(checked, place, workers=workers, pictures=True, progress=progress)
+    try:
+        look(made.dataset, save=made.page, frames=_ON_THE_PAGE, progress=progress)
+    except InputError as error:  # a checkout may be without the page; all else is made
+        tell_line(f"demo: no page: {error}", progress)
+    return made
 
 
 def helsinki_extract() -> Path:

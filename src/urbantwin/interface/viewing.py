@@ -1,0 +1,250 @@
+"""A page to look at: served on this machine, or saved as one file."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import check_file
+from urbantwin.errors import InputError
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.web import PageServer, SavedPage, Shown
+
+__all__ = ["View", "look"]
+
+
+class View:
+    """What is looked at: a page that is being served, or files that were written.
+
+    A page is served until `close`, or until the block ends that it is opened with.
+
+    Attributes:
+        address: of the page; None where it is only saved.
+        path: of the saved page; None where it is served.
+        rerun: the recording for rerun; None where none was asked for.
+
+    Example:
+        >>> with ut.look("out/dataset") as page:
+        ...     page.address
+    """
+
+    def __init__(
+        self,
+        shown: Shown,
+        *,
+        server: PageServer | None = None,
+        saved: SavedPage | None = None,
+        rerun: Path | None = None,
+    ) -> None:
+        self._shown, self._server, self._saved = shown, server, saved
+        self.address = None if server is None else server.address
+        self.path = None if saved is None else saved.path
+        self.rerun = rerun
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """What the page reads first: sides, frames, sensors, events."""
+        return self._shown.document()
+
+    def packet(self, name: str) -> bytes:
+        """Return a packet of the page, ``points/0/3`` and its like; see docs/view.md.
+
+        Raises:
+            KeyError: there is none of that name.
+            InputError: the frame cannot be read.
+        """
+        return self._shown.packet(name)
+
+    def close(self) -> None:
+        """Stop serving."""
+        if self._server is not None:
+            self._server.close()
+
+    def __enter__(self) -> View:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop serving."""
+        self.close()
+
+    def wait(self) -> None:
+        """Serve until Ctrl-C, SIGTERM or SIGHUP, which end it in good order; then close.
+
+        Returns at once where nothing is served.
+        """
+        if self._server is None:
+            return
+        over = threading.Event()
+        before: dict[int, Any] = {}
+
+        def end(_number: int, _frame: FrameType | None) -> None:
+            over.set()
+
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                    before[number] = signal.signal(number, end)
+        try:
+            over.wait()
+        finally:
+            self.close()
+            for number, former in before.items():
+                signal.signal(number, former)
+
+    def __repr__(self) -> str:
+        """Return what is shown and where."""
+        where = self.address or self.path or self.rerun
+        return f"View of {self._shown.title} ({where})"
+
+    def summary(self) -> Summary:
+        """Return what is shown, and where, in a few values."""
+        document = self._shown.document()
+        found: dict[str, Any] = {"shows": self._shown.title, "kind": self._shown.kind}
+        if self._shown.sides:
+            found["frames"] = [len(side["frames"]) for side in document["sides"]]
+        damaged = [
+            f"{frame['name']}: {frame['error']}"
+            for side in document["sides"]
+            for frame in side["frames"]
+            if frame["error"]
+        ]
+        if damaged:
+            found["damaged"] = damaged[:20]
+        if self._shown.notes:
+            found["notes"] = self._shown.notes
+        if self._saved is not None:
+            found["frames"] = self._saved.frames
+            if self._saved.left_out:
+                found["left_out"] = (
+                    f"{self._saved.left_out} frames, for the page's size; "
+                    "--frames and --every choose others"
+                )
+            found["size"] = f"{self._saved.bytes / 1e6:.1f} MB"
+            found["page"] = str(self._saved.path)
+        if self.rerun is not None:
+            found["rerun"] = str(self.rerun)
+        if self.address is not None:
+            found["address"] = self.address
+        return Summary(found)
+
+
+def look(  # noqa: PLR0913 - the options of the command
+    path: AnyPath,
+    other: AnyPath | None = None,
+    *,
+    save: AnyPath | None = None,
+    frames: str | None = None,
+    every: int = 1,
+    detections: AnyPath | None = None,
+    report: AnyPath | None = None,
+    twin: AnyPath | None = None,
+    motion: AnyPath | None = None,
+    port: int = 0,
+    browser: bool = True,
+    rerun: AnyPath | None = None,
+    progress: ShowProgress = True,
+) -> View:
+    """Look at a twin, a motion, a dataset, real frames, or two of them side by side.
+
+    A page is served on 127.0.0.1 until the `View` is closed, or saved as one file. Twin, motion and
+    coverage are found beside a dataset. docs/view.md tells what the page shows.
+
+    Args:
+        path: a twin, a motion, a dataset, a folder of real frames in any layout that is known,
+            detections or a report of ``compare`` beside their data, or a folder with a twin, a
+            motion and a dataset in it.
+        other: frames that are shown beside those of ``path`` with the same camera.
+        save: write the page into this one file instead of serving it.
+        frames: ``A:B``, from frame A to before frame B, counted from 0; all when not given, and in
+            a saved page as many as fit into 40 MB.
+        every: only each N-th of them.
+        detections: boxes with scores, shown over the labels of ``path``: hits, misses, false
+            alarms.
+        report: of ``compare``, whose worst places are listed.
+        twin: the twin that frames are shown in; the one beside them when not given.
+        motion: the motion whose signals are shown; the one beside them when not given.
+        port: of the server; any that is free when 0.
+        browser: open the page in the desktop's browser, where there is a desktop.
+        rerun: write also a recording for rerun, ``NAME.rrd``.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: what is asked for is missing, damaged or nothing that can be shown; the port
+            cannot be had; or rerun is not installed.
+
+    Example:
+        >>> ut.look("out/dataset", save="page.html", frames="0:20").path
+    """
+    from urbantwin.web import PageServer, open_shown, write_page, write_rerun
+    from urbantwin.web.chosen_frames import ChosenFrames
+    from urbantwin.web.open_shown import Wanted
+    from urbantwin.web.page_document import page_file
+    from urbantwin.web.rerun_file import check_rerun_file
+
+    wanted = Wanted(
+        Path(path),
+        _path(other),
+        twin=_path(twin),
+        motion=_path(motion),
+        detections=_path(detections),
+        report=_path(report),
+        frames=ChosenFrames.of(frames, every),
+    )
+    inputs = [wanted.path, wanted.other, wanted.detections, wanted.report]
+    target, recording = _path(save), _path(rerun)
+    if target is not None:
+        if target.suffix.lower() not in (".html", ".htm"):
+            raise InputError("is not a name of a page", file=target, expected="NAME.html")
+        check_file(target, inputs=inputs)
+    if recording is not None:
+        check_rerun_file(recording, inputs)
+    if recording is None or target is not None:
+        page_file("page.js")
+    with shown_stage("view", progress, brief=True) as tell:
+        shown = open_shown(wanted, tell)
+        if recording is not None:
+            write_rerun(shown, recording, inputs=inputs, tell=tell)
+        saved = None
+        if target is not None:
+            chosen = frames is not None or every > 1
+            saved = write_page(shown, target, chosen=chosen, inputs=inputs, tell=tell)
+    if target is not None or recording is not None:
+        return View(shown, saved=saved, rerun=recording)
+    found = View(shown, server=PageServer(shown, port))
+    if browser and _on_a_desktop():
+        _open(found.address or "", progress)
+    return found
+
+
+def _path(path: AnyPath | None) -> Path | None:
+    return None if path is None else Path(path)
+
+
+def _on_a_desktop() -> bool:
+    """Return whether somebody sits before a screen: a terminal, and a display or macOS."""
+    if not (sys.stdout is not None and sys.stdout.isatty()):
+        return False
+    remote = os.environ.get("SSH_CONNECTION")
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return not remote and (sys.platform == "darwin" or bool(display))
+
+
+def _open(address: str, progress: ShowProgress) -> None:
+    import webbrowser
+
+    opened = False
+    with suppress(webbrowser.Error, OSError):
+        opened = webbrowser.open(address)
+    if not opened:
+        tell_line("view: no browser opened; open the address by hand", progress)

@@ -1,0 +1,165 @@
+"""Where everybody goes: the paths of all objects as one packet, and as rows to find events in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import Pose, wrapped
+from urbantwin.web.motion_side import MotionSide
+from urbantwin.web.packet import packet
+from urbantwin.web.recorded_side import RecordedSide
+from urbantwin.web.shown_boxes import ShownBoxes
+
+__all__ = ["Tracks", "tracks_of", "tracks_packet"]
+
+#: An object that moves less than this in all is told once, metres.
+_STANDS_M = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """One row for each object and frame, sorted by frame, then track.
+
+    Attributes:
+        frame: (R,) index among the frames that are shown.
+        time_s: (F,) of the frames.
+        track: (R,) the object.
+        box: (R, 7) in the frame of the scene.
+        velocity: (R, 3) metres per second; zeros where nothing says.
+        points: (R,) points on it; -1 where nothing says.
+        class_names: (R,) text.
+        companion: (R,) whether it rides with another: on a hook, on a leash.
+    """
+
+    frame: NDArray[np.int64]
+    time_s: NDArray[np.float64]
+    track: NDArray[np.int64]
+    box: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    points: NDArray[np.int64]
+    class_names: NDArray[np.str_]
+    companion: NDArray[np.bool_]
+
+
+def tracks_of(side: RecordedSide | MotionSide) -> Tracks | None:
+    """Return the tracks of a side; None where it has none, or would have to be read for them."""
+    if isinstance(side, MotionSide):
+        return _of_frames(side, [side.boxes(index) for index in range(len(side.entries))])
+    if side.own is not None and (side.own.folder / "boxes.parquet").is_file():
+        return _of_table(side)
+    if not (side.surveyed and side.tracked):
+        return None
+    found = []
+    for index in range(len(side.entries)):
+        try:
+            found.append(ShownBoxes.of(side.frame(index).boxes))
+        except InputError:
+            found.append(ShownBoxes.of(None))
+    return _of_frames(side, found)
+
+
+def _of_frames(side: RecordedSide | MotionSide, found: Sequence[ShownBoxes]) -> Tracks:
+    frame = np.repeat(np.arange(len(found)), [len(one) for one in found])
+    unknown = [np.full(len(one), -1, np.int64) for one in found]
+    still = [np.zeros((len(one), 3)) for one in found]
+    names = [name for one in found for name in one.class_names]
+    return Tracks(
+        frame=frame,
+        time_s=np.array([one.time_s for one in side.entries]),
+        track=np.concatenate([one.track for one in found]),
+        box=np.concatenate([one.box for one in found]),
+        velocity=np.concatenate(
+            [s if b.velocity is None else b.velocity for b, s in zip(found, still, strict=True)]
+        ),
+        points=np.concatenate(
+            [u if b.points is None else b.points for b, u in zip(found, unknown, strict=True)]
+        ),
+        class_names=np.array(names, np.str_),
+        companion=np.isin(names, ("trailer", "animal")),
+    )
+
+
+def _of_table(side: RecordedSide) -> Tracks:
+    """Return the tracks of a dataset of ours: no frame is read."""
+    own = side.own
+    assert own is not None
+    table = own.boxes
+    file = own.folder / "boxes.parquet"
+    number = {entry.name: index for index, entry in enumerate(side.entries)}
+    try:
+        frame = np.array([number.get(one, -1) for one in table["frame"].to_pylist()], np.int64)
+
+        def column(name: str) -> NDArray[Any]:
+            return np.asarray(table[name].to_numpy(zero_copy_only=False))
+
+        rows = np.flatnonzero(frame >= 0)
+        rows = rows[np.lexsort((column("track")[rows], frame[rows]))]
+        box = np.column_stack(
+            [
+                column(name)[rows].astype(float)
+                for name in ("x", "y", "z", "length", "width", "height", "yaw")
+            ]
+        )
+        velocity = np.zeros((len(rows), 3))
+        if "vx" in table.column_names:
+            velocity = np.column_stack([column(f"v{one}")[rows].astype(float) for one in "xyz"])
+        names = column("class")[rows].astype(str)
+        companion = np.isin(names, ("trailer", "animal"))
+        track = column("track")[rows].astype(np.int64)
+        points = (
+            column("num_points")[rows].astype(np.int64)
+            if "num_points" in table.column_names
+            else np.full(len(rows), -1, np.int64)
+        )
+    except (KeyError, ValueError, TypeError):
+        raise InputError(
+            "has columns of other types", file=file, expected="boxes of urbantwin record"
+        ) from None
+    if not np.isfinite(box).all():
+        raise InputError("has a box that is not finite", file=file, expected="finite numbers")
+    frame = frame[rows]
+    for index in np.unique(frame):
+        pose = side.scene_SE3_frame(int(index))
+        if pose is not None:
+            mine = frame == index
+            box[mine], velocity[mine] = _moved(box[mine], velocity[mine], pose)
+    times = np.array([one.time_s for one in side.entries])
+    return Tracks(frame, times, track, box, velocity, points, names, companion)
+
+
+def _moved(
+    box: NDArray[np.float64], velocity: NDArray[np.float64], pose: Pose
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    moved = box.copy()
+    moved[:, :3] = pose.apply(box[:, :3])
+    turn = np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])
+    moved[:, 6] = wrapped(box[:, 6] + turn)
+    return moved, velocity @ pose.rotation.T
+
+
+def tracks_packet(tracks: Tracks | None) -> bytes:
+    """Return the packet of all paths."""
+    rows = []
+    if tracks is not None:
+        for number in np.unique(tracks.track[tracks.track >= 0]):
+            mine = np.flatnonzero(tracks.track == number)
+            box = tracks.box[mine]
+            if np.ptp(box[:, :3], axis=0).max() < _STANDS_M:
+                mine, box = mine[:1], box[:1]
+            at = np.column_stack([box[:, :3], box[:, 6]])
+            rows.append(
+                {
+                    "track": int(number),
+                    "class": str(tracks.class_names[mine[0]]),
+                    "time_s": [round(float(one), 4) for one in tracks.time_s[tracks.frame[mine]]],
+                    "at": [[round(float(value), 3) for value in place] for place in at],
+                    "size": [round(float(one), 3) for one in box[0, 3:6]],
+                }
+            )
+    return packet({"tracks": rows}, {})

@@ -1,0 +1,48 @@
+"""A recording for rerun, read again by rerun's own reader."""
+
+import importlib.util
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import urbantwin as ut
+from urbantwin.errors import InputError
+
+
+def test_it_holds_the_points_and_boxes_of_every_frame(dataset, tmp_path):
+    chunks = pytest.importorskip("rerun.chunk")
+    path = tmp_path / "frames.rrd"
+    made = ut.look(dataset, rerun=path, frames="0:3", progress=False)
+    assert (made.rerun, made.address) == (path, None)
+    found = {}
+    for chunk in chunks.RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        for kind, name in (("points", "Points3D:positions"), ("boxes", "Boxes3D:half_sizes")):
+            if chunk.entity_path == f"/frame/{kind}":
+                for frame, values in zip(
+                    batch["frame"].to_pylist(), batch[name].to_pylist(), strict=True
+                ):
+                    found[kind, frame] = np.array(values)
+    assert set(found) == {(kind, frame) for kind in ("points", "boxes") for frame in range(3)}
+    rows = pq.read_table(dataset / "boxes.parquet").to_pylist()
+    for frame in range(3):
+        points = np.load(dataset / "points" / f"{frame:06d}.npy")
+        assert len(found["points", frame]) == len(points)
+        sensor = found["points", frame].mean(axis=0)  # turned and moved, but as large as it was
+        spread = np.linalg.norm(found["points", frame] - sensor, axis=1)
+        wanted = np.linalg.norm(points[:, :3] - points[:, :3].mean(axis=0), axis=1)
+        assert np.allclose(spread, wanted, atol=1e-3)
+        mine = [row for row in rows if row["frame"] == f"{frame:06d}"]
+        sizes = [[row["length"] / 2, row["width"] / 2, row["height"] / 2] for row in mine]
+        assert np.allclose(found["boxes", frame], sizes, atol=1e-4)
+
+
+def test_without_rerun_it_is_one_line(dataset, tmp_path, monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name, *more: None if name == "rerun" else find(name)
+    )
+    with pytest.raises(InputError, match=r"pip install 'urbantwin\[rerun\]'"):
+        ut.look(dataset, rerun=tmp_path / "frames.rrd", progress=False)
+    assert not list(tmp_path.iterdir())
