@@ -71,7 +71,7 @@ def test_the_dataset_is_what_openpcdet_reads(made: Path) -> None:
     dataset = made / "dataset"
     named = [
         name
-        for part in ("train", "val")
+        for part in ("train", "val", "test")
         for name in (dataset / "ImageSets" / f"{part}.txt").read_text().split()
     ]
     assert len(named) == len(set(named)) == 3  # 5 steps of 0.1 s end at 0.4 s: 0, 0.2, 0.4 s
