@@ -101,7 +101,7 @@ web: $(PAGE)
 
 # The machine's node if it is not too old, else that of a wheel.
 own_node = node -e 'process.exit(parseInt(process.versions.node) < 18)' 2>/dev/null && npm --version >/dev/null 2>&1
-npm = { $(own_node) || export PATH="$(CURDIR)/$(BIN):$$PATH"; } && cd web && npm
+npm = { $(own_node) || export PATH="$(abspath $(BIN)):$$PATH"; } && cd web && npm
 
 # What npm installs comes from the lock file, and no script of it runs.
 $(PAGE): web/package-lock.json web/build.mjs $(wildcard web/src/*) | $(BIN)/python

@@ -14,7 +14,7 @@ import numpy as np
 import urbantwin as ut
 from urbantwin.web import open_shown
 from urbantwin.web.chosen_frames import ChosenFrames
-from urbantwin.web.open_shown import Wanted
+from urbantwin.web.wanted import Wanted
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "two-avenues" / "site.yaml"
 

@@ -53,6 +53,11 @@ from urbantwin.traffic.motion import describe as describe_motion
 from urbantwin.twin import Twin, load_twin
 from urbantwin.view.labelled_frame import read_labelled_points
 from urbantwin.view.surface_colours import surface_colours
+from urbantwin.web import open_shown
+from urbantwin.web.beside import read_report, worst_places
+from urbantwin.web.chosen_frames import ChosenFrames
+from urbantwin.web.side import FrameEntry
+from urbantwin.web.wanted import Wanted
 
 from .artefact_set import PLACE, artefacts, content, make_artefacts
 from .harness import NUMBERS
@@ -131,6 +136,7 @@ def use_network(twin: Twin) -> None:
 def read_motion(path: Path) -> None:
     describe_motion(path.parent)
     motion = Motion.load(path.parent)
+    _looked_at(path.parent)
     for time_s in motion.times()[:3]:
         for row in motion.at(float(time_s))[:5]:
             motion.mesh(str(row["asset"]), int(row["phase"]))
@@ -144,6 +150,7 @@ def read_dataset(path: Path) -> None:
         read_labelled_points,
         _compared,
         _followed,
+        _looked_at,
         lambda one: inspected(one / "dataset.json"),
         lambda one: write_cards(one, to=one.with_name("card")),
         lambda _: where_damaged(path),
@@ -181,6 +188,21 @@ def _followed(folder: Path) -> None:
             problems.append(error)
     for error in sorted(problems, key=lambda one: isinstance(one, InputError)):
         raise error
+
+
+def _looked_at(folder: Path) -> None:
+    """What a page shows of a dataset or a motion."""
+    shown = open_shown(Wanted(folder, frames=ChosenFrames(0, 2)))
+    json.dumps(shown.document(), allow_nan=False)
+    for name in shown.names():
+        shown.packet(name)
+
+
+def _worst(path: Path) -> None:
+    entries = [FrameEntry("1", 0.0)]
+    report = read_report(path.parent)
+    found = worst_places(report, [(0, 0)], entries, None, lambda *_: np.zeros(3))
+    json.dumps(found, allow_nan=False)
 
 
 def _background() -> bytes:
@@ -226,13 +248,16 @@ def _report() -> bytes:
     figures = {"chamfer": {"mean": 0.4}}
     report = {
         "kind": "report", "version": 1, "in_short": ["a"], "doubts": ["b"],
-        "folders": {"real": "a", "synthetic": "b"}, "frames": [{"real": "1"}],
+        "folders": {"real": "a", "synthetic": "b"},
+        "frames": [{"real": "1", "twin_figures": {"hausdorff_p95_m": 0.5}}],
         "aggregate": figures, "definitions": {"chamfer": "c"},
         "anchors": {"real_against_real": figures, "arbitrary": None,
                     "reduction_percent": {"chamfer": 12.0}, "ratio_to_real": {"chamfer": None}},
         "headline": {"ground": {"chamfer": {"twin": 0.1}}},
         "protocol": {"scores": {"twin": {"combined": 0.1, "detection": None, "realism": 0.2}}},
         "problems": [], "notes": ["c"],
+        "missing": [{"x": 1.0, "y": 2.0, "low": 0.0, "high": 1.0, "points_per_frame": 3.0,
+                     "distance_m": 0.5}],
     }  # fmt: skip
     return json.dumps(report).encode()
 
@@ -364,6 +389,7 @@ READERS = [
            _seeds("dataset/boxes.parquet"), beside("dataset")),
     Reader("split of manifest", _split_boxes, "dataset/dataset.json",
            _seeds("dataset/dataset.json"), beside("dataset")),
+    Reader("report, looked at", _worst, "report.json", lambda: [_report()]),
     Reader("mesh", LabelledMesh.load, "a.npz", _seeds("twin/scene.npz")),
     Reader("coverage", inspected, "coverage.json", _seeds("coverage/coverage.json")),
     Reader("report", inspected, "report.json", lambda: [_report()]),

@@ -106,6 +106,11 @@ COMMANDS = {
             "card",
             lambda stand, out: ["card", stand.dataset, "-o", out, "--no-pictures"],
         ),
+        Command(
+            "view",
+            "page.html",
+            lambda stand, out: ["view", stand.dataset, "--frames", "0:3", "--save", out],
+        ),
     )
 }
 
@@ -188,6 +193,8 @@ class Stand:
             arguments = ["export", self.older("twin"), "--to", "carla"]
         elif output == "card":
             arguments = ["card", self.older("dataset"), "--no-pictures"]
+        elif output == "page.html":
+            arguments = ["view", self.older("dataset")]
         else:
             arguments = ["background", self.older("dataset"), *SENSOR]
         return self._made(f"older/{output}", [*arguments, "-o", out])

@@ -23,6 +23,7 @@ TOO_SMALL_KB = {
     "background": 24,
     "export": 1500,
     "card": 4,
+    "view": 500,
 }
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +24,7 @@ TRUCK, HIDDEN, WALKER, LATE = 4, 9, 12, 20
 
 
 @pytest.fixture(scope="session")
-def place(twin, motion_of, rig, tmp_path_factory) -> Path:
+def place(twin, motion_of, rig, made_once) -> Path:
     """A truck stands between the sensor and a car; one walks; one comes late, towards another."""
     rows = []
     for step in range(FRAMES):
@@ -45,11 +46,13 @@ def place(twin, motion_of, rig, tmp_path_factory) -> Path:
             late = {"track": LATE, "class": "car", "asset": "car-sedan", "y": -2.4, "speed": 10.0}
             here.append({**late, "x": -28.0 + 10 * (time_s - 1.0)})
         rows += [{"time_s": time_s, **one} for one in here]
-    motion = motion_of(twin, rows, steps=FRAMES)
-    folder = tmp_path_factory.mktemp("place")
-    (folder / "twin").symlink_to(twin.folder)
-    record(twin, motion, rig, folder / "dataset", workers=1, seed=5)
-    return folder
+
+    def make(folder: Path) -> None:
+        shutil.copytree(twin.folder, folder / "twin")
+        motion = motion_of(twin, rows, steps=FRAMES)
+        record(twin, motion, rig, folder / "dataset", workers=1, seed=5)
+
+    return made_once("looked-at", make)
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.web import open_shown
 from urbantwin.web.chosen_frames import ChosenFrames
-from urbantwin.web.open_shown import Wanted
+from urbantwin.web.wanted import Wanted
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from urbantwin.errors import InputError
 from urbantwin.web import open_shown
 from urbantwin.web.chosen_frames import ChosenFrames
-from urbantwin.web.open_shown import Wanted
 from urbantwin.web.packet import packet, quantised
+from urbantwin.web.wanted import Wanted
 
 from .conftest import FRAMES, HIDDEN, LATE, TRUCK, WALKER
 
@@ -186,3 +186,27 @@ def test_quantised_places_are_near_those_that_were_given(rows, far):
 def test_a_packet_refuses_what_the_page_does_not_read():
     with pytest.raises(ValueError, match="float64"):
         packet({}, {"x": np.zeros(3)})
+
+
+def test_a_sensor_that_moves_is_in_the_frame_of_its_first(tmp_path, unpacked):
+    """KITTI's odometry: poses of frames, in a text; a wall stands still in the scene."""
+    place = tmp_path / "sequences" / "00"
+    (place / "velodyne").mkdir(parents=True)
+    wall = np.column_stack([np.full(60, 12.0), np.linspace(-6, 6, 60), np.zeros(60)])
+    poses = []
+    for index in range(3):
+        turn, at = 0.2 * index, np.array([2.0 * index, 0.5 * index, 0.0])
+        rotation = Rotation.from_euler("z", turn).as_matrix()
+        poses.append(np.column_stack([rotation, at]))
+        seen = (wall - at) @ rotation
+        rows = np.column_stack([seen, np.full(60, 0.5)]).astype("<f4")
+        rows.tofile(place / "velodyne" / f"{index:06d}.bin")
+    (place / "poses.txt").write_text(
+        "\n".join(" ".join(f"{x:.9f}" for x in p.ravel()) for p in poses)
+    )
+    (place / "calib.txt").write_text("Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
+    shown = open_shown(Wanted(tmp_path / "sequences" / "00"))
+    for index in range(3):
+        header, arrays = unpacked(shown.packet(f"points/0/{index}"))
+        places = np.array(header["origin"]) + header["step"] * arrays["position"]
+        assert np.allclose(places, wall, atol=2e-3), index

@@ -11,8 +11,8 @@ import pytest
 import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.web import open_shown, saved_page
-from urbantwin.web.open_shown import Wanted
 from urbantwin.web.page_document import json_for_script
+from urbantwin.web.wanted import Wanted
 
 pytestmark = pytest.mark.usefixtures("built_page")
 PACKET = re.compile(

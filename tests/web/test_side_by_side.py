@@ -12,8 +12,8 @@ from urbantwin.errors import InputError
 from urbantwin.web import open_shown
 from urbantwin.web.beside import farthest_place, pairs_of_sides
 from urbantwin.web.chosen_frames import ChosenFrames
-from urbantwin.web.open_shown import Wanted
 from urbantwin.web.side import FrameEntry
+from urbantwin.web.wanted import Wanted
 
 
 def places(shown, unpacked, name):
@@ -69,7 +69,8 @@ def test_the_twin_stands_where_the_points_are(real, dataset, unpacked):
 def test_a_report_lists_its_worst_places_and_leads_to_its_sides(real, dataset, tmp_path):
     shutil.copytree(real, tmp_path / "real")
     shutil.copytree(dataset, tmp_path / "dataset", ignore=lambda *_: ["pictures"])
-    ut.compare(tmp_path / "real", tmp_path / "dataset", tmp_path / "report", progress=False)
+    report = tmp_path / "report"
+    ut.compare(tmp_path / "real", tmp_path / "dataset", report, arbitrary="none", progress=False)
     for wanted in (
         Wanted(tmp_path / "report"),
         Wanted(tmp_path / "real", tmp_path / "dataset", report=tmp_path / "report"),
@@ -118,3 +119,23 @@ def test_the_worst_place_is_where_most_is_far():
 def test_what_does_not_go_together_is_refused(place, dataset):
     with pytest.raises(InputError, match="is a twin"):
         open_shown(Wanted(dataset, place / "twin"))
+
+
+def test_a_map_s_coordinates_come_near_both_sides_alike(real, tmp_path, unpacked):
+    far = np.array([583_710.25, 4_477_260.5, 32.0])
+    for name, more in (("one", 0.0), ("two", 0.125)):
+        (tmp_path / name).mkdir()
+        for index in range(2):
+            points = np.load(real / f"sweep_{index}.npy").astype(float)
+            points[:, :3] += far + [more, 0, 0]
+            np.save(tmp_path / name / f"{index}.npy", points)
+    shown = open_shown(Wanted(tmp_path / "one", tmp_path / "two"))
+    for index in range(2):
+        wanted = np.load(real / f"sweep_{index}.npy")[:, :3]
+        first, arrays = places(shown, unpacked, f"points/0/{index}")
+        second, _ = places(shown, unpacked, f"points/1/{index}")
+        assert np.abs(first).max() < 500.0  # 24 bits of the page's numbers are enough there
+        assert np.allclose(first - first[0], wanted - wanted[0], atol=6e-3)
+        assert np.allclose(second - first, [0.125, 0, 0], atol=6e-3)
+        assert arrays["away"].max() <= 0.126
+    assert np.abs(shown.ground_z) < 100

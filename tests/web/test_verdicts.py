@@ -7,7 +7,7 @@ import pytest
 from urbantwin.detections import joined, write_detections
 from urbantwin.errors import InputError
 from urbantwin.web import open_shown
-from urbantwin.web.open_shown import Wanted
+from urbantwin.web.wanted import Wanted
 
 from .conftest import LATE, TRUCK, WALKER
 

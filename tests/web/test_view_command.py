@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,8 +12,9 @@ from dataclasses import replace
 import pytest
 
 from urbantwin.cli import main
+from urbantwin.errors import InputError
 from urbantwin.web import open_shown, page_document
-from urbantwin.web.open_shown import Wanted
+from urbantwin.web.wanted import Wanted
 
 
 @pytest.fixture
@@ -101,3 +103,18 @@ def test_a_motion_and_a_twin_are_shown(place, motion_of, twin, tmp_path, unpacke
     assert alone.document()["kind"] == "twin"
     assert alone.document()["sides"] == []
     assert alone.names() == ["twin"]
+
+
+def test_a_motion_of_another_twin_is_not_shown_in_it(place, motion_of, twin, tmp_path):
+    shutil.copytree(place / "twin", tmp_path / "twin")
+    car = {"track": 3, "class": "car", "asset": "car-sedan", "time_s": 0.0}
+    made = motion_of(twin, [car], steps=2)
+    manifest = {"kind": "motion", "version": 1, **made.manifest}
+    replace(made, manifest=manifest).save(tmp_path / "motion")
+    assert open_shown(Wanted(tmp_path / "twin")).sides[0].name == "motion"
+    other = {**manifest, "twin_sha256": "0" * 64}
+    replace(made, manifest=other).save(tmp_path / "motion")
+    assert open_shown(Wanted(tmp_path / "twin")).sides == []
+    assert "twin" not in open_shown(Wanted(tmp_path / "motion")).layers
+    with pytest.raises(InputError, match="not the twin that the motion was driven on"):
+        open_shown(Wanted(tmp_path / "motion", twin=tmp_path / "twin"))

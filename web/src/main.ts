@@ -57,6 +57,10 @@ function layout(scene: Scene): App {
   const app = new App(scene, openSource(document), canvas, over, surface);
   app.onMessage = (sentence, bad) => messages.say(sentence, bad);
   new Pointer(app, surface);
+  canvas.addEventListener("webglcontextlost", () => {
+    messages.say("The graphics card dropped the picture. It comes back, or load the page again.");
+  });
+  canvas.addEventListener("webglcontextrestored", () => app.refreshAll());
 
   const narrow = window.matchMedia("(max-width: 760px)");
   const open = { settings: !narrow.matches, objects: !narrow.matches };

@@ -32,7 +32,9 @@ def view(
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option(metavar="PAGE.html", help="Write one file, which needs no network."),
+        typer.Option(
+            "--save", "-o", metavar="PAGE.html", help="Write one file, which needs no network."
+        ),
     ] = None,
     frames: Annotated[
         str | None,

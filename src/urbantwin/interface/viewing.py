@@ -99,8 +99,8 @@ class View:
             over.wait()
         finally:
             self.close()
-            for number, former in before.items():
-                signal.signal(number, former)
+            for heard, former in before.items():
+                signal.signal(heard, former)
 
     def __repr__(self) -> str:
         """Return what is shown and where."""
@@ -188,9 +188,9 @@ def look(  # noqa: PLR0913 - the options of the command
     """
     from urbantwin.web import PageServer, open_shown, write_page, write_rerun
     from urbantwin.web.chosen_frames import ChosenFrames
-    from urbantwin.web.open_shown import Wanted
     from urbantwin.web.page_document import page_file
     from urbantwin.web.rerun_file import check_rerun_file
+    from urbantwin.web.wanted import Wanted
 
     wanted = Wanted(
         Path(path),

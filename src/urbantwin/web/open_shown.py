@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +10,9 @@ import numpy as np
 
 from urbantwin.artefact import kind_of
 from urbantwin.artefact.document import read_bytes
-from urbantwin.dataset import parts_of
 from urbantwin.detections.forms import read_any_form
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import Recording, open_recording
-from urbantwin.fidelity.readers.choice import file_and_choice
 from urbantwin.fidelity.readers.layouts import layout_of, recordings_inside
 from urbantwin.geometry import Pose
 from urbantwin.lidar import place_rig
@@ -27,11 +24,8 @@ from urbantwin.web.beside import (
     away_from,
     farthest_place,
     pairs_of_sides,
-    read_report,
-    sides_of_report,
     worst_places,
 )
-from urbantwin.web.chosen_frames import ChosenFrames
 from urbantwin.web.motion_side import MotionSide
 from urbantwin.web.own_dataset import OwnDataset
 from urbantwin.web.recorded_side import RecordedSide
@@ -41,38 +35,9 @@ from urbantwin.web.shown import Shown
 from urbantwin.web.tracks import tracks_of, tracks_packet
 from urbantwin.web.twin_layers import coverage_packet, lanes_packet, twin_packet
 from urbantwin.web.verdicts import DetectionsBeside
+from urbantwin.web.wanted import EXPECTED, Wanted, sought
 
 __all__ = ["Wanted", "open_shown"]
-
-_EXPECTED = (
-    "a twin, a motion, a dataset, a folder of real frames, detections beside their data, "
-    "a report of compare, or a folder with a twin, a motion and a dataset in it"
-)
-#: What a folder of `urbantwin run` holds, what says most first.
-_OF_A_LINE = ("dataset", "motion", "twin")
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What a person asked for.
-
-    Attributes:
-        path: what is shown.
-        other: what is shown beside it; None for one side.
-        twin: that frames are shown in; found beside them where None.
-        motion: whose signals are shown; found beside them where None.
-        detections: shown over the labels of the first side.
-        report: of ``compare``, whose worst places are listed.
-        frames: which frames are shown.
-    """
-
-    path: Path
-    other: Path | None = None
-    twin: Path | None = None
-    motion: Path | None = None
-    detections: Path | None = None
-    report: Path | None = None
-    frames: ChosenFrames = field(default_factory=ChosenFrames)
 
 
 def open_shown(wanted: Wanted, tell: Progress = untold) -> Shown:
@@ -87,88 +52,35 @@ def open_shown(wanted: Wanted, tell: Progress = untold) -> Shown:
 class _Opening:
     def __init__(self, wanted: Wanted, tell: Progress) -> None:
         self.wanted, self.tell = wanted, tell
-        self.report: dict[str, Any] | None = None
-        self.detections = wanted.detections
-        self.paths = [path for path in (wanted.path, wanted.other) if path is not None]
+        self.sought = sought(wanted)
 
     def shown(self) -> Shown:
         """Return what is shown."""
-        self._resolve()
-        kinds = [self._kind(path) for path in self.paths]
-        if len(kinds) == 1 and kinds[0] in ("twin", "motion", "coverage"):
-            made = self._of_site(self.paths[0], kinds[0])
-            if self.detections is not None or self.report is not None:
-                raise InputError(
-                    "has no frames with points", file=self.paths[0], expected="a dataset"
-                )
-            return made
-        for path, kind in zip(self.paths, kinds, strict=True):
+        paths, kinds = self.sought.paths, self.sought.kinds
+        if len(kinds) == 1 and kinds[0] in ("twin", "motion"):
+            if self.sought.detections is not None:
+                raise InputError("has no frames with points", file=paths[0], expected="a dataset")
+            return self._of_site(paths[0], kinds[0])
+        for path, kind in zip(paths, kinds, strict=True):
             if kind not in (None, "dataset"):
-                raise InputError(f"is a {kind}", file=path, expected=_EXPECTED)
+                raise InputError(f"is a {kind}", file=path, expected=EXPECTED)
         return self._of_frames()
-
-    def _kind(self, path: Path) -> str | None:
-        """Return which artefact a path is; None for what others wrote."""
-        place, choice = file_and_choice(path)
-        if not place.exists():
-            raise InputError("not found", file=place, expected=_EXPECTED)
-        return kind_of(path) if choice is None and path.is_dir() else None
-
-    def _resolve(self) -> None:
-        """Replace what stands for something else: a whole line, a report, detections, parts."""
-        found = [one for path in self.paths for one in self._stands_for(path)]
-        if self.wanted.report is not None:
-            self.report = read_report(self.wanted.report)
-        if not found:
-            raise InputError("is nothing to look at alone", file=self.paths[0], expected=_EXPECTED)
-        self.paths = found
-
-    def _stands_for(self, path: Path) -> list[Path]:
-        """Return what a path stands for: itself, as a rule."""
-        alone = len(self.paths) == 1
-        if path.suffix == ".json" and path.is_file() and kind_of(path.parent) == path.stem:
-            path = path.parent
-        kind = self._kind(path)
-        if kind is None and path.is_dir():
-            inside = [one for one in _OF_A_LINE if kind_of(path / one) == one]
-            if inside:
-                path, kind = path / inside[0], inside[0]
-        if kind == "report":
-            self.report = read_report(path)
-            return list(sides_of_report(path, self.report)) if alone else []
-        if kind == "detections":
-            self.detections = path
-            return [self._data_of(path)] if alone else []
-        if kind != "dataset":
-            return [path]
-        parts = parts_of(path)
-        if len(parts) > 1 and not (alone and len(parts) == 2):
-            names = ", ".join(part.name for part in parts)
-            raise InputError(
-                "holds a dataset for each sensor",
-                file=path,
-                expected=f"one or two of them: {names}",
-            )
-        return parts
-
-    def _data_of(self, detections: Path) -> Path:
-        beside = detections.resolve().parent / "dataset"
-        if kind_of(beside) != "dataset":
-            raise InputError(
-                "are detections, and no dataset lies beside them",
-                file=detections,
-                expected="urbantwin view DATA --detections DETECTIONS",
-            )
-        return beside
 
     # -- a twin, a motion --------------------------------------------------------------------
 
     def _of_site(self, path: Path, kind: str) -> Shown:
-        motion = Motion.load(path) if kind == "motion" else self._motion(path, None)
-        twin_folder = path if kind == "twin" else self._twin_folder(path)
-        twin = None if twin_folder is None else load_twin(twin_folder)
-        if twin is None and kind != "motion":
-            raise InputError("has no twin beside it", file=path, expected="--twin TWIN")
+        folder = path if kind == "twin" else self._twin_folder(path)
+        twin = None if folder is None else load_twin(folder)
+        if kind == "twin":
+            motion = self._motion(path, twin)
+        else:
+            motion = Motion.load(path)
+            if twin is not None and motion.manifest.get("twin_sha256") != twin.sha256:
+                if self.wanted.twin is not None:
+                    raise InputError(
+                        "is not the twin that the motion was driven on", file=folder, expected="it"
+                    )
+                twin = None
         shown = Shown(title=path.resolve().name, kind="motion" if kind == "motion" else "twin")
         if motion is not None:
             side = MotionSide(motion, chosen=self.wanted.frames.rows)
@@ -195,36 +107,34 @@ class _Opening:
     # -- frames with points ------------------------------------------------------------------
 
     def _of_frames(self) -> Shown:
-        own = [self._own(path) for path in self.paths]
-        pair = len(self.paths) == 2
+        own = [self._own(path) for path in self.sought.paths]
+        pair = len(self.sought.paths) == 2
         in_site = all(
             one is not None and one.site_SE3_frame(one.manifest["frames"][0]["name"]) is not None
             for one in own
-            if one is None or one.manifest["frames"]
-        ) and any(one is not None for one in own)
+        )
         roles = self._roles(own) if pair else ["only"]
-        sides: list[RecordedSide | MotionSide] = []
-        for path, mine, role in zip(self.paths, own, roles, strict=True):
-            sides.append(
-                RecordedSide(
-                    _recording(path),
-                    role,
-                    own=mine,
-                    chosen=self.wanted.frames.rows,
-                    in_site=in_site,
-                    tell=self.tell,
-                )
+        sides: list[RecordedSide] = []
+        for path, mine, role in zip(self.sought.paths, own, roles, strict=True):
+            side = RecordedSide(
+                _recording(path),
+                role,
+                own=mine,
+                beside=sides[0] if sides else None,
+                chosen=self.wanted.frames.rows,
+                in_site=in_site,
+                tell=self.tell,
             )
+            sides.append(side)
         if pair and sides[0].name == sides[1].name:
-            for side, path in zip(sides, self.paths, strict=True):
+            for side, path in zip(sides, self.sought.paths, strict=True):
                 side.name = f"{path.resolve().parent.name}/{side.name}"
         first = sides[0]
-        assert isinstance(first, RecordedSide)
         kind = "pair" if pair else "dataset" if own[0] is not None else "frames"
         shown = Shown(
             title=_title(own) or " | ".join(side.name for side in sides),
             kind=kind,
-            sides=sides,
+            sides=list(sides),
             scene_frame="site" if in_site else "points",
         )
         self._place_in_twin(shown, own, in_site)
@@ -232,8 +142,8 @@ class _Opening:
             self._pair(shown, own)
         self._sensors(shown, own, in_site)
         self._paths_and_events(shown, first)
-        if self.detections is not None:
-            found, notes = read_any_form(self.detections, lambda: first.recording)
+        if self.sought.detections is not None:
+            found, notes = read_any_form(self.sought.detections, lambda: first.recording)
             shown.detections = DetectionsBeside(found, first)
             shown.notes += notes
         for one in own:
@@ -259,9 +169,9 @@ class _Opening:
     @staticmethod
     def _roles(own: Sequence[OwnDataset | None]) -> list[str]:
         """Say which side is real: what is no dataset of ours; of two alike, the first."""
-        return ["real", "synthetic"] if own[0] is None or own[1] is not None else [
-            "synthetic", "real"
-        ]  # fmt: skip
+        if own[0] is not None and own[1] is None:
+            return ["synthetic", "real"]
+        return ["real", "synthetic"]
 
     def _pair(self, shown: Shown, own: Sequence[OwnDataset | None]) -> None:
         first, second = shown.sides
@@ -270,8 +180,10 @@ class _Opening:
         alike = all(one is not None for one in own)
         shown.pairs = pairs_of_sides(first.entries, second.entries, same_clock=alike)
         if not shown.pairs:
-            raise InputError("has no frame of both sides", file=self.paths[1], expected="frames")
-        if self.report is None:
+            raise InputError(
+                "has no frame of both sides", file=self.sought.paths[1], expected="frames"
+            )
+        if self.sought.report is None:
             return
 
         def worst_of_pair(one: int, other: int) -> Any:  # noqa: ANN401
@@ -281,8 +193,10 @@ class _Opening:
             except InputError:
                 return None
 
-        pose = first.scene_SE3_frame(0, None)
-        shown.worst = worst_places(self.report, shown.pairs, first.entries, pose, worst_of_pair)
+        pose = first.scene_SE3_frame(shown.pairs[0][0])
+        shown.worst = worst_places(
+            self.sought.report, shown.pairs, first.entries, pose, worst_of_pair
+        )
         shown.events += [
             {
                 "time_s": first.entries[row["frame"]].time_s,
@@ -316,7 +230,7 @@ class _Opening:
             if self.wanted.twin is not None:
                 raise InputError(
                     "says not where it is on the site",
-                    file=self.paths[0],
+                    file=self.sought.paths[0],
                     expected="a dataset of urbantwin, or a recording beside one",
                 )
             return
@@ -388,7 +302,7 @@ def _recording(path: Path) -> Recording:
     """
     nothing = path.is_dir() and layout_of(path) is None and not recordings_inside(path)
     if nothing:
-        raise InputError("is nothing that can be looked at", file=path, expected=_EXPECTED)
+        raise InputError("is nothing that can be looked at", file=path, expected=EXPECTED)
     return open_recording(path)
 
 

@@ -31,6 +31,8 @@ _APART_S = 0.1
 #: A recording of ours is not read to learn what is in it; of others, at most so many frames are.
 _SURVEYED = 60
 _TRIED = 5
+#: Beyond this, coordinates are a map's, metres.
+_FAR_M = 5000.0
 
 
 class RecordedSide:
@@ -41,6 +43,7 @@ class RecordedSide:
         role: ``real``, ``synthetic`` or ``only``.
         own: what our dataset says besides; None for other recordings.
         chosen: which frames are shown.
+        beside: another side of the scene, in whose frame this one's points are.
         in_site: put points where the site has them; else they stay in their own frame, and of a
             sensor that moves they are put into the frame of the first.
         tell: how far the survey of a recording is.
@@ -55,6 +58,7 @@ class RecordedSide:
         role: str,
         *,
         own: OwnDataset | None = None,
+        beside: RecordedSide | None = None,
         chosen: Callable[[int], Sequence[int]] = range,
         in_site: bool = False,
         tell: Progress = untold,
@@ -63,6 +67,9 @@ class RecordedSide:
         self.name = recording.path.name
         self._kept: OrderedDict[int, Frame] = OrderedDict()
         self._lock = Lock()
+        self._poses: dict[int, Pose | None] = {}
+        self._beside = beside
+        self.shift_m: NDArray[np.float64] | None = None if beside is None else beside.shift_m
         if own is not None:
             entries = own.entries(recording)
             self.rate_hz = own.rate_hz
@@ -91,7 +98,7 @@ class RecordedSide:
         self.fields: list[str] = []
         self.has_boxes, self.tracked, self._scale = False, False, 0.0
         self.has_points = True
-        tried = 0
+        tried = at = 0
         for index, entry in enumerate(self.entries):
             if index >= several and (first is not None or tried >= _TRIED):
                 break
@@ -104,7 +111,7 @@ class RecordedSide:
                 problem, tried = problem or error, tried + 1
                 continue
             if first is None:
-                first = frame
+                first, at = frame, index
                 self._first = frame.world_SE3_frame
             entry.points = len(frame.points)
             self.fields += [one for one in fields_of(frame) if one not in self.fields]
@@ -122,7 +129,9 @@ class RecordedSide:
                 file=self.recording.path,
                 expected="at least one",
             )
-        self.sample = self._placed(first, 0)
+        if self.own is None and self._beside is None:
+            self.shift_m = _nearer(first)
+        self.sample = self._placed(first, at)
 
     @property
     def surveyed(self) -> bool:
@@ -143,18 +152,31 @@ class RecordedSide:
         known = [float(one) for one in ranges if one is not None]
         return max(known) if known and len(known) == len(ranges) else np.inf
 
-    def scene_SE3_frame(self, index: int, frame: Frame | None = None) -> Pose | None:  # noqa: N802
-        """Return what puts a frame into the scene; None where it stays as it is."""
+    def scene_SE3_frame(self, index: int) -> Pose | None:  # noqa: N802
+        """Return what puts a frame into the scene; None where it stays as it is.
+
+        Raises:
+            InputError: a frame of others must be read for it, and cannot be.
+        """
         if self.own is not None:
             site = self.own.site_SE3_frame(self.entries[index].name)
             if self.in_site or site is None:
                 return site
             first = self.own.site_SE3_frame(self.entries[0].name)
             return None if first is None else first.inverse() @ site
-        world = None if frame is None else frame.world_SE3_frame
-        if world is None or self._first is None:
-            return None
-        return self._first.inverse() @ world
+        if index not in self._poses:
+            self.frame(index)
+        return self._poses[index]
+
+    def _scene_SE3_others(self, frame: Frame) -> Pose | None:  # noqa: N802
+        """Return what puts a frame of others into the scene: that of the first, moved nearer."""
+        pose: Pose | None = None
+        if frame.world_SE3_frame is not None and self._first is not None:
+            pose = self._first.inverse() @ frame.world_SE3_frame
+        if self.shift_m is not None:
+            nearer = Pose(np.eye(3), self.shift_m)
+            pose = nearer if pose is None else nearer @ pose
+        return pose
 
     def _read(self, index: int) -> Frame:
         entry, number = self.entries[index], self._numbers[index]
@@ -170,7 +192,9 @@ class RecordedSide:
             raise InputError(entry.error, file=error.filename) from None
 
     def _placed(self, frame: Frame, index: int) -> Frame:
-        pose = self.scene_SE3_frame(index, frame)
+        if self.own is None:
+            self._poses[index] = self._scene_SE3_others(frame)
+        pose = self.scene_SE3_frame(index)
         return frame if pose is None else frame.moved(pose)
 
     def frame(self, index: int) -> Frame:
@@ -195,9 +219,15 @@ class RecordedSide:
         if boxes.points is None:
             owner = frame.boxes.points_of(frame.points)
             boxes.points = np.bincount(owner[owner >= 0], minlength=len(boxes)).astype(np.int64)
-        explain_unseen(boxes, self._sensors(frame), self.sensors_range_m)
+        explain_unseen(boxes, frame.sensor_places, self.sensors_range_m)
         return boxes
 
-    @staticmethod
-    def _sensors(frame: Frame) -> NDArray[np.float64]:
-        return frame.sensor_places
+
+def _nearer(frame: Frame) -> NDArray[np.float64] | None:
+    """Return what is added to places of a map's coordinates; None where they are near.
+
+    The page's numbers have 24 bits: half a metre at the northings of a UTM zone.
+    """
+    middle = np.median(frame.points, axis=0)
+    far = np.abs(middle).max() > _FAR_M
+    return np.asarray(-np.round(middle, -2)) if far else None

@@ -59,10 +59,10 @@ def write_rerun(
         stream = rr.RecordingStream("urbantwin", recording_id=shown.title)
         stream.save(str(file))
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for one in shown.sensors:
-            pose = np.array(one["pose"]).reshape(4, 4)
+        for sensor in shown.sensors:
+            pose = np.array(sensor["pose"]).reshape(4, 4)
             place = rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
-            stream.log(f"sensors/{one['name']}", place, static=True)
+            stream.log(f"sensors/{sensor['name']}", place, static=True)
         for number, side in enumerate(shown.sides):
             for index, entry in enumerate(side.entries):
                 tell(index / len(side.entries), f"frame {entry.name}")

@@ -40,7 +40,8 @@ def twin_packet(twin: Twin, scene_SE3_site: Pose | None) -> bytes:
     keys = np.column_stack([mesh.semantic, mesh.material, shade]).astype(np.int64)
     order = np.lexsort(keys.T[::-1])
     keys, faces = keys[order], mesh.faces[order]
-    begins = np.flatnonzero(np.r_[True, (keys[1:] != keys[:-1]).any(axis=1)]) if len(keys) else []
+    changes = np.r_[True, (keys[1:] != keys[:-1]).any(axis=1)][: len(keys)]
+    begins = np.flatnonzero(changes).tolist()
     names = {one.id: one.name for one in semantic_classes().values()}
     kinds = list(materials())
     groups: list[dict[str, Any]] = []

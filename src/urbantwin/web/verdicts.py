@@ -60,7 +60,7 @@ class DetectionsBeside:
         if name in where:
             rows = np.flatnonzero(self.detections.frame == where[name])
         mine = self.detections.only(rows)
-        pose = self.side.scene_SE3_frame(index, None if self.side.own else self.side.frame(index))
+        pose = self.side.scene_SE3_frame(index)
         box = _moved(mine.box, pose)
         said = [""] * (len(labels) + len(mine))
         match = np.full(len(said), -1, np.int64)
