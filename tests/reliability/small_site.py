@@ -115,6 +115,16 @@ COMMANDS = {
 }
 
 
+#: What makes an older output of an older twin or dataset.
+_OF_OLDER: dict[str, Callable[["Stand"], list[object]]] = {
+    "sequence": lambda stand: ["sequence", stand.dataset, "--csv"],
+    "carla": lambda stand: ["export", stand.older("twin"), "--to", "carla"],
+    "card": lambda stand: ["card", stand.older("dataset"), "--no-pictures"],
+    "page.html": lambda stand: ["view", stand.older("dataset")],
+    "measured.npz": lambda stand: ["background", stand.older("dataset"), *SENSOR],
+}
+
+
 @dataclass
 class Stand:
     """The inputs of the commands, and what the commands make of them.
@@ -187,16 +197,8 @@ class Stand:
         elif output == "tuned":
             options = ["--fit", "noise", "--trials", "2", "--no-report"]
             arguments = ["tune", self.real, self.twin, *options]
-        elif output == "sequence":
-            arguments = ["sequence", self.dataset, "--csv"]
-        elif output == "carla":
-            arguments = ["export", self.older("twin"), "--to", "carla"]
-        elif output == "card":
-            arguments = ["card", self.older("dataset"), "--no-pictures"]
-        elif output == "page.html":
-            arguments = ["view", self.older("dataset")]
         else:
-            arguments = ["background", self.older("dataset"), *SENSOR]
+            arguments = _OF_OLDER[output](self)
         return self._made(f"older/{output}", [*arguments, "-o", out])
 
     def expected(self, key: str) -> Path:
