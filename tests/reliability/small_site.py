@@ -116,7 +116,7 @@ COMMANDS = {
 
 
 #: What makes an older output of an older twin or dataset.
-_OF_OLDER: dict[str, Callable[["Stand"], list[object]]] = {
+_OF_OLDER: dict[str, Callable[[Stand], list[object]]] = {
     "sequence": lambda stand: ["sequence", stand.dataset, "--csv"],
     "carla": lambda stand: ["export", stand.older("twin"), "--to", "carla"],
     "card": lambda stand: ["card", stand.older("dataset"), "--no-pictures"],
