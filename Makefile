@@ -115,7 +115,8 @@ webtest: $(PAGE)
 judges: $(JUDGES)/.installed
 
 # Of these the metrics and tables alone are used, which need little of what they ask for.
-KITS := trackeval==1.3.0 av2==0.3.6 motmetrics==1.4.0 nuscenes-devkit==1.2.0 vcd==6.0.3 plyfile==1.0.3
+KITS := trackeval==1.3.0 av2==0.3.6 motmetrics==1.4.0 nuscenes-devkit==1.2.0 vcd==6.0.3 plyfile==1.0.3 \
+  liguard==2.1.5.post3
 
 # CARLA has wheels for some Pythons only: without them its tests skip, and say so.
 $(JUDGES)/.installed: requirements-judges.lock | $(BIN)/python

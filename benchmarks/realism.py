@@ -197,7 +197,7 @@ def judged(work: Path, name: str) -> None:
     seed = name.split("@")[1] if "@" in name else 1
     classes = [word for one in ("car", "bicycle", "pedestrian") for word in ("--class", one)]
     how = ("--steps", STEPS, "--seed", seed, *classes)
-    run(place, "train", *datasets(work, name), *how, out=place / "model")
+    run(place, "train", *datasets(work, name), "--part", "all", *how, out=place / "model")
     for data in (REAL / "recordings" / "kitti-training", LUMPI):
         run(place, "evaluate", place / "model", data, "--within", 40, out=place / data.name)
 

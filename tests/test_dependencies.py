@@ -12,14 +12,12 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-#: Not imported: run as a program, only its files are read, or optuna's CMA-ES imports it.
-ONLY_FILES = {"cmaes", "eclipse-sumo", "embreex", "tzdata"}
+#: Not imported: run as a program, loaded by ctypes, only its files are read, or optuna imports it.
+ONLY_FILES = {"cmaes", "cmeel-assimp", "eclipse-sumo", "embreex", "tzdata"}
 #: The package itself, and pydantic's other half, of which pydantic names the one version it needs.
 NOT_DECLARED = {"urbantwin", "pydantic_core"}
 #: Extras of what only some users need: modules that import them are imported where they are.
-EXTRAS = ("warp", "learn", "rerun")
-#: Programs for another Python than ours: they import nothing of UrbanTwin, and it not them.
-OTHER_PROGRAMS = {"blender_fbx.py"}
+EXTRAS = ("carla", "warp", "learn", "rerun")
 
 
 def plain(name: str) -> str:
@@ -36,8 +34,6 @@ def imported() -> dict[str, str]:
     """Top-level modules that the package imports, and a file that does."""
     found = {}
     for path in sorted((ROOT / "src").rglob("*.py")):
-        if path.name in OTHER_PROGRAMS:
-            continue
         tree = ast.parse(path.read_text())
         for node in ast.walk(tree):
             match node:

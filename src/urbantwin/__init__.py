@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
+    from urbantwin.interface.dataset_card import Card, card
+    from urbantwin.interface.dataset_split import DatasetSplit, split
+    from urbantwin.interface.datasets import Datasets
     from urbantwin.interface.detected_objects import DetectedObjects, detect
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
@@ -44,7 +47,9 @@ if TYPE_CHECKING:
     from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
+    from urbantwin.interface.selection import Frames, Selection
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
+    from urbantwin.interface.sequence import SequenceFiles, sequence
     from urbantwin.interface.site_file import Site, init
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.teaching import Taught, teach
@@ -66,11 +71,14 @@ __all__ = [
     "AlignedRig",
     "Background",
     "Calibration",
+    "Card",
     "CarlaFrames",
     "Cloud",
     "Coverage",
     "Curriculum",
     "Dataset",
+    "DatasetSplit",
+    "Datasets",
     "Datasheet",
     "DetectedObjects",
     "DiscoveredRig",
@@ -78,6 +86,7 @@ __all__ = [
     "Exported",
     "Film",
     "Frame",
+    "Frames",
     "Improved",
     "InputError",
     "LabelledRecording",
@@ -91,7 +100,9 @@ __all__ = [
     "ResultWarning",
     "RigSpec",
     "Run",
+    "Selection",
     "SensorCatalogue",
+    "SequenceFiles",
     "Site",
     "StageError",
     "Suite",
@@ -111,6 +122,7 @@ __all__ = [
     "background",
     "build",
     "calibrate",
+    "card",
     "carla",
     "compare",
     "coverage",
@@ -135,6 +147,8 @@ __all__ = [
     "reproduce",
     "run",
     "sensors",
+    "sequence",
+    "split",
     "suite",
     "teach",
     "track",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import Counter
 from typing import Any
 
@@ -18,13 +19,13 @@ class NotJsonError(ValueError):
 
     Args:
         problem: what is wrong with it, in a few words.
-        line: where, if that is known.
+        place: where, if that is known: the line, the column and the byte.
     """
 
-    def __init__(self, problem: str, line: int | None = None) -> None:
-        super().__init__(problem if line is None else f"{problem} in line {line}")
+    def __init__(self, problem: str, place: str | None = None) -> None:
+        super().__init__(problem if place is None else f"{problem} in {place}")
         self.problem = problem
-        self.place = None if line is None else f"line {line}"
+        self.place = place
 
 
 def parse_json(data: bytes | str, *, once: bool = False) -> Any:  # noqa: ANN401
@@ -38,9 +39,11 @@ def parse_json(data: bytes | str, *, once: bool = False) -> Any:  # noqa: ANN401
         NotJsonError: it is not JSON, is nested deeper than Python goes, or holds NaN, Infinity or
             a number that no float can hold.
     """
-    text = ""
+    text, coding = "", "utf-8"
     try:
-        text = data if isinstance(data, str) else data.decode(json.detect_encoding(data))
+        if isinstance(data, bytes):
+            coding = json.detect_encoding(data)
+        text = data if isinstance(data, str) else data.decode(coding)
         return json.loads(
             text.removeprefix("\ufeff"),
             parse_constant=_refused,
@@ -49,17 +52,35 @@ def parse_json(data: bytes | str, *, once: bool = False) -> Any:  # noqa: ANN401
             object_pairs_hook=_once if once else None,
         )
     except json.JSONDecodeError as error:
-        raise NotJsonError(error.msg, error.lineno) from None
+        marked = text.startswith("\ufeff")
+        raise NotJsonError(error.msg, _place(text, error.pos + marked, coding)) from None
     except _TwiceError as error:
         raise NotJsonError(f"it gives {str(error)[:40]!r} twice") from None
-    except UnicodeDecodeError:
-        raise NotJsonError("its bytes are no text") from None
+    except UnicodeDecodeError as error:
+        marks = {"utf-8-sig": 3}.get(coding, 0)  # the codec counts from behind the mark
+        raise NotJsonError("its bytes are no text", f"byte {error.start + marks}") from None
     except _NoNumberError as error:
         found = str(error)
-        line = text.count("\n", 0, max(text.find(found), 0)) + 1
-        raise NotJsonError(f"it holds {found[:20]}, which is not a finite number", line) from None
+        problem = f"it holds {found[:20]}, which is not a finite number"
+        raise NotJsonError(problem, _place(text, _outside_strings(text, found), coding)) from None
     except RecursionError:
         raise NotJsonError("it is nested too deep") from None
+
+
+def _place(text: str, at: int, coding: str) -> str:
+    """Return the line, the column and, from 0, the byte of a letter of a text."""
+    line, begin = text.count("\n", 0, at) + 1, text.rfind("\n", 0, at) + 1
+    # A mark that the codec took away when it read, it writes again.
+    byte = len(text[:at].encode(coding, "surrogatepass"))
+    return f"line {line}, column {at - begin + 1} (byte {byte})"
+
+
+def _outside_strings(text: str, word: str) -> int:
+    """Return where a word first stands that is no part of a string."""
+    for found in re.finditer(rf'"(?:[^"\\]|\\.)*"|{re.escape(word)}', text, re.DOTALL):
+        if not found[0].startswith('"'):
+            return found.start()
+    return 0
 
 
 class _NoNumberError(ValueError):

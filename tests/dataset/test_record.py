@@ -42,25 +42,24 @@ def left_beside(out):
 def test_every_frame_has_its_files_and_nothing_else_is_there(dataset):
     files = {str(path.relative_to(dataset)) for path in dataset.rglob("*") if path.is_file()}
     expected = {
+        "README.md",
         "SHA256SUMS",
+        "blocks.parquet",
         "dataset.json",
         "boxes.parquet",
         "sweeps.parquet",
         "ignore_regions.geojson",
+        "tracks.parquet",
+        "tracklets.parquet",
+        "trajectories.parquet",
+        "poses.parquet",
     }
-    expected |= {"ImageSets/train.txt", "ImageSets/val.txt"}
+    expected |= {f"ImageSets/{part}.txt" for part in ("train", "val", "test")}
     for name in NAMES:
         expected |= {f"points/{name}.npy", f"labels/{name}.txt"}
         expected |= {f"semantic/{name}.label", f"rays/{name}.npy"}
     assert files == expected
     assert left_beside(dataset) == []
-
-
-def test_frames_are_split_in_time(dataset):
-    train = (dataset / "ImageSets/train.txt").read_text().splitlines()
-    val = (dataset / "ImageSets/val.txt").read_text().splitlines()
-    assert train + val == NAMES
-    assert len(val) == 2
 
 
 def test_points_and_labels_of_a_frame_belong_together(dataset):

@@ -109,7 +109,7 @@ def test_the_manifest_alone_and_the_inputs_give_the_same_bytes(made, tmp_path, c
         for one in (made / "dataset").rglob("*")
         if one.is_file()
     }
-    assert told["files"] == len(files) - 1  # all but the inventory
+    assert told["files"] == len(files) - 3  # all but the inventory, the blocks and the card
     assert all((out / "dataset" / name).read_bytes() == data for name, data in files.items())
     assert (out / "twin" / "twin.json").read_bytes() == (made / "twin" / "twin.json").read_bytes()
     assert str(made) not in (alone / "dataset.json").read_text()
@@ -120,11 +120,11 @@ def test_sensors_apart_on_another_rig(made, tmp_path):
     """A dataset for each sensor; also of one of them; the scratch beside it goes."""
     parts = shutil.copytree(made / "parts", tmp_path / "far" / "parts")
     report = again(parts, **shortcut(made))
-    assert report == {"same": True, "files": 1 + 2 * (1 + 4 + 5)}
+    assert report == {"same": True, "files": 1 + 2 * (1 + 4 + 11)}
     alone = tmp_path / "one"
     alone.mkdir()
     shutil.copy(parts / "b" / "dataset.json", alone)
-    assert again(alone, **shortcut(made)) == {"same": True, "files": 10}
+    assert again(alone, **shortcut(made)) == {"same": True, "files": 16}
     assert [one.name for one in (tmp_path / "far").iterdir()] == ["parts"]
 
 

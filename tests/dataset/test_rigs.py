@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import urbantwin as ut
 from urbantwin.dataset import describe, parts_of, record
 from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
@@ -55,6 +56,30 @@ def test_every_turn_is_told_of(fused):
     assert 0 < sum(row["lost"] for row in swift) < 12
 
 
+def test_points_were_measured_within_the_true_turns_of_their_sensors(fused):
+    """One clock is 10 ms ahead and drifts; the turns that `sweeps.parquet` tells are true."""
+    frames = ut.open(fused)
+    turns = [row for row in pq.read_table(fused / "sweeps.parquet").to_pylist() if not row["lost"]]
+    by_clock = 0
+    for frame in frames:
+        for number, sensor in enumerate(("steady", "swift")):
+            spans = [
+                (row["start_s"], row["stop_s"])
+                for row in turns
+                if (row["frame"], row["sensor"]) == (frame.name, sensor)
+            ]
+            on = frame.sensor == number
+            for times, exact in ((frame.measured_s(), True), (frame.time_s + frame.time, False)):
+                inside = np.zeros(on.sum(), bool)
+                for start_s, stop_s in spans:
+                    inside |= (times[on] > start_s - 2e-4) & (times[on] < stop_s + 2e-4)
+                if exact:
+                    assert inside.all(), (frame.name, sensor)
+                elif sensor == "swift":
+                    by_clock += int((~inside).sum())
+    assert by_clock > 1000
+
+
 def test_poses_of_sensors_that_stand(fused):
     for row in pq.read_table(fused / "sweeps.parquet").to_pylist():
         stands = [0, 0, 3, 0, 0, 0]
@@ -86,6 +111,7 @@ def separate(twin, motion, tmp_path_factory):
 
 def test_sensors_that_are_not_fused_have_a_dataset_each(fused, separate):
     assert sorted(path.name for path in separate.iterdir()) == [
+        "README.md",
         "SHA256SUMS",
         "dataset.json",
         "steady",

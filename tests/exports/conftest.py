@@ -1,9 +1,11 @@
 """Twins to export: beside the example (right-hand traffic), a real place with left-hand traffic."""
 
+import os
 from pathlib import Path
 
 import pytest
 
+from urbantwin.exports.carla import write_carla
 from urbantwin.site import load_site
 from urbantwin.site.initial_site import init_site
 from urbantwin.traffic.demand.site_demand import demand_of
@@ -36,6 +38,26 @@ def perth_twin(shared_data, made_once):
         build_twin(load_site(site), folder / "twin")
 
     return load_twin(made_once("perth", make) / "twin")
+
+
+@pytest.fixture(scope="session")
+def two_avenues_package(two_avenues_twin, made_once):
+    """The example as a package for CARLA."""
+    return (
+        made_once(
+            "two-avenues-carla", lambda folder: write_carla(two_avenues_twin, folder / "carla")
+        )
+        / "carla"
+    )
+
+
+@pytest.fixture(scope="session")
+def carla_python():
+    """A Python that has CARLA: the judges' (`make judges`)."""
+    python = Path(os.environ.get("URBANTWIN_JUDGES", ROOT / ".venv-judges" / "bin" / "python"))
+    if not python.exists():
+        pytest.skip("CARLA's own map is not installed (make judges)")
+    return str(python)
 
 
 @pytest.fixture(scope="session")

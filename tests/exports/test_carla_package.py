@@ -2,9 +2,7 @@
 
 import fnmatch
 import json
-import os
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -21,22 +19,17 @@ from urbantwin.exports.carla.frame import carla_transform, pose_of_carla
 from urbantwin.exports.carla.live import SEMANTIC_POINT, chosen_blueprints, drive, site_points
 from urbantwin.exports.carla.names import OBJECTS, folder_of, map_name
 from urbantwin.exports.carla.rig import carla_rig, carla_sensor
-from urbantwin.exports.mesh import blender_python
 from urbantwin.geometry import Pose
 from urbantwin.lidar.placement import place_rig
+from urbantwin.reconstruct.formats.fbx import read_fbx
 from urbantwin.site.rig import RideSpec
 
 
 @pytest.fixture(scope="module")
 def exported(perth_twin, tmp_path_factory):
-    """A twin and its package, with glTF in place of FBX."""
+    """A twin and its package."""
     folder = tmp_path_factory.mktemp("carla") / "package"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("URBANTWIN_BLENDER_PYTHON", raising=False)
-        patch.setattr("urbantwin.exports.carla.package.blender_python", lambda: None)
-        notes = export_twin(perth_twin, "carla", folder).notes
-    assert len(notes) == 1
-    assert "urbantwin[fbx]" in notes[0]
+    assert not export_twin(perth_twin, "carla", folder).notes
     return perth_twin, folder
 
 
@@ -49,6 +42,7 @@ def files(folder):
 def test_the_package_is_laid_out_as_make_import_reads_it(exported):
     _, folder = exported
     package, here, base = files(folder)
+    assert (folder / "navigation" / base.with_suffix(".obj").name).is_file()
     # CARLA's Import.py takes every .json under carla/Import for a package.
     found = [path for path in here.rglob("*") if fnmatch.fnmatch(path.name, "*.json")]
     assert [path.name for path in found] == [f"{package['package']}.json"]
@@ -57,15 +51,13 @@ def test_the_package_is_laid_out_as_make_import_reads_it(exported):
     (entry,) = content["maps"]
     assert entry["name"] == package["map"]
     assert (here / entry["xodr"]).is_file()
-    assert (here / entry["source"]).with_suffix(".glb").is_file()
+    assert (here / entry["source"]).is_file()
     assert (here / entry["source"]).name == f"{entry['name']}.fbx"
-    assert base.with_suffix(".obj").is_file()
-    assert len((folder / "README.txt").read_text().splitlines()) <= 30
+    assert len((folder / "README.txt").read_text().splitlines()) <= 40
 
 
-def test_the_same_twin_gives_the_same_package(exported, tmp_path, monkeypatch):
+def test_the_same_twin_gives_the_same_package(exported, tmp_path):
     twin, folder = exported
-    monkeypatch.setattr("urbantwin.exports.carla.package.blender_python", lambda: None)
     export_twin(twin, "carla", tmp_path / "again")
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         again = tmp_path / "again" / path.relative_to(folder)
@@ -104,34 +96,36 @@ def test_meshes_of_the_ground_are_sorted_into_their_tags(exported):
         assert folder_of(f"{package['map']}_{kind}_0") is None
 
 
-def objects_of(path):
-    """Meshes by kind, as another program reads them: y up."""
-    found = {}
-    for one in o3d.io.read_triangle_model(str(path)).meshes:
-        kind = "_".join(part for part in one.mesh_name.split("-")[0].split("_") if part.isalpha())
-        found.setdefault(kind, []).append(one.mesh)
-    return found
+def objects_of(folder):
+    """Triangles (N, 3, 3) of the FBX by kind of object, as ufbx reads them: site frame."""
+    mesh = read_fbx(files(folder)[2].with_suffix(".fbx")).mesh
+    kinds = [re.sub(r"_\d+ / .*", "", name) for name in mesh.names]
+    corners = mesh.vertices[mesh.faces]
+    return {
+        kind: corners[np.isin(mesh.object, [k for k, one in enumerate(kinds) if one == kind])]
+        for kind in dict.fromkeys(kinds)
+    }
 
 
-def test_every_triangle_of_the_twin_is_in_the_glb(exported):
+def test_every_triangle_of_the_twin_is_in_the_fbx(exported):
     twin, folder = exported
-    _, _, base = files(folder)
-    found = objects_of(base.with_suffix(".glb"))
+    found = objects_of(folder)
     assert set(found) <= set(OBJECTS)
-    areas = {kind: sum(mesh.get_surface_area() for mesh in group) for kind, group in found.items()}
-    paint = areas.pop("Road_Marking")
-    assert paint > 0
+    cross = {k: np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for k, t in found.items()}
+    areas = {kind: np.linalg.norm(one, axis=1).sum() / 2 for kind, one in cross.items()}
+    assert areas.pop("Road_Marking") > 0
     assert sum(areas.values()) == pytest.approx(float(twin.mesh.areas().sum()), rel=1e-4)
-    low = np.min([mesh.get_min_bound() for group in found.values() for mesh in group], axis=0)
-    expected = twin.mesh.vertices[:, [0, 2, 1]] * [1, 1, -1]
-    assert np.allclose(low, expected.min(axis=0), atol=1e-3)
+    corners = np.concatenate(list(found.values())).reshape(-1, 3)
+    assert np.allclose(corners.min(axis=0), twin.mesh.vertices.min(axis=0), atol=1e-3)
+    assert np.allclose(corners.max(axis=0), twin.mesh.vertices.max(axis=0), atol=1e-3)
 
 
-def road_mesh(base):
-    """The carriageway of the glTF as another program casts rays at it: x, z, y of CARLA's frame."""
+def road_mesh(folder):
+    """The carriageway as another program casts rays at it: x, z, y of CARLA's frame."""
     scene = o3d.t.geometry.RaycastingScene()
-    for mesh in objects_of(base.with_suffix(".glb"))["Road_Road"]:
-        scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh))
+    corners = objects_of(folder)["Road_Road"].reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]
+    faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+    scene.add_triangles(o3d.core.Tensor(corners.astype(np.float32)), o3d.core.Tensor(faces))
     return scene
 
 
@@ -158,7 +152,7 @@ def test_lanes_of_carla_s_map_lie_on_the_mesh(exported, carla_says):
     _, _, base = files(folder)
     points = np.array(carla_says(task="waypoints", xodr=str(base.with_suffix(".xodr"))))
     assert len(points) > 50
-    scene = road_mesh(base)
+    scene = road_mesh(folder)
     places = points[:, [0, 2, 1]].astype(np.float32)
     nearest = scene.compute_closest_points(o3d.core.Tensor(places))["points"].numpy()
     beside = np.hypot(*(nearest - places)[:, [0, 2]].T)
@@ -184,7 +178,7 @@ def test_spawn_points_are_on_driving_lanes_outside_junctions(exported, carla_say
         assert abs(answer["aside"]) < 0.05, point
         assert abs(answer["turned"]) < 5.0  # CARLA's lanes run as their road, ours as their middle
     xyz = np.array([[p["location"][key] for key in "xyz"] for p in points])
-    assert np.nanmax(np.abs(height_over(road_mesh(base), xyz) - 0.5)) < 0.05
+    assert np.nanmax(np.abs(height_over(road_mesh(folder), xyz) - 0.5)) < 0.05
     lanes = [p["lane"] for p in points]
     for lane in set(lanes):
         on_it = xyz[[name == lane for name in lanes], :2]
@@ -319,20 +313,15 @@ def test_each_class_of_traffic_has_blueprints_of_its_own(exported):
         assert chosen_blueprints(library, entry) == expected[name]
 
 
-def test_the_fbx_is_the_same_mesh_in_centimetres(two_avenues_twin, tmp_path):
-    python = blender_python()
-    if python is None:
-        pytest.skip("no Blender (pip install 'urbantwin[fbx]')")
-    for name in ("one", "two"):
-        assert not export_twin(two_avenues_twin, "carla", tmp_path / name).notes
-    base = files(tmp_path / "one")[2]
-    again = files(tmp_path / "two")[2]
-    assert base.with_suffix(".fbx").read_bytes() == again.with_suffix(".fbx").read_bytes()
-    content = base.with_suffix(".fbx").read_bytes()
+def test_the_fbx_of_the_package_is_the_same_mesh_in_centimetres(
+    two_avenues_twin, two_avenues_package
+):
+    path = files(two_avenues_package)[2].with_suffix(".fbx")
+    content = path.read_bytes()
     for name in ("Road_Road_0", "Road_Sidewalk_0", "Road_Marking_0", "Terrain_0", "Building_0"):
         assert f"{name}\x00\x01Model".encode() in content  # how FBX writes a node's name
-    # Assimp turns y up, as the file's own axes tell it to: x, z, -y of x east, y north, z up.
-    read = o3d.io.read_triangle_model(str(base.with_suffix(".fbx"))).meshes
+    # Open3D's Assimp turns y up, as the file's axes tell it to: x, z, -y of x east, y north, z up.
+    read = o3d.io.read_triangle_model(str(path)).meshes
     corners = np.concatenate([np.asarray(one.mesh.vertices) for one in read])
     paint = "Road_Marking"
     unpainted = [np.asarray(o.mesh.vertices) for o in read if not o.mesh_name.startswith(paint)]
@@ -388,17 +377,3 @@ def test_without_carla_s_package_one_is_told_how_to_get_it(exported, tmp_path, m
     monkeypatch.setitem(sys.modules, "carla", None)
     with pytest.raises(InputError, match=r"urbantwin\[carla\]"):
         drive(folder, tmp_path / "out")
-
-
-def test_blender_that_does_not_run_is_told_in_one_line(two_avenues_twin, tmp_path, monkeypatch):
-    monkeypatch.setenv("URBANTWIN_BLENDER_PYTHON", str(tmp_path / "nowhere"))
-    with pytest.raises(StageError, match="does not run"):
-        export_twin(two_avenues_twin, "carla", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-    other = subprocess.run(
-        [sys.executable, "-c", "import bpy"], capture_output=True, check=False, env=os.environ
-    )
-    if other.returncode:
-        monkeypatch.setenv("URBANTWIN_BLENDER_PYTHON", sys.executable)
-        with pytest.raises(StageError, match="Blender failed: ModuleNotFoundError"):
-            export_twin(two_avenues_twin, "carla", tmp_path / "out")

@@ -1,25 +1,32 @@
-"""The scene as other programs read it: trimesh, Open3D, ufbx, USD, Blender."""
+"""The scene as other programs read it: trimesh, Open3D, ufbx, USD."""
 
 import json
 import struct
-import subprocess
 from collections import defaultdict
 
 import numpy as np
+import open3d as o3d
 import pytest
 import trimesh
 from pyproj import Transformer
 
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, StageError
 from urbantwin.exports import export_twin
-from urbantwin.exports.mesh import blender_python
+from urbantwin.exports.mesh import Look, MeshObject, fbx, write_fbx
 from urbantwin.exports.scene.coplanar import flat_faces
 from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.fbx import read_fbx
 from urbantwin.taxonomy import materials, semantic_classes, semantic_id
 from urbantwin.view.markings import markings
 
-ENDINGS = {"glb": "glb", "obj": "obj", "ply": "ply", "usd": "usd", "cityjson": "city.json"}
+ENDINGS = {
+    "glb": "glb",
+    "obj": "obj",
+    "ply": "ply",
+    "usd": "usd",
+    "fbx": "fbx",
+    "cityjson": "city.json",
+}
 
 
 @pytest.fixture(scope="module")
@@ -237,58 +244,99 @@ def test_nothing_is_left_where_writing_fails(two_avenues_twin, tmp_path, monkeyp
             export_twin(two_avenues_twin, name, tmp_path / "scene.gltf")
 
 
-BLENDER = """
-import json, os, sys
-import bpy
-source, back, said = sys.argv[-3:]
-bpy.ops.wm.read_factory_settings(use_empty=True)
-bpy.ops.import_scene.gltf(filepath=source)
-names = sorted(o.name for o in bpy.data.objects if o.type == "MESH")
-size = list(bpy.data.objects["building 1"].dimensions)
-bpy.ops.export_scene.gltf(filepath=back, export_extras=True)
-with open(said, "w") as stream:
-    json.dump({"names": names, "size": size}, stream)
-os._exit(0)  # Blender's module may fail as it is taken down
-"""
+def test_fbx_has_the_glb_s_objects_in_centimetres(files, two_avenues_twin):
+    model, mesh = read_fbx(files["fbx"]), two_avenues_twin.mesh
+    assert model.notes["unit_in_file_m"] == 0.01
+    # ufbx turns z up as the file's axes tell it to: it is up already.
+    assert np.allclose(model.mesh.vertices.min(axis=0), mesh.vertices.min(axis=0), atol=1e-4)
+    assert np.allclose(model.mesh.vertices.max(axis=0), mesh.vertices.max(axis=0), atol=1e-4)
+    document = gltf(files["glb"])
+    materials = [one["name"] for one in document["materials"]]
+    wanted = {
+        f"{entry['name']} / {materials[part['material']]}": trimesh_of(files["glb"], part).area
+        for entry in document["meshes"]
+        for part in entry["primitives"]
+    }
+    corners = model.mesh.vertices[model.mesh.faces]
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    found = np.bincount(model.mesh.object, areas / 2, len(model.mesh.names))
+    assert dict(zip(model.mesh.names, found, strict=True)) == pytest.approx(wanted, rel=1e-3)
 
 
-@pytest.fixture(scope="module")
-def blender():
-    python = blender_python()
-    if python is None:
-        pytest.skip("no Blender (pip install 'urbantwin[fbx]')")
-    return python
+def trimesh_of(path, primitive):
+    """A primitive of a glTF, read by hand."""
+    data, document = path.read_bytes(), gltf(path)
+    start = 28 + struct.unpack("<I", data[12:16])[0]
+
+    def rows(number, kind, width):
+        accessor = document["accessors"][number]
+        at = start + document["bufferViews"][accessor["bufferView"]]["byteOffset"]
+        return np.frombuffer(data, kind, accessor["count"] * width, at).reshape(-1, width)
+
+    faces = rows(primitive["indices"], "<u4", 1).reshape(-1, 3)
+    return trimesh.Trimesh(
+        rows(primitive["attributes"]["POSITION"], "<f4", 3), faces, process=False
+    )
 
 
-def test_names_classes_and_materials_survive_blender(files, blender, two_avenues_twin, tmp_path):
-    (tmp_path / "trip.py").write_text(BLENDER)
-    back, said = tmp_path / "back.glb", tmp_path / "said.json"
-    command = [blender, "-P", str(tmp_path / "trip.py"), str(files["glb"]), str(back), str(said)]
-    subprocess.run(command, check=True, capture_output=True)
-    before, after = gltf(files["glb"]), gltf(back)
-    told = {node["name"]: node["extras"] for node in before["nodes"]}
-    assert {node["name"]: node.get("extras") for node in after["nodes"] if "mesh" in node} == told
-    assert json.loads(said.read_text())["names"] == sorted(told)
-    looks = {one["name"]: one["extras"] for one in before["materials"]}
-    assert {one["name"]: one.get("extras") for one in after["materials"]} == looks
-    mesh = two_avenues_twin.mesh
-    own = mesh.vertices[mesh.faces[mesh.part == told["building 1"]["part"]]].reshape(-1, 3)
-    size = json.loads(said.read_text())["size"]  # Blender is z up
-    assert np.allclose(size, np.ptp(own, axis=0), atol=1e-3)
+def test_fbx_faces_have_normals_and_texture_coordinates_in_metres(files):
+    """As Open3D's own Assimp has them, which turns y up."""
+    model = o3d.io.read_triangle_model(str(files["fbx"]))
+    count = sum(len(one.mesh.triangles) for one in model.meshes)
+    assert count == len(read_fbx(files["fbx"]).mesh.faces)
+    for one in model.meshes:
+        mesh = one.mesh
+        corners = np.asarray(mesh.vertices)[np.asarray(mesh.triangles)]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        sound = np.linalg.norm(cross, axis=1) > 1.0  # cm2: float32 tells which way it faces
+        normal = np.asarray(mesh.vertex_normals)[np.asarray(mesh.triangles)]
+        turn = (normal * cross[:, None]).sum(axis=2) / np.linalg.norm(cross, axis=1)[:, None]
+        assert turn[sound].min(initial=1.0) > 0.99
+        uv = np.asarray(mesh.triangle_uvs).reshape(-1, 3, 2)
+        edge, on_map = corners[:, 1] - corners[:, 0], uv[:, 1] - uv[:, 0]
+        # Seen from the nearest side: no longer than the edge, and nowhere all of it away.
+        assert (np.linalg.norm(on_map, axis=1) <= np.linalg.norm(edge, axis=1) / 100 + 1e-3).all()
+        area = np.abs(on_map[:, 0] * (uv[:, 2] - uv[:, 0])[:, 1]
+                      - on_map[:, 1] * (uv[:, 2] - uv[:, 0])[:, 0])  # fmt: skip
+        assert (area[sound] * 1e4 >= 0.56 * np.linalg.norm(cross, axis=1)[sound]).all()
 
 
-def test_fbx_as_another_reader_has_it(blender, two_avenues_twin, tmp_path):
-    path = export_twin(two_avenues_twin, "fbx", tmp_path / "scene.fbx").path
-    found, mesh = read_fbx(path).mesh, two_avenues_twin.mesh
-    assert np.allclose(found.vertices.min(axis=0), mesh.vertices.min(axis=0), atol=1e-3)
-    assert np.allclose(found.vertices.max(axis=0), mesh.vertices.max(axis=0), atol=1e-3)
-    assert any(name.startswith("building 1 / building/") for name in found.names)
-    again = export_twin(two_avenues_twin, "fbx", tmp_path / "again.fbx").path
-    assert again.read_bytes() == path.read_bytes()
+def test_fbx_says_no_date(files):
+    content = files["fbx"].read_bytes()
+    date = [
+        struct.unpack_from("<i", content, content.index(name + b"I") + len(name) + 1)[0]
+        for name in (b"Year", b"Month", b"Day", b"Hour", b"Minute", b"Second", b"Millisecond")
+    ]
+    assert date == [1970, 1, 1, 0, 0, 0, 0]
 
 
-def test_fbx_without_blender_is_told(two_avenues_twin, tmp_path, monkeypatch):
-    monkeypatch.setattr("urbantwin.exports.scene.write.blender_python", lambda: None)
-    with pytest.raises(InputError, match=r"urbantwin\[fbx\]"):
+def test_fbx_names_are_in_any_script_and_faces_have_their_own_material(tmp_path):
+    names = ("信義路 3", "Straße: a/b", "one")
+    square = np.array([[0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 1.5]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    objects = [
+        MeshObject(name, square + 10 * k, faces, np.array([0, 1], np.int32), ("a/b", "a/c"))
+        for k, name in enumerate(names)
+    ]
+    looks = {"a/b": Look((0.1, 0.2, 0.3)), "a/c": Look((0.5, 0.5, 0.5), 0.5)}
+    write_fbx(objects, tmp_path / "some.fbx", looks)
+    mesh = read_fbx(tmp_path / "some.fbx").mesh
+    wanted = {f"{name} / {material}" for name in names for material in ("a/b", "a/c")}
+    assert set(mesh.names) == wanted
+    assert np.bincount(mesh.object).tolist() == [1] * 6
+
+
+def test_assimp_that_is_not_there_is_told(two_avenues_twin, tmp_path, monkeypatch):
+    fbx._assimp.cache_clear()
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match="pip install cmeel-assimp"):
         export_twin(two_avenues_twin, "fbx", tmp_path / "s.fbx")
     assert not list(tmp_path.iterdir())
+
+
+def test_assimp_that_fails_is_told(tmp_path):
+    (tmp_path / "broken.glb").write_bytes(b"glTF and nothing more")
+    with pytest.raises(StageError, match="Assimp failed"):
+        fbx._convert(tmp_path / "broken.glb", tmp_path / "out.fbx")

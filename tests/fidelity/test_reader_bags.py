@@ -2,9 +2,9 @@
 
 import itertools
 import math
-import sqlite3
+import pickle
 import struct
-from contextlib import closing
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +29,6 @@ from .bag_files import (
     write_ros1,
     write_ros2,
 )
-from .lidar_packets import hesai_turns, write_pcap
-from .test_reader_velodyne import turning
 
 #: As PCL lays out points: with bytes that only fill up.
 PCL = np.dtype(
@@ -121,6 +119,11 @@ def test_points_of_every_container(tmp_path, kind):
     assert recording.names == tuple(str(k * SECOND) for k in range(5))
     for index in (4, 0, 2, 1, 3, 2):
         same(recording.read(index), TABLES[index])
+    # By several threads at once, and in another process.
+    with ThreadPoolExecutor(4) as pool:
+        for index, frame in enumerate(pool.map(recording.read, [0, 1, 2, 3, 4] * 3)):
+            same(frame, TABLES[index % 5])
+    same(pickle.loads(pickle.dumps(recording)).read(1), TABLES[1])
     for inside in path.iterdir() if path.is_dir() and not kind.endswith("file") else ():
         if inside.suffix in (".db3", ".mcap"):
             same(open_recording(inside).read(3), TABLES[3])
@@ -260,94 +263,6 @@ def test_of_several_topics_one_is_chosen(tmp_path):
     write_ros1(path.with_name("b.bag"), {"/said": topics["/said"]})
     with pytest.raises(InputError, match=r"holds no clouds.*/said \(std_msgs/msg/String, 1\)"):
         open_recording(path.with_name("b.bag"))
-
-
-VELODYNE_SCAN = (
-    "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets\n"
-    + "=" * 80
-    + ("\nMSG: velodyne_msgs/VelodynePacket\n{time} stamp\nuint8[1206] data\n")
-)
-#: Messages of Hesai's packets: fields of one, and whether packets are filled up.
-OF_HESAI = {
-    "pandar_msgs/PandarScan": ("{time} stamp\nuint8[1500] data\nuint32 size", True),
-    "nebula_msgs/NebulaPackets": ("{time} stamp\nuint8[] data", False),
-    "hesai_ros_driver/UdpFrame": ("uint8[] data\nuint32 size", False),
-}
-
-
-def test_a_bag_of_velodyne_packets(tmp_path):
-    packets, *_ = turning("VLP-16", turns=2.3)
-    write_pcap(tmp_path / "a.pcap", packets)
-    captured = open_recording(tmp_path / "a.pcap").read(0)
-    first = next(k for k, one in enumerate(packets) if captured_from(packets, k))
-    some = packets[first : first + 76]
-
-    def scan(types):
-        time = types.types["builtin_interfaces/msg/Time"]
-        one = types.types["velodyne_msgs/msg/VelodynePacket"]
-        return types.types["velodyne_msgs/msg/VelodyneScan"](
-            header(types),
-            [
-                one(time(int(t), round(t % 1 * 1e9)), np.frombuffer(p, np.uint8))
-                for p, t, *_ in some
-            ],
-        )
-
-    kind = "velodyne_msgs/msg/VelodyneScan"
-    write_ros1(
-        tmp_path / "a.bag",
-        {"/velodyne_packets": (kind, VELODYNE_SCAN.format(time="time"), [(5, scan)])},
-    )
-    definition = VELODYNE_SCAN.format(time="builtin_interfaces/Time")
-    for storage in ("SQLITE3", "MCAP"):
-        topics = {"/velodyne_packets": (kind, definition, [(5, scan)])}
-        write_ros2(tmp_path / storage, topics, storage=storage)
-    for name in ("a.bag", "SQLITE3", "MCAP"):
-        frame = open_recording(tmp_path / name).read(0)
-        count = min(len(frame.points), len(captured.points))
-        assert count > 20_000
-        np.testing.assert_array_equal(frame.points[:count], captured.points[:count])
-        np.testing.assert_array_equal(frame.ring[:count], captured.ring[:count])
-
-
-def captured_from(packets, index):
-    """Return whether a packet is the first of a turn."""
-    azimuth = [struct.unpack_from("<H", packets[k][0], 2)[0] for k in (index - 1, index)]
-    return index > 0 and azimuth[1] < azimuth[0]
-
-
-@pytest.mark.parametrize("kind", OF_HESAI)
-def test_a_bag_of_hesai_packets(tmp_path, kind):
-    packets, *_ = hesai_turns("OT128", 128, 2, columns=180, turns=1.0, start=0.0)
-    write_pcap(tmp_path / "a.pcap", packets)
-    captured = open_recording(tmp_path / "a.pcap:OT128").read(0)
-    fields, filled = OF_HESAI[kind]
-    package, name = kind.split("/")
-    packet = "PandarPacket" if name == "PandarScan" else "Packet"
-
-    def scan(types):
-        time = types.types["builtin_interfaces/msg/Time"]
-        one = types.types[f"{package}/msg/{packet}"]
-        parts = [np.frombuffer(some.ljust(1500 * filled, b"\0"), np.uint8) for some in packets]
-        known = [
-            ({"stamp": time(0, 0)} if "stamp" in fields else {})
-            | ({"size": len(some)} if "size" in fields else {})
-            for some in packets
-        ]
-        made = [one(data=part, **more) for part, more in zip(parts, known, strict=True)]
-        return types.types[f"{package}/msg/{name}"](header(types), made)
-
-    definition = f"std_msgs/Header header\n{package}/{packet}[] packets\n{'=' * 80}\n" + (
-        f"MSG: {package}/{packet}\n" + fields.format(time="builtin_interfaces/Time")
-    )
-    write_ros2(tmp_path / "bag", {"/packets": (f"{package}/msg/{name}", definition, [(5, scan)])})
-    with closing(sqlite3.connect(tmp_path / "bag" / "bag.db3")) as database, database:
-        database.execute("DELETE FROM message_definitions")  # as before ROS 2 Iron
-    with pytest.raises(InputError, match=r"alike.*bag.*:/packets:Pandar128 to say"):
-        open_recording(tmp_path / "bag")
-    frame = open_recording(tmp_path / "bag:/packets:OT128").read(0)
-    np.testing.assert_array_equal(frame.points, captured.points)
-    np.testing.assert_allclose(frame.time_s, captured.time_s)
 
 
 FOXGLOVE_MSGS = """\

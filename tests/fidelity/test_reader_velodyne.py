@@ -237,11 +237,12 @@ def test_bad_captures(tmp_path):
     write_pcap(path, [(one[0][:-1] + b"\x23", *one[1:]) for one in packets])
     with pytest.raises(InputError, match=r"a\.pcap: is of a VLP-32A or B, which its packets"):
         open_recording(path)
-    # A model that nobody knows is no Velodyne, and an azimuth beyond 360 degrees is none.
+    # A model that nobody knows, and an azimuth beyond 360 degrees, which is left out.
     write_pcap(path, [(one[0][:-1] + b"\x77", *one[1:]) for one in packets])
-    with pytest.raises(
-        InputError, match=r"a\.pcap: has no packets of a Velodyne or Hesai, and no JSON"
-    ):
+    with pytest.raises(InputError, match=r"a\.pcap: holds packets of a Velodyne of model 0x77"):
+        open_recording(path)
+    write_pcap(path, [bytes(700)] * 5)
+    with pytest.raises(InputError, match="no packets of a Velodyne or Hesai, and no JSON beside"):
         open_recording(path)
     wrong = packets[0][0][:2] + struct.pack("<H", 40000) + packets[0][0][4:]
     write_pcap(path, [wrong, *packets])

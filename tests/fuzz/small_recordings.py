@@ -341,78 +341,45 @@ def lumpi() -> dict[str, bytes]:
     }
 
 
-def ouster() -> dict[str, bytes]:
-    """A sensor of four channels that sends 64 columns a turn, 16 in a packet."""
-    metadata = {
-        "beam_altitude_angles": [10.0, 0.0, -10.0, -20.0],
-        "beam_azimuth_angles": [1.0, 0.0, -1.0, 0.0],
-        "columns_per_frame": 64,
-        "columns_per_packet": 16,
-        "udp_profile_lidar": "RNG15_RFL8_NIR8",
-        "lidar_origin_to_beam_origin_mm": 15.8,
-    }
-    capture = struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)
+OUSTER = {
+    "beam_altitude_angles": [10.0, 0.0, -10.0, -20.0],
+    "beam_azimuth_angles": [1.0, 0.0, -1.0, 0.0],
+    "columns_per_frame": 64,
+    "columns_per_packet": 16,
+    "udp_profile_lidar": "RNG15_RFL8_NIR8",
+    "lidar_origin_to_beam_origin_mm": 15.8,
+}
+
+
+def ouster_packets():
+    """Two turns of a sensor of four channels that sends 64 columns a turn, 16 in a packet."""
     for turn in (1, 2):
         for first in range(0, 64, 16):
             payload = struct.pack("<HH28x", 1, turn)
             for column in range(first, first + 16):
                 payload += struct.pack("<QHH", 10**9 + 10**6 * column, column, 1)
                 payload += b"".join(struct.pack("<HBB", 900 + row, 40, 7) for row in range(4))
-            payload += bytes(32)
-            udp = struct.pack(">HHHH", 7502, 7502, 8 + len(payload), 0) + payload
-            ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), first, 0, 64, 17, 0,
-                             bytes(4), bytes(4)) + udp  # fmt: skip
-            frame = bytes(12) + b"\x08\x00" + ip
-            capture += struct.pack("<IIII", 0, 0, len(frame), len(frame)) + frame
-    return {"a.pcap": capture, "a.json": text(metadata)}
+            yield payload + bytes(32)
 
 
-def webdataset() -> dict[str, bytes]:
-    """A shard of two frames, as `urbantwin export` writes them."""
-    box = {"track": 1, "class": "car", "num_points": 9, "occlusion": None, "ignored": None}
-    box |= dict.fromkeys(("x", "y", "z", "length", "width", "height", "yaw", "vx", "vy", "vz"), 1.5)
-    rays = np.zeros(len(ROWS), [("sensor", "u1"), ("ring", "<u2"), ("time", "<f4")])
-    stream = io.BytesIO()
-    with tarfile.open(fileobj=stream, mode="w", format=tarfile.USTAR_FORMAT) as shard:
-        for name in ("000000", "000001"):
-            files = {
-                "points.npy": npy(ROWS),
-                "semantic.npy": npy(np.full(len(ROWS), 40, np.uint16)),
-                "rays.npy": npy(rays),
-                "boxes.json": text([box]),
-                "json": text(
-                    {
-                        "site_SE3_frame": np.eye(4).tolist(),
-                        "site_SE3_sensors": {"pole": np.eye(4).tolist()},
-                    }
-                ),
-            }
-            for kind, content in files.items():
-                told = tarfile.TarInfo(f"{name}.{kind}")
-                told.size = len(content)
-                shard.addfile(told, io.BytesIO(content))
-    return {"train-000000.tar": stream.getvalue()}
+def ouster() -> dict[str, bytes]:
+    files = files_of(lambda path: write_pcap(path, list(ouster_packets())), "a.pcap")
+    return files | {"a.json": text(OUSTER)}
 
 
-def npy(array: np.ndarray) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, array)
-    return stream.getvalue()
+def rosbag_of_ouster() -> dict[str, bytes]:
+    kind = "ouster_ros/msg/PacketMsg"
 
+    def message(payload):
+        return lambda types: types.types[kind](np.frombuffer(payload, np.uint8))
 
-def listed_clouds() -> dict[str, bytes]:
-    """Two clouds, with the lists of boxes and of frames that `urbantwin export` writes beside."""
-    boxes = "frame,track,class,x,y,z,length,width,height,yaw,vx,vy,vz,num_points,occlusion,ignore\n"
-    boxes += "000000,3,car,1,2,0.5,4.2,1.8,1.5,0.3,1,0,0,7,,0\n"
-    frames = "frame,time_s,part,of,x,y,z,qw,qx,qy,qz\n"
-    for name in ("000000", "000001"):
-        frames += f"{name},0.5,train,frame,1,2,3,0.8,0,0,0.6\n{name},0.5,train,pole,1,2,6,1,0,0,0\n"
-    return {
-        "000000.pcd": pcd(),
-        "000001.pcd": pcd(),
-        "boxes.csv": boxes.encode(),
-        "frames.csv": frames.encode(),
-    }
+    rows = [(k, message(payload)) for k, payload in enumerate(ouster_packets())]
+    topics = {
+        "/os/lidar_packets": (kind, "uint8[] buf\n", rows),
+        "/os/metadata": ("std_msgs/msg/String", None, [(0, ROS1.types["std_msgs/msg/String"](
+            text(OUSTER).decode()))]),
+    }  # fmt: skip
+    return files_of(lambda path: write_ros1(path, topics), "a.bag")
 
 
 def files_of(write, name) -> dict[str, bytes]:
@@ -474,6 +441,54 @@ def angles(channels) -> bytes:
     return "\n".join(["Channel,Elevation,Azimuth", *lines]).encode()
 
 
+def webdataset() -> dict[str, bytes]:
+    """A shard of two frames, as `urbantwin export` writes them."""
+    box = {"track": 1, "class": "car", "num_points": 9, "occlusion": None, "ignored": None}
+    box |= dict.fromkeys(("x", "y", "z", "length", "width", "height", "yaw", "vx", "vy", "vz"), 1.5)
+    rays = np.zeros(len(ROWS), [("sensor", "u1"), ("ring", "<u2"), ("time", "<f4")])
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w", format=tarfile.USTAR_FORMAT) as shard:
+        for name in ("000000", "000001"):
+            files = {
+                "points.npy": npy(ROWS),
+                "semantic.npy": npy(np.full(len(ROWS), 40, np.uint16)),
+                "rays.npy": npy(rays),
+                "boxes.json": text([box]),
+                "json": text(
+                    {
+                        "site_SE3_frame": np.eye(4).tolist(),
+                        "site_SE3_sensors": {"pole": np.eye(4).tolist()},
+                    }
+                ),
+            }
+            for kind, content in files.items():
+                told = tarfile.TarInfo(f"{name}.{kind}")
+                told.size = len(content)
+                shard.addfile(told, io.BytesIO(content))
+    return {"train-000000.tar": stream.getvalue()}
+
+
+def npy(array: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+def listed_clouds() -> dict[str, bytes]:
+    """Two clouds, with the lists of boxes and of frames that `urbantwin export` writes beside."""
+    boxes = "frame,track,class,x,y,z,length,width,height,yaw,vx,vy,vz,num_points,occlusion,ignore\n"
+    boxes += "000000,3,car,1,2,0.5,4.2,1.8,1.5,0.3,1,0,0,7,,0\n"
+    frames = "frame,time_s,part,of,x,y,z,qw,qx,qy,qz\n"
+    for name in ("000000", "000001"):
+        frames += f"{name},0.5,train,frame,1,2,3,0.8,0,0,0.6\n{name},0.5,train,pole,1,2,6,1,0,0,0\n"
+    return {
+        "000000.pcd": pcd(),
+        "000001.pcd": pcd(),
+        "boxes.csv": boxes.encode(),
+        "frames.csv": frames.encode(),
+    }
+
+
 RECORDINGS = {
     "argoverse2": argoverse(),
     "waymo2": waymo(),
@@ -498,6 +513,7 @@ RECORDINGS = {
     "rosbag of ROS 2 packed": rosbag_of_ros2("SQLITE3", "FILE"),
     "rosbag of ROS 2 in MCAP": rosbag_of_ros2("MCAP", "STORAGE"),
     "rosbag of ROS 2 in MCAP packed": rosbag_of_ros2("MCAP", "MESSAGE"),
+    "rosbag of an Ouster": rosbag_of_ouster(),
     "mcap": mcap(),
     "mcap of protobuf": mcap_of_protobuf(),
     "velodyne": velodyne(write_pcap, "a.pcap", "VLP-16"),

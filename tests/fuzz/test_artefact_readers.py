@@ -1,23 +1,46 @@
 """Bad files in the folders that UrbanTwin itself writes, with their checksums right and wrong."""
 
+import gzip
 import hashlib
+import io
 import json
 import shutil
+import struct
+import tarfile
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import laspy
 import numpy as np
+import osmium
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
 from urbantwin.artefact import read_json
+from urbantwin.artefact.privacy import search_files
 from urbantwin.cli.app import main
+from urbantwin.dataset.card import write_cards
+from urbantwin.dataset.damaged_file import where_damaged
+from urbantwin.dataset.frame_columns import COLUMNS, parquet_bytes
+from urbantwin.dataset.frame_files import FrameFiles
+from urbantwin.dataset.frame_las import laz_bytes
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
+from urbantwin.dataset.split import SplitAsked, datasets_at, read_split_document, split_in_time
+from urbantwin.dataset.split.scenarios import scenarios_of
+from urbantwin.errors import InputError
+from urbantwin.exports.carla.check.read import Mesh, Package, read_roads
+from urbantwin.exports.carla.check.rules import findings
+from urbantwin.exports.carla.check.walking_rules import triangles_of_obj
 from urbantwin.exports.carla.spawn_points import spawn_points
 from urbantwin.exports.geojson import write_geojson
 from urbantwin.fidelity.challenge import read_detections
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.geometry import LabelledMesh
+from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.rig import rig_on
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import load_backgrounds, save_backgrounds
@@ -47,8 +70,9 @@ _BESIDE = {
              "lane_model.json", "roads.json", "surface_material.npz", "colours.npz"),
     "motion": ("motion.json", "actors.parquet", "signals.parquet", "meshes.npz"),
     "dataset": ("dataset.json", "boxes.parquet", "sweeps.parquet", "ignore_regions.geojson",
-                "points/000000.npy", "rays/000000.npy", "semantic/000000.label",
-                "labels/000000.txt"),
+                "tracks.parquet", "tracklets.parquet", "trajectories.parquet", "poses.parquet",
+                "lanes.parquet", "ImageSets/train.txt", "points/000000.npy", "rays/000000.npy",
+                "semantic/000000.label", "labels/000000.txt"),
 }  # fmt: skip
 
 
@@ -122,8 +146,15 @@ def read_dataset(path: Path) -> None:
     """What pictures, `compare` and the arbitrary site do with a dataset."""
     folder = next(one for one in path.parents if one.name == "dataset")
     problems = []
-    told = lambda one: inspected(one / "dataset.json")  # noqa: E731
-    for use in (read_labelled_points, _compared, told, _looked_at):
+    for use in (
+        read_labelled_points,
+        _compared,
+        _followed,
+        _looked_at,
+        lambda one: inspected(one / "dataset.json"),
+        lambda one: write_cards(one, to=one.with_name("card")),
+        lambda _: where_damaged(path),
+    ):
         try:
             use(folder)
         except Exception as error:
@@ -136,6 +167,27 @@ def _compared(folder: Path) -> None:
     recording = open_recording(folder)
     recording.read(0)
     rig_of_manifest(read_json(folder / "dataset.json", kind="dataset"))
+
+
+def _followed(folder: Path) -> None:
+    """What people do with a dataset in Python."""
+    dataset = Dataset(folder)
+    problems = []
+    for use in (
+        lambda: [dataset.tracks, dataset.tracklets, dataset.poses, dataset.lanes],
+        lambda: dataset.split("train"),
+        lambda: dataset[0].trajectories(past=1.0),
+        lambda: [dataset[0].site_SE3_ego, dataset[0].site_SE3_sensor(reported=True)],
+        lambda: dataset[0].flow(ego=True),
+        lambda: dataset[0].cloud,
+        lambda: dataset.where(within_m=50, max_occlusion=0.5, counted=True, with_boxes=True)[:],
+    ):
+        try:
+            use()
+        except Exception as error:
+            problems.append(error)
+    for error in sorted(problems, key=lambda one: isinstance(one, InputError)):
+        raise error
 
 
 def _looked_at(folder: Path) -> None:
@@ -163,6 +215,32 @@ def _background() -> bytes:
 def _kept_journal(path: Path) -> None:
     with Journal(path, "abc") as journal:
         journal.recall("one", 0, [0.5])
+
+
+def _carla_roads(path: Path) -> None:
+    """Put a map of roads before the rules of CARLA; the rest of its package is sound."""
+    (path.parent / "navigation").mkdir(exist_ok=True)
+    (path.parent / "navigation" / "a.obj").write_text("v 0 0 0\nusemtl road\nf 1 1 1\n")
+    corners = np.zeros((1, 3, 3))
+    mesh = Mesh(corners, np.zeros(1, np.int64), ("Road_Road_0",), (("Asphalt1_Road",),), 7500, 0.01)
+    folder = path.parent
+    findings(Package(folder, folder, "a", {"spawn_points": {}}, mesh, read_roads(path), None))
+
+
+ROADS = b"""<?xml version="1.0"?>
+<OpenDRIVE><road id="1" junction="-1" length="40"><link><successor elementId="9"/></link>
+<objects><object name="StopLine" s="38"/></objects><signals><signal id="5" s="38" type="1000001"
+orientation="+" dynamic="yes"><validity fromLane="-2" toLane="-1"/></signal></signals></road>
+<controller id="7"><control signalId="5"/></controller>
+<junction id="9"><controller id="7"/></junction></OpenDRIVE>
+"""
+WALKED = b"""o Road_Sidewalk_0
+v 0.0 0.15 0.0
+v 2.5 0.15 0.0
+v 2.5 0.15 -4.0
+usemtl sidewalk
+f 1 2 3
+"""
 
 
 def _report() -> bytes:
@@ -193,6 +271,88 @@ def _of_twin(name: str, use: Callable[[Twin], object]) -> Reader:
                   beside("twin"))  # fmt: skip
 
 
+def _frame_files(path: Path) -> None:
+    frame = FrameFiles(path.parent.parent, path.stem)
+    assert len(frame.points) == len(frame.labels) == len(frame.rays)
+
+
+def _packed(as_bytes: Callable[[dict[str, np.ndarray]], bytes]) -> bytes:
+    """The file of a small frame."""
+    draw, count = np.random.default_rng(1), 40
+    return as_bytes({name: draw.integers(0, 2, count).astype(one) for name, one in COLUMNS.items()})
+
+
+def _split_boxes(path: Path) -> None:
+    (source,) = datasets_at([path.parent])
+    scenarios_of([source, source])
+    split_in_time(source.recorded, SplitAsked(moved_m=0.5))
+
+
+SPLIT = b'{"kind": "split", "datasets": [{"path": "one", "part": "train", "kept": ["000000"]}]}'
+
+
+def _told_by(ending: str) -> Callable[[], list[bytes]]:
+    """A small file of a format that says something of somebody."""
+    return lambda: [made(f"a.{ending}", _SAYS[ending])]
+
+
+def _image(path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x013B] = "jdoe"
+    Image.new("RGB", (4, 4)).save(path, exif=exif)
+
+
+def _survey(path: Path) -> None:
+    cloud = laspy.LasData(laspy.LasHeader(point_format=1, version="1.2"))
+    cloud.x = cloud.y = cloud.z = cloud.gps_time = np.arange(5.0)
+    cloud.write(path)
+
+
+def _tar(path: Path) -> None:
+    with tarfile.open(path, "w") as packed:
+        one = tarfile.TarInfo("a.json")
+        one.size, one.uname = len(EXPORTED), "jdoe"
+        packed.addfile(one, io.BytesIO(EXPORTED))
+
+
+def _zip(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as packed:
+        packed.writestr("a.json", EXPORTED)
+
+
+def _glb(path: Path) -> None:
+    text = b'{"asset": {"version": "2.0", "generator": "/home/jdoe/x"}}  '
+    head = struct.pack("<III", 0x46546C67, 2, 20 + len(text))
+    path.write_bytes(head + struct.pack("<II", len(text), 0x4E4F534A) + text)
+
+
+def _map(path: Path) -> None:
+    with osmium.SimpleWriter(path) as writer:
+        node = osmium.osm.mutable.Node(id=1, location=(9.0, 48.0), user="jdoe", uid=7)
+        writer.add_node(node)
+
+
+EXPORTED = (
+    b'{"kind": "exported", "format": "kitti", "urbantwin": "0.1.0", "inputs": [{"kind": "osm", '
+    b'"name": "a", "licence": "ODbL-1.0", "attribution": "b"}], "losses": ["c"], "notes": []}'
+)
+_SAYS = {
+    "json": lambda path: path.write_bytes(EXPORTED),
+    **dict.fromkeys(("png", "jpg", "tif"), _image),
+    "las": _survey,
+    "tar": _tar,
+    "zip": _zip,
+    "npz": lambda path: np.savez(path, about=np.array('{"user": "jdoe"}'), t=np.arange(4.0)),
+    "gz": lambda path: path.write_bytes(gzip.compress(EXPORTED, mtime=0)),
+    "parquet": lambda path: pq.write_table(
+        pa.table({"user": ["a", "b"], "time": [1.0, 2.0]}), path
+    ),
+    "ply": lambda path: path.write_bytes(
+        b"ply\nformat ascii 1.0\ncomment /home/a/b\nend_header\n1 2"
+    ),
+    "glb": _glb,
+    "pbf": _map,
+}
 DETECTIONS = b'{"0001": [{"box": [1, 2, 0.5, 4, 2, 1.5, 0.1], "score": 0.9, "class": "Car"}]}'
 JOURNAL = (
     b'{"recipe": "abc"}\n{"study": "one", "trial": 0, "shares": [0.5], "loss": 1.5}\n'
@@ -221,12 +381,29 @@ READERS = [
                beside("dataset"))
         for name in _BESIDE["dataset"]
     ),
+    Reader("frame in columns", _frame_files, "points/f.parquet", lambda: [_packed(parquet_bytes)]),
+    Reader("frame as laz", _frame_files, "points/f.laz", lambda: [_packed(laz_bytes)]),
+    Reader("split of datasets", read_split_document, "a.json", lambda: [SPLIT],
+           lambda: {"one/dataset.json": content("dataset/dataset.json")}),
+    Reader("split of boxes", _split_boxes, "dataset/boxes.parquet",
+           _seeds("dataset/boxes.parquet"), beside("dataset")),
+    Reader("split of manifest", _split_boxes, "dataset/dataset.json",
+           _seeds("dataset/dataset.json"), beside("dataset")),
     Reader("report, looked at", _worst, "report.json", lambda: [_report()]),
     Reader("mesh", LabelledMesh.load, "a.npz", _seeds("twin/scene.npz")),
     Reader("coverage", inspected, "coverage.json", _seeds("coverage/coverage.json")),
     Reader("report", inspected, "report.json", lambda: [_report()]),
     Reader("background", load_backgrounds, "a.npz", lambda: [_background()]),
+    Reader("exported card", lambda path: write_cards(path.parent, "exported"), "exported.json",
+           lambda: [EXPORTED]),
+    *(
+        Reader(f"privacy {ending}", search_files, f"a.{ending}", _told_by(ending))
+        for ending in ("json", "png", "jpg", "tif", "las", "tar", "zip", "npz", "gz", "parquet",
+                       "ply", "glb", "pbf")
+    ),
     Reader("detections", read_detections, "a.json", lambda: [DETECTIONS]),
+    Reader("carla roads", _carla_roads, "a.xodr", lambda: [ROADS]),
+    Reader("carla navigation", triangles_of_obj, "a.obj", lambda: [WALKED]),
     Reader("journal", _kept_journal, "journal", lambda: [JOURNAL]),
 ]  # fmt: skip
 

@@ -15,6 +15,7 @@ torch = pytest.importorskip(
     "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
 )
 
+from urbantwin.artefact import write_inventory  # noqa: E402
 from urbantwin.artefact.output import kind_of  # noqa: E402
 from urbantwin.detections import joined  # noqa: E402
 from urbantwin.fidelity.readers import open_recording  # noqa: E402
@@ -325,6 +326,40 @@ def test_a_curriculum_goes_through_its_datasets_in_order(street: Path, tmp_path:
     assert [frames.rigs[number] for number in asked[-12:]] == [0] * 4 + [1] * 4 + [2] * 4
     with pytest.raises(ut.InputError, match="need a number of steps"):
         ut.train(street, tmp_path / "m", in_order=True, progress=False)
+
+
+def test_frames_of_other_parts_are_not_learned_from(street: Path, tmp_path: Path) -> None:
+    """Of a dataset with a split, training sees one part, and a judge the other."""
+    split = shutil.copytree(street, tmp_path / "split")
+    (split / "ImageSets").mkdir()
+    for part, names in (("train", "000000\n"), ("val", "000001\n"), ("test", "")):
+        (split / f"ImageSets/{part}.txt").write_text(names)
+    given = {"steps": 1, "reach": 12, "classes": ["car"], "progress": False}
+    model = ut.train(split, tmp_path / "model", **given)
+    assert (model.trained["frames"], model.trained["objects"]) == (1, {"car": 5})
+    assert ut.train(split, tmp_path / "all", part="all", **given).trained["frames"] == 2
+    assert (
+        ut.pretrain(split, tmp_path / "p", steps=1, reach=12, progress=False).trained["frames"] == 1
+    )
+    (split / "points/000001.npy").write_bytes(b"no frame")  # training does not even open it
+    ut.train(split, tmp_path / "model", **given)
+    with pytest.raises(ut.InputError, match=r"test\.txt: names no frame for test"):
+        ut.train(split, tmp_path / "m", part="test", **given)
+    with pytest.raises(ut.InputError, match="unknown part"):
+        ut.train(split, tmp_path / "m", part="validation", **given)
+    shutil.copy(street / "points/000001.npy", split / "points")
+    found = ut.detect(model, split, tmp_path / "d", part="val", progress=False).found
+    assert found.frames == ("000001",)
+    judged = ut.evaluate(model, split, tmp_path / "r", part="val", progress=False)
+    assert judged.manifest["frames"] == 1
+    write_inventory(split)
+    model = ut.train(split, tmp_path / "model", **given)
+    for part, noted in (("all", True), ("train", True), ("val", False)):
+        judged = ut.evaluate(model, split, tmp_path / f"r-{part}", part=part, progress=False)
+        assert any("has learned from" in one for one in judged.manifest["notes"]) == noted
+    (split / "ImageSets/train.txt").write_text("000009\n")
+    with pytest.raises(ut.InputError, match="has no frame of its list"):
+        ut.train(split, tmp_path / "m", **given)
 
 
 def test_an_interrupted_training_ends_in_the_same_weights(street: Path, tmp_path: Path) -> None:

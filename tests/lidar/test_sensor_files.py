@@ -126,7 +126,7 @@ ANGLES = {"beam_altitude_angles": [1.0, 0.0], "beam_azimuth_angles": [3.0, -3.0]
     ("document", "told"),
     [
         ("", "is not JSON"),
-        ("{", "line 1: is not JSON"),
+        ("{", "line 1, column 2 .byte 1.: is not JSON"),
         ("[1]", "table of keys"),
         ("[" * 100_000, "is not JSON"),
         ("{}", "beam_altitude_angles: is missing"),
@@ -134,7 +134,7 @@ ANGLES = {"beam_altitude_angles": [1.0, 0.0], "beam_azimuth_angles": [3.0, -3.0]
         ({**ANGLES, "beam_altitude_angles": []}, "0 channels"),
         ({**ANGLES, "beam_altitude_angles": "no"}, "is not a list"),
         ({**ANGLES, "beam_altitude_angles": [1.0]}, "1 beam_altitude_angles but 2"),
-        ({**ANGLES, "beam_altitude_angles": [1.0, float("nan")]}, "line 1: is not JSON .*NaN"),
+        ({**ANGLES, "beam_altitude_angles": [1.0, float("nan")]}, "line 1, .*: is not JSON .*NaN"),
         ({**ANGLES, "beam_altitude_angles": [1.0, 91]}, r"angles\[1\]: 91"),
         ({**ANGLES, "beam_altitude_angles": [[1.0], [2]]}, r"angles\[0\]"),
         ({**ANGLES, "beam_altitude_angles": [True, 1]}, r"angles\[0\]"),
@@ -143,7 +143,7 @@ ANGLES = {"beam_altitude_angles": [1.0, 0.0], "beam_azimuth_angles": [3.0, -3.0]
         ({**ANGLES, "lidar_mode": "0x10"}, "lidar_mode: '0x10'"),
         (
             {**ANGLES, "lidar_origin_to_beam_origin_mm": float("inf")},
-            "line 1: is not JSON .*Infinity",
+            "line 1, .*: is not JSON .*Infinity",
         ),
         ({**ANGLES, "data_format": 3}, "data_format"),
         ({**ANGLES, "data_format": {"pixels_per_column": 64}}, "2 beams, but pixels_per_column 64"),

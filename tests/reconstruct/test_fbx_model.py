@@ -1,12 +1,11 @@
-"""FBX as text that the test writes itself, and as Blender writes it where it is installed."""
-
-import subprocess
+"""FBX as text that the test writes itself, and as Assimp writes it."""
 
 import numpy as np
 import pytest
+import trimesh
 
 from urbantwin.errors import InputError
-from urbantwin.exports.mesh import blender_python
+from urbantwin.exports.mesh import fbx as fbx_of_assimp
 
 from .model_files import BOX, BOX_QUADS, area, read, volume
 
@@ -126,31 +125,27 @@ def test_a_file_that_is_cut_short_is_told_in_a_line(tmp_path, keep):
     assert "box.fbx" in str(caught.value)
 
 
-BLENDER = """
-import sys
-import bpy
-bpy.ops.wm.read_factory_settings(use_empty=True)
-bpy.ops.mesh.primitive_cube_add(size=2, location=(10, 20, 3))
-house = bpy.context.object
-house.name, house.scale, house.rotation_euler = "house 1", (1, 2, 3), (0, 0, 0.5)
-bpy.ops.mesh.primitive_cube_add(size=1, location=(0, 0, 2))
-bpy.context.object.name = "chimney"
-bpy.context.object.parent = house
-bpy.ops.export_scene.fbx(filepath=sys.argv[-1], axis_forward="-Z", axis_up="Y")
-"""
-
-
-def test_a_hierarchy_that_blender_writes(tmp_path):
-    python = blender_python()
-    if python is None:
-        pytest.skip("no Blender")
-    (tmp_path / "make.py").write_text(BLENDER)
-    command = [python, "-P", str(tmp_path / "make.py"), str(tmp_path / "house.fbx")]
-    subprocess.run(command, check=True, capture_output=True)
+def test_a_hierarchy_that_assimp_writes(tmp_path):
+    """A house that is placed, turned and stretched, and a chimney that goes with it."""
+    turned = trimesh.transformations.rotation_matrix(0.5, [0, 1, 0], [0, 0, 0])
+    placed = trimesh.transformations.translation_matrix([10, 3, -20]) @ turned  # glTF is y up
+    placed = placed @ np.diag([1.0, 3.0, 2.0, 1.0])
+    above = trimesh.transformations.translation_matrix([0, 2, 0])
+    scene = trimesh.Scene()
+    box = trimesh.creation.box((2, 2, 2))
+    scene.add_geometry(box, node_name="house 1", geom_name="house", transform=placed)
+    scene.add_geometry(
+        trimesh.creation.box((1, 1, 1)), node_name="chimney", geom_name="chimney",
+        parent_node_name="house 1", transform=above,
+    )  # fmt: skip
+    scene.add_geometry(box, node_name="far", geom_name="far", transform=above)
+    scene.export(tmp_path / "house.glb")
+    fbx_of_assimp._convert(tmp_path / "house.glb", tmp_path / "house.fbx")
     mesh = read(tmp_path / "house.fbx").mesh
-    own = mesh.names.index("chimney")
-    chimney = mesh.triangles()[mesh.object == own].reshape(-1, 3)
+    metres = mesh.triangles() * 100  # Assimp calls the metres of a glTF centimetres
+    own = next(k for k, name in enumerate(mesh.names) if name.startswith("chimney"))
+    chimney = metres[mesh.object == own].reshape(-1, 3)
     # Its middle is 2 above the house's, three times stretched; its sides are 1 x 2 x 3.
     assert np.allclose(chimney.mean(axis=0), [10, 20, 9], atol=0.01)
     assert np.allclose([chimney[:, 2].min(), chimney[:, 2].max()], [7.5, 10.5], atol=1e-4)
-    assert volume(mesh) == pytest.approx(8 * 6 + 6, rel=1e-4)
+    assert volume(mesh) * 1e6 == pytest.approx(8 * 6 + 6 + 8, rel=1e-4)

@@ -91,9 +91,20 @@ COMMANDS = {
             lambda stand, out: ["background", stand.real, *SENSOR, "-o", out],
         ),
         Command(
+            "sequence",
+            "sequence",
+            lambda stand, out: ["sequence", stand.dataset, "-o", out, "--flow"],
+            resumes=True,
+        ),
+        Command(
             "export",
             "carla",
             lambda stand, out: ["export", stand.twin, "--to", "carla", "-o", out],
+        ),
+        Command(
+            "card",
+            "card",
+            lambda stand, out: ["card", stand.dataset, "-o", out, "--no-pictures"],
         ),
         Command(
             "view",
@@ -101,6 +112,16 @@ COMMANDS = {
             lambda stand, out: ["view", stand.dataset, "--frames", "0:3", "--save", out],
         ),
     )
+}
+
+
+#: What makes an older output of an older twin or dataset.
+_OF_OLDER: dict[str, Callable[[Stand], list[object]]] = {
+    "sequence": lambda stand: ["sequence", stand.dataset, "--csv"],
+    "carla": lambda stand: ["export", stand.older("twin"), "--to", "carla"],
+    "card": lambda stand: ["card", stand.older("dataset"), "--no-pictures"],
+    "page.html": lambda stand: ["view", stand.older("dataset")],
+    "measured.npz": lambda stand: ["background", stand.older("dataset"), *SENSOR],
 }
 
 
@@ -176,12 +197,8 @@ class Stand:
         elif output == "tuned":
             options = ["--fit", "noise", "--trials", "2", "--no-report"]
             arguments = ["tune", self.real, self.twin, *options]
-        elif output == "carla":
-            arguments = ["export", self.older("twin"), "--to", "carla"]
-        elif output == "page.html":
-            arguments = ["view", self.older("dataset")]
         else:
-            arguments = ["background", self.older("dataset"), *SENSOR]
+            arguments = _OF_OLDER[output](self)
         return self._made(f"older/{output}", [*arguments, "-o", out])
 
     def expected(self, key: str) -> Path:

@@ -22,6 +22,7 @@ TOO_SMALL_KB = {
     "tune": 8,
     "background": 24,
     "export": 1500,
+    "card": 4,
     "view": 500,
 }
 

@@ -151,7 +151,9 @@ def test_carla_knows_where_people_cross(in_carla):
 def test_carla_lists_every_signal_and_the_anchor(in_carla):
     built, frame, answer = in_carla
     marks = {int(mark[0]): mark for mark in answer["landmarks"]}
-    assert set(marks) == {signal.id for signal in built.model.signals}
+    # Heads for people on foot are for no lane: CARLA sets them up, but stops nobody at them.
+    lights = {signal.id for signal in built.model.signals if signal.type == "1000002"}
+    assert set(marks) == {signal.id for signal in built.model.signals} - lights
     latitude, longitude = answer["origin"]
     metre = 111_194.9
     assert abs(latitude - frame.latitude) * metre < 0.1

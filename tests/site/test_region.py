@@ -119,7 +119,9 @@ def test_inline_polygon_is_named_by_its_field(write_site: Write) -> None:
 def test_broken_json_is_named_with_its_line(write_site: Write, tmp_path: Path) -> None:
     (tmp_path / "region.geojson").write_text('{"type": "Polygon",\n "coordinates": [[}')
     path = write_site(site_fields() | {"region": {"polygon": "region.geojson"}})
-    with pytest.raises(InputError, match=r"region\.geojson: line 2: is not JSON"):
+    with pytest.raises(
+        InputError, match=r"region\.geojson: line 2, column 19 \(byte 38\): is not JSON"
+    ):
         load_site(path)
     (tmp_path / "region.geojson").write_bytes(bytes(range(256)))
     with pytest.raises(InputError, match="is not JSON"):

@@ -5,8 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+import urbantwin as ut
+from urbantwin.artefact.privacy import search_files
 from urbantwin.cli import main
+from urbantwin.dataset.named_inputs import named_inputs
 from urbantwin.errors import InputError
 from urbantwin.exports.tracks import write_openlabel, write_tracks
 from urbantwin.traffic import Motion, run_traffic
@@ -27,6 +31,58 @@ def motion(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Mot
     folder = tmp_path_factory.mktemp("driven") / "motion"
     run_traffic(crossing_twin, folder, seconds=SECONDS)
     return Motion.load(folder)
+
+
+def test_the_clock_and_the_names_stay_outside_unless_asked_for(
+    motion: Motion, crossing_twin: Twin, tmp_path: Path
+) -> None:
+    file = tmp_path / "tracks.csv"
+    write_tracks(motion, file)
+    lines = file.read_text().splitlines()
+    began = 1_627_218_181.5
+    column = {name.strip('"'): k for k, name in enumerate(lines[0].split(","))}
+    rows = [line.split(",") for line in lines[1:]]
+    time, track = "time_s", "track_id"
+    first = rows[0][column[track]]
+    for row in rows:
+        row[column[time]] = f"{float(row[column[time]]) + began:.6f}"
+        if row[column[track]] == first:
+            row[column[track]] = "B-MW 1234"
+    file.write_text("\n".join([lines[0], *(",".join(row) for row in rows)]) + "\n")
+
+    replay(crossing_twin, file, tmp_path / "again", smooth=False)
+    text = (tmp_path / "again" / "motion.json").read_text()
+    assert "1627218181" not in text
+    assert "B-MW" not in text
+    assert search_files(tmp_path / "again") == []
+    assert main(["verify", str(tmp_path / "again"), "--privacy", "-q"]) == 0
+
+    described = tmp_path / "tracks.yaml"
+    terms = {"licence": "CC BY-NC-SA 4.0", "attribution": "somebody"}
+    described.write_text(yaml.safe_dump({"tracks": file.name, **terms}))
+    kept = tmp_path / "kept"
+    arguments = [
+        "replay",
+        described,
+        "--twin",
+        crossing_twin.folder,
+        "-o",
+        kept,
+        "--no-pictures",
+        "-q",
+    ]
+    assert main([*map(str, arguments), "--keep-clock", "--keep-names"]) == 0
+    told = Motion.load(kept).manifest["recorded"]
+    inputs = named_inputs(crossing_twin.manifest, Motion.load(kept).manifest, None)
+    of_tracks = [one for one in inputs if one["kind"] == "tracks"]
+    assert [one["name"] for one in of_tracks] == ["tracks.yaml", "tracks.csv"]
+    assert all(terms.items() <= one.items() for one in of_tracks)
+    assert told["begins_s"] == pytest.approx(began)
+    assert "B-MW 1234" in told["names"].values()
+    assert {one.what for one in search_files(kept)} == {"time stamp"}
+    assert main(["verify", str(kept), "--privacy", "-q"]) == 2
+    assert ut.verify(kept, progress=False)
+    assert not ut.verify(kept, privacy=True, progress=False)
 
 
 def track_of(times: np.ndarray, xy: np.ndarray, yaw: float = np.nan) -> RecordedTrack:

@@ -10,15 +10,17 @@ import io
 import math
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.damaged_bytes import header_place, member_place
 from urbantwin.errors import InputError
 
 __all__ = [
@@ -77,7 +79,7 @@ def read_arrays(
         InputError: missing, damaged, larger than its size allows, or not of the form.
     """
     arrays: Arrays = {}
-    with _one_line(path, expected), zipfile.ZipFile(path) as packed:
+    with _one_line(path, expected, _end), zipfile.ZipFile(path) as packed:
         members = packed.infolist()
         size = sum(one.file_size for one in members)
         if most is not None and size > most:
@@ -92,16 +94,18 @@ def read_arrays(
                 raise InputError(
                     "is compressed by a method that NumPy does not use",
                     file=path,
+                    place=f"{name[:60]}, in its directory from byte {packed.start_dir} on",
                     expected=expected,
                 )
-            with packed.open(member) as stream:
-                size = _header(stream)
-            if size != member.file_size:
-                raise InputError(
-                    "does not have the size that its header says", file=path, place=name
-                )
-            with packed.open(member) as stream:
-                arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+            with _one_line(path, expected, partial(member_place, packed, member)):
+                with packed.open(member) as stream:
+                    size = _header(stream)[1]
+                if size != member.file_size:
+                    raise InputError(
+                        "does not have the size that its header says", file=path, place=name
+                    )
+                with packed.open(member) as stream:
+                    arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
     if form is not None:
         checked_arrays(arrays, form, file=path, expected=expected)
     return arrays
@@ -111,20 +115,34 @@ def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArra
     """Read the array of a ``.npy``.
 
     Raises:
-        InputError: missing, damaged, shorter than it says, or not of the form.
+        InputError: missing, damaged, shorter or longer than it says, or not of the form; the byte
+            is named.
     """
-    with _one_line(path, expected), path.open("rb") as stream:
+    with _one_line(path, expected, header_place), path.open("rb") as stream:
         if stream.read(2) == b"PK":
             raise InputError("holds several arrays", file=path, expected=expected)
         stream.seek(0)
-        size = _header(stream)
+        begin, size = _header(stream)
         have = path.stat().st_size
-        if size > have:
-            raise InputError(f"is truncated: {have} bytes of {size}", file=path, expected=expected)
+        if size != have:
+            how = "is truncated" if size > have else "goes on behind its array"
+            raise InputError(
+                f"{how}: {have} bytes where its header (bytes 0 to {begin - 1}) tells of {size}",
+                file=path,
+                place=f"byte {min(size, have)}",
+                expected=expected,
+            )
         stream.seek(0)
         array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
     if form is not None:
-        checked_arrays({"": array}, {"": form}, file=path, expected=expected)
+        if not array.dtype.isnative:  # not so written by us: a bit of the header has turned
+            raise InputError(
+                f"holds {array.dtype}",
+                file=path,
+                place=f"bytes 0 to {begin - 1}, its header",
+                expected=str(np.dtype(form.kind)),
+            )
+        checked_arrays({"": array}, {"": form}, file=path, expected=expected, begin=begin)
     return array
 
 
@@ -142,7 +160,7 @@ def array_of_bytes(content: bytes, *, file: Path, place: str, expected: str) -> 
     """
     try:
         stream = io.BytesIO(content)
-        size = _header(stream)
+        _, size = _header(stream)
         if size > len(content):
             raise ValueError(f"{len(content)} bytes of {size}")
         stream.seek(0)
@@ -161,6 +179,7 @@ def checked_arrays(
     file: Path,
     expected: str,
     within: str = "",
+    begin: int | None = None,
 ) -> None:
     """Check arrays that belong together.
 
@@ -170,6 +189,7 @@ def checked_arrays(
         file: for errors.
         expected: what the file should be, for errors.
         within: what stands before the arrays' names in the file.
+        begin: the byte of the file that the values of the only array begin at, if they do.
 
     Raises:
         InputError: one is missing, or is of another type, shape or range; it is named.
@@ -197,23 +217,38 @@ def checked_arrays(
         low, high = wanted.least, wanted.most
         if wanted.rows_of is not None:
             low, high = 0, lengths[wanted.rows_of] - 1
-        _check_values(arrays[name], low, high, file, f"{within}{name}" or None)
+        _check_values(arrays[name], low, high, file, f"{within}{name}", begin)
 
 
 def _check_values(
-    array: NDArray[Any], low: float, high: float, file: Path, place: str | None
+    array: NDArray[Any], low: float, high: float, file: Path, name: str, begin: int | None
 ) -> None:
     if not array.size:
         return
     if array.dtype.kind == "f" and not np.isfinite(array).all():
+        place = _place_of(array, ~np.isfinite(array), name, begin)
         raise InputError("has a value that is not finite", file=file, place=place)
     if low == -math.inf and high == math.inf:
         return
-    for found in (array.min(), array.max()):
-        if not low <= found <= high:
-            raise InputError(
-                f"has the value {found:g}", file=file, place=place, expected=f"{low:g} to {high:g}"
-            )
+    if array.min() < low or array.max() > high:
+        wrong = (array < low) | (array > high)
+        raise InputError(
+            f"has the value {array[wrong][0]:g}",
+            file=file,
+            place=_place_of(array, wrong, name, begin),
+            expected=f"{low:g} to {high:g}",
+        )
+
+
+def _place_of(array: NDArray[Any], wrong: NDArray[np.bool_], name: str, begin: int | None) -> str:
+    """Return the index, from 0, and the byte of the first value that is wrong."""
+    at = np.unravel_index(int(np.argmax(wrong)), array.shape)
+    place = f"{name}[{', '.join(map(str, at))}]"
+    if begin is None:
+        return place
+    # The order on disk is that in memory, which NumPy reads it into as it is.
+    byte = begin + sum(int(k) * step for k, step in zip(at, array.strides, strict=True))
+    return f"value {place} (byte {byte})"
 
 
 def may_unpack(size: int, packed: int) -> bool:
@@ -227,8 +262,8 @@ def one_line(error: BaseException) -> str:
     return (said if len(said) <= _SAID else said[:_SAID] + "...") or type(error).__name__
 
 
-def _header(stream: IO[bytes]) -> int:
-    """Return how many bytes a ``.npy`` has, by its header."""
+def _header(stream: IO[bytes]) -> tuple[int, int]:
+    """Return how many bytes the header of a ``.npy`` has, and by it the whole file."""
     version = np.lib.format.read_magic(stream)
     read = (
         np.lib.format.read_array_header_1_0
@@ -241,11 +276,16 @@ def _header(stream: IO[bytes]) -> int:
         raise ValueError(f"its shape is {shape}")
     if kind.hasobject:
         raise ValueError("it holds Python's objects")
-    return stream.tell() + count * kind.itemsize
+    return stream.tell(), stream.tell() + count * kind.itemsize
+
+
+def _end(path: Path) -> str:
+    return f"its directory, at its end (byte {path.stat().st_size})"
 
 
 @contextmanager
-def _one_line(path: Path, expected: str) -> Iterator[None]:
+def _one_line(path: Path, expected: str, place_in: Callable[[Path], str | None]) -> Iterator[None]:
+    """Turn what is raised into one clear line; ``place_in`` says where the file is wrong."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of headers that Python 2 wrote, of long integers
@@ -257,6 +297,7 @@ def _one_line(path: Path, expected: str) -> Iterator[None]:
     except MemoryError:
         raise InputError("needs more memory than there is", file=path, expected=expected) from None
     except Exception as error:  # a header is Python's syntax: its parser raises what it likes
-        raise InputError(
-            f"is not readable ({one_line(error)})", file=path, expected=expected
-        ) from None
+        problem, place = f"is not readable ({one_line(error)})", None
+        with suppress(OSError):
+            place = place_in(path)
+        raise InputError(problem, file=path, place=place, expected=expected) from None

@@ -27,10 +27,12 @@ class Damage:
     Attributes:
         name: of the file, relative to the artefact.
         problem: ``damaged``, ``missing`` or ``foreign``.
+        where: which bytes of a damaged one are wrong, and how, where its format tells.
     """
 
     name: str
     problem: str
+    where: str = ""
 
 
 def write_inventory(
@@ -72,13 +74,17 @@ def read_inventory(folder: Path) -> dict[str, str]:
         raise InputError("not found", file=path, expected="the artefact's inventory") from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", file=path) from None
-    sums = {}
+    sums, byte = {}, 0
     for number, line in enumerate(text.removesuffix("\n").split("\n") if text else [], start=1):
         found = _LINE.fullmatch(line)
         if not found:
             raise InputError(
-                "is damaged", file=path, place=f"line {number}", expected="a SHA-256 and a name"
+                "is damaged",
+                file=path,
+                place=f"line {number} (byte {byte})",
+                expected="a SHA-256 and a name",
             )
+        byte += len(line.encode(errors="surrogateescape")) + 1
         name = found[3]
         if found[1]:
             name = re.sub(r"\\[\\nr]", lambda one: _ESCAPES[one[0]], name)

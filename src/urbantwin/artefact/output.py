@@ -42,6 +42,8 @@ KINDS = (
         "model",
         "labelling",
         "exported",
+        "sequence",
+        "card",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -10,12 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import may_unpack, one_line
+from urbantwin.artefact.damaged_bytes import is_parquet, parquet_place
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
-__all__ = ["ParquetGroups", "check_finite", "columns_of", "read_feather", "read_parquet"]
+__all__ = [
+    "PARQUET",
+    "ParquetGroups",
+    "check_finite",
+    "columns_of",
+    "read_feather",
+    "read_parquet",
+]
+
+#: How our tables are written. A checksum of each page, of which zstd has none of its own, tells a
+#: reader which column is damaged.
+PARQUET: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True}
 
 
 def read_parquet(
@@ -63,7 +77,13 @@ class ParquetGroups:
         self._path, self._expected, self._schema = path, expected, schema
         try:
             # Not mapped: a page that a damaged disk cannot read would end the process.
-            self._file = pq.ParquetFile(path, memory_map=False)
+            self._file = pq.ParquetFile(path, memory_map=False, page_checksum_verification=True)
+            if not is_parquet(path):
+                raise ValueError("its first bytes are not those of Parquet")
+        # Arrow's, and UnicodeError, OverflowError, MemoryError of its names
+        except Exception as error:
+            raise _damaged(error, path, expected, None) from None
+        try:
             told, size = self._file.metadata, path.stat().st_size
             groups = [told.row_group(k) for k in range(told.num_row_groups)]
             rows = sum(group.num_rows for group in groups)
@@ -88,9 +108,8 @@ class ParquetGroups:
             self.column_names: tuple[str, ...] = tuple(found.names)
         except InputError:
             raise
-        # Arrow's, and UnicodeError, OverflowError, MemoryError of its names
-        except Exception as error:
-            raise _damaged(error, path, expected) from None
+        except Exception as error:  # see above
+            raise _damaged(error, path, expected, None) from None
 
     def read(self, columns: Sequence[str] | None = None, *, group: int | None = None) -> pa.Table:
         """Return all rows, or those of a group; of some columns alone where they are given.
@@ -109,7 +128,7 @@ class ParquetGroups:
         except InputError:
             raise
         except Exception as error:  # see above
-            raise _damaged(error, self._path, self._expected) from None
+            raise _damaged(error, self._path, self._expected, self._file) from None
 
     def each_row(self, columns: Sequence[str], group: int) -> Iterator[pa.RecordBatch]:
         """Yield the rows of a group one by one: no more of them is unpacked than is asked for.
@@ -126,10 +145,9 @@ class ParquetGroups:
                 yield batch
                 row += 1
         except Exception as error:  # see above
-            damaged = _damaged(error, self._path, self._expected)
             place = f"row {row} ({self._bytes(columns, group)})"
             raise InputError(
-                damaged.problem, file=self._path, place=place, expected=self._expected
+                _problem(error), file=self._path, place=place, expected=self._expected
             ) from None
 
     def _bytes(self, columns: Sequence[str], group: int) -> str:
@@ -165,7 +183,7 @@ def read_feather(path: Path, expected: str) -> pa.Table:
     except InputError:
         raise
     except Exception as error:  # see above
-        raise _damaged(error, path, expected) from None
+        raise InputError(_problem(error), file=path, expected=expected) from None
 
 
 def columns_of(
@@ -215,10 +233,13 @@ def check_finite(table: pa.Table, columns: Iterable[str], path: Path) -> None:
     for name in columns:
         column = table[name]
         if column.null_count:
-            raise InputError("lacks values", file=path, place=name, expected="one in every row")
+            row = int(np.argmax(column.is_null().to_numpy()))
+            place = f"{name}, row {row}"
+            raise InputError("lacks values", file=path, place=place, expected="one in every row")
         number = str(column.type) in ("double", "float", "halffloat")
-        if number and not np.isfinite(column.to_numpy()).all():
-            raise InputError("has a value that is not finite", file=path, place=name)
+        if number and not (finite := np.isfinite(column.to_numpy())).all():
+            place = f"{name}, row {int(np.argmin(finite))}"
+            raise InputError("has a value that is not finite", file=path, place=place)
 
 
 def _whole(table: pa.Table, path: Path, expected: str, schema: pa.Schema) -> pa.Table:
@@ -232,9 +253,19 @@ def _whole(table: pa.Table, path: Path, expected: str, schema: pa.Schema) -> pa.
     return table.combine_chunks()
 
 
-def _damaged(error: Exception, path: Path, expected: str) -> InputError:
+def _damaged(
+    error: Exception, path: Path, expected: str, file: pq.ParquetFile | None
+) -> InputError:
+    """Return what is said of a file of Parquet; ``file`` if its footer could be read."""
+    place = None
+    with suppress(OSError):
+        place = None if isinstance(error, MemoryError) else parquet_place(path, file)
+    return InputError(_problem(error), file=path, place=place, expected=expected)
+
+
+def _problem(error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
-        return InputError("not found", file=path, expected=expected)
+        return "not found"
     if isinstance(error, MemoryError):
-        return InputError("needs more memory than there is", file=path, expected=expected)
-    return InputError(f"is not readable ({one_line(error)})", file=path, expected=expected)
+        return "needs more memory than there is"
+    return f"is not readable ({one_line(error)})"

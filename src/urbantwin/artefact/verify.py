@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from urbantwin.artefact.inventory import INVENTORY, Damage, damages
@@ -11,7 +11,10 @@ from urbantwin.artefact.output import KINDS, kind_of
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress, untold
 
-__all__ = ["Verified", "verify"]
+__all__ = ["Verified", "is_artefact", "verify"]
+
+#: Of so many damaged files of an artefact it is said where they are.
+_PLACED = 50
 
 
 @dataclass(frozen=True)
@@ -31,13 +34,20 @@ class Verified:
     damages: tuple[Damage, ...]
 
 
-def verify(path: Path, *, workers: int = 1, progress: Progress | None = None) -> list[Verified]:
+def verify(
+    path: Path,
+    *,
+    workers: int = 1,
+    where: Callable[[Path], str] | None = None,
+    progress: Progress | None = None,
+) -> list[Verified]:
     """Compare every artefact at a path with its inventory.
 
     Args:
         path: an artefact, its manifest or another file of it, a part of a dataset of several
             sensors, or a folder of artefacts: what ``urbantwin run`` wrote.
         workers: threads that take checksums.
+        where: says of a damaged file which bytes are wrong; asked of the first of each artefact.
         progress: told the share done and what is being done.
 
     Raises:
@@ -61,8 +71,28 @@ def verify(path: Path, *, workers: int = 1, progress: Progress | None = None) ->
 
         files, wrong = damages(folder, below=below, workers=workers, progress=step)
         kind = kind_of(folder)
+        if where is not None:
+            wrong = list(_placed(folder, wrong, where))
         verified.append(Verified(folder / below, kind or "damaged", files, tuple(wrong)))
     return verified
+
+
+def _placed(
+    folder: Path, wrong: Iterable[Damage], where: Callable[[Path], str]
+) -> Iterator[Damage]:
+    """Yield what is wrong, the first damaged files with the bytes that are."""
+    left = _PLACED
+    for one in wrong:
+        if one.problem == "damaged" and left:
+            left -= 1
+            yield replace(one, where=where(folder / one.name))
+        else:
+            yield one
+
+
+def is_artefact(path: Path) -> bool:
+    """Return whether there is an artefact at a path, around it or in it."""
+    return path.exists() and any(True for _ in _artefacts(path))
 
 
 def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
@@ -75,7 +105,7 @@ def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
             below = inside.relative_to(folder).as_posix()
             yield folder, "" if below == "." else below
             return
-    for entry in sorted(inside.iterdir()):
+    for entry in sorted(inside.iterdir()) if inside == path.resolve() else ():
         if entry.is_dir() and not entry.name.startswith(".") and _is_artefact(entry):
             yield entry, ""
 

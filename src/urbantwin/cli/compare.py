@@ -28,7 +28,8 @@ def compare(
     real: Annotated[
         Path,
         typer.Argument(
-            help="Real frames: a folder of clouds, or a dataset in a layout that is known."
+            help="Real frames: clouds, a dataset in a layout that is known, a ROS bag or MCAP, a "
+            "capture of packets."
         ),
     ],
     dataset: Annotated[

@@ -9,13 +9,14 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet
+from urbantwin.cli.options import AsJson, Out, PartOfSplit, Quiet
 
 __all__ = ["EXAMPLES", "detect"]
 
 EXAMPLES = """
 urbantwin detect model/ dataset/ -o detections/
 urbantwin detect model/ kitti/training/ -o detections/
+urbantwin detect model/ dataset/ -o detections/ --part test
 urbantwin detect model/ real/ -o detections/ --least 0.3
 """
 
@@ -31,12 +32,13 @@ def detect(
     layout: Annotated[
         str | None, typer.Option(help="How the frames lie.  [default: found out]")
     ] = None,
+    part: PartOfSplit = "all",
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Detect road users: boxes with classes and scores for `track` and `evaluate`."""
     made = ut.detect(
-        model, frames, out, least=least, layout=layout, device=device, progress=not quiet
+        model, frames, out, least=least, layout=layout, part=part, device=device, progress=not quiet
     )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

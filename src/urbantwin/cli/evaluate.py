@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet
+from urbantwin.cli.options import AsJson, Out, PartOfSplit, Quiet
 
 __all__ = ["EXAMPLES", "evaluate"]
 
@@ -17,7 +17,7 @@ EXAMPLES = """
 urbantwin evaluate detections/ dataset/ -o report/
 urbantwin evaluate detections/ kitti/training/ -o report/ --within 40
 urbantwin evaluate detections/ real/ -o report/ --class car --class pedestrian
-urbantwin evaluate model/ dataset/ -o report/
+urbantwin evaluate model/ dataset/ -o report/ --part test
 """
 
 
@@ -36,6 +36,7 @@ def evaluate(
     layout: Annotated[
         str | None, typer.Option(help="How the data lies.  [default: found out]")
     ] = None,
+    part: PartOfSplit = "all",
     within: Annotated[
         float | None,
         typer.Option(metavar="M", min=1.0, max=1000.0, help="Nothing farther counts."),
@@ -55,6 +56,7 @@ def evaluate(
         out,
         classes=classes,
         layout=layout,
+        part=part,
         within=within,
         fewest_points=fewest_points,
         vans=vans,

@@ -16,6 +16,7 @@ __all__ = ["EXAMPLES", "inspect"]
 EXAMPLES = """
 urbantwin inspect out/dataset
 urbantwin inspect map.osm.pbf
+urbantwin inspect drive.mcap:/lidar/points
 urbantwin inspect twin/ --json | jq .counts
 """
 
@@ -24,8 +25,8 @@ def inspect(
     path: Annotated[
         Path,
         typer.Argument(
-            help="A twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; "
-            "an OpenStreetMap extract, a DEM, a cloud or a file of geometry."
+            help="A twin, motion, dataset, report, coverage or sequence; a site.yaml, rig.yaml or "
+            "sensor; an OpenStreetMap extract, a DEM, a cloud, a recording or a file of geometry."
         ),
     ],
     quiet: Annotated[

@@ -11,11 +11,14 @@ __all__ = [
     "AsJson",
     "Layout",
     "Out",
+    "PartOfSplit",
     "Pictures",
     "Quiet",
     "RigPicture",
     "RowWidth",
     "Seed",
+    "SplitGap",
+    "Thin",
     "Workers",
 ]
 
@@ -52,4 +55,25 @@ Seed = Annotated[
 Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Processes to work with; every number gives the same bytes."),
+]
+PartOfSplit = Annotated[
+    str,
+    typer.Option(metavar="NAME", help="Of datasets with a split: train, val, test or all frames."),
+]
+SplitGap = Annotated[
+    float | None,
+    typer.Option(
+        min=0.0,
+        metavar="S",
+        help="Seconds between the parts, in none of them.  [default: as long as the scene needs to "
+        "change, a tenth of the recording at most]",
+    ),
+]
+Thin = Annotated[
+    float | None,
+    typer.Option(
+        min=0.0,
+        metavar="M",
+        help="Leave frames in which nobody moved so many metres out of the parts.",
+    ),
 ]

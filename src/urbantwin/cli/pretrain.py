@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet
+from urbantwin.cli.options import AsJson, Out, PartOfSplit, Quiet
 
 __all__ = ["EXAMPLES", "pretrain"]
 
@@ -42,6 +42,7 @@ def pretrain(
     intensity: Annotated[
         bool, typer.Option("--intensity", help="Tell it of intensities, too.")
     ] = False,
+    part: PartOfSplit = "train",
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights and samples.")] = 0,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Threads that make samples.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
@@ -59,6 +60,7 @@ def pretrain(
         batch=batch,
         width=width,
         intensity=intensity,
+        part=part,
         seed=seed,
         workers=workers,
         device=device,

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Pictures, Quiet, Seed, Workers
+from urbantwin.cli.options import AsJson, Out, Pictures, Quiet, Seed, SplitGap, Thin, Workers
 
 __all__ = ["EXAMPLES", "record"]
 
@@ -19,6 +19,8 @@ urbantwin record twin/ motion/ --rig rig.yaml -o dataset/ --workers 4
 urbantwin record twin/ motion/ -o dataset/ --start 5 --stop 10 --every 10
 urbantwin record twin/ motion/ -o dataset/ --weather rain --visibility 800
 urbantwin record twin/ motion/ -o dataset/ --effects none
+urbantwin record twin/ motion/ -o dataset/ --storage zstd
+urbantwin record twin/ motion/ -o dataset/ --split 60,20,20 --gap 5 --thin 0.5
 urbantwin record twin/ motion/ --rig bus.yaml --ride 12 -o dataset/
 urbantwin record twin/ motion/ -o dataset/ --backend warp --workers 1
 urbantwin record twin/ motion/ -o dataset/ --background corner=a.npz --background pole=b.npz
@@ -77,6 +79,20 @@ def record(
             help="What casts the rays: embree; warp (an extra: a CUDA device); warp:DEVICE.",
         ),
     ] = "embree",
+    storage: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Of points: npy, which OpenPCDet reads; zstd, columns in Parquet, nothing lost; "
+            "laz, LAS 1.4 in whole millimetres.",
+        ),
+    ] = "npy",
+    split: Annotated[
+        str,
+        typer.Option(metavar="SHARES", help="Of training, validation and test, cut in time."),
+    ] = "70,15,15",
+    gap: SplitGap = None,
+    thin: Thin = None,
     background: Annotated[
         list[str] | None,
         typer.Option(
@@ -112,6 +128,10 @@ def record(
         ride=ride,
         fused=fused,
         backend=backend,
+        storage=storage,
+        split=split,
+        gap=gap,
+        thin=thin,
         background=background or (),
         fuse=fuse,
         workers=workers,

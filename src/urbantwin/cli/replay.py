@@ -38,6 +38,14 @@ def replay(
     smooth: Annotated[
         bool, typer.Option("--smooth/--no-smooth", help="Take the noise off their paths.")
     ] = True,
+    keep_clock: Annotated[
+        bool,
+        typer.Option("--keep-clock", help="Note when the recording began by its clock."),
+    ] = False,
+    keep_names: Annotated[
+        bool,
+        typer.Option("--keep-names", help="Note what it calls actors, also what is no number."),
+    ] = False,
     pictures: Pictures = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -49,6 +57,8 @@ def replay(
         out,
         step=step,
         smooth=smooth,
+        keep_clock=keep_clock,
+        keep_names=keep_names,
         pictures=pictures,
         progress=not quiet,
     )

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet
+from urbantwin.cli.options import AsJson, Out, PartOfSplit, Quiet
 
 __all__ = ["EXAMPLES", "train"]
 
@@ -18,6 +18,7 @@ urbantwin train dataset/ -o model/
 urbantwin train munich/dataset/ taipei/dataset/ -o model/ --minutes 30
 urbantwin train dataset/ -o model/ --steps 2000 --class car --class pedestrian
 urbantwin train dataset/ -o model/ --head boxes --head points
+urbantwin train split.json -o model/
 urbantwin train dataset/ -o finer/ --from model/ --minutes 20
 """
 
@@ -75,6 +76,7 @@ def train(
         bool,
         typer.Option("--in-order", help="One dataset after the other; needs --steps."),
     ] = False,
+    part: PartOfSplit = "train",
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights and samples.")] = 0,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Threads that make samples.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
@@ -98,6 +100,7 @@ def train(
         heads=heads,
         start=start,
         in_order=in_order,
+        part=part,
         seed=seed,
         workers=workers,
         device=device,

@@ -16,6 +16,8 @@ __all__ = ["EXAMPLES", "verify"]
 EXAMPLES = """
 urbantwin verify out/
 urbantwin verify out/dataset
+urbantwin verify carla/
+urbantwin verify out/dataset --privacy
 urbantwin verify twin/ --json | jq '.artefacts[].wrong'
 """
 
@@ -25,12 +27,22 @@ SHOWN = 20
 
 def verify(
     path: Annotated[
-        Path, typer.Argument(help="An artefact, or a folder of them: what `run` wrote.")
+        Path,
+        typer.Argument(
+            help="An artefact, or a folder of them: what `run` wrote, or `export` to CARLA."
+        ),
     ],
+    privacy: Annotated[
+        bool,
+        typer.Option(
+            "--privacy",
+            help="Search all files, too, for paths, names, e-mail addresses and time stamps.",
+        ),
+    ] = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find files of artefacts that are damaged, missing or foreign, by their checksums."""
-    found = ut.verify(path, progress=not quiet)
+    """Find damaged files of artefacts by their checksums; put CARLA packages before its rules."""
+    found = ut.verify(path, privacy=privacy, progress=not quiet)
     Console(quiet=quiet, as_json=as_json).result(found.summary(None if as_json else SHOWN))
     found.check()

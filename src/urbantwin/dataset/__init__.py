@@ -8,8 +8,8 @@ if TYPE_CHECKING:
     from urbantwin.dataset.description import describe, parts_of
     from urbantwin.dataset.provenance import asked_of
     from urbantwin.dataset.recording import record
-    from urbantwin.dataset.split import split_frames
+    from urbantwin.dataset.split import SplitAsked
 
-__all__ = ["asked_of", "describe", "parts_of", "record", "split_frames"]
+__all__ = ["SplitAsked", "asked_of", "describe", "parts_of", "record"]
 
 names_on_demand(__name__)

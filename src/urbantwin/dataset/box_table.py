@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from urbantwin.artefact.tables import PARQUET
 from urbantwin.dataset.layout import frame_name
 from urbantwin.lidar.annotated import truck_of_load
 
@@ -72,7 +73,7 @@ def write_boxes(
         for box in entry["boxes"]
     ]
     schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, compression="zstd")
+    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, **PARQUET)
 
 
 def _carries(box: Mapping[str, Any]) -> int | None:

@@ -10,9 +10,12 @@ from urbantwin.artefact import sha256_of, write_json
 from urbantwin.dataset.box_table import write_boxes
 from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
-from urbantwin.dataset.layout import FOLDERS, frame_name, read_json_or_none
-from urbantwin.dataset.manifest import manifest_of
-from urbantwin.dataset.split import split_frames
+from urbantwin.dataset.layout import folders_of, frame_name, read_json_or_none
+from urbantwin.dataset.manifest import frames_of, manifest_of
+from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
+from urbantwin.dataset.split.actor_places import Recorded
+from urbantwin.dataset.split.image_sets import FILES, write_image_sets
+from urbantwin.dataset.split.time_split import Split
 from urbantwin.dataset.sweep_table import write_sweeps
 from urbantwin.dataset.workers import Recipe, Task, record_frames
 from urbantwin.lidar import Rig
@@ -24,7 +27,7 @@ if TYPE_CHECKING:
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
-__all__ = ["MARKS", "checksums", "finish_dataset", "record_dataset"]
+__all__ = ["MARKS", "checksums", "finish_dataset", "record_dataset", "write_tables"]
 
 #: Folder of the marks of finished frames; no part of the dataset.
 MARKS = "done"
@@ -43,6 +46,7 @@ def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.recor
     times_s: Mapping[int, float],
     workers: int | None,
     backend: str,
+    storage: str,
     progress: Callable[[int], None],
 ) -> Entries:
     """Record the frames that a folder does not have yet, and return what all of them hold.
@@ -56,13 +60,14 @@ def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.recor
         times_s: number of each frame -> its time.
         workers: number of processes; as many as there are processors when not given.
         backend: what casts the rays, see `lidar.Scanner`.
+        storage: of points, see `layout.write_frame`.
         progress: called with the number of frames that are there, after each.
 
     Returns:
         What ``layout.write_frame`` returned for each frame, and its sweeps.
     """
     done = folder / MARKS
-    for name in (MARKS, *FOLDERS):
+    for name in (MARKS, *folders_of(storage)):
         (folder / name).mkdir(parents=True, exist_ok=True)
     missing = [index for index in times_s if read_json_or_none(_mark(done, index)) is None]
 
@@ -83,6 +88,7 @@ def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.recor
         twin.surface_materials,
         twin.region,
         backend,
+        storage,
     )
     if missing:
         there = len(times_s) - len(missing)
@@ -91,30 +97,40 @@ def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.recor
     return [read_json_or_none(_mark(done, index)) for index in times_s]
 
 
-def finish_dataset(
+def write_tables(
     folder: Path,
     recipe: Mapping[str, Any],
     times_s: Mapping[int, float],
     entries: Sequence[Mapping[str, Any]],
     ignored: Sequence[IgnoreArea],
     motion: Motion,
-) -> None:
-    """Write what needs all frames: the split, the tables, the areas and ``dataset.json``."""
-    train, validate = split_frames([frame_name(index) for index in times_s])
-    (folder / "ImageSets").mkdir(exist_ok=True)
-    for name, frames in (("train", train), ("val", validate)):
-        text = "".join(f"{frame}\n" for frame in frames)
-        (folder / "ImageSets" / f"{name}.txt").write_text(text)
+    twin: Twin,
+) -> Recorded:
+    """Write the tables of all frames and the areas; return what a split needs of them."""
     boxes, sweeps = (folder / name for name in TABLES)
     write_boxes(boxes, times_s, entries, motion)
     write_ignore_regions(folder / IGNORE_REGIONS, ignored)
     write_sweeps(sweeps, list(times_s), entries)
-    tables = {
-        name: sha256_of(folder / name)
-        for name in (*TABLES, IGNORE_REGIONS, "ImageSets/train.txt", "ImageSets/val.txt")
-    }
-    manifest = manifest_of(recipe, times_s, entries, (train, validate), tables)
-    write_json(folder / "dataset.json", manifest)
+    frames = frames_of(times_s, entries)
+    write_sequence_tables(folder, {**recipe, "frames": frames}, folder, motion, twin)
+    return Recorded(boxes, frames, recipe["dataset_SE3_site"])
+
+
+def finish_dataset(
+    folder: Path,
+    recipe: Mapping[str, Any],
+    times_s: Mapping[int, float],
+    entries: Sequence[Mapping[str, Any]],
+    split: Split,
+) -> None:
+    """Write the lists of the split and ``dataset.json``."""
+    frames = frames_of(times_s, entries)
+    write_image_sets(folder, split.frames(frames))
+    names = (*TABLES, *SEQUENCE_TABLES, IGNORE_REGIONS, *FILES)
+    # A twin of meshes alone has no lanes.
+    tables = {name: sha256_of(folder / name) for name in names if (folder / name).is_file()}
+    told = split.told_of(frames)
+    write_json(folder / "dataset.json", manifest_of(recipe, times_s, entries, told, tables))
 
 
 def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
@@ -125,6 +141,11 @@ def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
         for entry in own
         for file, digest in entry["sha256"].items()
     }
+
+
+def _pose_in(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the mark of a frame says of where it is: of a rig that rides alone."""
+    return {key: entry[key] for key in ("dataset_SE3_site",) if key in entry}
 
 
 def _mark(done: Path, index: int) -> Path:

@@ -43,11 +43,13 @@ def describe(path: Path) -> dict[str, Any]:
         "kind": "dataset",
         "made_with": f"urbantwin {manifest['urbantwin']}",
         "frames": counts["frames"],
+        "storage": manifest.get("storage", "npy"),
         "time_s": f"{times[0]:g} to {times[-1]:g}",
         "rate_hz": manifest["rig"]["rate_hz"],
         "frame_of_points": manifest["frame"],
         "train": counts["train"],
         "val": counts["val"],
+        "test": counts.get("test", 0),
         "sensors": [
             {key: one[key] for key in ("name", "model", "columns")}
             for one in manifest["rig"]["sensors"]

@@ -1,35 +1,162 @@
-"""The files of one frame, read again: what ``layout.write_frame`` wrote."""
+"""The files of one frame, read again, whatever their storage: what ``layout.write_frame`` wrote."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.arrays import read_array
+from urbantwin.artefact.arrays import ArrayOf, read_array
+from urbantwin.dataset.frame_columns import read_columns
+from urbantwin.dataset.frame_las import read_laz
 from urbantwin.errors import InputError
 
-__all__ = ["read_labels", "read_rays"]
+__all__ = ["RAY_TYPE", "STORED", "FrameFiles", "ray_place", "read_labels", "read_rays"]
+__all__ += ["stored_frames"]
 
-_RAYS = "a table of rays, one for each point"
+#: One ray: the number of the sensor in the rig, its channel, the firing within the turn, when it
+#: fired (seconds from the frame's time, as the sensor's clock has it), and which echo it is of the
+#: beam (0, the first that is reported, or 1).
+RAY_TYPE = np.dtype(
+    [("sensor", "u1"), ("ring", "<u2"), ("column", "<u2"), ("time", "<f4"), ("echo", "u1")]
+)
+#: How points are kept, and how their files in ``points/`` end.
+STORED = {"npy": ".npy", "zstd": ".parquet", "laz": ".laz"}
+
+_POINTS, _RAYS = "the points of a frame", "a table of rays, one for each point"
+_PLACE = ("x", "y", "z", "intensity")
+#: No sensor has more channels.
+_MOST_RINGS = 4096
 
 
-def read_labels(path: Path, points: int) -> NDArray[np.uint32]:
+class FrameFiles:
+    """The arrays of one frame; each is read when it is first asked for.
+
+    Args:
+        dataset: its folder.
+        name: of the frame.
+
+    Attributes:
+        file: of its points; with a storage in columns, of all.
+    """
+
+    def __init__(self, dataset: Path, name: str) -> None:
+        self.dataset, self.name = dataset, name
+        files = [dataset / "points" / f"{name}{ending}" for ending in STORED.values()]
+        self.file = next((one for one in files if one.is_file()), files[0])
+
+    @cached_property
+    def points(self) -> NDArray[np.float32]:
+        """Points (N, 4): x, y, z in metres, dataset frame, and intensity 0..1.
+
+        Raises:
+            InputError: missing, or damaged.
+        """
+        if self.is_plain:
+            return read_array(self.file, _POINTS, ArrayOf("f4", ("N", 4)))
+        columns = self._columns(_PLACE)
+        points = np.empty((len(columns["x"]), 4), np.float32)
+        for k, name in enumerate(_PLACE):
+            points[:, k] = columns[name]
+        if not np.isfinite(points).all():
+            raise InputError("has a value that is not finite", file=self.file)
+        return points
+
+    @cached_property
+    def labels(self) -> NDArray[np.uint32]:
+        """Labels (N,) of the points: class in the low 16 bits, track in the high.
+
+        Raises:
+            InputError: missing, or not a label for each point.
+        """
+        if self.is_plain:
+            return read_labels(self.labels_file, len(self.points))
+        columns = self._columns(("semantic", "instance"))
+        labels: NDArray[np.uint32] = columns["instance"].astype("<u4")
+        labels <<= 16
+        labels |= columns["semantic"]
+        return labels
+
+    @cached_property
+    def rays(self) -> NDArray[np.void]:
+        """What is known of the ray (N,) of each point; datasets of older versions lack some fields.
+
+        Raises:
+            InputError: missing, or not such a table: whole numbers, and finite times.
+        """
+        if self.is_plain:
+            return read_rays(self.rays_file, len(self.points))
+        columns = self._columns(RAY_TYPE.names or ())
+        rays = np.empty(len(columns["ring"]), RAY_TYPE)
+        for name, values in columns.items():
+            rays[name] = values
+        if not np.isfinite(rays["time"]).all():
+            raise InputError("has a time that is not finite", file=self.file, place="time")
+        return rays
+
+    @property
+    def labels_file(self) -> Path:
+        """The file that says which class and track each point is of."""
+        plain = self.dataset / "semantic" / f"{self.name}.label"
+        return plain if self.is_plain else self.file
+
+    @property
+    def rays_file(self) -> Path:
+        """The file that says which ray each point is of."""
+        plain = self.dataset / "rays" / f"{self.name}.npy"
+        return plain if self.is_plain else self.file
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether points, labels and rays are files of their own."""
+        return self.file.suffix == STORED["npy"]
+
+    @property
+    def fields(self) -> dict[str, NDArray[Any]]:
+        """The points as fields by name: x, y, z and intensity."""
+        return {name: self.points[:, k] for k, name in enumerate(_PLACE)}
+
+    def _columns(self, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+        if self.file.suffix == STORED["zstd"]:
+            return read_columns(self.file, names, _POINTS)
+        return {name: self._laz[name] for name in names}
+
+    @cached_property
+    def _laz(self) -> dict[str, NDArray[Any]]:
+        return read_laz(self.file)
+
+
+def stored_frames(dataset: Path) -> list[str]:
+    """Return the names of the frames whose points a dataset has in columns, in no order."""
+    endings = (STORED["zstd"], STORED["laz"])
+    try:
+        inside = list((dataset / "points").iterdir())
+    except OSError:
+        return []
+    return [one.stem for one in inside if one.suffix in endings and not one.name.startswith(".")]
+
+
+def read_labels(path: Path, points: int | None = None) -> NDArray[np.uint32]:
     """Return the labels (N,) of a frame's points: class in the low 16 bits, track in the high.
 
     Args:
         path: the ``.label``.
-        points: how many points the frame has.
+        points: how many points the frame has; not checked if not given.
 
     Raises:
         InputError: missing, or not a label for each point.
     """
-    expected = f"{4 * points} bytes, a label for each point"
+    expected = "4 bytes for each point" if points is None else f"{4 * points} bytes"
+    expected += ", a label for each point" if points is not None else ", its label"
     try:
         size = path.stat().st_size
-        if size != 4 * points:
-            raise InputError(f"has {size} bytes", file=path, expected=expected)
+        whole = size - size % 4 if points is None else 4 * points
+        if size != whole:
+            place = f"byte {min(size, whole)}"
+            raise InputError(f"has {size} bytes", file=path, place=place, expected=expected)
         return np.fromfile(path, "<u4")
     except FileNotFoundError:
         raise InputError("not found", file=path, expected=expected) from None
@@ -56,5 +183,22 @@ def read_rays(path: Path, points: int | None = None) -> NDArray[np.void]:
         if kind.shape or kind.kind not in ("f" if name == "time" else "ui"):
             raise InputError(f"holds {kind}", file=path, place=name[:40], expected=_RAYS)
         if kind.kind == "f" and not np.isfinite(table[name]).all():
-            raise InputError("has a time that is not finite", file=path, place=name)
+            place = ray_place(path, table, name, int(np.argmin(np.isfinite(table[name]))))
+            raise InputError("has a time that is not finite", file=path, place=place)
+    if "ring" in table.dtype.names and len(table) and table["ring"].max() >= _MOST_RINGS:
+        row = int(np.argmax(table["ring"] >= _MOST_RINGS))
+        raise InputError(
+            f"has ring {table['ring'][row]}",
+            file=path,
+            place=ray_place(path, table, "ring", row),
+            expected=f"0 to {_MOST_RINGS - 1}",
+        )
     return table
+
+
+def ray_place(path: Path, table: NDArray[np.void], name: str, row: int) -> str:
+    """Return the name of a value in a frame's table of rays, and the byte where it begins."""
+    fields = table.dtype.fields
+    assert fields is not None
+    begin = path.stat().st_size - table.nbytes
+    return f"{name} of ray {row} (byte {begin + row * table.itemsize + fields[name][1]})"

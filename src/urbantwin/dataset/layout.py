@@ -14,20 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.document import read_json_value
+from urbantwin.dataset.frame_columns import columns_of_frame, parquet_bytes
+from urbantwin.dataset.frame_files import RAY_TYPE, STORED
+from urbantwin.dataset.frame_las import laz_bytes
 from urbantwin.errors import InputError
 from urbantwin.geometry import wrapped
 from urbantwin.lidar import BoxLabel, LabelledFrame
 
-__all__ = ["FOLDERS", "RAY_TYPE", "frame_name", "label_line", "label_lines", "write_frame"]
+__all__ = ["FOLDERS", "folders_of", "frame_name", "label_line", "label_lines", "write_frame"]
 
 FOLDERS = ("points", "labels", "semantic", "rays")
 
-#: One ray: the number of the sensor in the rig, its channel, the firing within the turn, when it
-#: fired (seconds from the frame's time, as the sensor's clock has it), and which echo it is of the
-#: beam (0, the first that is reported, or 1).
-RAY_TYPE = np.dtype(
-    [("sensor", "u1"), ("ring", "<u2"), ("column", "<u2"), ("time", "<f4"), ("echo", "u1")]
-)
 _RAY_FIELDS = {name: {"time": "time_s"}.get(name, name) for name in RAY_TYPE.names or ()}
 
 
@@ -50,13 +47,21 @@ def label_line(box: NDArray[np.float64], name: str) -> str:
     return " ".join([*(f"{_plain(value):.4f}" for value in _normal(box)), name]) + "\n"
 
 
-def write_frame(folder: Path, index: int, frame: LabelledFrame) -> dict[str, Any]:
+def folders_of(storage: str) -> tuple[str, ...]:
+    """Return the folders of a dataset's frames: in columns, a point's file holds all of it."""
+    return FOLDERS if storage == "npy" else FOLDERS[:2]
+
+
+def write_frame(
+    folder: Path, index: int, frame: LabelledFrame, storage: str = "npy"
+) -> dict[str, Any]:
     """Write the files of one frame and return what the dataset's tables say of it.
 
     Args:
-        folder: the dataset's folder, which has every folder of `FOLDERS`.
+        folder: the dataset's folder, which has every folder of `folders_of`.
         index: the frame's number.
         frame: what was recorded.
+        storage: one of `frame_files.STORED`.
 
     Returns:
         What can stand in JSON: ``points`` (their number), ``bounds`` (least and greatest x, y, z,
@@ -64,20 +69,25 @@ def write_frame(folder: Path, index: int, frame: LabelledFrame) -> dict[str, Any
         box) and ``sha256`` (of each file, by its name in the dataset).
     """
     name = frame_name(index)
-    sums = {f"points/{name}.npy": _save(folder / "points" / f"{name}.npy", frame.points)}
     lines = label_lines(frame.boxes).encode()
     (folder / "labels" / f"{name}.txt").write_bytes(lines)
-    sums[f"labels/{name}.txt"] = hashlib.sha256(lines).hexdigest()
+    sums = {f"labels/{name}.txt": hashlib.sha256(lines).hexdigest()}
 
     labels = frame.instance.astype("<u4")
     labels <<= 16
     labels |= frame.semantic
-    sums[f"semantic/{name}.label"] = _write(folder / "semantic" / f"{name}.label", b"", labels)
-
     rays = np.empty(len(frame.points), RAY_TYPE)
     for field, attribute in _RAY_FIELDS.items():
         rays[field] = getattr(frame, attribute, 0)
-    sums[f"rays/{name}.npy"] = _save(folder / "rays" / f"{name}.npy", rays)
+    points = f"points/{name}{STORED[storage]}"
+    if storage == "npy":
+        sums[points] = _save(folder / points, frame.points)
+        sums[f"semantic/{name}.label"] = _write(folder / f"semantic/{name}.label", b"", labels)
+        sums[f"rays/{name}.npy"] = _save(folder / f"rays/{name}.npy", rays)
+    else:
+        packed = parquet_bytes if storage == "zstd" else laz_bytes
+        content = packed(columns_of_frame(frame.points, labels, rays))
+        sums[points] = _write(folder / points, content, np.zeros(0, np.uint8))
 
     counts = np.bincount(frame.semantic)
     return {

@@ -17,8 +17,10 @@ from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.named_inputs import named_inputs, told_of
 from urbantwin.dataset.object_statistics import object_statistics
 from urbantwin.dataset.result_warnings import BEYOND, warnings_of_record
+from urbantwin.dataset.split.time_split import warnings_of_split
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.result_warning import rows_of
@@ -33,6 +35,7 @@ __all__ = [
     "FORMAT",
     "LAYOUT",
     "frame_sha256",
+    "frames_of",
     "manifest_of",
     "manifest_of_parts",
     "recipe_key",
@@ -59,9 +62,23 @@ LAYOUT = {
     "rays": "rays/NNNNNN.npy: (N,) sensor u1, ring u2, column u2, time f4 (seconds from the "
     "frame's time, by the sensor's clock), echo u1",
     "boxes": "boxes.parquet: one row per frame and box",
+    "blocks": "blocks.parquet: CRC-32 of each 4096 bytes of every file of the frames",
     "ignore_regions": "ignore_regions.geojson: where labels do not count, site frame, metres",
     "sweeps": "sweeps.parquet: one row per frame, sensor and turn: times, and poses in the site",
-    "ImageSets": "train.txt: the first four fifths of the time; val.txt: the last fifth",
+    "tracks": "tracks.parquet: one row per track: who it is, its first and last frame",
+    "tracklets": "tracklets.parquet: one row per track and frame: its box, site frame",
+    "trajectories": "trajectories.parquet: one row per track and step of the motion, site frame",
+    "poses": "poses.parquet: where the ego and each sensor were, site frame",
+    "lanes": "lanes.parquet: one row per lane of the twin, if it has some: its middle, site frame",
+    "ImageSets": "train.txt, val.txt, test.txt: names of the frames of each part, see split",
+}
+#: Of points that are kept in columns.
+_PACKED = {
+    "zstd": "points/NNNNNN.parquet: x, y, z in metres and intensity 0..1 (f4), semantic, instance "
+    "(u2), sensor u1, ring u2, column u2, time f4, echo u1: as in npy, nothing lost",
+    "laz": "points/NNNNNN.laz: LAS 1.4, point format 6; whole millimetres, intensity 0..65535, "
+    "gps_time in seconds from the frame's time; ring, column, sensor, echo, semantic and instance "
+    "as extra bytes",
 }
 
 
@@ -73,6 +90,7 @@ def recipe_of(
     times_s: Mapping[int, float],
     backend: str = "embree",
     asked: Mapping[str, Any] | None = None,
+    storage: str = "npy",
 ) -> dict[str, Any]:
     """Return all that the frames follow from: what a run that goes on must have in common.
 
@@ -83,7 +101,9 @@ def recipe_of(
         seed: of all random numbers.
         times_s: number of each frame -> its time.
         backend: what casts the rays, see `lidar.Scanner`.
-        asked: what the rig was placed from, see `provenance.asked_of`.
+        asked: what the rig was placed from, see `provenance.asked_of`, and what was asked of the
+            split, see `SplitAsked.told`.
+        storage: of points, see `layout.write_frame`.
     """
     times = list(times_s.values())
     return {
@@ -92,6 +112,7 @@ def recipe_of(
         "urbantwin": __version__,
         **versions_here(backend),
         "backend": backend,
+        "storage": storage,
         "seeds": {"record": seed, "traffic": motion.manifest["seed"]},
         **recipe_of_rig(rig),
         "anchor": twin.manifest["anchor"],
@@ -100,11 +121,12 @@ def recipe_of(
         "surface_sha256": twin.manifest.get("files", {}).get("surface_material.npz"),
         "motion_sha256": table_sha256(motion.rows),
         "meshes_sha256": meshes_sha256(motion.meshes),
-        "inputs": twin.manifest["inputs"],
+        "inputs": named_inputs(twin.manifest, motion.manifest, asked),
+        "about": told_of(twin.manifest, motion.manifest),
         "made_from": {
             "twin": _part(twin.manifest, "version", "made_from"),
             "motion": _part(motion.manifest, "urbantwin", "asked", "made"),
-            "record": None if asked is None else {**asked, **_span(times_s)},
+            "record": None if asked is None else {**asked, **_span(times_s), "storage": storage},
         },
         "start_s": times[0],
         "frames": [frame_name(index) for index in times_s],
@@ -158,7 +180,7 @@ def manifest_of(
     recipe: Mapping[str, Any],
     times_s: Mapping[int, float],
     entries: Sequence[Mapping[str, Any]],
-    split: tuple[Sequence[str], Sequence[str]],
+    split: Mapping[str, Any],
     tables: Mapping[str, str],
 ) -> dict[str, Any]:
     """Return what ``dataset.json`` holds.
@@ -167,7 +189,7 @@ def manifest_of(
         recipe: see `recipe_of`.
         times_s: number of each frame -> its time.
         entries: what ``layout.write_frame`` returned for each frame, in the same order.
-        split: names of the frames that train and that validate.
+        split: what is told of it, see `split.split_in_time`.
         tables: SHA-256 of every file that is of no single frame, by name.
     """
     boxes = Counter(box["class"] for entry in entries for box in entry["boxes"])
@@ -182,27 +204,16 @@ def manifest_of(
     points: Counter[int] = Counter()
     for entry in entries:
         points.update({int(number): count for number, count in entry["semantic"].items()})
-    frames = [
-        {
-            "name": frame_name(index),
-            "time_s": time_s,
-            "points": entry["points"],
-            "boxes": len(entry["boxes"]),
-            "sha256": frame_sha256(entry["sha256"]),
-            **{key: entry[key] for key in ("dataset_SE3_site",) if key in entry},
-        }
-        for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
-    ]
+    frames = frames_of(times_s, entries)
     return {
         **{key: value for key, value in recipe.items() if key not in ("frames", "start_s")},
-        "layout": LAYOUT,
+        "layout": _layout(recipe["storage"]),
         "class_names": classes,
         "point_cloud_range": _point_cloud_range(entries),
         "objects": object_statistics(entries, recipe["dataset_SE3_site"]),
         "counts": {
             "frames": len(frames),
-            "train": len(split[0]),
-            "val": len(split[1]),
+            **{part: told["frames"] for part, told in split["parts"].items()},
             "points": sum(points.values()),
             "boxes": {name: boxes[name] for name in classes},
             "boxes_with_points": {name: seen[name] for name in classes},
@@ -218,10 +229,38 @@ def manifest_of(
             {"id": one.id, "name": one.name, "colour": list(one.colour), "thing": one.thing}
             for one in semantic_classes().values()
         ],
+        "split": dict(split),
         "tables_sha256": dict(sorted(tables.items())),
-        "warnings": rows_of(warnings_of_record(entries)),
+        "warnings": rows_of([*warnings_of_record(entries), *warnings_of_split(split)]),
         "frames": frames,
     }
+
+
+def _layout(storage: str) -> dict[str, str]:
+    """Return what the files of a dataset are."""
+    packed = _PACKED.get(storage)
+    if packed is None:
+        return LAYOUT
+    return {"points": packed} | {
+        key: text for key, text in LAYOUT.items() if key not in ("points", "semantic", "rays")
+    }
+
+
+def frames_of(
+    times_s: Mapping[int, float], entries: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return what ``dataset.json`` says of each frame; the arguments are those of `manifest_of`."""
+    return [
+        {
+            "name": frame_name(index),
+            "time_s": time_s,
+            "points": entry["points"],
+            "boxes": len(entry["boxes"]),
+            "sha256": frame_sha256(entry["sha256"]),
+            **{key: entry[key] for key in ("dataset_SE3_site",) if key in entry},
+        }
+        for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
+    ]
 
 
 def frame_sha256(sums: Mapping[str, str]) -> str:

@@ -12,6 +12,7 @@ from urbantwin.artefact import read_json
 from urbantwin.artefact.manifest import Part, PlainName, validated
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
+from urbantwin.taxonomy import BoxKind
 
 __all__ = ["FramePoses", "Matrix", "pose_matrix", "pose_of_matrix", "read_manifest"]
 
@@ -69,11 +70,15 @@ class _Sensor(Part):
     model: str
     columns: Annotated[int, Field(ge=1, le=10_000_000)]
     site_SE3_sensor: Matrix  # noqa: N815
+    carrier_SE3_sensor: Matrix | None = None  # noqa: N815
+    number: Annotated[int, Field(ge=0, le=255)] | None = None
     sensor: _Unit
 
 
 class _Rig(Part):
     rate_hz: _Rate
+    boxes: BoxKind = "track"
+    carrier: _Count | None = None
     sensors: Annotated[list[_Sensor], Field(min_length=1)]
 
 
@@ -81,6 +86,7 @@ class _Counts(Part):
     frames: Annotated[int, Field(ge=1, lt=2**53)]
     train: _Count
     val: _Count
+    test: _Count = 0  # datasets of older versions have none
     points: _Count
     boxes: dict[str, _Count]
     boxes_with_points: dict[str, _Count]
@@ -97,6 +103,7 @@ class _Dataset(Part):
     dataset_SE3_site: Matrix | None  # noqa: N815
     rig: _Rig
     counts: _Counts
+    class_names: list[str] = Field(default_factory=list)
     point_cloud_range: Annotated[list[float], Field(min_length=6, max_length=6)]
     inputs: list[dict[str, Any]]
     frames: Annotated[list[_Frame], Field(min_length=1)]

@@ -17,10 +17,19 @@ from urbantwin.artefact import (
     write_inventory,
     write_json,
 )
-from urbantwin.dataset.dataset_writer import MARKS, checksums, finish_dataset, record_dataset
-from urbantwin.dataset.layout import RAY_TYPE
+from urbantwin.dataset.block_sums import write_block_sums
+from urbantwin.dataset.card.write import write_cards
+from urbantwin.dataset.dataset_writer import (
+    MARKS,
+    checksums,
+    finish_dataset,
+    record_dataset,
+    write_tables,
+)
+from urbantwin.dataset.frame_files import RAY_TYPE, STORED
 from urbantwin.dataset.manifest import manifest_of_parts, recipe_key, recipe_of, recipe_of_rig
 from urbantwin.dataset.motion_interpolation import FASTEST_M_S, SAME_TIME_S
+from urbantwin.dataset.split import SplitAsked, check_split, split_in_time
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.casting.backend import tracer_on
@@ -36,6 +45,8 @@ __all__ = ["record"]
 
 #: Of a point: x, y, z and intensity, its label, and the ray that it came from.
 BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
+#: What of them is left at least, by storage.
+LEAST_LEFT = {"npy": 1.0, "zstd": 0.25, "laz": 0.1}
 #: So many of the rays come back at least, in a street.
 LEAST_RETURNED = 0.4
 
@@ -53,6 +64,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     every: int = 1,
     rig_file: str | Path | None = None,
     backend: str = "embree",
+    storage: str = "npy",
+    split: SplitAsked | None = None,
     asked: Mapping[str, Any] | None = None,
     inputs: Sequence[Path] = (),
     also: Callable[[Path], None] | None = None,
@@ -80,6 +93,9 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         every: of the frames only those whose number is a multiple of this.
         rig_file: the rig's file, for errors.
         backend: what casts the rays: ``embree``, ``warp`` or ``warp:DEVICE``.
+        storage: of points: ``npy``; ``zstd``, columns in Parquet, of which nothing is lost; or
+            ``laz``, LAS 1.4, whose coordinates are whole millimetres.
+        split: into training, validation and test; the usual one when not given.
         asked: what the rig was placed from, for who makes the dataset again: see `asked_of`.
         inputs: files and folders besides the twin that ``out`` must not touch: the motion's, the
             rig's.
@@ -89,8 +105,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
 
     Raises:
         InputError: a backend that this machine lacks, a motion on another twin, a negative
-            number, a span without frames, a rig that rides on an actor that is not there all the
-            time, or an ``out`` that holds other files.
+            number, a span without frames, a gap that leaves a part of the split empty, a rig that
+            rides on an actor that is not there all the time, or an ``out`` that holds other files.
         StageError: a worker was killed, or the disk is full.
     """
     if workers is not None and workers < 1:
@@ -101,6 +117,11 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     if motion.manifest["twin_sha256"] != twin.sha256:
         raise InputError("the motion was made on another twin", expected="a motion on this twin")
     times_s = frame_times(rig.rate_hz, start_s, stop_s, motion.times(), every=every)
+    if storage not in STORED:
+        expected = ", ".join(STORED)
+        raise InputError(f"unknown storage {storage!r:.40}", place="--storage", expected=expected)
+    asked_split = split or SplitAsked()
+    check_split(list(times_s.values()), asked_split)
     file = None if rig_file is None else str(rig_file)
     rig = boarded(rig, motion, list(times_s.values()), fastest_m_s=FASTEST_M_S, file=file)
     tracer_on(backend)  # Before any work: is it there?
@@ -108,14 +129,18 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     check_folder(out, kind="dataset", inputs=inputs)
     say = progress or untold
     say(0.0, "static world")
-    recipe = recipe_of(twin, motion, rig, seed, times_s, backend, asked)
+    if asked is not None:
+        asked = {**asked, "split": asked_split.told()}
+    recipe = recipe_of(twin, motion, rig, seed, times_s, backend, asked, storage)
     parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}
     total = len(times_s) * len(parts)
 
-    key = recipe_key({**recipe, "pictures": also is not None})
+    key = recipe_key(
+        {**recipe, "pictures": also is not None, "split": asked_split.told(), "storage": storage}
+    )
     with replaced_folder(out, kind="dataset", inputs=inputs, key=key) as folder:
         if not (folder / INVENTORY).is_file():
-            _check_room(out, folder, parts, times_s)
+            _check_room(out, folder, parts, times_s, LEAST_LEFT[storage])
             entries: dict[str, list[dict[str, Any]]] = {}
             for number, (name, part) in enumerate(parts.items()):
 
@@ -132,18 +157,34 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                     times_s=times_s,
                     workers=workers,
                     backend=backend,
+                    storage=storage,
                     progress=count,
                 )
             say(0.98, "tables")
-            for name, part in parts.items():
-                own = {**recipe, **recipe_of_rig(part)}
-                ignored = ignore_areas(part, twin.mesh, twin.region)
-                finish_dataset(folder / name, own, times_s, entries[name], ignored, motion)
+            recipes = {name: {**recipe, **recipe_of_rig(part)} for name, part in parts.items()}
+            recorded = [
+                write_tables(
+                    folder / name,
+                    recipes[name],
+                    times_s,
+                    entries[name],
+                    ignore_areas(part, twin.mesh, twin.region),
+                    motion,
+                    twin,
+                )
+                for name, part in parts.items()
+            ]
+            divided = split_in_time(recorded, asked_split)
+            for name, own in recipes.items():
+                finish_dataset(folder / name, own, times_s, entries[name], divided)
             if not rig.fused:
                 manifests = {name: sha256_of(folder / name / "dataset.json") for name in parts}
                 write_json(folder / "dataset.json", manifest_of_parts(recipe, entries, manifests))
             if also is not None:
                 also(folder)
+            for name in parts:
+                write_block_sums(folder / name)
+            write_cards(folder)
             write_inventory(folder, known=checksums(entries), without=[MARKS])
         # With an inventory it is whole, and what an interruption leaves from here on is enough.
         for name in parts:
@@ -152,7 +193,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
 
 
 def _check_room(
-    out: Path, folder: Path, parts: Mapping[str, Rig], times_s: Mapping[int, float]
+    out: Path, folder: Path, parts: Mapping[str, Rig], times_s: Mapping[int, float], left: float
 ) -> None:
     """Refuse to record what will not fit beside what an interrupted run left.
 
@@ -164,7 +205,7 @@ def _check_room(
         marks = folder / name / MARKS
         done = len(list(marks.glob("*.json"))) if marks.is_dir() else 0
         rays = sum(one.sensor.channels * one.columns for one in part.sensors)
-        needed += (len(times_s) - done) * rays * LEAST_RETURNED * BYTES_PER_POINT
+        needed += (len(times_s) - done) * rays * LEAST_RETURNED * BYTES_PER_POINT * left
     check_room(out, needed, f"a dataset of {len(times_s)} frames")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from urbantwin.artefact.tables import PARQUET
 from urbantwin.dataset.layout import frame_name
 from urbantwin.geometry import ypr_from_rotation
 from urbantwin.lidar.actor_path import ActorPath
@@ -99,4 +100,4 @@ def write_sweeps(path: Path, indices: Sequence[int], entries: Sequence[Mapping[s
         for row in entry["sweeps"]
     ]
     schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, compression="zstd")
+    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, **PARQUET)

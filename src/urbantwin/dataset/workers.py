@@ -45,13 +45,14 @@ class Recipe:
         static: the static world, site frame.
         rig: the sensors.
         seed: of all random numbers.
-        folder: where the files go; it has every folder of ``layout.FOLDERS``.
+        folder: where the files go; it has every folder of ``layout.folders_of``.
         done: where the mark of every finished frame goes; written last, so a frame that has its
             mark is whole.
         meshes: by asset and phase; what is not here comes from the catalogue.
         surface: materials of the ground that are finer than the static world's triangles.
         region: where labels count, site frame; everywhere when not given.
         backend: what casts the rays, see `lidar.Scanner`.
+        storage: of points, see `layout.write_frame`.
     """
 
     static: LabelledMesh
@@ -63,6 +64,7 @@ class Recipe:
     surface: SurfaceMaterials | None = None
     region: shapely.Polygon | None = None
     backend: str = "embree"
+    storage: str = "npy"
 
 
 class _Recorder:
@@ -85,7 +87,7 @@ class _Recorder:
         rig = self._recipe.rig
         actors = posed_actors(task.motion.rows, task.motion.paths())
         frame = self._scanner.scan(task.index, actors)
-        entry = write_frame(self._recipe.folder, task.index, frame)
+        entry = write_frame(self._recipe.folder, task.index, frame, self._recipe.storage)
         carrier = next((one.way for one in actors if one.track == rig.carrier), None)
         entry["sweeps"] = sweep_rows(rig, task.index, self._recipe.seed, carrier)
         if carrier is not None:

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from urbantwin.artefact import check_folder, read_json, replaced_folder, write_json
 from urbantwin.artefact.manifest import Part, validated
-from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.artefact.tables import PARQUET, columns_of, read_parquet
 from urbantwin.detections.checks import checked
 from urbantwin.detections.detections import Detections
 from urbantwin.errors import InputError
@@ -98,7 +98,7 @@ def put_detections(folder: Path, detections: Detections, made_by: Mapping[str, A
         "frames": list(detections.frames),
         "times_s": None if detections.time_s is None else detections.time_s.tolist(),
     }
-    pq.write_table(pa.table(columns), folder / _TABLE, compression="zstd")
+    pq.write_table(pa.table(columns), folder / _TABLE, **PARQUET)
     write_json(folder / f"{KIND}.json", told)
 
 

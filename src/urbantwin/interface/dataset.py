@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact import check_folder
-from urbantwin.artefact.arrays import ArrayOf, read_array
-from urbantwin.artefact.tables import read_parquet
-from urbantwin.dataset.frame_files import read_labels, read_rays
+from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
+from urbantwin.dataset.table_form import read_table
 from urbantwin.errors import InputError
+from urbantwin.interface.dataset_sequence import DatasetSequence
+from urbantwin.interface.frame_sequence import FrameSequence
 from urbantwin.interface.outcome import outcome_of_dataset
 from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.selection import Frames, Located
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.result_warning import ResultWarning, warnings_of
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
 
+    from urbantwin.dataset.split import SplitAsked
     from urbantwin.geometry import Pose
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
@@ -39,13 +42,14 @@ _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Frame(FrameSequence):
     """One labelled frame of a dataset; each array is read when it is first asked for.
 
     Attributes:
         dataset: that it is of.
         name: of the frame, which its files have.
         time_s: seconds from the start of the motion.
+        chosen: tells which rows of the dataset's boxes somebody asked for (`Dataset.where`).
 
     Example:
         >>> frame = dataset[3]
@@ -55,18 +59,17 @@ class Frame:
     dataset: Dataset
     name: str
     time_s: float
+    chosen: Callable[[], NDArray[np.bool_] | None] | None = None
 
     @cached_property
     def points(self) -> NDArray[np.float32]:
         """Points (N, 4): x, y, z in metres, dataset frame, and intensity 0..1."""
-        path = self.dataset.folder / "points" / f"{self.name}.npy"
-        return read_array(path, "the points of a frame", ArrayOf("f4", ("N", 4)))
+        return self._files.points
 
     @cached_property
     def labels(self) -> NDArray[np.uint32]:
         """Labels (N,) as they are in the file: class in the low 16 bits, track in the high."""
-        path = self.dataset.folder / "semantic" / f"{self.name}.label"
-        return read_labels(path, len(self.points))
+        return self._files.labels
 
     @cached_property
     def semantic(self) -> NDArray[np.uint16]:
@@ -81,15 +84,18 @@ class Frame:
     @cached_property
     def rays(self) -> NDArray[np.void]:
         """The ray (N,) of each point: ``sensor``, ``ring``, ``column``, ``time``, ``echo``."""
-        return read_rays(self.dataset.folder / "rays" / f"{self.name}.npy", len(self.points))
+        return self._files.rays
+
+    @cached_property
+    def _files(self) -> FrameFiles:
+        return FrameFiles(self.dataset.folder, self.name)
 
     @cached_property
     def boxes(self) -> pa.Table:
-        """Labelled boxes, one row each: the frame's rows of `Dataset.boxes`."""
-        import pyarrow.compute as pc
-
-        table = self.dataset.boxes
-        return table.filter(pc.equal(table["frame"], self.name))
+        """Labelled boxes, one row each: the frame's rows of `Dataset.boxes` that were asked for."""
+        rows = self.dataset.box_rows(self.name)
+        kept = None if self.chosen is None else self.chosen()
+        return self.dataset.boxes.take(rows if kept is None else rows[kept[rows]])
 
     @cached_property
     def box_array(self) -> NDArray[np.float64]:
@@ -100,7 +106,7 @@ class Frame:
     def site_SE3_dataset(self) -> Pose:  # noqa: N802
         """The pose that takes the frame's points to the site."""
         manifest = self.dataset.manifest
-        told = manifest["frames"][self.dataset.names.index(self.name)]
+        told = manifest["frames"][self.dataset.numbers[self.name]]
         rows = told.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
         return pose_of_matrix(rows).inverse()
 
@@ -116,7 +122,7 @@ class Frame:
         return self.dataset.plot(self.name, picture)
 
 
-class Dataset(Sequence[Frame]):
+class Dataset(DatasetSequence, Frames):
     """A dataset on disk: its frames in the order of time.
 
     It stands for its folder wherever a path is asked for. A rig whose sensors are not fused leaves
@@ -164,12 +170,12 @@ class Dataset(Sequence[Frame]):
     @cached_property
     def boxes(self) -> pa.Table:
         """``boxes.parquet``: one row for each frame and box; see docs/labels.md for its columns."""
-        return read_parquet(self._own("boxes.parquet"), "the boxes of a dataset")
+        return read_table(self._own("boxes.parquet"))
 
     @cached_property
     def sweeps(self) -> pa.Table:
         """``sweeps.parquet``: one row for each turn of a sensor."""
-        return read_parquet(self._own("sweeps.parquet"), "the sweeps of a dataset")
+        return read_table(self._own("sweeps.parquet"))
 
     @cached_property
     def class_names(self) -> dict[int, str]:
@@ -198,37 +204,20 @@ class Dataset(Sequence[Frame]):
             )
         return self.folder / name
 
+    @property
+    def datasets(self) -> tuple[Dataset, ...]:
+        """Itself: see `Frames`."""
+        return (self,)
+
+    @cached_property
+    def _located(self) -> list[Located]:
+        self._own("")
+        name = self.folder.resolve().name
+        return [(self, name, number) for number in range(len(self._frames))]
+
     def __len__(self) -> int:
         """Return how many frames there are."""
         return len(self._frames)
-
-    @overload
-    def __getitem__(self, index: int | str) -> Frame: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Frame]: ...
-    def __getitem__(self, index: int | str | slice) -> Frame | list[Frame]:
-        """Return the frame of a number, from 0, or of a name; of a slice, a list of frames.
-
-        Raises:
-            IndexError: there is no such number.
-            InputError: there is no such name, or the sensors are not fused.
-        """
-        self._own("")
-        if isinstance(index, slice):
-            return [self[number] for number in range(*index.indices(len(self)))]
-        if isinstance(index, str):
-            if index not in self.names:
-                raise InputError(
-                    f"has no frame {index}", file=self.folder, expected="a frame of the dataset"
-                )
-            index = self.names.index(index)
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
-        return Frame(self, self.names[index], float(self.times_s[index]))
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Return the frames one after the other; nothing of one is kept for the next."""
-        return (self[number] for number in range(len(self)))
 
     def __fspath__(self) -> str:
         """Return the folder."""
@@ -296,6 +285,10 @@ def record(  # noqa: PLR0913 - the options of the command
     ride: str | None = None,
     fused: bool | None = None,
     backend: str = "embree",
+    storage: str = "npy",
+    split: str | Sequence[float] = "70,15,15",
+    gap: float | None = None,
+    thin: float | None = None,
     background: AnyPath | Sequence[AnyPath] = (),
     fuse: bool = False,
     workers: int | None = None,
@@ -323,6 +316,12 @@ def record(  # noqa: PLR0913 - the options of the command
         ride: track or class of the actor that carries a rig that rides.
         fused: one dataset of all sensors, or one for each; as the rig says if not given.
         backend: what casts the rays: ``embree``, ``warp`` (a CUDA device) or ``warp:DEVICE``.
+        storage: of points: ``npy``, as OpenPCDet reads them; ``zstd``, columns in Parquet, a third
+            of the size, of which nothing is lost; or ``laz``, LAS 1.4 in whole millimetres.
+        split: shares of training, validation and test, cut in time.
+        gap: seconds between the parts, of which no part has the frames; as long as the scene needs
+            to change, and no more than a tenth of the recording, if not given.
+        thin: leave frames in which nobody moved so many metres out of the parts.
         background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world.
         fuse: where nobody measured, the twin is seen.
         workers: processes to work with; every number gives the same bytes.
@@ -337,11 +336,13 @@ def record(  # noqa: PLR0913 - the options of the command
     Example:
         >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
     """
+    from urbantwin.dataset.split import SplitAsked, shares_of
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.rig import rig_spec_on
     from urbantwin.interface.twin import Twin
     from urbantwin.site.rig_changes import RigChanges
 
+    divided = SplitAsked(shares_of(split), gap, thin)
     changes = RigChanges(
         effects=effects,
         weather=weather,
@@ -373,6 +374,8 @@ def record(  # noqa: PLR0913 - the options of the command
         stop_s=stop,
         every=every,
         backend=backend,
+        storage=storage,
+        split=divided,
         workers=workers,
         seed=seed,
         inputs=inputs,
@@ -394,6 +397,8 @@ def recorded(  # noqa: PLR0913 - the options of the command
     stop_s: float | None = None,
     every: int = 1,
     backend: str = "embree",
+    storage: str = "npy",
+    split: SplitAsked | None = None,
     workers: int | None = None,
     seed: int | None = None,
     inputs: Sequence[Path] = (),
@@ -414,6 +419,8 @@ def recorded(  # noqa: PLR0913 - the options of the command
         stop_s: no frame after this time.
         every: only each N-th frame.
         backend: what casts the rays.
+        storage: of points, see `record`.
+        split: into training, validation and test; the usual one when not given.
         workers: processes to work with.
         seed: of every random choice.
         inputs: what it is made from.
@@ -446,6 +453,8 @@ def recorded(  # noqa: PLR0913 - the options of the command
             every=every,
             rig_file=rig_file,
             backend=backend,
+            storage=storage,
+            split=split,
             asked=asked_of(spec, rig_file, on, background=background, fuse=fuse),
             inputs=inputs,
             also=also if pictures else None,

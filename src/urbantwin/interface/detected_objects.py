@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -56,6 +57,7 @@ def detect(
     *,
     least: float = 0.05,
     layout: str | None = None,
+    part: str = "all",
     device: str = "cpu",
     progress: ShowProgress = True,
 ) -> DetectedObjects:
@@ -67,6 +69,8 @@ def detect(
         out: the folder to write; ``detections`` beside the frames when not given.
         least: boxes with a lower score are left out.
         layout: how the frames lie; found out when not given.
+        part: of a dataset that is split, the frames to look at: ``train``, ``val``, ``test``;
+            ``all`` of them when not given.
         device: of torch: ``cpu``, ``cuda``.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -75,7 +79,6 @@ def detect(
     """
     from urbantwin.artefact import replaced_folder
     from urbantwin.detections import check_detections_folder, put_detections, write_semantic
-    from urbantwin.fidelity.readers import open_recording
     from urbantwin.learn.torch_device import check_torch
 
     check_torch(device)
@@ -87,7 +90,7 @@ def detect(
     check_detections_folder(target, inputs)
     with shown_stage("detect", progress, brief=True) as tell:
         detector = read_model(source, device)
-        recording = open_recording(real, layout)
+        recording = recording_of_part(real, layout, part)
         made_by = {"urbantwin": "detect", "least": least, "model": dict(detector.trained)}
         with replaced_folder(target, kind="detections", inputs=inputs) as scratch:
             found = detected(

@@ -7,11 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from urbantwin.artefact import check_folder, read_json, replaced_folder
+from urbantwin.artefact import INVENTORY, check_folder, read_json, replaced_folder, sha256_of
 from urbantwin.artefact.output import kind_of
 from urbantwin.interface.detected_objects import detect
+from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
 from urbantwin.interface.summary import Summary
 
 __all__ = ["Evaluation", "evaluate"]
@@ -89,6 +90,24 @@ def _rounded(figure: dict[str, Any]) -> list[float | None]:
     return [None if one is None else round(100 * one, 1) for one in (figure["ap"], *ends)]
 
 
+def _learned_from(detections: Path, data: Path, part: str) -> list[str]:
+    """Return what is to be said where the model that detected has learned from these frames."""
+    file, sums = detections / "detections.json", data / INVENTORY
+    if not (file.is_file() and sums.is_file()):
+        return []
+    made_by = read_json(file, kind="detections").get("made_by")
+    model = made_by.get("model") if isinstance(made_by, dict) else None
+    rows = model.get("datasets") if isinstance(model, dict) else None
+    known = [one.get("sha256") for one in rows or () if isinstance(one, dict)]
+    learned = model.get("part", "all") if isinstance(model, dict) else ""
+    if sha256_of(sums) not in known or (learned != part and "all" not in (learned, part)):
+        return []
+    return [
+        "The model has learned from this dataset, and from some of these frames: other frames tell "
+        "how good it is (--part test)."
+    ]
+
+
 def evaluate(  # noqa: PLR0913 - the options of the command
     detections: AnyPath,
     data: AnyPath,
@@ -96,6 +115,7 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     *,
     classes: Sequence[str] | None = None,
     layout: str | None = None,
+    part: str = "all",
     within: float | None = None,
     fewest_points: int | None = None,
     vans: bool = False,
@@ -111,6 +131,8 @@ def evaluate(  # noqa: PLR0913 - the options of the command
         out: the folder to write; one beside the detections when not given.
         classes: which to judge; all that are labelled when not given.
         layout: how the data lies; found out when not given.
+        part: of a dataset that is split, the frames to judge by: ``train``, ``val``, ``test``;
+            ``all`` of them when not given.
         within: what is farther from every sensor does not count, metres.
         fewest_points: boxes with fewer neither help nor hurt; 5 when not given.
         vans: count KITTI's vans as cars; else they neither help nor hurt.
@@ -124,7 +146,6 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     from urbantwin.evaluation import evaluate as judged
     from urbantwin.evaluation.report import write_evaluation
     from urbantwin.evaluation.semantic import judged_semantic
-    from urbantwin.fidelity.readers import open_recording
     from urbantwin.progress import between
 
     source, real = Path(detections), Path(data)
@@ -133,9 +154,10 @@ def evaluate(  # noqa: PLR0913 - the options of the command
     check_folder(target, kind=_KIND, inputs=[source, real])
     if kind_of(source) == "model":
         said = target.with_name(f"{target.name}-detections")
-        source = detect(source, real, said, layout=layout, progress=progress).folder
+        source = detect(source, real, said, layout=layout, part=part, progress=progress).folder
+    learned = _learned_from(source, real, part)
     with shown_stage("evaluate", progress, brief=True) as tell:
-        recording = open_recording(real, layout)
+        recording = recording_of_part(real, layout, part)
         said_there, notes = read_any_form(source, lambda: recording)
         seen = read_labelled(
             said_there,
@@ -144,7 +166,7 @@ def evaluate(  # noqa: PLR0913 - the options of the command
             most_m=within,
             tell=between(tell, 0.0, 0.5),
         )
-        seen = replace(seen, notes=(*seen.notes, *notes))
+        seen = replace(seen, notes=(*seen.notes, *notes, *learned))
         found = judged(
             seen, layout=recording.layout, classes=classes, vans=vans, tell=between(tell, 0.5, 0.8)
         )
@@ -156,4 +178,6 @@ def evaluate(  # noqa: PLR0913 - the options of the command
         with replaced_folder(target, kind=_KIND, inputs=[source, real]) as scratch:
             semantic = judged_semantic(source, recording, between(tell, 0.8, 0.95))
             write_evaluation(scratch, found, recording, told, semantic)
+    for note in learned:
+        tell_line(f"warning: {note}", progress)
     return Evaluation(target)

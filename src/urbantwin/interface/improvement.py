@@ -257,6 +257,7 @@ class _Practice:
                 start=_START_S,
                 every=self.every,
                 fused=True,
+                split="100,0",
                 workers=self.workers,
                 seed=seed,
                 pictures=False,

@@ -18,10 +18,10 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["inspect", "summary_of"]
 
-MANIFESTS = ("twin", "motion", "dataset", "report", "coverage")
+MANIFESTS = ("twin", "motion", "dataset", "report", "coverage", "sequence")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
 EXPECTED = (
-    "a twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; an "
+    "a twin, motion, dataset, report, coverage or sequence; a site.yaml, rig.yaml or sensor; an "
     "OpenStreetMap extract (.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, "
     "Lanelet2 .osm), a DEM (.tif), a cloud (.npy, .bin, .pcd, .ply), a recording (KITTI, "
     "nuScenes, Argoverse 2 and others, a ROS bag, MCAP, .pcap) or geometry (.glb, .gltf, "
@@ -37,8 +37,8 @@ def inspect(path: AnyPath, *, progress: ShowProgress = True) -> Summary:
     """Say what any artefact or input holds.
 
     Args:
-        path: a twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; an
-            OpenStreetMap extract, a DEM, a cloud, a recording or a file of geometry.
+        path: a twin, motion, dataset, report, coverage or sequence; a site.yaml, rig.yaml or
+            sensor; an OpenStreetMap extract, a DEM, a cloud, a recording or a file of geometry.
         progress: show how far it is; or a function that is told (share, doing).
 
     Returns:

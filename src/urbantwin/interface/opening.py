@@ -31,6 +31,7 @@ _CLASSES = {
     "objects": ("objects_report", "ObjectsReport"),
     "coverage": ("coverage_map", "Coverage"),
     "tuning": ("tuning", "Tuning"),
+    "sequence": ("sequence", "SequenceFiles"),
 }
 _EXPECTED = (
     "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "
@@ -85,10 +86,10 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
             a bag or capture with several, one: ``a.bag:/lidar/points``, ``a.pcap:192.168.1.201``).
 
     Returns:
-        A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run` or
-        `Package`; a `Site`, a `RigSpec` or a `Datasheet`; a `Background`; a `Cloud` or a
-        `Recording`. Where the type
-        matters to a type checker, ``ut.Dataset.open(path)`` and its like say it.
+        A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
+        `SequenceFiles` or `Package`; `Datasets`, of a folder with several; a `Site`, a `RigSpec` or
+        a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type matters to a type
+        checker, ``ut.Dataset.open(path)`` and its like say it.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
@@ -96,28 +97,41 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
     Example:
         >>> ut.open("out/dataset")[3].points
     """
-    from urbantwin.fidelity.readers import open_recording
-    from urbantwin.fidelity.readers.choice import file_and_choice
-
-    place, choice = file_and_choice(Path(path))
+    place = Path(path)
     if not place.exists():
-        raise InputError("not found", file=place, expected=_EXPECTED)
-    if choice is not None:
-        return open_recording(Path(path))
+        from urbantwin.fidelity.readers import open_recording
+        from urbantwin.fidelity.readers.choice import file_and_choice
+
+        if file_and_choice(place)[1] is None:
+            raise InputError("not found", file=place, expected=_EXPECTED)
+        return open_recording(place)
     if place.is_file():
         folder = place.parent
         if place.suffix != ".json" or kind_of(folder) != place.stem:
             return _opened_file(place)
         place = folder
     kind = kind_of(place)
-    if kind is not None:
-        return opened_artefact(place, kind)
-    if any((place / name / f"{name}.json").is_file() for name in ("twin", "motion", "dataset")):
+    return _opened_folder(place) if kind is None else opened_artefact(place, kind)
+
+
+def _opened_folder(place: Path) -> Any:  # noqa: ANN401 - see `open`
+    """Open a folder that is no artefact: it may hold some, or be a site, or a recording."""
+    from urbantwin.interface.datasets import Datasets, datasets_inside
+
+    there = [
+        one for one in ("twin", "motion", "dataset") if (place / one / f"{one}.json").is_file()
+    ]
+    inside = datasets_inside(place) if there in ([], ["dataset"]) else []
+    if there and len(inside) < 2:
         from urbantwin.interface.whole_line import Run
 
         return Run(place)
     if (place / "site.yaml").is_file():
         return _opened_file(place / "site.yaml")
+    if inside:
+        return Datasets(inside)
+    from urbantwin.fidelity.readers import open_recording
+
     return open_recording(place)
 
 

@@ -19,13 +19,15 @@ if TYPE_CHECKING:
 __all__ = ["Calibration", "calibrate", "replay"]
 
 
-def replay(
+def replay(  # noqa: PLR0913 - the options of the command
     tracks: AnyPath,
     twin: Twin | AnyPath,
     out: AnyPath | None = None,
     *,
     step: float | None = None,
     smooth: bool = True,
+    keep_clock: bool = False,
+    keep_names: bool = False,
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Motion:
@@ -39,6 +41,9 @@ def replay(
             when not given.
         step: seconds between steps, 0.001 to 10; the site's ``traffic.step_s`` if not given.
         smooth: take the noise off their paths.
+        keep_clock: note in the motion what the recording's clock said at its start: a time of day.
+        keep_names: note in the motion what the recording calls each actor, also where that is no
+            number.
         pictures: draw the paths of the actors into the motion's folder.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -68,6 +73,8 @@ def replay(
             place,
             step_s=step,
             smooth=smooth,
+            keep_clock=keep_clock,
+            keep_names=keep_names,
             also=draw if pictures else None,
             progress=tell,
         )

@@ -9,6 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from urbantwin.artefact.markdown import escaped, table
+from urbantwin.dataset.card.page import licence_lines
+from urbantwin.dataset.split import SplitAsked
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset import recorded
 from urbantwin.interface.done_steps import DoneSteps
@@ -249,6 +252,7 @@ class _Course:
             fuse=bool(seen),
             start_s=_START_S,
             every=max(1, round(self.every_s * rig.rate_hz)),
+            split=SplitAsked((1.0, 0.0, 0.0)),  # a lesson teaches, or judges, as a whole
             workers=self.workers,
             seed=lesson.seed,
             inputs=[self.twin.folder],
@@ -368,7 +372,7 @@ def _card(
     """Return the model card (Mitchell et al. 2019, "Model Cards for Model Reporting")."""
     objects = ", ".join(f"{count} of {name}" for name, count in trained["objects"].items())
     lines = [
-        f"# A detector for {site}",
+        f"# A detector for {escaped(site)}",
         "",
         "Boxes of road users in LiDAR frames of this place's sensors. Trained on simulated frames",
         "alone; no real label was used to train or to choose.",
@@ -381,32 +385,31 @@ def _card(
         "",
         "## Drives",
         "",
-        "| drive | judges | hour | weather | seed |",
-        "|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| {one.name} | {'yes' if one.held else 'no'} | {one.time_of_day} | {one.weather} "
-        f"| {one.seed} |"
-        for one in lessons
+        *table(
+            ["drive", "judges", "hour", "weather", "seed"],
+            (
+                (one.name, one.held, one.time_of_day, escaped(one.weather), str(one.seed))
+                for one in lessons
+            ),
+        ),
     ]
     for name, report in reports.items():
         kind = "simulated, not trained on" if name in simulated else "real frames"
         lines += [
             "",
-            f"## Judged on {name} ({kind}, {report.manifest['frames']} frames)",
+            f"## Judged on {escaped(name)} ({kind}, {report.manifest['frames']} frames)",
             "",
             "Average precision in per cent, in brackets the middle 95 % of draws of frames.",
             "",
-            "| class | objects | within 1 m | within 2 m | BEV IoU 0.5 | 3D IoU 0.5 |",
-            "|---|---|---|---|---|---|",
+            *table(
+                ["class", "objects", "within 1 m", "within 2 m", "BEV IoU 0.5", "3D IoU 0.5"],
+                (
+                    (label, row["objects"], *(_figure(row["ap"][one]) for one in _CRITERIA))
+                    for label, row in report.figures.items()
+                    if row.get("objects")
+                ),
+            ),
         ]
-        for label, row in report.figures.items():
-            if row.get("objects"):
-                told = " | ".join(
-                    _figure(row["ap"][one])
-                    for one in ("within_1_m", "within_2_m", "bev_iou_0.5", "iou_3d_0.5")
-                )
-                lines.append(f"| {label} | {row['objects']} | {told} |")
     lines += [
         "",
         "## What it was not judged on",
@@ -417,10 +420,12 @@ def _card(
         "",
         "## Whose data",
         "",
+        *licence_lines(twin.manifest["inputs"]),
     ]
-    sources = dict.fromkeys(str(item["attribution"]) for item in twin.manifest["inputs"])
-    lines += [f"- {one}" for one in sources]
     return "\n".join(lines) + "\n"
+
+
+_CRITERIA = ("within_1_m", "within_2_m", "bev_iou_0.5", "iou_3d_0.5")
 
 
 def _figure(row: Mapping[str, Any]) -> str:

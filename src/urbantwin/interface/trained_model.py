@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.errors import InputError
+from urbantwin.interface.parts import chosen_frames
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -64,6 +65,7 @@ def train(  # noqa: PLR0913 - the options of the command
     heads: Sequence[str] | None = None,
     start: AnyPath | None = None,
     in_order: bool = False,
+    part: str = "train",
     seed: int = 0,
     workers: int = 1,
     device: str = "cpu",
@@ -72,7 +74,7 @@ def train(  # noqa: PLR0913 - the options of the command
     """Train a detector on labelled frames; interrupted, the same call goes on.
 
     Args:
-        datasets: of ours, or any labelled recording that is read.
+        datasets: of ours, documents of `split`, or any labelled recording that is read.
         out: the folder to write; ``model`` beside the first dataset when not given.
         steps: so many; when neither is given, ten minutes.
         minutes: as many steps as this machine does in so long, reading left out.
@@ -89,6 +91,8 @@ def train(  # noqa: PLR0913 - the options of the command
         start: a model of the same cells and channels: its weights are the first, where it has
             them (a model of `pretrain` has no heads).
         in_order: learn from the datasets one after the other, as of a curriculum; needs ``steps``.
+        part: of each dataset that is split, the frames to learn from: ``train``, ``val``, ``test``
+            or ``all``.
         seed: of the weights at the start and of all samples.
         workers: threads that make samples; the weights are the same.
         device: of torch: ``cpu``, ``cuda``.
@@ -118,32 +122,31 @@ def train(  # noqa: PLR0913 - the options of the command
     from urbantwin.learn.sample import Varied
     from urbantwin.progress import between
 
-    sources = _several(datasets)
-    target = beside(sources[0], KIND) if out is None else Path(out)
+    given = _several(datasets)
+    seen = chosen_frames(given, part)
+    sources = list(seen.folders)
+    target = beside(given[0], KIND) if out is None else Path(out)
     kinds = [one.name for one in fields(Varied) if one.default]
     _check_names("class", classes or (), DETECTED_CLASSES)
     _check_names("without", without, kinds)
     heads = heads or ("boxes",)
     _check_names("head", heads, _HEADS)
-    if in_order and steps is None:
-        raise InputError(
-            "datasets in order need a number of steps", place="--in-order", expected="--steps N"
-        )
+    _check_order(in_order, steps)
     varied = Varied(**{name: name not in without for name in kinds}, clutter=clutter)
     chosen = tuple(one for one in DETECTED_CLASSES if classes is None or one in classes)
-    if steps is None and minutes is None:
-        minutes = 10.0
+    minutes = 10.0 if steps is None and minutes is None else minutes
     design = Design(chosen if "boxes" in heads else (), reach, cell, intensity, width)
     first = None if start is None else first_weights(Path(start), design)
     window = min(Recipe.window_m, 2 * reach)
     recipe = Recipe(steps, minutes, batch, window, seed, device, workers, varied=varied,
                     in_order=in_order)  # fmt: skip
-    check_folder(target, kind=KIND, inputs=sources)
+    check_folder(target, kind=KIND, inputs=[*given, *sources])
     with shown_stage("train", progress, brief=True) as tell:
         digests = [digest_of(one) for one in sources]
         asked: dict[str, Any] = {
             "urbantwin": __version__,
             "datasets": digests,
+            "frames": seen.digests(),
             "design": asdict(design),
         }
         asked |= {"steps": steps, "minutes": minutes, "batch": batch, "seed": seed}
@@ -153,7 +156,9 @@ def train(  # noqa: PLR0913 - the options of the command
         with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
             work = scratch / "training"
             known = () if first is None else first.classes
-            frames = labelled_frames(sources, design, work, between(tell, 0.0, 0.1), known=known)
+            frames = labelled_frames(
+                sources, design, work, between(tell, 0.0, 0.1), known=known, names=seen.names
+            )
             if "points" in heads:
                 design = replace(design, points=_known_points(frames.points, sources))
             weights = None if first is None else first.weights
@@ -166,6 +171,7 @@ def train(  # noqa: PLR0913 - the options of the command
                     {"name": one.name, "sha256": digest}
                     for one, digest in zip(sources, digests, strict=True)
                 ],
+                "part": part,
                 "frames": len(frames),
                 "objects": dict(zip(design.classes, frames.objects, strict=True)),
                 "points": {name: frames.points[name] for name in design.points},
@@ -195,6 +201,18 @@ def _several(given: Sequence[AnyPath] | AnyPath) -> list[Path]:
     if not sources:
         raise InputError("no dataset is given", expected="one or more")
     return sources
+
+
+def _check_order(in_order: bool, steps: int | None) -> None:
+    """Refuse datasets in order without a number of steps.
+
+    Raises:
+        InputError: they are.
+    """
+    if in_order and steps is None:
+        raise InputError(
+            "datasets in order need a number of steps", place="--in-order", expected="--steps N"
+        )
 
 
 def _check_names(option: str, names: Sequence[str], known: Sequence[str]) -> None:
@@ -237,6 +255,7 @@ def pretrain(  # noqa: PLR0913 - the options of the command
     batch: int = 4,
     width: float = 1.0,
     intensity: bool = False,
+    part: str = "train",
     seed: int = 0,
     workers: int = 1,
     device: str = "cpu",
@@ -256,6 +275,7 @@ def pretrain(  # noqa: PLR0913 - the options of the command
         batch: windows of frames in a step.
         width: as of `train`.
         intensity: tell it of intensities.
+        part: as of `train`.
         seed: of the weights at the start and of all samples.
         workers: threads that make samples; the weights are the same.
         device: of torch: ``cpu``, ``cuda``.
@@ -282,17 +302,20 @@ def pretrain(  # noqa: PLR0913 - the options of the command
     from urbantwin.learn.model import KIND
     from urbantwin.progress import between
 
-    sources = _several(frames)
-    target = beside(sources[0], "pretrained") if out is None else Path(out)
+    given = _several(frames)
+    chosen = chosen_frames(given, part)
+    sources = list(chosen.folders)
+    target = beside(given[0], "pretrained") if out is None else Path(out)
     if steps is None and minutes is None:
         minutes = 10.0
     design = Design((), reach, cell, intensity, width)
     window = min(Recipe.window_m, 2 * reach)
     recipe = Recipe(steps, minutes, batch, window, seed, device, workers)
-    check_folder(target, kind=KIND, inputs=sources)
+    check_folder(target, kind=KIND, inputs=[*given, *sources])
     with shown_stage("pretrain", progress, brief=True) as tell:
         digests = [digest_of(one) for one in sources]
         asked: dict[str, Any] = {"urbantwin": __version__, "frames": digests}
+        asked["part"] = chosen.digests()
         asked |= {
             "design": asdict(design),
             "steps": steps,
@@ -303,7 +326,9 @@ def pretrain(  # noqa: PLR0913 - the options of the command
         key = recipe_key({"pretrain": asked, "device": device})
         with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
             work = scratch / "training"
-            seen = unlabelled_frames(sources, design, work, between(tell, 0.0, 0.1))
+            seen = unlabelled_frames(
+                sources, design, work, between(tell, 0.0, 0.1), names=chosen.names
+            )
             network, done, loss = pretrained(
                 seen, design, recipe, work / "state.safetensors", between(tell, 0.1, 1.0)
             )
@@ -314,6 +339,7 @@ def pretrain(  # noqa: PLR0913 - the options of the command
                     {"name": one.name, "sha256": digest}
                     for one, digest in zip(sources, digests, strict=True)
                 ],
+                "part": part,
                 "frames": len(seen),
                 "steps": done,
                 "batch": batch,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_folder, replaced_folder, write_json
+from urbantwin.artefact.tables import PARQUET
 from urbantwin.errors import StageError
 from urbantwin.interface.dataset import Dataset, recorded
 from urbantwin.interface.motion import Motion
@@ -332,7 +333,7 @@ def _compared(  # noqa: PLR0913, PLR0917 - what was made, and of what
         with replaced_folder(
             place / "comparison", kind="variation", inputs=[one for one in inputs if one]
         ) as folder:
-            pq.write_table(pa.concat_tables(tables), folder / "fates.parquet", compression="zstd")
+            pq.write_table(pa.concat_tables(tables), folder / "fates.parquet", **PARQUET)
             write_json(folder / "variation.json", manifest)
             if pictures:
                 from urbantwin.view.fates import fates_figure

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from urbantwin.artefact import Damage, Verified
 from urbantwin.artefact import verify as verify_artefacts
+from urbantwin.artefact.privacy import Finding, names_here, search_files
+from urbantwin.artefact.verify import is_artefact
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 from urbantwin.processes import usable_processors
+from urbantwin.progress import between
+
+if TYPE_CHECKING:
+    from urbantwin.exports.carla.check import Finding as BrokenRule
 
 __all__ = ["Verification", "verify"]
 
@@ -23,10 +31,15 @@ class Verification:
     Attributes:
         path: what was verified.
         artefacts: folder, kind, number of files and damages of each.
+        carla: of each undamaged CARLA package, by its folder, the rules of CARLA's own code and
+            what of the package breaks them.
+        personal: what may say something of people; ``None`` where nobody looked.
     """
 
     path: Path
     artefacts: tuple[Verified, ...]
+    carla: Mapping[Path, tuple[BrokenRule, ...]] = field(default_factory=dict)
+    personal: tuple[Finding, ...] | None = None
 
     @property
     def damages(self) -> tuple[Damage, ...]:
@@ -34,15 +47,17 @@ class Verification:
         return tuple(bad for one in self.artefacts for bad in one.damages)
 
     def __bool__(self) -> bool:
-        """Return whether everything is as it was written."""
-        return not self.damages
+        """Return whether everything is as written and as CARLA asks for it, and tells of nobody."""
+        broken = any(one.problems for found in self.carla.values() for one in found)
+        return not self.damages and not broken and not self.personal
 
     def __repr__(self) -> str:
         """Return counts and the path."""
         files = sum(one.files for one in self.artefacts)
+        told = "" if self.personal is None else f", {len(self.personal)} say something of people"
         return (
             f"{files} files of {len(self.artefacts)} artefacts verified, {len(self.damages)} "
-            f"are wrong ({self.path})"
+            f"are wrong{told} ({self.path})"
         )
 
     def summary(self, most: int | None = None) -> Summary:
@@ -56,35 +71,81 @@ class Verification:
                 "path": str(one.folder),
                 "kind": one.kind,
                 "files": one.files,
-                "wrong": [{"file": bad.name, "is": bad.problem} for bad in one.damages[:most]],
+                "wrong": [
+                    {"file": bad.name, "is": bad.problem}
+                    | ({"where": bad.where} if bad.where else {})
+                    for bad in one.damages[:most]
+                ],
             }
             for one in self.artefacts
         ]
-        return Summary(path=str(self.path), artefacts=rows)
+        found = Summary(path=str(self.path), artefacts=rows)
+        if self.personal is not None:
+            found["personal_data"] = [asdict(one) for one in self.personal[:most]]
+        if self.carla:
+            from urbantwin.exports.carla.check import NOT_PROVEN
+
+            found["carla"] = [
+                {"package": folder.name, "rule": one.rule, "read_by": one.read_by, "found": told}
+                for folder, of_package in self.carla.items()
+                for one in of_package
+                for told in one.told(most)
+            ]
+            found["not_proven"] = NOT_PROVEN
+        return found
 
     def check(self) -> None:
-        """Refuse what is damaged.
+        """Refuse what is damaged, what CARLA would trip over, and what says something of people.
 
         Raises:
-            InputError: a file is damaged, missing or foreign; the first is named.
+            InputError: a file is damaged, missing or foreign, breaks a rule, or says something of
+                people; the first is named.
         """
         first = next((one for one in self.artefacts if one.damages), None)
         if first is None:
+            self._check_carla()
+            self._check_personal()
             return
-        wrong = len(self.damages)
+        wrong, bad = len(self.damages), first.damages[0]
         raise InputError(
-            f"{first.damages[0].name} is {first.damages[0].problem}"
+            f"{bad.name} is {bad.problem}"
+            + (f" at {bad.where}" if bad.where else "")
             + (f", and {wrong - 1} more are wrong" if wrong > 1 else ""),
             file=first.folder,
             expected="the files as they were written; `urbantwin reproduce` makes a dataset again",
         )
 
+    def _check_carla(self) -> None:
+        for folder, found in self.carla.items():
+            problems = [f"{one.rule}: {bad}" for one in found for bad in one.problems]
+            if problems:
+                more = f", and {len(problems) - 1} more" if len(problems) > 1 else ""
+                expected = "a package by CARLA's rules (docs/exports.md)"
+                raise InputError(f"{problems[0]}{more}", file=folder, expected=expected)
 
-def verify(path: AnyPath, *, progress: ShowProgress = True) -> Verification:
+    def _check_personal(self) -> None:
+        if self.personal:
+            one, others = self.personal[0], len(self.personal) - 1
+            raise InputError(
+                f"{one.what} ({one.text})" + (f", and {others} more findings" if others else ""),
+                file=self.path / one.file if self.path.is_dir() else self.path,
+                place=one.place,
+                expected="nothing of people, machines or moments; look whether it may be passed on",
+            )
+
+
+def verify(path: AnyPath, *, privacy: bool = False, progress: ShowProgress = True) -> Verification:
     """Find files of artefacts that are damaged, missing or foreign, by their checksums.
 
+    A package for CARLA is also put before the rules of CARLA's own import, server and tools; those
+    about lanes and signals need its Python package.
+
     Args:
-        path: an artefact, or a folder of them: what `run` wrote.
+        path: an artefact, or a folder of them: what `run` wrote, or `export` to CARLA. With
+            ``privacy`` any file or folder.
+        privacy: search all files, too, for what they say of people: absolute paths, names of users
+            and machines (this one's among them), e-mail addresses, time stamps, in texts and in
+            the metadata of formats that are known.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -93,6 +154,25 @@ def verify(path: AnyPath, *, progress: ShowProgress = True) -> Verification:
     Example:
         >>> assert ut.verify("out/")
     """
+    from urbantwin.dataset.damaged_file import where_damaged
+
+    place, found, personal = Path(path), list[Verified](), None
     with shown_stage("verify", progress) as tell:
-        found = verify_artefacts(Path(path), workers=usable_processors(), progress=tell)
-    return Verification(Path(path), tuple(found))
+        if not privacy or is_artefact(place):
+            found = verify_artefacts(
+                place,
+                workers=usable_processors(),
+                where=where_damaged,
+                progress=between(tell, 0.0, 0.5) if privacy else tell,
+            )
+        carla = {}
+        for one in found:
+            if one.kind == "carla" and not one.damages:
+                from urbantwin.exports.carla.check import check_package
+
+                carla[one.folder] = check_package(one.folder)
+        if privacy:
+            personal = tuple(
+                search_files(place, names=names_here(), progress=between(tell, 0.5, 1.0))
+            )
+    return Verification(place, tuple(found), carla, personal)

@@ -16,7 +16,7 @@ from urbantwin.artefact.inventory import INVENTORY
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.labelled_view import view_of
-from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.learn.augmentation.pasting import ObjectBank, bank_of, read_bank, write_bank
 from urbantwin.learn.frames import (
     BEYOND_M,
@@ -85,7 +85,12 @@ def digest_of(dataset: Path) -> str:
 
 
 def unlabelled_frames(
-    recordings: Sequence[Path], design: Design, folder: Path, tell: Progress
+    recordings: Sequence[Path],
+    design: Design,
+    folder: Path,
+    tell: Progress,
+    *,
+    names: Sequence[Collection[str] | None] | None = None,
 ) -> LabelledFrames:
     """Return the frames of recordings without labels, levelled; see `labelled_frames`.
 
@@ -94,6 +99,7 @@ def unlabelled_frames(
         design: how far it looks, and whether it is told of intensities.
         folder: where levelled frames are kept.
         tell: called with the share that is done.
+        names: of the frames of each recording, all for ``None``.
 
     Raises:
         InputError: a recording cannot be used.
@@ -105,7 +111,7 @@ def unlabelled_frames(
     folder.mkdir(parents=True, exist_ok=True)
     rigs: list[int] = []
     for rig, path in enumerate(recordings):
-        recording = open_recording(path)
+        recording = _chosen(path, rig, names)
         share = between(tell, rig / len(recordings), (rig + 1) / len(recordings))
         for number in each(range(len(recording)), share, f"reading {path.name}"):
             frame = recording.read(number)
@@ -126,6 +132,7 @@ def labelled_frames(
     tell: Progress,
     *,
     known: Collection[str] = (),
+    names: Sequence[Collection[str] | None] | None = None,
 ) -> LabelledFrames:
     """Return the frames of datasets, levelled; what a folder already has is not made again.
 
@@ -135,6 +142,7 @@ def labelled_frames(
         folder: where levelled frames are kept.
         tell: called with the share that is done.
         known: classes that need not be there: the model that is begun with has learned them.
+        names: of the frames of each dataset that may be seen, all for ``None``.
 
     Raises:
         InputError: a dataset cannot be used, or has no box of a class.
@@ -148,7 +156,7 @@ def labelled_frames(
     objects = np.zeros(len(design.classes), np.int64)
     points = np.zeros(256, np.int64)
     for rig, dataset in enumerate(datasets):
-        recording = open_recording(dataset)
+        recording = _chosen(dataset, rig, names)
         view = view_of(recording)
         share = between(tell, rig / len(datasets), (rig + 1) / len(datasets))
         for number in each(range(len(recording)), share, f"reading {dataset.name}"):
@@ -187,6 +195,26 @@ def labelled_frames(
     bank = bank_of([(found.frame(k), rigs[k]) for k in some], len(design.classes))
     write_bank(folder / _BANK, bank)
     write_json(index, {"rigs": rigs, "objects": list(found.objects), "points": of_points})
+    return found
+
+
+def _chosen(path: Path, number: int, names: Sequence[Collection[str] | None] | None) -> Recording:
+    """Open a recording with the frames that may be seen.
+
+    Raises:
+        InputError: it cannot be read, or has none of them.
+    """
+    recording = open_recording(path)
+    wanted = None if names is None else names[number]
+    if wanted is None:
+        return recording
+    found = recording.only(set(wanted))
+    if not len(found):
+        raise InputError(
+            "has no frame of its list",
+            file=path,
+            expected="names of its frames in ImageSets, or --part all",
+        )
     return found
 
 

@@ -296,7 +296,8 @@ class Site:
         )
         sources = [
             {
-                "kind": kind,
+                # Of frames of real sensors the kind is known before they are read.
+                "kind": "recording" if getattr(source.spec, "kind", "") == "recording" else kind,
                 "name": source.name,
                 # Of folders and addresses: every file that was read is in geometry.json.
                 "sha256": sha256_of(source.path) if source.path and source.path.is_file() else "",

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from urbantwin.artefact.tables import ParquetGroups
+from urbantwin.artefact.tables import PARQUET, ParquetGroups
 
 __all__ = [
     "ACTOR_SCHEMA",
@@ -203,7 +203,7 @@ def write_rows(
     parts: Iterable[pa.Table], to: Path | pa.NativeFile, schema: pa.Schema = ACTOR_SCHEMA
 ) -> None:
     """Write the rows of tables that follow each other as Parquet, group of rows by group."""
-    with pq.ParquetWriter(to, schema, compression="zstd") as writer:
+    with pq.ParquetWriter(to, schema, **PARQUET) as writer:
         left, written = schema.empty_table(), 0
         for part in parts:
             left = pa.concat_tables([left, part])

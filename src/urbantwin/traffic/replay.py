@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -35,16 +36,20 @@ _LONGEST_S = 86400.0
 #: Sizes beyond these shares of the smallest and the largest mesh of the class are no measurement.
 _LEAST, _MOST = 0.7, 1.4
 _SIDES = ("length", "width", "height")
+#: What says nothing of anybody, as a licence plate or a person's name in a name's place would.
+_NUMBER = re.compile(r"[0-9]{1,9}").fullmatch
 _SHARE = 0.02  # poses beside the ground that are worth a warning
 
 
-def replay(
+def replay(  # noqa: PLR0913 - the options of the command
     twin: Twin,
     tracks: Path,
     out: Path,
     *,
     step_s: float | None = None,
     smooth: bool = True,
+    keep_clock: bool = False,
+    keep_names: bool = False,
     also: Callable[[Motion, Path], None] | None = None,
     progress: Progress = untold,
 ) -> Motion:
@@ -56,6 +61,8 @@ def replay(
         out: the folder to write.
         step_s: time between two steps; the site's ``traffic.step_s`` when not given.
         smooth: take the noise off their paths.
+        keep_clock: note what the recording's clock said at 0 s, which is a time of day.
+        keep_names: note what the recording calls each actor, numbers or not.
         also: given the motion and its folder before it appears, for what else belongs into it.
         progress: called with the fraction done and what is being done.
 
@@ -68,9 +75,20 @@ def replay(
     with replaced_folder(out, kind="motion", inputs=[twin.folder, *files_of(tracks)]) as folder:
         progress(0.0, "reading tracks")
         recording = read_recording(tracks, twin.frame)
-        sized = load_description(tracks)[0].sizes == "recorded"
+        spec = load_description(tracks)[0]
+        sized = spec.sizes == "recorded"
         motion = _replayed(twin, recording, step, smooth, sized, between(progress, 0.1, 0.9))
-        recorded = {**motion.manifest["recorded"], "files": _named(files_of(tracks))}
+        recorded = {
+            **({"begins_s": recording.begins_s} if keep_clock else {}),
+            **motion.manifest["recorded"],
+            "files": _named(files_of(tracks)),
+            "licence": spec.licence,
+            "attribution": spec.attribution,
+        }
+        if not keep_names:
+            recorded["names"] = {
+                number: name for number, name in recorded["names"].items() if _NUMBER(name)
+            }
         motion = replace(motion, manifest={**motion.manifest, "recorded": recorded})
         progress(0.9, "writing the motion")
         motion.write(folder)
@@ -201,7 +219,6 @@ def _recorded(
         for kind in ("filled", "absent")
     }
     return {
-        "begins_s": recording.begins_s,
         "names": {str(number): track.name for number, track in enumerate(tracks, 1)},
         "smoothing": "robust cubic smoothing splines" if smooth else "none",
         "moved_m": {

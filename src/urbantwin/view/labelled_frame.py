@@ -12,9 +12,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.artefact.arrays import ArrayOf, read_array
 from urbantwin.artefact.tables import columns_of, read_parquet
-from urbantwin.dataset.frame_files import read_labels, read_rays
+from urbantwin.dataset.frame_files import FrameFiles, ray_place
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
@@ -22,7 +21,6 @@ from urbantwin.geometry import Pose
 
 __all__ = ["LabelledPoints", "SensorPlace", "read_labelled_points"]
 
-_POINTS = "the points of a frame"
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 
 
@@ -97,21 +95,23 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
         name = _busiest(names, table)
     if name not in names:
         raise InputError(f"has no frame {name}", file=dataset, expected="a frame of the dataset")
-    points = read_array(dataset / "points" / f"{name}.npy", _POINTS, ArrayOf("f4", ("N", 4)))
-    label = read_labels(dataset / "semantic" / f"{name}.label", len(points))
-    rays = read_rays(dataset / "rays" / f"{name}.npy", len(points))
+    kept = FrameFiles(dataset, name)
+    points, label, rays = kept.points, kept.labels, kept.rays
     lacking = sorted({"sensor", "ring", "column"} - set(rays.dtype.names or ()))
     if lacking:
         raise InputError(
             f"has no {lacking[0]}",
-            file=dataset / "rays" / f"{name}.npy",
+            file=kept.rays_file,
             expected="sensor, ring and column of each point",
         )
     sensors = manifest["rig"]["sensors"]
     if len(rays) and int(rays["sensor"].max()) >= len(sensors):
         raise InputError(
             "names a sensor that is not there",
-            file=dataset / "rays" / f"{name}.npy",
+            file=kept.rays_file,
+            place=ray_place(kept.rays_file, rays, "sensor", int(np.argmax(rays["sensor"])))
+            if kept.is_plain
+            else None,
             expected=f"numbers below {len(sensors)}",
         )
     mine = np.flatnonzero(table["frame"] == name)

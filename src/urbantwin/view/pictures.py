@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from urbantwin.dataset import parts_of
+from urbantwin.dataset.card import read_statistics, splits_of
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.motion_interpolation import Rows, rows_at
 from urbantwin.errors import InputError
@@ -22,6 +23,7 @@ from urbantwin.traffic.assets import asset_mesh
 from urbantwin.twin import Twin
 from urbantwin.view import style
 from urbantwin.view.birdseye import birdseye_figure
+from urbantwin.view.box_figures import pictures_of_boxes
 from urbantwin.view.coverage import coverage_figure
 from urbantwin.view.event_picture import event_figure
 from urbantwin.view.ground_materials import ground_figure
@@ -167,9 +169,9 @@ def pictures_of_dataset(
 ) -> list[Path]:
     """Draw a recorded dataset: the frame with the most labelled actors, and its classes.
 
-    ``birdseye.png``, ``range_image.png``, ``histogram.png``, and, where the twin and its motion
-    are given, ``scene.png``: the same moment in the twin with its actors. In a folder with a
-    dataset for each sensor, those of all.
+    ``birdseye.png``, ``range_image.png``, ``histogram.png``, what `pictures_of_boxes` draws of all
+    frames, and, where the twin and its motion are given, ``scene.png``: the same moment in the
+    twin with its actors. In a folder with a dataset for each sensor, those of all.
 
     Args:
         dataset: the dataset's folder.
@@ -203,6 +205,8 @@ def pictures_of_dataset(
         drawn.append(style.save(figure, out / "range_image.png"))
     tell(0.5, "drawing the histogram")
     drawn.append(style.save(_figure_of_counts(manifest), out / "histogram.png"))
+    tell(0.55, "drawing all boxes")
+    drawn += pictures_of_boxes(read_statistics(dataset), splits_of(dataset), out, sources)
     if twin is not None and motion is not None:
         tell(0.6, "drawing the scene")
         meshes = [twin.mesh, *actor_meshes(rows_at(motion, frame.time_s), motion.mesh)]

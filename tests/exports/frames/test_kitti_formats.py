@@ -211,13 +211,16 @@ def in_site(twin, motion, tmp_path_factory):
 def test_kitti_comes_back(name, request, tmp_path):
     dataset = request.getfixturevalue(name)
     out, _ = export_dataset(dataset, "kitti", tmp_path / "out")
-    back, source = open_recording(out), FrameSource(dataset)
-    assert back.layout == "kitti"
-    assert len(back) == len(source) > 0
+    source = FrameSource(dataset)
+    parts = [open_recording(out / part) for part in ("training", "testing")]
+    assert {one.layout for one in parts} == {"kitti"}
+    assert parts[1].names == source.split["test"]
+    back = {found.name: found for one in parts for found in one}
+    assert sorted(back) == list(source.names)
     middles = {0: 0.0, 1: 0.4, 2: 0.8}
     boxes_seen = 0
-    for found, wanted in zip(back, source, strict=True):
-        assert found.name == wanted.name
+    for wanted in source:
+        found = back[wanted.name]
         assert (found.points == wanted.points).all()
         assert (found.intensity == wanted.intensity).all()
         boxes = wanted.boxes
@@ -239,11 +242,12 @@ def test_kitti_comes_back(name, request, tmp_path):
     in_frame = frame.site_SE3_frame.rotation.T @ (at - frame.site_SE3_frame.translation)
     assert camera @ [*in_frame, 1] == pytest.approx(np.zeros(3), abs=1e-9)
     # What is on all sides is labelled: nothing is left out where it stands.
-    frame = next(iter(back))
+    frame = next(iter(parts[0]))
     around = np.array([[-20.0, 3, 0, 4, 2, 2, 0], [20.0, 0, 0, 4, 2, 2, 0]])
-    assert view_of(back).covers(frame, around).all()
+    assert view_of(parts[0]).covers(frame, around).all()
     shutil.rmtree(out / "training" / "label_all")
-    assert view_of(open_recording(out)).covers(frame, around).tolist() == [False, True]
+    seen = view_of(open_recording(out / "training")).covers(frame, around)
+    assert seen.tolist() == [False, True]
 
 
 def test_liguard_reads_kitti(kitti, judge):

@@ -12,6 +12,8 @@ from typing import Any
 from urbantwin import __version__
 from urbantwin.artefact import INVENTORY, damages, sha256_of
 from urbantwin.artefact.inventory import read_inventory
+from urbantwin.dataset.block_sums import BLOCKS
+from urbantwin.dataset.card.page import CARD
 from urbantwin.dataset.layout import FOLDERS
 from urbantwin.dataset.manifest import versions_here
 from urbantwin.dataset.reproduction.source_manifest import SourceManifest
@@ -123,14 +125,14 @@ def compared(
     now = {
         name.removeprefix(inside): digest
         for name, digest in read_inventory(again).items()
-        if name.startswith(inside) and name != INVENTORY
+        if name.startswith(inside) and _is_data(name)
     }
     mine = again / source.part if source.part else again
     files = sum(not _is_picture(name) for name in now)
     manifest = json.loads((mine / "dataset.json").read_text())
     if given.alone:
         now = _told_sums(manifest, mine / "dataset.json")
-    then = {name: digest for name, digest in given.sums.items() if name != INVENTORY}
+    then = {name: digest for name, digest in given.sums.items() if _is_data(name)}
     names = sorted(then.keys() | now.keys())
     other = [name for name in names if then.get(name) != now.get(name)]
     data = [name for name in other if not _is_picture(name)]
@@ -223,6 +225,11 @@ def _is_part(source: SourceManifest) -> bool:
 
 def _has_pictures(sums: Mapping[str, str]) -> bool:
     return any(map(_is_picture, sums))
+
+
+def _is_data(name: str) -> bool:
+    """Return whether a file is neither made of the others alone nor a card."""
+    return name.rpartition("/")[2] not in (INVENTORY, BLOCKS, CARD)
 
 
 def _is_picture(name: str) -> bool:

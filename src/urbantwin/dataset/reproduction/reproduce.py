@@ -19,6 +19,7 @@ from urbantwin.dataset.reproduction.compare import Given, compared, given_files,
 from urbantwin.dataset.reproduction.inputs import Found, found_inputs, places_to_look
 from urbantwin.dataset.reproduction.named_files import NamedFile, set_at, value_at
 from urbantwin.dataset.reproduction.source_manifest import SourceManifest, read_source_manifest
+from urbantwin.dataset.split import SplitAsked, shares_of
 from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
 from urbantwin.lidar.background_file import rig_with_backgrounds
@@ -220,11 +221,22 @@ def _recorded(
         every=source.record.every,
         rig_file=file,
         backend=source.dataset.backend,
+        storage=source.record.storage,
+        split=_split(source),
         asked=asked_of(spec, file, twin, background=background, fuse=fuse),
         inputs=[] if plan.motion is None else [plan.motion],
         also=also if pictures else None,
         progress=progress,
     )
+
+
+def _split(source: SourceManifest) -> SplitAsked | None:
+    """Return what was asked of the split; ``None``, the usual, where a dataset does not say."""
+    asked = source.record.split
+    if asked is None:
+        return None
+    shares = shares_of(asked.shares, "made_from.record.split.shares")
+    return SplitAsked(shares, asked.gap_s, asked.moved_m)
 
 
 def _with_files(plan: Plan, document: str, twin: Path | None = None) -> Mapping[str, Any]:

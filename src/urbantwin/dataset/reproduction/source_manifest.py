@@ -47,6 +47,14 @@ class _Motion(Part):
     made: _Made
 
 
+class _Split(Part):
+    shares: Annotated[
+        list[Annotated[float, Field(ge=0, le=100)]], Field(min_length=3, max_length=3)
+    ]
+    gap_s: Annotated[float, Field(ge=0, le=86_400)] | None
+    moved_m: Annotated[float, Field(ge=0, le=1000)] | None
+
+
 class _Record(Part):
     rig: dict[str, Any]
     files: list[NamedFile]
@@ -56,6 +64,8 @@ class _Record(Part):
         list[Annotated[float, Field(ge=0, le=1e6)]], Field(min_length=2, max_length=2)
     ]
     every: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    split: _Split | None = None
+    storage: Literal["npy", "zstd", "laz"] = "npy"
 
 
 class _MadeFrom(Part):

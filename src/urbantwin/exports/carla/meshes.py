@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.exports.mesh import MeshObject
+from urbantwin.exports.mesh import Look, MeshObject
+from urbantwin.exports.scene.materials import look_of
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import materials, semantic_classes
 
-__all__ = ["named_objects"]
+__all__ = ["named_objects", "navigation_objects"]
 
 #: Edge of the squares that ground and plants are cut into, metres.
 CELL_M = 100.0
@@ -44,10 +46,20 @@ _ROADRUNNER = {
     ("Terrain", "soil"): "Rural_Ground",
     ("Terrain", ""): "Apartment_Ground",
 }
+#: Object -> area for pedestrians.
+_AREAS = {
+    "Road_Road": "road",
+    "Road_Marking": "road",
+    "Road_Curb": "road",
+    "Road_Sidewalk": "sidewalk",
+    "Terrain": "grass",
+}
 
 
-def named_objects(mesh: LabelledMesh, paint: LabelledMesh) -> list[MeshObject]:
-    """Split the static world into named objects, in a fixed order.
+def named_objects(
+    mesh: LabelledMesh, paint: LabelledMesh
+) -> tuple[list[MeshObject], dict[str, Look]]:
+    """Split the static world into named objects, in a fixed order, and say how they look.
 
     Args:
         mesh: the static world, site frame.
@@ -55,10 +67,32 @@ def named_objects(mesh: LabelledMesh, paint: LabelledMesh) -> list[MeshObject]:
     """
     kinds = _kinds(mesh)
     found: list[MeshObject] = []
+    looks: dict[str, Look] = {}
     for kind in (*dict.fromkeys(_OBJECT_OF.values()), "Road_Curb", "TrafficLight"):
         part = mesh.select(kinds == kind)
-        found += _objects(kind, part, by_part=kind in ("Building", "TrafficLight", "TrafficSign"))
-    return found + list(_objects("Road_Marking", paint, by_part=False))
+        by_part = kind in ("Building", "TrafficLight", "TrafficSign")
+        found += _objects(kind, part, looks, by_part=by_part)
+    return [*found, *_objects("Road_Marking", paint, looks, by_part=False)], looks
+
+
+def navigation_objects(objects: Sequence[MeshObject]) -> list[MeshObject]:
+    """Return what ``RecastBuilder`` reads: each object with one material, its area for pedestrians.
+
+    It goes by the names ``road``, ``sidewalk``, ``crosswalk``, ``grass`` and ``block`` (CARLA's
+    ``Util/DockerUtils/fbx/src/FBX2OBJ.cpp`` gives them by the names of meshes; areas in
+    ``LibCarla/source/carla/nav/Navigation.h``). The crosswalks come from the OpenDRIVE, by CARLA's
+    own ``get_xodr_crosswalks.py``. Ground of soil and grass is ``grass``, which pedestrians avoid;
+    ``FBX2OBJ`` makes it ``block``.
+    """
+    return [
+        replace(one, material=np.zeros_like(one.material), materials=(navigation_area(one.name),))
+        for one in objects
+    ]
+
+
+def navigation_area(name: str) -> str:
+    """Return the area for pedestrians of an object by its name."""
+    return next((area for key, area in _AREAS.items() if name.startswith(key)), "block")
 
 
 def _kinds(mesh: LabelledMesh) -> NDArray[np.str_]:
@@ -80,7 +114,9 @@ def _kinds(mesh: LabelledMesh) -> NDArray[np.str_]:
     return kinds
 
 
-def _objects(kind: str, mesh: LabelledMesh, *, by_part: bool) -> Iterator[MeshObject]:
+def _objects(
+    kind: str, mesh: LabelledMesh, looks: dict[str, Look], *, by_part: bool
+) -> Iterator[MeshObject]:
     if not len(mesh.faces):
         return
     if by_part:
@@ -88,16 +124,20 @@ def _objects(kind: str, mesh: LabelledMesh, *, by_part: bool) -> Iterator[MeshOb
     else:
         cell = np.floor(mesh.triangles()[:, :, :2].mean(axis=1) / CELL_M).astype(np.int64)
         group = np.unique(cell, axis=0, return_inverse=True)[1].ravel()
-    names = {row.id: name for name, row in materials().items()}
+    stuff = {row.id: name for name, row in materials().items()}
     for number in range(int(group.max()) + 1):
         part = mesh.select(group == number)
-        used, material = np.unique(part.material, return_inverse=True)
+        used, first, material = np.unique(part.material, return_index=True, return_inverse=True)
+        names = [_material_name(kind, stuff[int(one)]) for one in used]
+        for name, number_of, face in zip(names, used, first, strict=True):
+            colour = look_of(int(part.semantic[face]), int(number_of))[1].colour
+            looks.setdefault(name, Look(colour))
         yield MeshObject(
             f"{kind}_{number}",
             part.vertices,
             part.faces,
             material.astype(np.int32),
-            tuple(_material_name(kind, names[int(one)]) for one in used),
+            tuple(names),
         )
 
 
@@ -105,4 +145,5 @@ def _material_name(kind: str, material: str) -> str:
     for key in ((kind, material), (kind, "")):
         if key in _ROADRUNNER:
             return _ROADRUNNER[key]
-    return f"M_{kind}_{material.replace('-', '_')}"
+    # "asphalt-light" would keep a mesh out of the world.
+    return f"M_{kind}_{material.replace('light', 'pale').replace('-', '_')}"

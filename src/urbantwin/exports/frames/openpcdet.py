@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from urbantwin.artefact import replaced_file
+from urbantwin.dataset.frame_files import stored_frames
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
 from urbantwin.exports.frames.learned_classes import learned_classes
@@ -95,11 +96,14 @@ def write_openpcdet_config(dataset: Path, file: Path) -> list[str]:
     learned = learned_classes(dataset)
     with replaced_file(file, inputs=[dataset]) as passing:
         passing.write_text(openpcdet_config(learned, str(dataset.resolve())))
-    return [
+    notes = [
         *learned.notes,
         f"DATA_PATH is {dataset}, whose labels have the boxes without a point, too: -o folder/ "
         "writes a dataset without them",
     ]
+    if stored_frames(dataset):
+        notes.append("OpenPCDet reads points/*.npy, and these are kept in columns: -o folder/ too")
+    return notes
 
 
 def _info(name: str, found: LearnedBoxes) -> dict[str, object]:

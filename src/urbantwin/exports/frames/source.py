@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.arrays import ArrayOf, read_array
 from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.frame_files import read_labels, read_rays
+from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, SiteFrame
@@ -204,18 +203,17 @@ class FrameSource(Sequence[SourceFrame]):
             InputError: a file of it is missing or damaged.
         """
         name = self.names[index]
-        path = self.folder / "points" / f"{name}.npy"
-        values = read_array(path, "the points of a frame", ArrayOf("f4", ("N", 4)))
-        labels = read_labels(self.folder / "semantic" / f"{name}.label", len(values))
+        files = FrameFiles(self.folder, name)
+        labels = files.labels
         return SourceFrame(
             name=name,
             number=index,
             time_s=float(self.times_s[index]),
-            points=values[:, :3],
-            intensity=values[:, 3],
+            points=files.points[:, :3],
+            intensity=files.points[:, 3],
             semantic=(labels & 0xFFFF).astype(np.uint16),
             instance=(labels >> 16).astype(np.uint16),
-            rays=read_rays(self.folder / "rays" / f"{name}.npy", len(values)),
+            rays=files.rays,
             boxes=self.boxes_of(name),
             site_SE3_frame=self.site_SE3_frame(index),
             site_SE3_sensors=self._places.get(name, {}) | self._missing_places(name),

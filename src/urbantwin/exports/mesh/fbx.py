@@ -1,84 +1,140 @@
-"""FBX, written by Blender in a process of its own.
-
-Blender's Python module ``bpy`` is an optional extra under the GPL; UrbanTwin never imports it but
-runs ``blender_fbx.py`` as a program beside itself.
-"""
+"""FBX, written by Assimp, whose library comes with the wheel ``cmeel-assimp``."""
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
-import json
 import os
-import subprocess
-import sys
+import struct
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
-from urbantwin.errors import StageError
+from urbantwin.errors import InputError, StageError
+from urbantwin.exports.mesh.gltf import write_glb
 from urbantwin.exports.mesh.mesh_object import Look, MeshObject
 
-__all__ = ["HOW_TO_GET_FBX", "blender_python", "write_fbx"]
+__all__ = ["write_fbx"]
 
-#: Names the Python interpreter that has ``bpy``, where it is not this one.
-VARIABLE = "URBANTWIN_BLENDER_PYTHON"
-HOW_TO_GET_FBX = "pip install 'urbantwin[fbx]' (Blender, Python 3.11), then export again"
-_PROGRAM = Path(__file__).with_name("blender_fbx.py")
-
-
-def blender_python() -> str | None:
-    """Return the interpreter that has Blender's module ``bpy``, ``None`` where there is none."""
-    named = os.environ.get(VARIABLE)
-    if named:
-        return named
-    return sys.executable if importlib.util.find_spec("bpy") else None
+#: FBX's unit is the centimetre.
+_CM_PER_M = 100.0
+#: What the file says of its axes (``FbxAxisSystem``): z is up, x goes right, -y comes to the
+#: viewer. Assimp writes Maya's, y up, unless the scene that it converts came from an FBX.
+_AXES = {"UpAxis": 2, "FrontAxis": 1, "FrontAxisSign": -1, "OriginalUpAxis": 2}
+#: When it was made; Assimp writes the time of day.
+_DATE = {"Year": 1970, "Month": 1, "Day": 1, "Hour": 0, "Minute": 0, "Second": 0}
+#: ``aiProcess_JoinIdenticalVertices``: corners of one place become one vertex in the file.
+_JOIN_IDENTICAL_VERTICES = 0x2
+_HOW_TO_GET_IT = "pip install cmeel-assimp"
 
 
-def write_fbx(
-    objects: Sequence[MeshObject], path: Path, looks: Mapping[str, Look], interpreter: str
-) -> None:
-    """Write FBX 7.4: one mesh per object, named as it; x east, y north, z up, centimetres.
+def write_fbx(objects: Sequence[MeshObject], path: Path, looks: Mapping[str, Look]) -> None:
+    """Write binary FBX 7.5: one mesh per object, named as it; x east, y north, z up, centimetres.
 
     Unreal mirrors y as it imports (``FbxMainImport.cpp``, ``ConvertPos``), so the mesh comes out
-    in CARLA's frame. The same objects give the same bytes.
+    in CARLA's frame. Nodes have no transform; the objects' extras are their properties.
+    Every triangle has its own normal, and texture coordinates in metres seen from the nearest
+    side. The same objects give the same bytes.
 
     Args:
-        objects: what to write.
+        objects: what to write, two or more: of one alone, Assimp makes the scene itself.
         path: the file.
         looks: how the objects' materials look, by name.
-        interpreter: a Python with ``bpy``.
 
     Raises:
-        StageError: Blender failed.
+        InputError: Assimp is not installed.
+        StageError: it failed.
     """
     with passing_folder("urbantwin-fbx") as scratch:
-        arrays: dict[str, np.ndarray[tuple[int, ...], np.dtype[np.generic]]] = {}
-        for number, one in enumerate(objects):
-            arrays[f"{number}/vertices"] = one.vertices
-            arrays[f"{number}/faces"] = one.faces
-            arrays[f"{number}/material"] = one.material
-        np.savez(scratch / "objects.npz", allow_pickle=False, **arrays)
-        used = sorted({name for one in objects for name in one.materials})
-        job = {
-            "objects": [{"name": one.name, "materials": one.materials} for one in objects],
-            "colours": {name: looks[name].colour for name in used},
-            "out": str(path.resolve()),
-        }
-        (scratch / "job.json").write_text(json.dumps(job))
-        command = [interpreter, "-P", str(_PROGRAM), str(scratch)]
-        try:
-            done = subprocess.run(
-                command,
-                capture_output=True,
-                text=True,
-                check=False,
-                # Blender numbers an FBX's objects by the hashes of their names.
-                env={**os.environ, "PYTHONHASHSEED": "0"},
-            )
-        except OSError as error:
-            raise StageError(f"Blender's Python {interpreter} does not run ({error})") from None
-    if done.returncode or not path.is_file():
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
-        raise StageError(f"Blender failed: {lines[-1].strip() if lines else done.returncode}")
+        source, made = scratch / "scene.glb", scratch / "scene.fbx"
+        write_glb([_by_corner(one) for one in objects], source, looks)
+        _convert(source, made)
+        content = bytearray(made.read_bytes())
+    for name, value in _DATE.items():
+        _set(content, _text(name)[4:] + b"I", value)
+    for name, value in _AXES.items():
+        kind = b"S" + _text("int") + b"S" + _text("Integer") + b"S" + _text("")
+        _set(content, b"S" + _text(name) + kind + b"I", value)
+    path.write_bytes(content)
+
+
+def _by_corner(one: MeshObject) -> MeshObject:
+    """Return an object with the corners of its triangles apart, as its glTF stores an FBX's."""
+    corners = one.vertices[one.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    side = np.argmax(np.abs(normal), axis=1)
+    across = np.array([[1, 2], [0, 2], [0, 1]])[side]
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.divide(
+        normal, length, out=np.tile([0.0, 0.0, 1.0], (len(normal), 1)), where=length > 0
+    )
+    return replace(
+        one,
+        vertices=_CM_PER_M * _untouched(corners.reshape(-1, 3)),
+        faces=np.arange(3 * len(corners), dtype=np.int32).reshape(-1, 3),
+        normals=_untouched(np.repeat(normal, 3, axis=0)),
+        uv=np.take_along_axis(corners, across[:, None, :], axis=2).reshape(-1, 2),
+    )
+
+
+def _untouched(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points (N, 3) that glTF's ``y_up`` turns into those given."""
+    return np.column_stack([points[:, 0], -points[:, 2], points[:, 1]])
+
+
+def _convert(source: Path, made: Path) -> None:
+    """Turn a glTF into an FBX by Assimp's C interface (``cimport.h``, ``cexport.h``)."""
+    assimp = _assimp()
+    scene = assimp.aiImportFile(os.fsencode(source), 0)
+    if not scene:
+        raise StageError(f"Assimp failed: {assimp.aiGetErrorString().decode(errors='replace')}")
+    try:
+        if assimp.aiExportScene(scene, b"fbx", os.fsencode(made), _JOIN_IDENTICAL_VERTICES):
+            said = assimp.aiGetErrorString().decode(errors="replace")
+            raise StageError(f"Assimp failed: {said}")
+    finally:
+        assimp.aiReleaseImport(scene)
+
+
+@cache
+def _assimp() -> ctypes.CDLL:
+    """Load the library from its wheel, which keeps it beside the package ``cmeel``."""
+    found = importlib.util.find_spec("cmeel")
+    if found is None or found.origin is None:
+        raise InputError("Assimp, which writes FBX, is not installed", expected=_HOW_TO_GET_IT)
+    prefix = Path(found.origin).parent.parent / "cmeel.prefix"
+    try:
+        for compression in sorted(prefix.glob("lib*/libz.so.1")):  # no path leads it there
+            ctypes.CDLL(str(compression), ctypes.RTLD_GLOBAL)
+        library = ctypes.CDLL(str(prefix / "lib" / "libassimp.so"))
+    except OSError as error:
+        raise InputError(f"Assimp does not load ({error})", expected=_HOW_TO_GET_IT) from None
+    library.aiImportFile.argtypes = [ctypes.c_char_p, ctypes.c_uint]
+    library.aiImportFile.restype = ctypes.c_void_p
+    library.aiExportScene.argtypes = [
+        ctypes.c_void_p,
+        ctypes.c_char_p,
+        ctypes.c_char_p,
+        ctypes.c_uint,
+    ]
+    library.aiReleaseImport.argtypes = [ctypes.c_void_p]
+    library.aiGetErrorString.restype = ctypes.c_char_p
+    return library
+
+
+def _text(text: str) -> bytes:
+    """Return a text as FBX stores it: its length, then itself."""
+    return struct.pack("<I", len(text)) + text.encode()
+
+
+def _set(content: bytearray, before: bytes, value: int) -> None:
+    """Put a number in the place of the first that follows some bytes."""
+    at = content.find(before)
+    if at < 0:
+        raise StageError(f"Assimp wrote an FBX without {before!r}")
+    content[at + len(before) : at + len(before) + 4] = struct.pack("<i", value)

@@ -50,13 +50,18 @@ def write_glb(
         "bufferViews": [],
     }
     for one in objects:
-        position = _add(document, body, y_up(one.vertices).astype("<f4"), _ARRAY)
+        attributes = {"POSITION": _add(document, body, y_up(one.vertices).astype("<f4"), _ARRAY)}
+        if one.normals is not None:
+            attributes["NORMAL"] = _add(document, body, y_up(one.normals).astype("<f4"), _ARRAY)
+        if one.uv is not None:
+            turned = one.uv * [1.0, -1.0] + [0.0, 1.0]  # glTF counts rows from the top
+            attributes["TEXCOORD_0"] = _add(document, body, turned.astype("<f4"), _ARRAY)
         primitives = []
         for number, material in enumerate(one.materials):
             faces = one.faces[one.material == number].astype("<u4").reshape(-1)
             primitives.append(
                 {
-                    "attributes": {"POSITION": position},
+                    "attributes": attributes,
                     "indices": _add(document, body, faces, _ELEMENTS),
                     "material": names.index(material),
                 }
@@ -107,7 +112,7 @@ def _add(
         "bufferView": len(document["bufferViews"]) - 1,
         "componentType": _FLOAT if target == _ARRAY else _UINT,
         "count": len(values),
-        "type": "VEC3" if target == _ARRAY else "SCALAR",
+        "type": f"VEC{values.shape[1]}" if target == _ARRAY else "SCALAR",
     }
     if target == _ARRAY:
         accessor["min"] = [float(v) for v in values.min(axis=0)]

@@ -22,6 +22,8 @@ class MeshObject:
         material: (F,) index into ``materials``.
         materials: names of the materials of its faces.
         extras: what else is known of it; JSON values.
+        normals: (V, 3) of the vertices, for formats that ask for them.
+        uv: (V, 2) texture coordinates, v upwards, likewise.
     """
 
     name: str
@@ -30,6 +32,8 @@ class MeshObject:
     material: NDArray[np.int32]
     materials: tuple[str, ...]
     extras: Mapping[str, object] = field(default_factory=dict)
+    normals: NDArray[np.float64] | None = None
+    uv: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)

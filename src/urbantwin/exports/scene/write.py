@@ -8,10 +8,8 @@ from pathlib import Path
 from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
 from urbantwin.exports.mesh import (
-    HOW_TO_GET_FBX,
     Look,
     MeshObject,
-    blender_python,
     write_fbx,
     write_glb,
     write_obj,
@@ -51,7 +49,7 @@ def write_scene(twin: Twin, path: Path, name: str) -> Notes:
 
     Raises:
         InputError: ``path`` cannot be used, or what writes the format is not installed.
-        StageError: Blender failed.
+        StageError: what writes it failed.
     """
     if path.is_dir():
         raise InputError(
@@ -98,11 +96,8 @@ def _usd(twin: Twin, path: Path) -> Notes:
 
 
 def _fbx(twin: Twin, path: Path) -> Notes:
-    interpreter = blender_python()
-    if interpreter is None:
-        raise InputError("Blender is not installed", place="--to fbx", expected=HOW_TO_GET_FBX)
     objects, looks = _objects(twin)
-    write_fbx(objects, path, looks, interpreter)
+    write_fbx(objects, path, looks)
     return None
 
 

@@ -25,13 +25,18 @@ from urbantwin.fidelity.readers.hesai import (
     hesai_fields,
 )
 from urbantwin.fidelity.readers.hesai_packets import HesaiForm, hesai_form, unread_protocol
-from urbantwin.fidelity.readers.ouster import metadata_of, ouster_recording
+from urbantwin.fidelity.readers.ouster import HEADER_BYTES, metadata_of, ouster_recording
 from urbantwin.fidelity.readers.ouster_packets import OusterFormat, read_ouster_format
 from urbantwin.fidelity.readers.pcap import Datagram, datagrams_in, is_pcap, mapped, payload_of
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.fidelity.readers.turns import PART_LEFT_OUT, turn_numbers, whole_turns
 from urbantwin.fidelity.readers.velodyne import TWO_RETURNS as TWO_OF_VELODYNE
-from urbantwin.fidelity.readers.velodyne import Velodyne, azimuth_deg, velodyne_model
+from urbantwin.fidelity.readers.velodyne import (
+    Velodyne,
+    azimuth_deg,
+    unread_model,
+    velodyne_model,
+)
 
 __all__ = ["CAPTURES", "is_capture_of", "open_capture"]
 
@@ -92,7 +97,7 @@ def open_capture(path: Path, layout: str | None = None) -> Recording:
     capture = captures[0]
     unit, model = _chosen(capture, _units(capture, layout), choice)
     if isinstance(unit.form, OusterFormat):
-        return ouster_recording(path, capture, unit.form, unit.packets)
+        return _ouster_recording(path, capture, unit.form, unit.packets)
     if isinstance(unit.form, HesaiForm):
         return _hesai_recording(path, capture, unit, model)
     return _velodyne_recording(path, capture, unit)
@@ -130,7 +135,7 @@ def _units(capture: Path, layout: str | None) -> list[_Unit]:
     """Return the units in a capture, whose packets are in their order."""
     units: dict[tuple[Any, ...], _Unit] = {}
     others: list[Datagram] = []
-    unread: set[str] = set()
+    unread: set[str | None] = set()
     with mapped(capture) as data:
         for one in datagrams_in(capture, data):
             packet = _whole(data, one)
@@ -144,7 +149,7 @@ def _units(capture: Path, layout: str | None) -> list[_Unit]:
                 new = _Unit("hesai", form.models, one.source, one.port, form)
             else:
                 others.append(one)
-                unread |= {protocol} if (protocol := unread_protocol(packet)) else set()
+                unread |= {unread_protocol(packet), unread_model(packet)} - {None}
                 continue
             units.setdefault(key, new).packets.append(one)
     found = [one for one in units.values() if layout in (None, one.layout)]
@@ -156,26 +161,26 @@ def _units(capture: Path, layout: str | None) -> list[_Unit]:
 
 
 def _ousters(
-    capture: Path, packets: list[Datagram], unread: set[str], *, alone: bool
+    capture: Path, packets: list[Datagram], unread: set[str | None], *, alone: bool
 ) -> list[_Unit]:
     """Return the Ousters among packets, as large as the metadata beside the capture asks for.
 
     Args:
         capture: the file.
         packets: of none of the other makers.
-        unread: protocols of Hesai's among them that are not read.
+        unread: what Hesai's and Velodyne's among them are that are not read.
         alone: whether there is nothing else: what is missing is an error then.
     """
     if not packets and not alone:
         return []
     if unread and alone:
         raise InputError(
-            f"holds packets of Hesai's protocol {', '.join(sorted(unread))}, which is not read",
+            f"holds packets of {', '.join(sorted(filter(None, unread)))}, which are not read",
             file=capture,
             expected="a model that docs/real_data.md names",
         )
     try:
-        metadata = metadata_of(capture)
+        metadata = metadata_of(capture, "has no packets of a Velodyne or Hesai")
         form = read_ouster_format(metadata)
     except InputError:
         if alone:
@@ -222,6 +227,21 @@ def _payloads(capture: Path, packets: list[Datagram]) -> Iterator[bytes]:
     with capture.open("rb") as stream:
         for one in packets:
             yield payload_of(stream, one)
+
+
+def _ouster_recording(
+    path: Path, capture: Path, form: OusterFormat, packets: list[Datagram]
+) -> Recording:
+    def begun() -> Iterator[tuple[Datagram, bytes]]:
+        with capture.open("rb") as stream:
+            for one in packets:
+                begin, end = one.parts[0]
+                stream.seek(begin)
+                yield one, stream.read(min(end - begin, HEADER_BYTES))
+
+    return ouster_recording(
+        (path, capture, "ouster"), form, begun(), lambda some: list(_payloads(capture, some))
+    )
 
 
 def _velodyne_recording(path: Path, capture: Path, unit: _Unit) -> Recording:

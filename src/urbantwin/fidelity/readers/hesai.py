@@ -41,12 +41,12 @@ def angles_of(
         InputError: the angle correction is not right, or is missing though packets are those of
             several models.
     """
+    if chosen is not None and chosen.lower() not in {one.lower() for one in models}:
+        raise InputError(f"has no packets of a {chosen}", file=file, expected=" or ".join(models))
     correction = _correction_of(file)
     if correction is not None:
         found = load_sensor(correction, model=chosen or models[0])
         return found, (f"Angles of the beams are those of {correction.name}.",)
-    if chosen is not None and chosen.lower() not in {one.lower() for one in models}:
-        raise InputError(f"has no packets of a {chosen}", file=file, expected=" or ".join(models))
     if len(models) > 1 and chosen is None:
         raise InputError(
             f"has the packets of a {' or '.join(models)}, which are alike",

@@ -173,7 +173,7 @@ def unread_protocol(packet: bytes | memoryview) -> str | None:
     """Return the protocol of a packet that begins as Hesai's do and is not read."""
     if len(packet) < 100 or bytes(packet[:2]) != b"\xee\xff" or hesai_form(packet) is not None:
         return None
-    return f"{packet[2]}.{packet[3]}" if max(packet[2:4]) < 10 else None
+    return f"Hesai's protocol {packet[2]}.{packet[3]}" if max(packet[2:4]) < 10 else None
 
 
 _PANDAR_40_FORM = HesaiForm(

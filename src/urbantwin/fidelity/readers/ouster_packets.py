@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers.documents import laid_out, read_json_document
 
-__all__ = ["OusterFormat", "Scan", "read_ouster_format"]
+__all__ = ["OusterFormat", "Scan", "ouster_format", "read_ouster_format"]
 
 _EXPECTED = "the metadata of an Ouster sensor"
 _SECTIONS = (
@@ -205,7 +205,19 @@ def read_ouster_format(path: Path) -> OusterFormat:
     Raises:
         InputError: it is not such metadata, or of an unknown profile.
     """
-    document = read_json_document(path, _EXPECTED)
+    return ouster_format(read_json_document(path, _EXPECTED), path)
+
+
+def ouster_format(document: Any, path: Path) -> OusterFormat:  # noqa: ANN401 - whatever JSON holds
+    """Return what a unit's metadata say of its packets.
+
+    Args:
+        document: the metadata.
+        path: they are from, for errors.
+
+    Raises:
+        InputError: they are no such metadata, or of an unknown profile.
+    """
     with laid_out(path, _EXPECTED):
         values: dict[str, Any] = dict(document)
         for section in _SECTIONS:

@@ -14,12 +14,13 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.frame_files import read_rays
+from urbantwin.dataset.frame_files import FrameFiles, read_labels, read_rays, stored_frames
 from urbantwin.dataset.manifest_schema import FramePoses, pose_of_matrix
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import read_fields
+from urbantwin.fidelity.cloud_formats import Fields, read_fields
+from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.documents import finite_numbers, laid_out
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
@@ -38,7 +39,6 @@ _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 _VELOCITY = ("vx", "vy", "vz")
 _RAYS = {"sensor": "sensor", "ring": "ring", "column": "column", "time": "time_s"}
 _EXPECTED = "a dataset of urbantwin record"
-_LABELS = "a label of 4 bytes for every point"
 
 
 def is_own(path: Path) -> bool:
@@ -64,6 +64,10 @@ def open_own(path: Path, columns: int | None) -> Recording:
             names = ", ".join(one.name for one in parts_of(path))
             raise InputError("holds a dataset for each sensor", file=path, expected=f"one: {names}")
     files = clouds_in(path / "points")
+    in_columns = manifest.get("storage", "npy") != "npy"
+    if in_columns:
+        kept = [FrameFiles(path, name).file for name in stored_frames(path)]
+        files = sorted(kept, key=counting_order)
     if not files:
         raise InputError("holds no points", file=path / "points", expected=_EXPECTED)
     file = path / "dataset.json"
@@ -79,25 +83,14 @@ def open_own(path: Path, columns: int | None) -> Recording:
         file = files[index]
         name = file.stem
         lines = path / "labels" / f"{name}.txt"
-        given: dict[str, NDArray[Any]] = {}
-        rays = path / "rays" / file.name
-        if rays.is_file():
-            table = read_rays(rays)
-            given |= {
-                _RAYS[field]: table[field] for field in table.dtype.names or () if field in _RAYS
-            }
-        labels = path / "semantic" / f"{name}.label"
-        if labels.is_file():
-            with laid_out(labels, _LABELS):
-                code = np.frombuffer(read_bytes(labels, _LABELS), "<u4")
-            given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
+        fields, given = _in_columns(path, name) if in_columns else _plain(path, file, columns)
         dataset_SE3_site = poses.get(name, poses.get(""))
         seen_from = labelled.get(name, discovered)
         if dataset_SE3_site is not None:
             seen_from = places.of(name, dataset_SE3_site)
         return frame_of(
             file,
-            read_fields(file, columns),
+            fields,
             name=name,
             given=given,
             boxes=boxes.of(name) if boxes.exists else read_label_lines(lines),
@@ -108,6 +101,30 @@ def open_own(path: Path, columns: int | None) -> Recording:
     return Recording(path, "own", tuple(file.stem for file in files), read)
 
 
+def _plain(path: Path, file: Path, columns: int | None) -> tuple[Fields, Fields]:
+    """Return the fields of a frame's points, and what other files say of them."""
+    given: Fields = {}
+    rays = path / "rays" / file.name
+    if rays.is_file():
+        given |= _of_rays(read_rays(rays))
+    labels = path / "semantic" / f"{file.stem}.label"
+    if labels.is_file():
+        code = read_labels(labels)
+        given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
+    return read_fields(file, columns), given
+
+
+def _in_columns(path: Path, name: str) -> tuple[Fields, Fields]:
+    """Return the same of a frame whose file holds all of it."""
+    kept = FrameFiles(path, name)
+    code = kept.labels
+    return kept.fields, _of_rays(kept.rays) | {"semantic": code & 0xFFFF, "instance": code >> 16}
+
+
+def _of_rays(table: NDArray[np.void]) -> Fields:
+    return {_RAYS[field]: table[field] for field in table.dtype.names or () if field in _RAYS}
+
+
 def read_label_lines(path: Path) -> Boxes | None:
     """Return the boxes of an OpenPCDet label, ``x y z dx dy dz heading class`` a line, or None.
 
@@ -116,9 +133,10 @@ def read_label_lines(path: Path) -> Boxes | None:
     """
     if not path.is_file():
         return None
-    labelled = []
-    for number, line in enumerate(read_lines(path, "labels"), 1):
-        words = line.split()
+    labelled, byte = [], 0
+    for number, raw in enumerate(read_bytes(path, "labels").splitlines(keepends=True), 1):
+        words, begin = raw.decode(errors="replace").split(), byte
+        byte += len(raw)
         if not words:
             continue
         try:
@@ -128,7 +146,7 @@ def read_label_lines(path: Path) -> Boxes | None:
             raise InputError(
                 "is not an OpenPCDet label",
                 file=path,
-                place=f"line {number}",
+                place=f"line {number} (byte {begin})",
                 expected="x y z dx dy dz heading class",
             ) from None
         labelled.append(LabelledBox((x, y, z, length, width, height, yaw), name))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -54,3 +55,18 @@ class Recording:
     def __iter__(self) -> Iterator[Frame]:
         """Read the frames one after the other."""
         return (self.read(index) for index in range(len(self)))
+
+    def only(self, names: Collection[str]) -> Recording:
+        """Return it with the frames of some names alone."""
+        numbers = [number for number, name in enumerate(self.names) if name in names]
+        again = None if self.again is None else partial(_only, self.again, names)
+        return replace(
+            self,
+            names=tuple(self.names[number] for number in numbers),
+            read_frame=lambda index: self.read(numbers[index]),
+            again=again,
+        )
+
+
+def _only(again: Callable[[], Recording], names: Collection[str]) -> Recording:
+    return again().only(names)

@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 
-__all__ = ["PACKET_BYTES", "TWO_RETURNS", "Velodyne", "azimuth_deg", "velodyne_model"]
+__all__ = [
+    "PACKET_BYTES",
+    "TWO_RETURNS",
+    "Velodyne",
+    "azimuth_deg",
+    "unread_model",
+    "velodyne_model",
+]
 
 PACKET_BYTES = 1206
 TWO_RETURNS = "Of two returns of a beam the stronger is read."
@@ -38,6 +45,7 @@ _FLAGS = struct.Struct("<" + "H98x" * 12)
 _AZIMUTHS = struct.Struct("<" + "2xH96x" * 12)
 _UPPER, _LOWER = 0xEEFF, 0xDDFF
 _DUAL = 0x39
+_HOUR_S = 3600.0
 #: The decoder leaves out what is nearer or farther, metres: nothing.
 _NEAREST_M, _FARTHEST_M = 0.0, 1000.0
 
@@ -53,6 +61,13 @@ def velodyne_model(packet: bytes | memoryview) -> str | None:
     if flags[:4] == (_UPPER, _LOWER, _UPPER, _LOWER):
         return _HDL_64E
     return _MODELS.get(packet[PACKET_BYTES - 1])
+
+
+def unread_model(packet: bytes | memoryview) -> str | None:
+    """Return what a packet is of that has the form of a Velodyne's and is not read."""
+    if len(packet) != PACKET_BYTES or bytes(packet[:2]) != b"\xff\xee":
+        return None
+    return f"a Velodyne of model {packet[PACKET_BYTES - 1]:#04x}"
 
 
 def azimuth_deg(packet: bytes | memoryview) -> float:
@@ -135,8 +150,11 @@ class Velodyne:
         if problem is not None:  # without what the error holds on to, which the decoder tells of
             raise InputError(f"is not readable ({problem})", file=self._file)
         points = points[_stronger(points)]
+        # The sensor's clock begins anew every hour.
+        time = points["time"].astype(np.float64)
+        time = (time + _HOUR_S / 2) % _HOUR_S - _HOUR_S / 2
         return {name: points[name] for name in ("x", "y", "z", "intensity", "ring", "column")} | {
-            "time_s": points["time"].astype(np.float64)
+            "time_s": time - time.min() if len(time) else time
         }
 
     def has_two_returns(self, packet: bytes) -> bool:

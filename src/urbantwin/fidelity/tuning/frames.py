@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.frame_files import read_rays
+from urbantwin.dataset.frame_files import FrameFiles, read_rays
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Frame
@@ -68,16 +68,16 @@ def open_unlabelled(
 
     def read(index: int) -> Frame:
         name = recording.names[index]
-        file = folder / "points" / f"{name}.npy"
-        rays = folder / "rays" / f"{name}.npy"
+        kept = FrameFiles(folder, name)
         given: dict[str, Any] = {}
-        if rays.is_file():
-            table = read_rays(rays)
+        if kept.rays_file.is_file():
+            table = read_rays(kept.rays_file) if kept.is_plain else kept.rays
             known = table.dtype.names or ()
             given = {x: table[x] for x in ("sensor", "ring") if x in known}
-        return frame_of(file, read_fields(file, columns), name=name, given=given)
+        fields = read_fields(kept.file, columns) if kept.is_plain else kept.fields
+        return frame_of(kept.file, fields, name=name, given=given)
 
-    if not all((folder / "points" / f"{name}.npy").is_file() for name in recording.names):
+    if not all(FrameFiles(folder, name).file.is_file() for name in recording.names):
         return recording
     return replace(recording, read_frame=read)
 

@@ -113,7 +113,7 @@ def _packed(
     unpacked = sum(struct.unpack_from("<H", record, 36 + 6 * k)[0] for k in range(items))
     if unpacked != said.record or said.record < _SMALLEST or not chunk:
         raise _wrong(path, f"packs points of {unpacked} bytes, and not of {said.record}")
-    most = min(said.points, size // _SMALLEST)
+    most = max(1, min(said.points, size // _SMALLEST))  # without a point, an empty one
     if chunk != _VARIABLE:
         most = min(most, -(-said.points // chunk) + 1)
     if _chunk_count(stream, first_point, size) > most:

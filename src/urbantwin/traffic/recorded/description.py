@@ -101,6 +101,7 @@ class TracksSpec(Strict):
         sizes: ``recorded``: as far as they are those of such an actor; ``catalogue``: as our
             meshes are.
         signals: what the signals showed.
+        licence, attribution: whose the recording is, as manifests and cards pass it on.
     """
 
     tracks: Name
@@ -116,6 +117,8 @@ class TracksSpec(Strict):
     classes: dict[str, str] = Field(default_factory=dict)
     sizes: Literal["recorded", "catalogue"] = "recorded"
     signals: SignalsSpec | None = None
+    licence: str = "not stated"
+    attribution: str = "not stated"
 
     @field_validator("columns")
     @classmethod

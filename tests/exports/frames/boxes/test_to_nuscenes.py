@@ -10,7 +10,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from urbantwin.errors import InputError
-from urbantwin.exports.frames import DATASET_FORMATS, export_dataset
+from urbantwin.exports.frames import DATASET_FORMATS, FrameSource, export_dataset
 from urbantwin.exports.frames.nuscenes_names import scene_names
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.taxonomy import classes_in, semantic_classes, semantic_id
@@ -217,7 +217,8 @@ def test_objects_beyond_those_that_a_category_can_number(dataset, monkeypatch, t
     """With room for none, no point has the number of an object, which is said before."""
     monkeypatch.setattr("urbantwin.exports.frames.nuscenes_points._MOST_OBJECTS", 0)
     out, said, _ = exported(dataset, tmp_path)
-    tracks = {(row["track"], row["frame"] in ("000010", "000011"))
+    part = FrameSource(dataset).part_of
+    tracks = {(row["track"], part(row["frame"]))
               for row in pq.read_table(dataset / "boxes.parquet").to_pylist()
               if row["num_points"]}  # fmt: skip
     assert f"of points: {len(tracks)} instances, beyond 999 of a category in a scene" in said

@@ -1,7 +1,8 @@
-"""Messages that are clouds: ``sensor_msgs/PointCloud2`` and Foxglove's ``PointCloud``.
+"""Messages that are clouds: ``sensor_msgs/PointCloud2``, Foxglove's ``PointCloud`` and Livox's own.
 
 Sources: ROS, ``sensor_msgs/PointCloud2.msg`` and ``PointField.msg``; Foxglove, "PointCloud schema"
-(docs.foxglove.dev/docs/visualization/message-schemas/point-cloud) in protobuf and in JSON.
+(docs.foxglove.dev/docs/visualization/message-schemas/point-cloud) in protobuf and in JSON; Livox,
+livox_ros_driver, README.md ("Livox custom msg format").
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import organised
 from urbantwin.fidelity.readers.bags.message_file import Topic, as_input_error
-from urbantwin.fidelity.readers.bags.ros_types import ros_message
+from urbantwin.fidelity.readers.bags.ros_types import LIVOX_PACKAGES, ros_message
+from urbantwin.fidelity.readers.labels import pose_of_quaternion
 from urbantwin.geometry import Pose
 from urbantwin.strict_json import parse_json
 
@@ -29,14 +30,13 @@ __all__ = ["CLOUDS", "CloudMessage", "cloud_message", "pose_of"]
 _POINT_CLOUD2 = "sensor_msgs/msg/PointCloud2"
 _FOXGLOVE = ("foxglove.PointCloud", "foxglove_msgs/msg/PointCloud", "foxglove/PointCloud")
 #: Types of messages that are clouds.
-CLOUDS = (_POINT_CLOUD2, *_FOXGLOVE)
+_LIVOX = tuple(f"{package}/msg/CustomMsg" for package in LIVOX_PACKAGES)
+CLOUDS = (_POINT_CLOUD2, *_FOXGLOVE, *_LIVOX)
 _ENCODINGS = ("ros1", "cdr", "protobuf", "json")
 #: Numbers of types: PointField's, and those of Foxglove's PackedElementField.
 _OF_ROS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 _OF_FOXGLOVE = {1: "u1", 2: "i1", 3: "u2", 4: "i2", 5: "u4", 6: "i4", 7: "f4", 8: "f8"}
 _EXPECTED = "a cloud"
-#: A rotation whose quaternion is shorter is none.
-_SHORTEST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +76,8 @@ def cloud_message(topic: Topic, data: bytes, file: Path, place: str) -> CloudMes
     with as_input_error(file, _EXPECTED, place):
         if topic.kind == _POINT_CLOUD2:
             return _of_ros(ros_message(topic, data))
+        if topic.kind in _LIVOX:
+            return _of_livox(ros_message(topic, data))
         return _of_foxglove(_foxglove(topic, data), as_json=topic.encoding == "json")
 
 
@@ -93,6 +95,14 @@ def _of_ros(message: Any) -> CloudMessage:  # noqa: ANN401
         (int(message.row_step), int(message.point_step)),
     )
     return CloudMessage(organised(fields, height, width), str(message.header.frame_id))
+
+
+def _of_livox(message: Any) -> CloudMessage:  # noqa: ANN401
+    fields: dict[str, NDArray[np.generic]] = {
+        name: np.array([getattr(point, name) for point in message.points], np.float64)
+        for name in ("x", "y", "z", "reflectivity", "line", "offset_time")
+    }
+    return CloudMessage(fields, str(message.header.frame_id))
 
 
 def _of_foxglove(message: Any, *, as_json: bool) -> CloudMessage:  # noqa: ANN401
@@ -213,6 +223,5 @@ def pose_of(xyz: list[float], xyzw: list[float]) -> Pose:
     """
     if not np.isfinite([*xyz, *xyzw]).all():
         raise ValueError("has a pose that is not finite")
-    length = float(np.linalg.norm(xyzw))
-    rotation = np.eye(3) if length < _SHORTEST else Rotation.from_quat(xyzw).as_matrix()
-    return Pose(rotation, np.array(xyz, np.float64))
+    x, y, z, w = xyzw if any(xyzw) else (0.0, 0.0, 0.0, 1.0)
+    return pose_of_quaternion(w, x, y, z, xyz)

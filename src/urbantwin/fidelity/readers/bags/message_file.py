@@ -11,8 +11,9 @@ from typing import Any
 
 from urbantwin.artefact.arrays import one_line
 from urbantwin.errors import InputError
+from urbantwin.fidelity.readers.bags.unpacking import ZSTD, unpacked_bytes
 
-__all__ = ["Located", "MessageFile", "Topic", "as_input_error"]
+__all__ = ["Located", "Message", "MessageFile", "Topic", "as_input_error"]
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,27 @@ class MessageFile(ABC):
         Raises:
             InputError: it is damaged; says where.
         """
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message, and the file that it is in."""
+
+    file: MessageFile
+    topic: Topic
+    located: Located
+
+    def read(self) -> bytes:
+        """Return its bytes, unpacked if each message was packed for itself."""
+        data = self.file.read(self.located)
+        if self.topic.encoding != "cdr" or not data.startswith(ZSTD):
+            return data
+        with as_input_error(self.file.path, "a message", str(self)):
+            return unpacked_bytes(data)
+
+    def __str__(self) -> str:
+        """Return which one it is, for errors."""
+        return f"{self.topic.name} at {self.located.time_ns} ns"
 
 
 @contextmanager

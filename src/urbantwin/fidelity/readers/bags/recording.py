@@ -6,7 +6,6 @@ import shutil
 import weakref
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +15,12 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.bags import mcap_file, ros1, sqlite
 from urbantwin.fidelity.readers.bags.cloud_message import CLOUDS, cloud_message
 from urbantwin.fidelity.readers.bags.message_file import (
-    Located,
+    Message,
     MessageFile,
     Topic,
     as_input_error,
 )
+from urbantwin.fidelity.readers.bags.ouster_bag import OUSTER, is_of_lidar, ouster_bag
 from urbantwin.fidelity.readers.bags.packet_message import PACKETS, ScanPackets
 from urbantwin.fidelity.readers.bags.ros_types import ros_message
 from urbantwin.fidelity.readers.bags.transforms import (
@@ -29,7 +29,7 @@ from urbantwin.fidelity.readers.bags.transforms import (
     place_of_frame,
     static_transforms,
 )
-from urbantwin.fidelity.readers.bags.unpacking import PACKED, ZSTD, unpacked_bytes, unpacked_file
+from urbantwin.fidelity.readers.bags.unpacking import PACKED, unpacked_file
 from urbantwin.fidelity.readers.choice import file_and_choice
 from urbantwin.fidelity.readers.documents import laid_out, read_yaml_document
 from urbantwin.fidelity.readers.frame_assembly import frame_of
@@ -50,27 +50,6 @@ _INFORMATION, _FIRST_BYTES = "rosbag2_bagfile_information", 4096
 _LISTED, _MOST_TRANSFORMS = 8, 1000
 
 
-@dataclass(frozen=True)
-class _Message:
-    """A message, and the file that it is in."""
-
-    file: MessageFile
-    topic: Topic
-    located: Located
-
-    def read(self) -> bytes:
-        """Return its bytes, unpacked if each message was packed for itself."""
-        data = self.file.read(self.located)
-        if self.topic.encoding != "cdr" or not data.startswith(ZSTD):
-            return data
-        with as_input_error(self.file.path, "a message", str(self)):
-            return unpacked_bytes(data)
-
-    def __str__(self) -> str:
-        """Return which one it is, for errors."""
-        return f"{self.topic.name} at {self.located.time_ns} ns"
-
-
 def is_rosbag(path: Path) -> bool:
     """Return whether a path is a bag of ROS 1 or ROS 2, or a folder that is one or holds one."""
     place, _ = file_and_choice(path)
@@ -83,7 +62,9 @@ def is_rosbag(path: Path) -> bool:
 def is_mcap(path: Path) -> bool:
     """Return whether a path is an MCAP file, or a folder that holds one."""
     place, _ = file_and_choice(path)
-    return bool(_files(place)) if place.is_dir() else _ending(place) == ".mcap"
+    if place.is_dir():
+        return bool(_files(place)) and not is_rosbag(place)
+    return _ending(place) == ".mcap"
 
 
 def open_bag(path: Path, layout: str) -> Recording:
@@ -102,6 +83,10 @@ def open_bag(path: Path, layout: str) -> Recording:
     files = [_opened(one) for one in _files_of_one(place)]
     topic, model = _topic(place, files, choice)
     messages = sorted(_messages(files, topic), key=lambda one: one.located.time_ns)
+    if topic.kind in OUSTER:
+        others = {one for file in files for one in file.messages}
+        firsts = [_messages(files, one)[0] for one in others if _messages(files, one)]
+        return ouster_bag((path, messages[0].file.path, layout), messages, firsts)
     notes = [note for file in files for note in file.notes]
     if topic.kind in PACKETS:
         scans = ScanPackets(topic, messages[0].read(), messages[0].file.path, model)
@@ -154,11 +139,11 @@ def _without_packing(file: Path) -> str:
     return Path(file.name.lower().removesuffix(PACKED)).suffix
 
 
-def _messages(files: list[MessageFile], topic: Topic) -> list[_Message]:
-    return [_Message(file, topic, one) for file in files for one in file.messages.get(topic, [])]
+def _messages(files: list[MessageFile], topic: Topic) -> list[Message]:
+    return [Message(file, topic, one) for file in files for one in file.messages.get(topic, [])]
 
 
-def _of_kind(files: list[MessageFile], kind: str) -> list[_Message]:
+def _of_kind(files: list[MessageFile], kind: str) -> list[Message]:
     topics = {topic for file in files for topic in file.messages if topic.kind == kind}
     return [one for topic in topics for one in _messages(files, topic)]
 
@@ -230,6 +215,9 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
     full = [topic for topic in sorted(count, key=lambda one: one.name) if count[topic]]
     clouds = [one for one in full if one.kind in CLOUDS]
     packets = [one for one in full if one.kind in PACKETS]
+    if not clouds + packets:  # what else there may be is looked at
+        of_ouster = [one for one in full if one.kind in OUSTER]
+        packets = [one for one in of_ouster if is_of_lidar(_messages(files, one)[0])]
 
     def listed(topics: list[Topic]) -> str:
         told = [f"{one.name} ({one.kind or 'no type'}, {count[one]})" for one in topics[:_LISTED]]
@@ -239,7 +227,7 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
     if choice is not None:
         name, _, model = choice.partition(":")
         meant = [one for one in full if one.name.strip("/") in (choice.strip("/"), name.strip("/"))]
-        if len(meant) == 1 and meant[0] in clouds + packets:
+        if len(meant) == 1 and meant[0].kind in (*CLOUDS, *PACKETS, *OUSTER):
             return meant[0], model or None
         problem = f"has no messages on {choice}"
         if meant:
@@ -254,7 +242,7 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
         raise InputError(
             "holds no clouds" if full else "was cut" if cut else "holds no messages",
             file=place,
-            expected="PointCloud2, foxglove.PointCloud or a scan's packets"
+            expected="PointCloud2, foxglove.PointCloud or packets of a LiDAR"
             + (f"; it has {listed(full)}" if full else ""),
         )
     if len(able) > 1:
@@ -266,7 +254,7 @@ def _topic(place: Path, files: list[MessageFile], choice: str | None) -> tuple[T
     return able[0], None
 
 
-def _place(files: list[MessageFile], first: _Message) -> list[str]:
+def _place(files: list[MessageFile], first: Message) -> list[str]:
     """Return a sentence on where the points' frame is, if the bag says it."""
     topics = {topic for file in files for topic in file.messages}
     told_of = [one for one in topics if one.kind == TRANSFORMS and is_static(one.name)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from urbantwin.roads.model import ModelRoad, RoadArea, RoadSignal, SignalController
 from urbantwin.roads.opendrive.reading.objects import Outline
@@ -66,12 +66,17 @@ def with_model_ids(
         values = {**asdict(sign), "id": number[sign.id], "road": roads[road].id}
         del values["turned"]
         signals.append(RoadSignal(**values, program=program_of.get(sign.id, "")))
-    controllers = []
+    controllers: list[SignalController] = []
     for key, program in programs.items():
         spot = log.at(f"controller {key}")
         for signal in program.signals:
             if signal not in number:
                 raise spot.error(f"switches signal {signal}, which does not exist")
+        known = next((k for k, one in enumerate(controllers) if _same(one, program)), None)
+        if known is not None:
+            signals_of = {*controllers[known].signals, *(number[s] for s in program.signals)}
+            controllers[known] = replace(controllers[known], signals=tuple(sorted(signals_of)))
+            continue
         controllers.append(
             SignalController(
                 ids.give(key),
@@ -99,3 +104,12 @@ def with_model_ids(
         for road, e in outlines
     )
     return areas, tuple(signals), tuple(controllers)
+
+
+def _same(known: SignalController, program: Program) -> bool:
+    """Return whether a program is one that is known: what we write for CARLA is cut into stages."""
+    return bool(program.phases) and (known.name, known.offset, known.phases) == (
+        program.name,
+        program.offset,
+        program.phases,
+    )

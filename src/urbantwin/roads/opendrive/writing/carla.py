@@ -21,13 +21,16 @@ from urbantwin.roads.model import (
 )
 from urbantwin.roads.signals import meaning_of
 
-__all__ = ["CARRIER_M", "carrier", "with_carla_crosswalks", "with_carla_signs"]
+__all__ = ["CARRIER_M", "PLATES", "carrier", "with_carla_crosswalks", "with_carla_signs"]
 
 #: Length and width of a road that only carries a crosswalk, metres.
 CARRIER_M = 1.0
 CARRIER_WIDTH_M = 0.1
 #: CARLA 0.9.16, ``carla.LandmarkType``: MaximumSpeed, StopSign, YieldSign.
 NUMBERS = {"limit": "274", "stop": "206", "yield": "205"}
+#: Speeds that CARLA has plates of, km/h; it sets up a limit of these subtypes alone, and drives by
+#: the value (``TrafficLightManager.cpp``, ``SpeedLimitModels``).
+PLATES = range(30, 100, 10)
 KM_H = {"mph": 1.609344, "m/s": 3.6}
 
 
@@ -143,6 +146,9 @@ def _german(signal: RoadSignal) -> RoadSignal:
     value, unit = signal.value, signal.unit
     if unit in KM_H and math.isfinite(value):
         value, unit = float(round(value * KM_H[unit])), "km/h"
+    subtype = "-1"
+    if meaning == "limit" and math.isfinite(value):
+        subtype = str(min(PLATES, key=lambda plate: abs(plate - value)))
     return replace(
-        signal, country="DE", type=NUMBERS[meaning], subtype="-1", value=value, unit=unit
+        signal, country="DE", type=NUMBERS[meaning], subtype=subtype, value=value, unit=unit
     )

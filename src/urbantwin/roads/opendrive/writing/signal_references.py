@@ -24,6 +24,8 @@ __all__ = ["heading_offset", "with_signal_references"]
 NO_LANE = (0,)
 #: A signal is referred to a road this near at most, metres.
 NEAR_M = 60.0
+#: A signal this near to the stop line is at it, and one further than the latter has none, metres.
+LINE_M, LINE_WITHIN_M = 0.5, 15.0
 #: Lane offsets, and ways beyond a road's end, that do not matter, metres.
 EXACT_M = 0.01
 
@@ -31,10 +33,11 @@ EXACT_M = 0.01
 def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSignal, ...]]:
     """Return a model with every signal on the road where it stands, and those to refer to.
 
-    The latter are as they were: on the road that they are for, with its lanes. CARLA measures from
-    the lane offset and the standard from the reference line, so a signal is placed beside a street
-    without an offset there; if there is none, on a road of its own, one metre long, on whose lane
-    nothing drives, which signals of one arm share.
+    The latter are on the road that they are for, with its lanes, at the stop line: there CARLA
+    stops vehicles, so a signal that stands metres before the line is referred to, too. CARLA
+    measures from the lane offset and the standard from the reference line, so a signal is placed
+    beside a street without an offset there; if there is none, on a road of its own, one metre long,
+    on whose lane nothing drives, which signals of one arm share.
     """
     streets = [road for road in model.roads if road.junction < 0 and road.length > CARRIER_M]
     tree = shapely.STRtree([road.curve.line for road in streets])
@@ -42,8 +45,11 @@ def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSigna
     standing, referred = [], []
     for signal in model.signals:
         road = model.road_by_id[signal.road]
+        line = _stop_line(model, signal)
         if not signal.pose and _beside(road, signal) is not None:
-            standing.append(signal)
+            far = signal.lanes != NO_LANE and abs(line - signal.s) > LINE_M
+            standing.append(replace(signal, lanes=NO_LANE) if far else signal)
+            referred += [replace(signal, s=line)] if far else []
             continue
         posed = replace(signal, pose=pose_of(model, signal))
         near = np.sort(tree.query(shapely.Point(posed.pose[:2]).buffer(NEAR_M)))
@@ -56,10 +62,21 @@ def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSigna
             found = _beside(carriers[-1], posed)
             hosts = [found] if found is not None else [signal]
         standing.append(min(hosts, key=lambda host: (round(abs(host.t), 3), host.road)))
-        if signal.lanes:
-            referred.append(signal)
+        if signal.lanes and signal.lanes != NO_LANE:
+            referred.append(replace(signal, s=line))
     roads = (*model.roads, *carriers)
     return replace(model, roads=roads, signals=tuple(standing)), tuple(referred)
+
+
+def _stop_line(model: LaneModel, signal: RoadSignal) -> float:
+    """Return the station of the stop line that a light is for; its own where there is none."""
+    lines = [
+        area.s
+        for area in model.areas
+        if area.name == "StopLine" and area.road == signal.road and signal.dynamic
+    ]
+    near = min(lines, key=lambda s: abs(s - signal.s), default=signal.s)
+    return near if abs(near - signal.s) <= LINE_WITHIN_M else signal.s
 
 
 def _beside(road: ModelRoad, signal: RoadSignal) -> RoadSignal | None:

@@ -9,6 +9,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.writing.carla import with_carla_crosswalks, with_carla_signs
+from urbantwin.roads.opendrive.writing.carla_stages import with_carla_stages
 from urbantwin.roads.opendrive.writing.document import document
 from urbantwin.roads.opendrive.writing.left_hand_traffic import as_right_hand_traffic
 
@@ -25,7 +26,8 @@ def write_opendrive(
 
     Ids are the model's. In 1.4, which is for CARLA, left-hand traffic takes the form of right-hand
     traffic (``as_right_hand_traffic``), crosswalks lie where CARLA finds them
-    (``with_carla_crosswalks``), and signs have the numbers that it knows (``with_carla_signs``).
+    (``with_carla_crosswalks``), signs have the numbers that it knows (``with_carla_signs``), and
+    controllers are what it takes them for (``with_carla_stages``).
 
     Args:
         model: the lane model, with heights.
@@ -44,7 +46,8 @@ def write_opendrive(
     if not model.roads:
         raise InputError("there are no roads to write", file=path)
     if version == "1.4":
-        model = with_carla_signs(with_carla_crosswalks(as_right_hand_traffic(model)))
+        model = with_carla_crosswalks(as_right_hand_traffic(model))
+        model = with_carla_signs(with_carla_stages(model))
     content = document(model, frame, version=version, name=name)
     with replaced_file(path) as scratch:
         scratch.write_bytes(content)

@@ -1,0 +1,85 @@
+"""``blocks.parquet``: checksums of blocks of the frames' files, which tell where one is damaged.
+
+The inventory's checksum says which file is not what was written. NumPy's format and SemanticKITTI's
+labels have none of their own: without these, nothing would say which of a million numbers turned.
+"""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+from urbantwin.artefact.damaged_bytes import span
+from urbantwin.artefact.tables import PARQUET, read_parquet
+from urbantwin.dataset.layout import FOLDERS
+from urbantwin.errors import InputError
+
+__all__ = ["BLOCKS", "damaged_block", "write_block_sums"]
+
+BLOCKS = "blocks.parquet"
+#: Bytes of a block: a page of memory and of most disks, which is what is lost together.
+_BYTES = 4096
+_EXPECTED = "checksums of the blocks of frames"
+
+
+def write_block_sums(dataset: Path) -> None:
+    """Write the CRC-32 (RFC 1952) of each 4,096 bytes of every file of a dataset's frames.
+
+    ``file`` is the name in the dataset, ``bytes`` its size, ``crc32`` the blocks' in their order.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    names = [
+        f"{folder}/{path.name}"
+        for folder in FOLDERS
+        if (dataset / folder).is_dir()
+        for path in sorted((dataset / folder).iterdir())
+    ]
+    sums = [_sums(dataset / name) for name in names]
+    table = pa.table(
+        {
+            "file": pa.array(names, pa.string()),
+            "bytes": pa.array([(dataset / name).stat().st_size for name in names], pa.int64()),
+            "crc32": pa.array(sums, pa.list_(pa.uint32())),
+        }
+    )
+    pq.write_table(table, dataset / BLOCKS, **PARQUET)
+
+
+def damaged_block(path: Path) -> str:
+    """Return which bytes of a frame's file are not what was written; empty where nothing tells.
+
+    Neighbouring blocks that are damaged are told together; of several places, the first.
+
+    Raises:
+        InputError: the table of checksums is damaged itself.
+    """
+    table = path.parent.parent / BLOCKS
+    if not table.is_file():
+        return ""
+    name = f"{path.parent.name}/{path.name}"
+    rows = read_parquet(table, _EXPECTED).to_pylist()
+    try:
+        told = {row["file"]: (int(row["bytes"]), list(row["crc32"])) for row in rows}
+    except (KeyError, TypeError):
+        raise InputError("has other columns", file=table, expected=_EXPECTED) from None
+    if name not in told:
+        return ""
+    size, sums = told[name]
+    found, have = _sums(path), path.stat().st_size
+    wrong = [k for k, (one, other) in enumerate(zip(sums, found, strict=False)) if one != other]
+    if not wrong:
+        return f"byte {min(size, have)}: {have} bytes of {size}" if size != have else ""
+    last = wrong[0]
+    while last + 1 in wrong:
+        last += 1
+    more = sum(k > last for k in wrong)
+    told_more = f", and {more} more block{'s' * (more != 1)}" if more else ""
+    end = min((last + 1) * _BYTES, have)
+    return f"{span(wrong[0] * _BYTES, end)}: not what was written{told_more}"
+
+
+def _sums(path: Path) -> list[int]:
+    data = memoryview(path.read_bytes())
+    return [zlib.crc32(data[k : k + _BYTES]) for k in range(0, len(data), _BYTES)]

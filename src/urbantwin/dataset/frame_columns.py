@@ -1,0 +1,94 @@
+"""A frame's points, labels and rays as columns of one Parquet file, packed by Zstandard.
+
+Nothing is lost. How each column is written was measured (``benchmarks/storage.py``): the bytes of
+coordinates stand apart, so that signs and exponents are packed together; intensities are few
+values; columns of the turn count up.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.artefact.tables import read_parquet
+from urbantwin.errors import InputError
+
+__all__ = ["COLUMNS", "columns_of_frame", "parquet_bytes", "read_columns"]
+
+#: NumPy's type of each column.
+COLUMNS = {
+    **dict.fromkeys(("x", "y", "z", "intensity"), "f4"),
+    **dict.fromkeys(("semantic", "instance"), "u2"),
+    "sensor": "u1",
+    "ring": "u2",
+    "column": "u2",
+    "time": "f4",
+    "echo": "u1",
+}
+_ENCODINGS = {
+    **dict.fromkeys(COLUMNS, "BYTE_STREAM_SPLIT"),
+    "column": "DELTA_BINARY_PACKED",
+    "time": "PLAIN",
+}
+_DICTIONARY = "intensity"
+_LEVEL = 3
+
+
+def columns_of_frame(
+    points: NDArray[np.float32], labels: NDArray[np.uint32], rays: NDArray[np.void]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns (N,) of a frame; the arrays are those of `frame_files.FrameFiles`."""
+    return {
+        **{name: points[:, k] for k, name in enumerate(("x", "y", "z", "intensity"))},
+        "semantic": (labels & 0xFFFF).astype("u2"),
+        "instance": (labels >> 16).astype("u2"),
+        **{name: rays[name] for name in rays.dtype.names or ()},
+    }
+
+
+def parquet_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
+    """Return the file of the columns `COLUMNS`."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    arrays = {name: np.ascontiguousarray(columns[name], kind) for name, kind in COLUMNS.items()}
+    file = io.BytesIO()
+    pq.write_table(
+        pa.table(arrays),
+        file,
+        compression="zstd",
+        compression_level=_LEVEL,
+        use_dictionary=[_DICTIONARY],
+        column_encoding={k: one for k, one in _ENCODINGS.items() if k != _DICTIONARY},
+        write_statistics=False,
+        row_group_size=1 << 30,
+    )
+    return file.getvalue()
+
+
+def read_columns(path: Path, names: Sequence[str], expected: str) -> dict[str, NDArray[Any]]:
+    """Read some columns of a file.
+
+    Raises:
+        InputError: it is missing or damaged, or a column is missing or of another type.
+    """
+    import pyarrow as pa
+
+    table = read_parquet(path, expected, columns=names)
+    found = {}
+    for name in names:
+        if name not in table.column_names:
+            raise InputError("is missing", file=path, place=name, expected=expected)
+        column = table[name]
+        if column.type != pa.from_numpy_dtype(np.dtype(COLUMNS[name])) or column.null_count:
+            raise InputError(
+                f"holds {column.type} with {column.null_count} gaps", file=path, place=name,
+                expected=COLUMNS[name],
+            )  # fmt: skip
+        found[name] = column.to_numpy()
+    return found

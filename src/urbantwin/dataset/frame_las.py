@@ -1,0 +1,142 @@
+"""A frame as a LAZ file: LAS 1.4, point format 6, that any reader of LAS opens.
+
+Coordinates are rounded to `SCALE_M`, so a point is off by half of it at most along each axis, and
+intensities to 1/65535. All else is kept: ring, column, sensor, echo, class and track are extra
+bytes; ``gps_time`` is the ray's time, seconds from the frame's; ``classification`` is the nearest
+class of the standard.
+
+Source: ASPRS, LAS Specification 1.4 R15 (2019).
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.artefact.arrays import one_line
+from urbantwin.errors import InputError
+
+if TYPE_CHECKING:
+    import laspy
+
+__all__ = ["SCALE_M", "laz_bytes", "read_laz"]
+
+#: Coordinates are whole multiples of this, metres.
+SCALE_M = 0.001
+_MOST = 65_535
+_EXTRA = {"ring": "u2", "column": "u2", "sensor": "u1", "echo": "u1", "semantic": "u2",
+          "instance": "u2"}  # fmt: skip
+#: Classes of the standard (table 17): 1 unclassified, 2 ground, 5 high vegetation, 6 building,
+#: 7 low noise, 11 road surface.
+_STANDARD = {
+    "outlier": 7, "road": 11, "parking": 11, "sidewalk": 2, "other-ground": 2, "terrain": 2,
+    "building": 6, "vegetation": 5, "trunk": 5,
+}  # fmt: skip
+#: Where the header has the day and the year of its writing: bytes 90 to 93.
+_WRITTEN = slice(90, 94)
+_EXPECTED = "a frame as LAZ, as `urbantwin record --storage laz` writes it"
+
+
+def laz_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
+    """Return the file of the columns `frame_columns.COLUMNS`.
+
+    Raises:
+        InputError: a coordinate is farther than the format's numbers reach.
+    """
+    import laspy
+
+    from urbantwin.taxonomy import semantic_classes
+
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.offsets = np.full(3, SCALE_M), np.zeros(3)
+    header.generating_software = "urbantwin"
+    header.global_encoding.wkt = True  # as the standard has it of this point format
+    header.add_extra_dims([laspy.ExtraBytesParams(name, kind) for name, kind in _EXTRA.items()])
+    record = laspy.ScaleAwarePointRecord.zeros(len(columns["x"]), header=header)
+    for axis in "xyz":
+        steps = np.round(columns[axis].astype(np.float64) / SCALE_M)
+        if np.abs(steps).max(initial=0) >= 2**31:
+            far = np.abs(columns[axis]).max()
+            raise InputError(f"a point is {far:g} m away", expected="--storage npy or zstd")
+        record[axis.upper()] = steps.astype(np.int32)
+    bright = np.clip(columns["intensity"].astype(np.float64), 0, 1)
+    record["intensity"] = np.round(bright * _MOST).astype(np.uint16)
+    record["gps_time"] = columns["time"].astype(np.float64)
+    standard = np.ones(1 << 16, np.uint8)
+    for one in semantic_classes().values():
+        standard[one.id] = _STANDARD.get(one.name, 1)
+    record["classification"] = standard[columns["semantic"]]
+    record["return_number"] = columns["echo"] + 1
+    record["number_of_returns"] = _returns(columns)
+    for name in _EXTRA:
+        record[name] = columns[name]
+    file = io.BytesIO()
+    cloud = laspy.LasData(header, record)
+    cloud.update_header()
+    cloud.write(file, do_compress=True, laz_backend=laspy.LazBackend.Lazrs)
+    written = bytearray(file.getvalue())
+    written[_WRITTEN] = bytes(4)  # the same frame is the same bytes on every day
+    return bytes(written)
+
+
+def _returns(columns: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    """Return how many echoes (N,) each point's ray has."""
+    second = columns["echo"] > 0
+    found = np.ones(len(second), np.uint8)
+    if second.any():
+        key = columns["sensor"].astype(np.uint64) << np.uint64(32)
+        key |= columns["ring"].astype(np.uint64) << np.uint64(16)
+        key |= columns["column"].astype(np.uint64)
+        found[np.isin(key, key[second])] = 2
+        found = np.maximum(found, columns["echo"] + 1).astype(np.uint8)
+    return found
+
+
+def read_laz(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the columns of a file, as `frame_columns.COLUMNS` has them.
+
+    Raises:
+        InputError: it is missing or damaged, or lacks what `laz_bytes` writes.
+    """
+    cloud = _read(path)
+    names = set(cloud.point_format.dimension_names)
+    lacking = sorted({*_EXTRA, "gps_time", "intensity"} - names)
+    if lacking:
+        raise InputError("is missing", file=path, place=lacking[0], expected=_EXPECTED)
+    time_s = np.asarray(cloud["gps_time"], np.float64)
+    found: dict[str, NDArray[Any]] = {
+        axis: np.asarray(getattr(cloud, axis), np.float64).astype("f4") for axis in "xyz"
+    }
+    found["intensity"] = (np.asarray(cloud["intensity"], np.float64) / _MOST).astype("f4")
+    with np.errstate(over="ignore", invalid="ignore"):
+        found["time"] = time_s.astype("f4")
+    for name, kind in _EXTRA.items():
+        values = np.asarray(cloud[name])
+        if values.dtype != np.dtype(kind) or values.shape != time_s.shape:
+            raise InputError(f"holds {values.dtype}", file=path, place=name, expected=kind)
+        found[name] = values
+    return found
+
+
+def _read(path: Path) -> laspy.LasData:
+    import laspy
+
+    from urbantwin.artefact.arrays import may_unpack
+    from urbantwin.reconstruct.formats.las_sizes import checked_sizes
+
+    if not path.is_file():
+        raise InputError("not found", file=path, expected=_EXPECTED)
+    sizes = checked_sizes(path)
+    if sizes is None or not may_unpack(sizes.points * sizes.record, path.stat().st_size):
+        raise InputError("is truncated, or its header is damaged", file=path, expected=_EXPECTED)
+    try:
+        return laspy.read(path, laz_backend=laspy.LazBackend.Lazrs)
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # laspy, and its decoder, whose panics are no Exception
+        problem = f"is not readable ({one_line(error)})"
+        raise InputError(problem, file=path, expected=_EXPECTED) from None

@@ -1,0 +1,194 @@
+"""Where every actor in reach stood in every frame: what a split is judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.dataset.manifest_schema import pose_of_matrix
+from urbantwin.dataset.result_warnings import BEYOND
+from urbantwin.errors import InputError
+from urbantwin.geometry import Pose
+
+__all__ = ["ActorPlaces", "Recorded", "moments_of", "places_of"]
+
+_EXPECTED = "the boxes of a dataset"
+_KINDS = {
+    "frame": "text",
+    "track": "whole",
+    **dict.fromkeys(("x", "y", "z", "length", "yaw"), "number"),
+}
+_LATER = {
+    "ignored": "text or none",
+    **dict.fromkeys(("observed_s", "vx", "vy"), "number"),
+}
+#: Tracks of parked vehicles are these or more (``motion/``), where no column says who is parked.
+_PARKED = 30_001
+#: There are fewer tracks than this: they have 16 bits.
+_TRACKS = 1 << 20
+#: The track of the sensors of a rig that rides: no actor has it.
+_RIG = 0
+#: Who moves less than this in the whole recording stands, metres.
+_STANDS_M = 1.0
+#: Times that differ by less are one moment, seconds.
+_SAME_S = 1e-6
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A dataset as far as a split needs it.
+
+    Attributes:
+        boxes: its ``boxes.parquet``.
+        frames: ``name`` and ``time_s`` of each, and ``dataset_SE3_site`` of a rig that rides.
+        dataset_SE3_site: rows of the pose of a rig that stands.
+    """
+
+    boxes: Path
+    frames: Sequence[Mapping[str, Any]]
+    dataset_SE3_site: Any  # noqa: N815
+
+
+@dataclass(frozen=True, eq=False)
+class ActorPlaces:
+    """Rows of an actor in reach at a moment, ordered by moment, then by track.
+
+    Attributes:
+        times_s: (T,) of the moments.
+        moment: (N,) number of the moment.
+        track: (N,) of the actor; 0 is the rig that rides.
+        ends: (N, 4) x, y of the middles of its front and its rear, site frame, metres.
+        length: (N,) of the actor, metres.
+        parked: (N,) bool.
+    """
+
+    times_s: NDArray[np.float64]
+    moment: NDArray[np.int64]
+    track: NDArray[np.int64]
+    ends: NDArray[np.float64]
+    length: NDArray[np.float64]
+    parked: NDArray[np.bool_]
+
+    def at(self, moment: int) -> slice:
+        """Return the rows of a moment."""
+        first, last = np.searchsorted(self.moment, [moment, moment + 1])
+        return slice(int(first), int(last))
+
+    def within(self, moments: NDArray[np.int64], *, parked: bool) -> set[int]:
+        """Return the tracks of actors, parked or not, that are there at some moments."""
+        there = np.isin(self.moment, moments) & (self.parked == parked) & (self.track != _RIG)
+        return set(self.track[there].tolist())
+
+    def has_moved(self) -> NDArray[np.bool_]:
+        """Return of which rows (N,) the actor moves at some time."""
+        _, actor = np.unique(self.track, return_inverse=True)
+        middle = (self.ends[:, :2] + self.ends[:, 2:]) / 2
+        low = np.full((actor.max(initial=-1) + 1, 2), np.inf)
+        high = -low
+        np.minimum.at(low, actor, middle)
+        np.maximum.at(high, actor, middle)
+        moves = np.hypot(*(high - low).T) > _STANDS_M
+        return np.asarray(moves[actor] & ~self.parked & (self.track != _RIG))
+
+    def differs(self, one: int, other: int, moved_m: float) -> bool:
+        """Return whether anybody came, went, moved or turned farther between two moments."""
+        first, second = self.at(one), self.at(other)
+        if not np.array_equal(self.track[first], self.track[second]):
+            return True
+        way = self.ends[second] - self.ends[first]
+        farthest = max(
+            np.hypot(*way[:, :2].T).max(initial=0), np.hypot(*way[:, 2:].T).max(initial=0)
+        )
+        return bool(farthest > moved_m)
+
+
+def moments_of(times_s: Sequence[float] | NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return times as whole microseconds: equal for frames of one moment in several datasets."""
+    return np.round(np.asarray(times_s, np.float64) / _SAME_S).astype(np.int64)
+
+
+def places_of(recorded: Sequence[Recorded]) -> ActorPlaces:
+    """Return where actors are in frames of one motion, whatever sensors saw them.
+
+    Actors outside the region or beyond the reach of all sensors are left out. Each stands where it
+    was at the frame's time, not when the rays met it.
+
+    Raises:
+        InputError: a table is missing or damaged, or of a frame nothing says where it is.
+    """
+    times = np.unique(np.concatenate([moments_of(_times(one)) for one in recorded]))
+    parts = [_rows(one, times) for one in recorded]
+    moment, track, ends, length, parked = (
+        np.concatenate(column) for column in zip(*parts, strict=True)
+    )
+    _, first = np.unique(moment * _TRACKS + track, return_index=True)
+    return ActorPlaces(
+        times * _SAME_S, moment[first], track[first], ends[first], length[first], parked[first]
+    )
+
+
+def _times(one: Recorded) -> list[float]:
+    return [float(frame["time_s"]) for frame in one.frames]
+
+
+def _rows(one: Recorded, times: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
+    """Return moment, track, ends, length and parked of a dataset's actors and riding sensors."""
+    rows, frame = _boxes(one)
+    moments = np.searchsorted(times, moments_of(_times(one)))
+    middle = np.column_stack([rows[axis] for axis in "xyz"])
+    middle[:, :2] -= np.column_stack([rows["vx"], rows["vy"]]) * rows["observed_s"][:, None]
+    along = np.column_stack([np.cos(rows["yaw"]), np.sin(rows["yaw"]), np.zeros(len(frame))])
+    along *= rows["length"][:, None] / 2
+    front, rear = middle + along, middle - along
+    rides = any("dataset_SE3_site" in told for told in one.frames)
+    poses = [_pose(one, told) for told in (one.frames if rides else one.frames[:1])]
+    for k, pose in enumerate(poses):
+        mine = frame == k if rides else slice(None)
+        front[mine], rear[mine] = pose.apply(front[mine]), pose.apply(rear[mine])
+    ends = np.hstack([front[:, :2], rear[:, :2]])
+    count = len(poses) if rides else 0
+    ridden = [pose.apply(np.array([[2.0, 0, 0], [-2.0, 0, 0]]))[:, :2].ravel() for pose in poses]
+    return (
+        np.concatenate([moments[frame], moments[:count]]),
+        np.concatenate([rows["track"], np.full(count, _RIG)]),
+        np.concatenate([ends, np.array(ridden[:count]).reshape(-1, 4)]),
+        np.concatenate([rows["length"], np.full(count, 4.0)]),
+        np.concatenate([rows["parked"], np.zeros(count, bool)]),
+    )
+
+
+def _boxes(one: Recorded) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
+    """Return the boxes in reach, and the number of the frame of each."""
+    table = read_parquet(one.boxes, _EXPECTED)
+    later = {name: kind for name, kind in _LATER.items() if name in table.column_names}
+    rows = columns_of(table, _KINDS | later, one.boxes, _EXPECTED)
+    for name in ("vx", "vy", "observed_s"):
+        rows.setdefault(name, np.zeros(table.num_rows))
+    rows["parked"] = rows["track"] >= _PARKED
+    if "parked" in table.column_names:
+        rows["parked"] = np.array([bool(value) for value in table["parked"].to_pylist()], bool)
+    number = {str(frame["name"]): k for k, frame in enumerate(one.frames)}
+    frame = np.array([number.get(name, -1) for name in rows["frame"].tolist()], np.int64)
+    known = frame >= 0
+    if "ignored" in rows:
+        known &= ~np.isin(rows["ignored"].astype(str), BEYOND)
+    return {name: column[known] for name, column in rows.items()}, frame[known]
+
+
+def _pose(one: Recorded, told: Mapping[str, Any]) -> Pose:
+    """Return where the dataset's frame is in the site at a moment.
+
+    Raises:
+        InputError: nothing says it.
+    """
+    matrix = told.get("dataset_SE3_site", one.dataset_SE3_site)
+    if matrix is None:
+        file = one.boxes.parent / "dataset.json"
+        raise InputError("is missing", file=file, place="dataset_SE3_site")
+    return pose_of_matrix(matrix).inverse()

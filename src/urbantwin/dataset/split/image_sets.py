@@ -1,0 +1,49 @@
+"""``ImageSets/``: the names of the frames of each part, a line each, as OpenPCDet reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from urbantwin.artefact.document import read_bytes
+from urbantwin.dataset.split.asked import PARTS
+from urbantwin.errors import InputError
+
+__all__ = ["FILES", "frames_of_part", "write_image_sets"]
+
+FOLDER = "ImageSets"
+#: The files of a dataset's split, by their names in the dataset.
+FILES = tuple(f"{FOLDER}/{part}.txt" for part in PARTS)
+_EXPECTED = "names of frames, one a line"
+
+
+def write_image_sets(folder: Path, parts: Mapping[str, Sequence[str]]) -> None:
+    """Write the lists of a dataset; a part without frames leaves an empty file.
+
+    What was there is replaced and not written into: other names of the old files keep them.
+    """
+    (folder / FOLDER).mkdir(exist_ok=True)
+    for part in PARTS:
+        file = folder / FOLDER / f"{part}.txt"
+        file.unlink(missing_ok=True)
+        file.write_text("".join(f"{name}\n" for name in parts.get(part, ())))
+
+
+def frames_of_part(folder: Path, part: str) -> list[str] | None:
+    """Return the names of the frames of a part; ``None`` where a dataset has no split.
+
+    A dataset of an earlier version has no test part: it is empty.
+
+    Raises:
+        InputError: the list cannot be read.
+    """
+    there = [file for file in FILES if (folder / file).is_file()]
+    if not there:
+        return None
+    file = folder / FOLDER / f"{part}.txt"
+    if not file.is_file():
+        return []
+    try:
+        return read_bytes(file, _EXPECTED).decode().split()
+    except UnicodeDecodeError:
+        raise InputError("is no text", file=file, expected=_EXPECTED) from None

@@ -1,0 +1,189 @@
+"""``trajectories.parquet``: the way of every labelled actor, also before and after the frames.
+
+What motion forecasting learns from: past and future of everybody at the motion's own steps, those
+too whom no beam meets. It goes on for `AROUND_S` before the first frame and after the last one,
+which is more than any benchmark asks for (Argoverse 2: 5 s of past, 6 s of future; Waymo: 1 and 8;
+nuScenes: 2 and 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.dataset.motion_interpolation import SAME_TIME_S
+from urbantwin.dataset.track_paths import TrackPaths
+from urbantwin.geometry import Pose, rotation_from_ypr
+from urbantwin.lidar.actor_path import PosedActor
+from urbantwin.lidar.annotated import annotated_actors, annotated_size
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from urbantwin.traffic.motion import Motion
+
+__all__ = ["AROUND_S", "TRAJECTORIES", "paths_of_trajectories", "write_trajectories"]
+
+TRAJECTORIES = "trajectories.parquet"
+#: So long before the first frame and after the last, seconds.
+AROUND_S = 20.0
+#: So much of a motion is in memory at once, seconds.
+_PART_S = 60.0
+
+#: Columns and Arrow types: the middle of the track's box and the attitude of its body, site frame,
+#: metres and radians; speed along the heading, m/s; the lane of the twin that it is in.
+_COLUMNS = {
+    "time_s": "float64",
+    "track": "int32",
+    "class": "string",
+    **dict.fromkeys(("x", "y", "z", "yaw", "pitch", "roll", "speed"), "float64"),
+    "lane": "string",
+}
+
+
+def write_trajectories(
+    path: Path,
+    motion: Motion,
+    tracks: Collection[int],
+    span_s: tuple[float, float],
+    *,
+    boxes: str = "track",
+    seed: int = 0,
+    carrier: int | None = None,
+) -> None:
+    """Write the table, by time, then track; the same motion gives the same bytes.
+
+    Of a parked vehicle, which stands all the time, the first and the last step alone are there.
+
+    Args:
+        path: the file.
+        motion: that was recorded.
+        tracks: those that are labelled.
+        span_s: times of the first frame and of the last.
+        boxes: how boxes are drawn, as ``Rig.boxes``: their middle is not that of the mesh where
+            annotators split a truck in two.
+        seed: of what is drawn of their sizes.
+        carrier: track of the actor that carries the rig, which has no label.
+    """
+    import pyarrow.parquet as pq
+
+    schema = _schema()
+    middles = _Middles(boxes, seed)
+    wanted = np.array(sorted({*tracks} | ({carrier} if carrier is not None else set())), np.int64)
+    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+        for rows in _parts(motion, span_s):
+            for one in _labelled(rows, wanted, middles, schema):
+                writer.write_table(one)
+
+
+def paths_of_trajectories(table: pa.Table) -> TrackPaths:
+    """Return the paths of all tracks of the table, which are those that were recorded."""
+    times = np.unique(table["time_s"].to_numpy())
+    step_s = float(np.diff(times).min()) if len(times) > 1 else 1.0
+    return TrackPaths(table, gap_s=1.5 * step_s, beyond_s=step_s + SAME_TIME_S)
+
+
+def _schema() -> pa.Schema:
+    import pyarrow as pa
+
+    return pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
+
+
+def _parts(motion: Motion, span_s: tuple[float, float]) -> Iterator[pa.Table]:
+    """Yield the rows of a motion around a span, whole steps at a time, with those who park."""
+    import pyarrow as pa
+
+    times = motion.times()
+    times = times[(times >= span_s[0] - AROUND_S) & (times <= span_s[1] + AROUND_S)]
+    if not len(times):
+        return
+    start = 0
+    while start < len(times):
+        stop = int(np.searchsorted(times, times[start] + _PART_S))
+        rows = motion.rows.between(times[start] - SAME_TIME_S, times[stop - 1] + SAME_TIME_S)
+        at = [times[0]] * (start == 0) + [times[-1]] * (stop == len(times) and len(times) > 1)
+        standing = [_standing(motion, time_s) for time_s in at] if motion.parked.num_rows else []
+        both = pa.concat_tables([rows, *standing])
+        order = np.lexsort((both["track"].to_numpy(), both["time_s"].to_numpy()))
+        yield both.take(pa.array(order))
+        start = stop
+
+
+def _standing(motion: Motion, time_s: float) -> pa.Table:
+    import pyarrow as pa
+
+    parked = motion.parked
+    when = pa.array(np.full(parked.num_rows, time_s))
+    return parked.set_column(parked.column_names.index("time_s"), "time_s", when)
+
+
+class _Middles:
+    """Where the middles of boxes are over the origins of bodies, by track of the label."""
+
+    def __init__(self, boxes: str, seed: int) -> None:
+        self._boxes, self._seed = boxes, seed
+        self._known: dict[int, list[tuple[int, str, tuple[float, float, float]]]] = {}
+
+    def of(
+        self, track: int, actor_class: str, asset: str, size: tuple[float, float, float]
+    ) -> list[tuple[int, str, tuple[float, float, float]]]:
+        """Return track, class and middle (x, y, z, body's frame) of each label of an actor."""
+        if track not in self._known:
+            size_or_none = size if min(size) > 0 else None
+            actor = PosedActor(
+                track, actor_class, asset, 0, Pose(np.eye(3), np.zeros(3)), np.zeros(3), None,
+                size_or_none,
+            )  # fmt: skip
+            found = []
+            for one in annotated_actors(self._boxes, [actor]):
+                drawn = one.size
+                if self._boxes != "tight":
+                    drawn = annotated_size(self._boxes, one, self._seed)
+                high = 0.0 if drawn is None else drawn[2] / 2
+                found.append((one.track, one.actor_class, (one.ahead_m, 0.0, high)))
+            self._known[track] = found
+        return self._known[track]
+
+
+def _labelled(
+    rows: pa.Table, wanted: NDArray[np.int64], middles: _Middles, schema: pa.Schema
+) -> Iterator[pa.Table]:
+    """Yield the rows of the labels that are wanted: of most actors one, of a truck in two, two."""
+    import pyarrow as pa
+
+    track = rows["track"].to_numpy()
+    _, first, number = np.unique(track, return_index=True, return_inverse=True)
+    heads = rows.take(pa.array(first)).to_pylist()
+    labels = [
+        middles.of(
+            int(one["track"]),
+            str(one["class"]),
+            str(one["asset"]),
+            (float(one["length"]), float(one["width"]), float(one["height"])),
+        )
+        for one in heads
+    ]
+    turns = rotation_from_ypr(*(rows[name].to_numpy() for name in ("yaw", "pitch", "roll")))
+    place = np.column_stack([rows[name].to_numpy() for name in ("x", "y", "z")])
+    parts = []
+    for part in range(max(map(len, labels), default=0)):
+        own = [one[part] if part < len(one) else (0, "", (0.0, 0.0, 0.0)) for one in labels]
+        label = np.array([one[0] for one in own], np.int64)[number]
+        kept = np.flatnonzero(np.isin(label, wanted))
+        offset = np.array([one[2] for one in own]).reshape(-1, 3)[number]
+        middle = place + np.einsum("nij,nj->ni", turns, offset)
+        some = rows.take(pa.array(kept))
+        columns = {name: some[name] for name in _COLUMNS}
+        columns["track"] = pa.array(label[kept], pa.int32())
+        columns["class"] = pa.array([own[k][1] for k in number[kept]], pa.string())
+        columns |= {name: pa.array(middle[kept, axis]) for axis, name in enumerate(("x", "y", "z"))}
+        parts.append(pa.table(columns, schema=schema))
+    if not parts:
+        return
+    table = pa.concat_tables(parts)
+    order = np.lexsort((table["track"].to_numpy(), table["time_s"].to_numpy()))
+    yield table.take(pa.array(order)).combine_chunks()

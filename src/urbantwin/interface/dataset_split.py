@@ -1,0 +1,166 @@
+"""Datasets divided into training, validation and test."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from urbantwin.errors import InputError
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
+from urbantwin.interface.summary import Summary
+from urbantwin.result_warning import ResultWarning, warnings_of
+
+__all__ = ["DatasetSplit", "split"]
+
+_WAYS = ("time", "scenario")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DatasetSplit:
+    """How datasets were divided; by scenario it stands for its document: ``ut.train(it)``.
+
+    Attributes:
+        path: the document; by time, the dataset, or the folder of the first.
+        by: ``time`` or ``scenario``.
+        told: what the document says; by time, what the manifest of each dataset says, by folder.
+    """
+
+    path: Path
+    by: str
+    told: dict[str, Any]
+
+    def __fspath__(self) -> str:
+        """Return the path."""
+        return str(self.path)
+
+    def __repr__(self) -> str:
+        """Return how it was divided, and where that is written."""
+        return f"split by {self.by} ({self.path})"
+
+    @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with it."""
+        if self.by == "scenario":
+            return warnings_of(self.told)
+        from urbantwin.dataset.split.time_split import warnings_of_split
+
+        return tuple(
+            dict.fromkeys(row for one in self.told.values() for row in warnings_of_split(one))
+        )
+
+    def summary(self) -> Summary:
+        """Return which part has what in a few values."""
+        told = [str(one) for one in self.warnings]
+        if self.by == "time":
+            rows = {folder: _told(one) for folder, one in self.told.items()}
+            own = next(iter(rows.values())) if len(rows) == 1 else {"datasets": rows}
+            return Summary(path=str(self.path), by=self.by, **own, warnings=told)
+        datasets = {
+            part: [row["path"] for row in self.told["datasets"] if row["part"] == part]
+            for part in self.told["parts"]
+        }
+        kept = {key: self.told[key] for key in ("parts", "parked", "thinned")}
+        return Summary(path=str(self.path), by=self.by, **kept, datasets=datasets, warnings=told)
+
+
+def _told(one: dict[str, Any]) -> dict[str, Any]:
+    kept = ("gap_s", "scene_changes_in_s", "frames_in_gaps", "thinned", "actors", "parked")
+    return {"frames": {k: v["frames"] for k, v in one["parts"].items()}} | {
+        key: one[key] for key in kept if one[key] is not None
+    }
+
+
+def split(
+    datasets: Sequence[AnyPath] | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    by: str | None = None,
+    shares: str | Sequence[float] = "70,15,15",
+    gap: float | None = None,
+    thin: float | None = None,
+    seed: int = 0,
+    progress: ShowProgress = True,
+) -> DatasetSplit:
+    """Divide datasets into training, validation and test, without recording again.
+
+    By time, each dataset gets new lists (``ImageSets/``), and recordings of one motion are cut at
+    the same moments. By scenario, datasets stay as they are, and a document says which is what.
+
+    Args:
+        datasets: folders of datasets, or folders that hold some: of seeds, of a curriculum, of a
+            variation, of a suite.
+        out: by scenario, the document to write; ``split.json`` beside the first when not given.
+        by: ``time`` or ``scenario``; by scenario where several are given.
+        shares: of training, validation and test.
+        gap: by time, seconds between the parts, of which no part has the frames; as long as the
+            scene needs to change, and no more than a tenth of the recording, if not given.
+        thin: leave frames in which nobody moved so many metres out of the parts.
+        seed: by scenario, of the order in which equally long ones are divided.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: there is no dataset, all are one scenario, or a part would be empty.
+
+    Example:
+        >>> ut.train(ut.split(["seed1/dataset", "seed2/dataset", "seed3/dataset"]))
+    """
+    from urbantwin.dataset.split import (
+        SplitAsked,
+        datasets_at,
+        split_by_scenario,
+        split_datasets_in_time,
+    )
+    from urbantwin.dataset.split.document import write_split_document
+    from urbantwin.dataset.split.scenarios import scenarios_of
+
+    divided = _shares(shares)
+    asked = SplitAsked(divided, gap, thin)
+    given = [datasets] if isinstance(datasets, str | os.PathLike) else list(datasets)
+    if not given:
+        raise InputError("no dataset is given", expected="one or more")
+    if by is not None and by not in _WAYS:
+        raise InputError(f"unknown way {by!r:.40}", place="--by", expected=" or ".join(_WAYS))
+    if seed < 0:
+        raise InputError(f"is {seed}", place="--seed", expected="0 or more")
+    sources = datasets_at([Path(one) for one in given])
+    way = by or ("time" if len(sources) == 1 else "scenario")
+    if way == "scenario" and gap is not None:
+        raise InputError("is for parts of one recording", place="--gap", expected="--by time")
+    if way == "time" and out is not None:
+        raise InputError(
+            "each dataset has its own lists", place="--out", expected="--by scenario, or no --out"
+        )
+    with shown_stage("split", progress, brief=True) as tell:
+        tell(0.0, "which recordings show the same")
+        scenarios = scenarios_of(sources)
+        if way == "time":
+            told: dict[str, Any] = {
+                str(folder): one
+                for folder, one in split_datasets_in_time(scenarios, asked, tell).items()
+            }
+            made = DatasetSplit(Path(next(iter(told))), way, told)
+        else:
+            place = Path(out) if out is not None else _beside(Path(given[0]), sources[0].folder)
+            told = split_by_scenario(scenarios, divided, moved_m=thin, seed=seed)
+            write_split_document(place, told)
+            made = DatasetSplit(place, way, told)
+    for one in made.warnings:
+        tell_line(f"warning: {one}", progress)
+    return made
+
+
+def _shares(shares: str | Sequence[float]) -> tuple[float, float, float]:
+    from urbantwin.dataset.split import shares_of
+
+    return shares_of(shares, "--shares")
+
+
+def _beside(given: Path, dataset: Path) -> Path:
+    """Return where a document goes: into the folder of several datasets, or beside the first."""
+    if given.resolve() != dataset.resolve() and not any(given.glob("SHA256SUMS")):
+        return given / "split.json"
+    return beside(dataset, "split.json")

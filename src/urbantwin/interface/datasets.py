@@ -1,0 +1,120 @@
+"""Several datasets as one: the frames of one after those of the other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.artefact import kind_of
+from urbantwin.errors import InputError
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.selection import Frames, Located
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.interface.dataset import Dataset
+
+__all__ = ["Datasets", "datasets_inside"]
+
+#: So many folders down a dataset is looked for.
+_DEEP = 3
+
+
+class Datasets(Frames):
+    """Several datasets as one: an index over their frames, nothing is copied.
+
+    The dataset of each sensor, where a rig's are not fused, counts as one. A sequence is named by
+    the folder of its dataset, and by those above it as far as names would be the same.
+
+    Args:
+        paths: folders of datasets.
+
+    Raises:
+        InputError: one is none, or there are none.
+
+    Example:
+        >>> both = ut.Datasets(["dry/dataset", "rain/dataset"])
+        >>> both.where(sequences=["rain/dataset"], classes=["car"])
+    """
+
+    def __init__(self, paths: Iterable[AnyPath]) -> None:
+        from urbantwin.interface.dataset import Dataset
+
+        found: list[Dataset] = []
+        for path in paths:
+            one = path if isinstance(path, Dataset) else Dataset(path)
+            found += one.parts.values() or [one]
+        if not found:
+            raise InputError("there are no datasets", expected="folders of datasets")
+        self._datasets = tuple(found)
+        places = [Path(os.path.realpath(one.folder)) for one in found]
+        if len(set(places)) < len(places):
+            raise InputError("a dataset is given twice", expected="each dataset once")
+        self._names = _short_names(places)
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Datasets:
+        """Open all datasets in a folder, in the order of their names.
+
+        Raises:
+            InputError: there are none, or one is damaged.
+        """
+        found = datasets_inside(Path(folder))
+        if not found:
+            raise InputError(
+                "holds no dataset", file=Path(folder), expected="a folder with datasets in it"
+            )
+        return cls(found)
+
+    @property
+    def datasets(self) -> tuple[Dataset, ...]:
+        """The datasets."""
+        return self._datasets
+
+    @cached_property
+    def _located(self) -> list[Located]:
+        return [
+            (one, name, number)
+            for one, name in zip(self._datasets, self._names, strict=True)
+            for number in range(len(one.names))
+        ]
+
+    def __repr__(self) -> str:
+        """Return how many there are, and their names."""
+        return f"{len(self._datasets)} datasets of {len(self)} frames: {', '.join(self._names)}"
+
+    def summary(self) -> Summary:
+        """Return how many frames each has."""
+        pairs = zip(self._names, self._datasets, strict=True)
+        return Summary(frames=len(self), datasets={name: len(one.names) for name, one in pairs})
+
+
+def datasets_inside(folder: Path) -> list[Path]:
+    """Return the folders of datasets in a folder, not far below it, by name."""
+    found: list[Path] = []
+    below = [folder]
+    for _ in range(_DEEP):
+        inside: list[Path] = []
+        for place in below:
+            try:
+                inside += sorted(one for one in place.iterdir() if one.is_dir())
+            except OSError:
+                continue
+        inside = [one for one in inside if not one.name.startswith(".")]
+        own = [one for one in inside if kind_of(one) == "dataset"]
+        found += own
+        below = [one for one in inside if one not in own]
+    return sorted(found)
+
+
+def _short_names(places: list[Path]) -> list[str]:
+    """Return the ends of paths, as long as they must be to differ."""
+    longest = max(len(place.parts) for place in places)
+    for parts in range(1, longest + 1):
+        names = ["/".join(place.parts[-parts:]) for place in places]
+        if len(set(names)) == len(names):
+            return names
+    return [str(place) for place in places]

@@ -1,0 +1,253 @@
+"""The actors and sensors of a dataset followed through its frames, as files of their own."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from urbantwin.artefact import check_folder, read_json, replaced_folder, sha256_of, write_json
+from urbantwin.artefact.arrays import read_array
+from urbantwin.artefact.manifest import Part, validated
+from urbantwin.dataset.table_form import read_table
+from urbantwin.errors import InputError
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from urbantwin.interface.dataset import Dataset
+
+__all__ = ["SequenceFiles", "sequence"]
+
+_FLOW = "the flow of a frame: (N, 3) float32"
+LAYOUT = {
+    "tracks": "tracks.parquet: one row per track: who it is, its first and last frame",
+    "tracklets": "tracklets.parquet: one row per track and frame: its box, site frame",
+    "trajectories": "trajectories.parquet: one row per track and step of the motion, site frame",
+    "poses": "poses.parquet: where the ego and each sensor were, site frame",
+    "lanes": "lanes.parquet: one row per lane of the twin: its middle, site frame",
+    "flow": "flow/NAME.npy: (N, 3) float32, metres: where each point of a frame goes until the "
+    "next frame sees it; not a number where nobody knows it",
+}
+
+
+class _Manifest(Part):
+    kind: Literal["sequence"]
+    frames: Annotated[int, Field(ge=0)]
+    tracks: Annotated[int, Field(ge=0)]
+    trajectories: bool
+    flow: bool
+    ego_motion: bool
+
+
+class SequenceFiles:
+    """What `sequence` wrote; it stands for its folder.
+
+    Attributes:
+        folder: where it is.
+        manifest: ``sequence.json``.
+    """
+
+    def __init__(self, folder: AnyPath) -> None:
+        self.folder = Path(folder)
+        file = self.folder / "sequence.json"
+        self.manifest: dict[str, Any] = read_json(file, kind="sequence")
+        validated(self.manifest, _Manifest, file=file, expected="a sequence's manifest")
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> SequenceFiles:
+        """Open a folder.
+
+        Raises:
+            InputError: it is none that `sequence` wrote.
+        """
+        return cls(folder)
+
+    @cached_property
+    def tracks(self) -> pa.Table:
+        """One row for each track."""
+        return self._table("tracks")
+
+    @cached_property
+    def tracklets(self) -> pa.Table:
+        """One row for each track and frame that labels it."""
+        return self._table("tracklets")
+
+    @cached_property
+    def trajectories(self) -> pa.Table:
+        """One row for each track and step of the motion."""
+        return self._table("trajectories")
+
+    @cached_property
+    def poses(self) -> pa.Table:
+        """One row for each frame and ego or turn of a sensor."""
+        return self._table("poses")
+
+    @cached_property
+    def lanes(self) -> pa.Table:
+        """One row for each lane of the twin."""
+        return self._table("lanes")
+
+    def flow(self, frame: str) -> NDArray[np.float32]:
+        """Return the flow (N, 3) of a frame's points, by its name.
+
+        Raises:
+            InputError: it was not written, or is damaged.
+        """
+        path = self.folder / "flow" / f"{frame}.npy"
+        found: NDArray[np.float32] = read_array(path, _FLOW)
+        if found.ndim != 2 or found.shape[1] != 3 or found.dtype != np.float32:
+            raise InputError(f"holds {found.dtype} {found.shape}", file=path, expected=_FLOW)
+        return found
+
+    def _table(self, name: str) -> pa.Table:
+        return read_table(self.folder / f"{name}.parquet")
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return how much there is, and the folder."""
+        return (
+            f"Sequence of {self.manifest['tracks']} tracks in {self.manifest['frames']} frames "
+            f"({self.folder})"
+        )
+
+    def summary(self) -> Summary:
+        """Return what was written in a few values."""
+        told = ("kind", "frames", "tracks", "trajectories", "flow", "ego_motion")
+        return Summary(path=str(self.folder), **{name: self.manifest[name] for name in told})
+
+
+def sequence(
+    dataset: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    motion: AnyPath | None = None,
+    flow: bool = False,
+    ego: bool = False,
+    csv: bool = False,
+    progress: ShowProgress = True,
+) -> SequenceFiles:
+    """Write tracks, tracklets, trajectories and poses of a dataset, and the flow of its points.
+
+    A dataset that was recorded by this version has the four tables itself. This makes them for an
+    older one, writes them as CSV, too, and the flow of every point as files.
+
+    Args:
+        dataset: a dataset, or its folder.
+        out: the folder to write; ``sequence`` beside the dataset when not given.
+        motion: that the dataset was recorded of: for trajectories, which an older dataset lacks.
+        flow: write where each point goes until the next frame, too.
+        ego: the flow, which is asked for, is with the motion of who looks; see `Frame.flow`.
+        csv: write each table as CSV, too.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: it is no dataset, is one for each sensor, or the motion is another.
+
+    Example:
+        >>> ut.sequence("out/dataset", flow=True).flow("000003")
+    """
+    from urbantwin.dataset.lane_table import LANES
+    from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
+    from urbantwin.dataset.trajectories import TRAJECTORIES, paths_of_trajectories
+    from urbantwin.interface.dataset import Dataset
+    from urbantwin.progress import each
+
+    if ego and not flow:
+        raise InputError("goes with the flow", place="--ego", expected="--flow, too")
+    source = Path(dataset)
+    place = beside(source, "sequence", out)
+    given = None if motion is None else Path(motion)
+    inputs = [source, given]
+    check_folder(place, kind="sequence", inputs=inputs)
+    frames = Dataset(source)
+    if frames.parts:
+        raise InputError(
+            "holds a dataset for each sensor",
+            file=source,
+            expected=f"one of them: {source / next(iter(frames.parts))}",
+        )
+    number = len(frames)
+    driven = None if given is None else _motion_of(frames, given)
+    manifest_file = source / "dataset.json"
+    asked = {"flow": flow, "ego_motion": ego, "csv": csv, "motion": driven is not None}
+    told = json.dumps([sha256_of(manifest_file), asked], sort_keys=True)
+    key = hashlib.sha256(told.encode()).hexdigest()[:16]
+    with (
+        shown_stage("sequence", progress, brief=True) as tell,
+        replaced_folder(place, kind="sequence", inputs=inputs, key=key) as folder,
+    ):
+        tell(0.0, "tables")
+        write_sequence_tables(folder, frames.manifest, source, driven)
+        for name in (TRAJECTORIES, LANES):  # what boxes and sweeps do not tell
+            if not (folder / name).is_file() and (source / name).is_file():
+                (folder / name).write_bytes((source / name).read_bytes())
+        there = [name for name in SEQUENCE_TABLES if (folder / name).is_file()]
+        if csv:
+            for name in there:
+                if name != LANES:  # its lists do not go into a CSV's cells
+                    _write_csv(folder / name)
+        if flow:
+            (folder / "flow").mkdir(exist_ok=True)
+            if driven is not None:  # the dataset itself may be without
+                frames.paths = paths_of_trajectories(read_table(folder / TRAJECTORIES))
+            for k in each(range(number), tell, "flow"):
+                file = folder / "flow" / f"{frames.names[k]}.npy"
+                if not file.is_file():  # what an interrupted run left is whole
+                    _save(file, frames[k].flow(ego=ego))
+        write_json(
+            folder / "sequence.json",
+            {
+                "kind": "sequence",
+                "dataset_sha256": sha256_of(manifest_file),
+                "frames": number,
+                "tracks": read_table(folder / "tracks.parquet").num_rows,
+                "trajectories": TRAJECTORIES in there,
+                "flow": flow,
+                "ego_motion": flow and ego,
+                "layout": {
+                    name: text
+                    for name, text in LAYOUT.items()
+                    if f"{name}.parquet" in there or (name == "flow" and flow)
+                },
+            },
+        )
+    return SequenceFiles(place)
+
+
+def _motion_of(frames: Dataset, folder: Path) -> Any:  # noqa: ANN401 - imports what makes motions
+    from urbantwin.traffic import Motion
+    from urbantwin.traffic.fingerprint import table_sha256
+
+    motion = Motion.load(folder)
+    if table_sha256(motion.rows) != frames.manifest.get("motion_sha256"):
+        raise InputError(
+            "has other actors", file=folder, expected="the motion that the dataset was recorded of"
+        )
+    return motion
+
+
+def _write_csv(table: Path) -> None:
+    import pyarrow.csv
+
+    pyarrow.csv.write_csv(read_table(table), table.with_suffix(".csv"))
+
+
+def _save(file: Path, flow: NDArray[np.float32]) -> None:
+    """Write a file that is whole when it has its name."""
+    part = file.with_suffix(".part")
+    with part.open("wb") as stream:
+        np.save(stream, flow)
+    part.replace(file)

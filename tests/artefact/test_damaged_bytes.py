@@ -1,0 +1,200 @@
+"""Files of artefacts with a byte that is wrong, or cut: which bytes the error names."""
+
+import random
+import re
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from urbantwin.artefact.arrays import ArrayOf, read_array, read_arrays
+from urbantwin.artefact.damaged_bytes import picture_place
+from urbantwin.artefact.document import read_json_value
+from urbantwin.artefact.tables import PARQUET, read_parquet
+from urbantwin.errors import InputError
+
+POINTS = ArrayOf("f4", ("N", 4))
+
+
+def turned(data: bytes, byte: int, bit: int) -> bytes:
+    return data[:byte] + bytes([data[byte] ^ 1 << bit]) + data[byte + 1 :]
+
+
+def named(place: str | None) -> tuple[int, int]:
+    """The first and the last byte that a place names."""
+    found = re.findall(r"bytes? (\d+)(?: to (\d+))?", place or "")
+    assert found, place
+    spans = [(int(first), int(last or first)) for first, last in found]
+    return min(first for first, _ in spans), max(last for _, last in spans)
+
+
+def refused(read, path: Path) -> InputError | None:
+    try:
+        read(path)
+    except InputError as error:
+        return error if error.file == str(path) else None
+    return None
+
+
+@pytest.fixture(scope="module")
+def cloud(tmp_path_factory) -> bytes:
+    path = tmp_path_factory.mktemp("cloud") / "a.npy"
+    np.save(path, np.random.default_rng(1).uniform(-50, 50, (60, 4)).astype(np.float32))
+    return path.read_bytes()
+
+
+def read_points(path: Path) -> None:
+    read_array(path, "points", POINTS)
+
+
+def test_every_byte_of_a_header_that_is_turned_is_within_what_is_named(cloud, tmp_path):
+    path, draw, told = tmp_path / "a.npy", random.Random(5), 0
+    for byte in range(128):
+        path.write_bytes(turned(cloud, byte, draw.randrange(8)))
+        error = refused(read_points, path)
+        if error is None:  # as `<f4` and `=f4`, which mean the same
+            assert np.array_equal(np.load(path), np.load(_written(tmp_path / "b.npy", cloud)))
+            continue
+        text = f"{error.place} {error.problem}"
+        first, last = named(text)
+        assert first <= byte <= last, (byte, text)
+        told += 1
+    assert told > 110
+
+
+def _written(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
+
+
+def test_a_header_that_is_turned_behind_its_mapping_is_told_to_the_byte(cloud, tmp_path):
+    end = cloud.index(b"}")
+    for byte in range(end + 2, 126, 7):
+        error = refused(read_points, _written(tmp_path / "a.npy", turned(cloud, byte, 6)))
+        assert error is not None
+        assert error.place == f"byte {byte}"
+
+
+def test_an_array_that_is_cut_ends_where_it_says(cloud, tmp_path):
+    for size in (*range(0, 128, 9), *range(128, len(cloud), 31)):
+        error = refused(read_points, _written(tmp_path / "a.npy", cloud[:size]))
+        assert error is not None
+        assert str(size) in error.place, (size, error.place)
+    error = refused(read_points, _written(tmp_path / "a.npy", cloud + b"more"))
+    assert error is not None
+    assert error.place == f"byte {len(cloud)}"
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_value_that_is_not_finite_is_told_by_its_byte(tmp_path, order):
+    path = tmp_path / "a.npy"
+    values = np.array(np.arange(200).reshape(50, 4), np.float32, order=order)
+    values[17, 2] = np.nan
+    np.save(path, values)
+    data = path.read_bytes()
+    error = refused(read_points, path)
+    assert error is not None
+    assert "[17, 2]" in error.place
+    byte, _ = named(error.place)
+    assert np.isnan(struct.unpack_from("<f", data, byte)[0])
+
+
+def test_a_packed_array_is_told_with_its_member_and_bytes(tmp_path):
+    path = tmp_path / "a.npz"
+    draw = np.random.default_rng(2)
+    np.savez_compressed(path, one=draw.normal(size=(30, 4)), other=np.arange(500))
+    data, unseen = path.read_bytes(), 0
+    form = {"one": ArrayOf("f8", (30, 4)), "other": ArrayOf("i8", ("M",))}
+    for byte in range(0, len(data), 13):
+        error = refused(
+            lambda file: read_arrays(file, "arrays", form),
+            _written(tmp_path / "b.npz", turned(data, byte, byte % 8)),
+        )
+        if error is None:  # times and attributes of members, which nothing depends on
+            unseen += 1
+            continue
+        assert error.place is not None, (byte, error)
+        if "directory" not in error.place and "byte" in error.place:
+            first, last = named(error.place)
+            assert first <= byte <= last or byte > data.index(b"PK\1\2"), (byte, str(error))
+    assert unseen < len(data) // 13 // 10
+
+
+def test_a_table_is_told_with_its_rows_its_column_and_bytes(tmp_path):
+    path = tmp_path / "a.parquet"
+    draw = np.random.default_rng(3)
+    names = pa.array([f"frame {k % 9}" for k in range(900)])
+    table = pa.table({"x": draw.normal(size=900), "frame": names})
+    pq.write_table(table, path, row_group_size=300, **PARQUET)
+    data = path.read_bytes()
+    footer = len(data) - 8 - struct.unpack("<I", data[-8:-4])[0]
+    columns, unseen = {}, 0
+    for byte in range(4, footer, 37):
+        error = refused(
+            lambda file: read_parquet(file, "a table"),
+            _written(tmp_path / "b.parquet", turned(data, byte, byte % 8)),
+        )
+        if error is None:  # statistics in the header of a page, which no checksum covers
+            unseen += 1
+            continue
+        first, last = named(error.place)
+        assert first <= byte <= last
+        columns[error.place] = byte
+    assert unseen < footer // 37 // 20
+    assert {"group 1", "group 2", "group 3"} <= {one.partition(" of")[0] for one in columns}
+    assert any("column x" in one for one in columns)
+    for byte in (0, 3, len(data) - 8, len(data) - 2):
+        error = refused(
+            lambda file: read_parquet(file, "a table"),
+            _written(tmp_path / "b.parquet", turned(data, byte, 5)),
+        )
+        assert error is not None
+        first, last = named(error.place)
+        assert first <= byte <= last
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "utf-16", "utf-32"])
+def test_json_is_told_with_line_column_and_byte(tmp_path, coding):
+    text = '{"ä": "NaN",\n "b": [1, NaN]}'
+    data = text.encode(coding)
+    path = _written(tmp_path / "a.json", data)
+    error = refused(lambda file: read_json_value(file, "a document"), path)
+    assert error is not None
+    assert "line 2, column 11" in error.place
+    byte, _ = named(error.place)
+    unit = len("N".encode(coding.replace("utf-16", "utf-16-le").replace("utf-32", "utf-32-le")))
+    unit = 1 if coding == "utf-8-sig" else unit
+    assert data[byte : byte + 3 * unit].replace(b"\0", b"") == b"NaN"
+
+
+def test_bytes_that_are_no_text_are_told(tmp_path):
+    for mark in (b"", b"\xef\xbb\xbf"):
+        data = mark + b'{"a": "\xc3\x28"}'
+        error = refused(
+            lambda file: read_json_value(file, "a document"), _written(tmp_path / "a.json", data)
+        )
+        assert error is not None
+        assert error.place == f"byte {data.index(bytes([0xC3]))}"
+
+
+def test_a_picture_is_told_by_its_chunk(tmp_path):
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    head = struct.pack(">IIBBBBB", 2, 2, 8, 2, 0, 0, 0)
+    parts = [b"\x89PNG\r\n\x1a\n", chunk(b"IHDR", head), chunk(b"IDAT", zlib.compress(bytes(14)))]
+    data = b"".join([*parts, chunk(b"IEND", b"")])
+    path = _written(tmp_path / "a.png", data)
+    assert picture_place(path) is None
+    for byte in range(len(data)):
+        place = picture_place(_written(path, turned(data, byte, 2)))
+        first, last = named(place)
+        assert first <= byte <= last, (byte, place)
+    for size in range(len(data)):
+        assert picture_place(_written(path, data[:size])) is not None
