@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from urbantwin.dataset import record
 from urbantwin.errors import InputError
 from urbantwin.web import open_shown
 from urbantwin.web.chosen_frames import ChosenFrames
@@ -230,3 +231,27 @@ def test_the_coverage_beside_a_twin_is_a_layer(place, tmp_path, unpacked):
     assert (header["x0"], header["y0"], header["cell_m"]) == (-2.0, 5.0, 0.5)
     assert np.allclose(arrays["value"], (facing[0] + facing[1]) / 10.0)
     assert arrays["z"].shape == (4, 5)
+
+
+@pytest.mark.parametrize("storage", ["zstd", "laz"])
+def test_another_storage_shows_the_same(storage, twin, motion_of, rig, tmp_path, unpacked):
+    car = {"track": 7, "class": "car", "asset": "car-sedan", "x": 9.0, "y": 2.0}
+    motion = motion_of(twin, [{"time_s": 0.1 * step, **car} for step in range(3)], steps=3)
+    packets = []
+    for kind in ("npy", storage):
+        record(twin, motion, rig, tmp_path / kind, workers=1, seed=5, storage=kind)
+        shown = open_shown(Wanted(tmp_path / kind))
+        assert [one.error for one in shown.sides[0].entries] == [None] * 3
+        packets.append([unpacked(shown.packet(f"{k}/0/2")) for k in ("points", "boxes")])
+    (plain, boxes), (other, others) = packets
+    assert boxes == others
+    here, there = (np.array(h["origin"]) + h["step"] * a["position"] for h, a in (plain, other))
+    assert np.abs(here - there).max() < 4e-3
+    for field in ("ring", "column", "sensor", "semantic", "instance"):
+        assert (plain[1][field] == other[1][field]).all(), field
+    stored = next((tmp_path / storage / "points").glob("000001.*"))
+    stored.write_bytes(stored.read_bytes()[:99])
+    shown = open_shown(Wanted(tmp_path / storage))
+    with pytest.raises(InputError):
+        shown.packet("points/0/1")
+    assert shown.sides[0].entries[1].error.startswith("points/000001.")

@@ -11,6 +11,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import read_parquet
+from urbantwin.dataset.frame_files import STORED
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import Recording
@@ -51,13 +52,17 @@ class OwnDataset:
         """The sensors as the manifest has them."""
         return list(self.manifest["rig"]["sensors"])
 
+    def points_file(self, name: str) -> str:
+        """Return which file has the points of a frame, from the dataset's folder on."""
+        return f"points/{name}{STORED.get(self.manifest.get('storage', 'npy'), '.npy')}"
+
     def entries(self, recording: Recording) -> list[FrameEntry]:
         """Return the frames that the manifest names, those that are missing or cut short marked."""
         there = set(recording.names)
         found = []
         for one in self.manifest["frames"]:
             name = one["name"]
-            error = self._wrong(name) if name in there else f"points/{name}.npy: not found"
+            error = self._wrong(name) if name in there else f"{self.points_file(name)}: not found"
             entry = FrameEntry(name, float(one["time_s"]), int(one.get("points", 0)), error)
             found.append(entry)
         return found

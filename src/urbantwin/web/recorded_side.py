@@ -181,7 +181,7 @@ class RecordedSide:
     def _read(self, index: int) -> Frame:
         entry, number = self.entries[index], self._numbers[index]
         if number < 0:
-            raise InputError("not found", file=self.recording.path / "points" / f"{entry.name}.npy")
+            raise InputError(entry.error or "not found", file=self.recording.path)
         try:
             return self.recording.read(number)
         except InputError as error:
