@@ -384,7 +384,13 @@ def privacy_lines(
     kinds = {one.get("kind") for one in inputs}
     real = [words for kind, words in _REAL.items() if kind in kinds]
     came = f"Of real recordings came in: {'; '.join(real)}." if real else "Nobody was recorded."
-    lines = [f"The frames are simulated. {came} Every input is named above with its kind.", ""]
+    named = f"{came} Every input is named above with its kind."
+    if None in kinds:
+        named = (
+            "Every input is named above; of which kind each is, the manifest of an earlier version "
+            "does not say, so it does not tell whether real recordings came in."
+        )
+    lines = [f"The frames are simulated. {named}", ""]
     if private is None:
         return [*lines, "Nobody searched the files for personal data."]
     if not private:
