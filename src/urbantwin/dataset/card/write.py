@@ -24,7 +24,14 @@ from urbantwin.dataset.description import parts_of
 from urbantwin.dataset.layout import FOLDERS
 from urbantwin.errors import InputError
 
-__all__ = ["carded_folders", "renew_cards", "renewed_folder", "write_cards", "write_index"]
+__all__ = [
+    "carded_folders",
+    "renew_cards",
+    "renewed_folder",
+    "told_of",
+    "write_cards",
+    "write_index",
+]
 
 _EXPECTED = "a dataset of `urbantwin record`, an export of one, or a folder of such"
 
@@ -132,7 +139,8 @@ def renewed_folder(folder: Path, kind: str) -> Iterator[Path]:
             (scratch / name).parent.mkdir(parents=True, exist_ok=True)
             if (folder / name).is_file():
                 _second_name(folder / name, scratch / name)
-        yield scratch
+        with told_of(folder, scratch):
+            yield scratch
         drawn = {f"pictures/{name}" for name in PICTURES}
         known = {
             name: digest
@@ -140,6 +148,23 @@ def renewed_folder(folder: Path, kind: str) -> Iterator[Path]:
             if not any(name.endswith(one) for one in drawn)
         }
         write_inventory(scratch, known=known)
+
+
+@contextmanager
+def told_of(folder: Path, scratch: Path) -> Iterator[None]:
+    """Name the file of an artefact in errors, not the second name that it has in scratch."""
+    try:
+        yield
+    except InputError as error:
+        file = None if error.file is None else Path(error.file)
+        if file is None or not file.is_relative_to(scratch):
+            raise
+        raise InputError(
+            error.problem,
+            file=folder / file.relative_to(scratch),
+            place=error.place,
+            expected=error.expected,
+        ) from None
 
 
 def renew_cards(folder: Path, sums: Mapping[str, str], redraw: Callable[[Path], None]) -> set[str]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from urbantwin.artefact import check_folder, replaced_folder, sha256_of, write_inventory, write_json
 from urbantwin.artefact.inventory import INVENTORY, read_inventory
-from urbantwin.dataset.card.write import renew_cards
+from urbantwin.dataset.card.write import renew_cards, told_of
 from urbantwin.dataset.manifest import LAYOUT
 from urbantwin.dataset.split.asked import SplitAsked
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
@@ -105,7 +105,8 @@ def _rewrite(
             }
             write_json(folder / "dataset.json", own)
             changed.add("dataset.json")
-        changed |= renew_cards(folder, sums, redraw)
+        with told_of(source.folder, folder):
+            changed |= renew_cards(folder, sums, redraw)
         # What is not written anew keeps its checksum: of a damaged file it stays wrong.
         kept = {name: digest for name, digest in sums.items() if name not in changed}
         write_inventory(folder, known=kept)
