@@ -23,6 +23,10 @@ TOO_SMALL_KB = {
     "background": 24,
     "export": 1500,
     "card": 4,
+    "sequence": 60,
+    "split": 12,
+    "export-nuscenes": 400,
+    "export-mcap": 400,
 }
 
 
@@ -66,6 +70,7 @@ def check_line(code: int, err: str, out: Path, *words: str) -> None:
 
 def check_full(stand: Stand, place: Path, disk: Disk, key: str, *, older: bool) -> None:
     command = COMMANDS[key]
+    older = older or command.in_place
     out = disk.folder / command.output
     expected = stand.expected(key)
     used_kb = 0
