@@ -210,3 +210,16 @@ def test_a_damaged_file_is_searched_by_its_letters(tmp_path: Path) -> None:
     data = (tmp_path / "a.parquet").read_bytes()
     (tmp_path / "a.parquet").write_bytes(data[:-20])
     assert "absolute path" in kinds(tmp_path)
+
+
+def test_seconds_from_the_start_of_a_drive_are_no_time_of_day(tmp_path: Path) -> None:
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.system_identifier = header.generating_software = ""
+    cloud = laspy.LasData(header)
+    cloud.x = cloud.y = cloud.z = np.arange(5.0)
+    cloud.gps_time = np.linspace(0.0, 0.1, 5)
+    cloud.write(tmp_path / "points.las")
+    assert search_files(tmp_path) == []
+    cloud.gps_time = np.linspace(0.0, 0.1, 5) + 270_000.0  # seconds of a week
+    cloud.write(tmp_path / "points.las")
+    assert [one.what for one in search_files(tmp_path)] == ["time stamp"]

@@ -304,3 +304,13 @@ def test_a_dataset_without_anybody_has_a_card_and_pictures(
     assert "No box of" in (out / "README.md").read_text()
     drawn = pictures_of_boxes(read_statistics(out), {"train": ["000000"]}, tmp_path / "pictures")
     assert all(path.stat().st_size > 5000 for path in drawn)
+
+
+@pytest.mark.parametrize("command", [["card"], ["split", "--shares", "80,20"]])
+def test_a_damaged_table_is_told_by_its_own_name(
+    copy: Path, capfd: pytest.CaptureFixture[str], command: list[str]
+) -> None:
+    with (copy / "sweeps.parquet").open("r+b") as stream:
+        stream.truncate(500)
+    assert main([command[0], str(copy), *command[1:], "--quiet"]) == 2
+    assert capfd.readouterr().err.startswith(f"error: {copy / 'sweeps.parquet'}: bytes 496 to 499")

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import os
 import shutil
 
 import numpy as np
@@ -11,10 +12,12 @@ import pytest
 import urbantwin as ut
 from urbantwin.artefact import verify
 from urbantwin.dataset import SplitAsked, record
+from urbantwin.dataset.card import PICTURE_OF_SPLIT
 from urbantwin.dataset.split import check_split, shares_of, split_in_time
 from urbantwin.dataset.split.actor_places import Recorded
 from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
+from urbantwin.view.pictures import redraw_split
 
 PARTS = ("train", "val", "test")
 POSE = np.eye(4).tolist()
@@ -187,6 +190,31 @@ def test_a_dataset_is_divided_anew_as_it_would_have_been_recorded(
     ut.split(again, progress=False)
     assert digests(again) == digests(dataset)
     assert [one.name for one in tmp_path.iterdir() if one.name.startswith(".")] == []
+
+
+def test_card_and_picture_tell_the_split_that_there_is(dataset, tmp_path):
+    old, new = (shutil.copytree(dataset, tmp_path / name) for name in ("old", "new"))
+    ut.card(old, progress=False)
+    kept = {path: path.read_bytes() for path in old.rglob("*") if path.is_file()}
+    other = shutil.copytree(old, tmp_path / "other", copy_function=os.link)
+    ut.split(other, shares="40,30,30", gap=0.2, progress=False)
+    ut.split(new, shares="40,30,30", gap=0.2, progress=False)
+    train = f"| `train` | {len(lists(new)['train'])} |"
+    assert train in (new / "README.md").read_text()
+    assert train not in (old / "README.md").read_text()
+    (new / "pictures").mkdir()
+    redraw_split(new)
+    picture = f"pictures/{PICTURE_OF_SPLIT}"
+    assert (other / picture).read_bytes() == (new / picture).read_bytes()
+    assert (other / picture).read_bytes() != (old / picture).read_bytes()
+    assert {path: path.read_bytes() for path in kept} == kept
+    ut.split(other, progress=False)
+    for name in (picture, "README.md"):
+        assert (other / name).read_bytes() == (old / name).read_bytes()
+    (other / "README.md").write_text("mine")
+    ut.split(other, shares="40,60", progress=False)
+    assert (other / "README.md").read_text() == "mine"
+    assert [bad.name for one in verify(other) for bad in one.damages] == ["README.md"]
 
 
 def test_sensors_apart_are_cut_at_the_same_moments(twin, motion, tmp_path, rig_spec, digests):

@@ -63,6 +63,20 @@ def test_recordings_of_one_scenario_are_found(folder):
     assert found[0].because == ("the same motion", "actors go the same ways")
 
 
+@pytest.mark.parametrize(("shared", "scenarios"), [((1,), 2), ((1, 2), 1)])
+def test_one_actor_on_the_same_way_is_chance(
+    twin, motion_of, rig_spec, tmp_path, shared, scenarios
+):
+    """Whoever is first at a stop line drives off with its light, whatever the seed."""
+    rig = place_rig(rig_spec(rate_hz=5.0), twin.mesh)
+    other = [row for row in rows_of(1) if row["track"] in shared]
+    other += [row for row in rows_of(5) if row["track"] not in shared]
+    for name, rows in (("one", rows_of(1)), ("other", other)):
+        ordered = sorted(rows, key=lambda row: (row["time_s"], row["track"]))
+        record(twin, motion_of(twin, ordered), rig, tmp_path / name, workers=1)
+    assert len(scenarios_of(datasets_at([tmp_path]))) == scenarios
+
+
 def test_no_scenario_is_in_two_parts(folder, tmp_path):
     here = shutil.copytree(folder, tmp_path / "all")
     made = ut.split(here, progress=False)
@@ -125,6 +139,23 @@ def test_training_takes_a_document(folder, tmp_path):
     assert chosen_frames([folder / "seed2/dataset"], "train").names == (
         ("000000", "000001", "000002", "000003"),
     )
+
+
+def test_python_takes_its_parts_and_not_those_of_each_dataset(folder, tmp_path):
+    divided = ut.split(folder, tmp_path / "split.json", by="scenario", progress=False)
+    opened = ut.open(divided)
+    for part in ("train", "val", "test"):
+        mine = {
+            row["path"]: row["frames"] for row in divided.told["datasets"] if row["part"] == part
+        }
+        chosen = opened.where(split=part)
+        assert {one.folder.resolve() for one, _, _ in chosen._located} == {
+            (tmp_path / path).resolve() for path in mine
+        }
+        assert len(chosen) == sum(mine.values())
+    assert sum(ut.inspect(divided)["parts"].values()) == len(opened)
+    with pytest.raises(InputError, match="no dataset for holdout"):
+        opened.where(split="holdout")
 
 
 def test_one_motion_is_cut_at_the_same_moments_in_all_recordings(folder, tmp_path):

@@ -34,4 +34,5 @@ def test_whoever_wrote_a_name_into_a_dataset_is_told(line: Line, tmp_path: Path)
     assert {one.what for one in found.personal or ()} == {"e-mail address", "absolute path"}
     with pytest.raises(ut.InputError, match=r"notes\.md: line 1 \(byte 27\): absolute path"):
         found.check()
+    assert found.summary()["personal_findings"] == len(found.personal)
     assert found.summary()["personal_data"][0]["file"] == "notes.md"

@@ -92,6 +92,10 @@ def test_what_cannot_be_followed(
     assert "dataset.json" in capsys.readouterr().err
     damaged = tmp_path / "dataset"
     shutil.copytree(line.dataset.folder, damaged)
+    with (damaged / "trajectories.parquet").open("r+b") as stream:
+        stream.truncate(900)
+    assert main(["sequence", str(damaged), "-o", str(tmp_path / "b"), "--quiet"]) == 2
+    assert "trajectories.parquet: bytes 896 to 899" in capsys.readouterr().err
     (damaged / "boxes.parquet").write_bytes(b"PAR1")
     assert main(["sequence", str(damaged), "-o", str(tmp_path / "b"), "--quiet"]) == 2
     assert capsys.readouterr().err.count("\n") == 1

@@ -35,6 +35,8 @@ class Command:
         arguments: from the stand and the output to the command line.
         resumes: whether an interrupted run leaves scratch to go on from.
         control: whether it records the arbitrary site, into the user's cache.
+        in_place: whether its output is a dataset that it changes, which must be there.
+        key: among all commands; its name if empty.
     """
 
     name: str
@@ -42,6 +44,8 @@ class Command:
     arguments: Callable[[Stand, Path], list[object]]
     resumes: bool = False
     control: bool = False
+    in_place: bool = False
+    key: str = ""
 
 
 def _record(stand: Stand, out: Path) -> list[object]:
@@ -67,8 +71,12 @@ def _tune(stand: Stand, out: Path) -> list[object]:
     return ["tune", stand.real, stand.twin, "-o", out, *options]
 
 
+def _export(to: str) -> Callable[[Stand, Path], list[object]]:
+    return lambda stand, out: ["export", stand.dataset, "--to", to, "-o", out]
+
+
 COMMANDS = {
-    one.name if not one.control else "compare-control": one
+    one.key or one.name: one
     for one in (
         Command("record", "dataset", _record, resumes=True),
         Command(
@@ -83,7 +91,7 @@ COMMANDS = {
         ),
         Command("run", "out", _run, resumes=True),
         Command("compare", "report", _compare),
-        Command("compare", "report", _compare_control, control=True),
+        Command("compare", "report", _compare_control, control=True, key="compare-control"),
         Command("tune", "tuned", _tune, resumes=True),
         Command(
             "background",
@@ -111,6 +119,14 @@ COMMANDS = {
             "page.html",
             lambda stand, out: ["view", stand.dataset, "--frames", "0:3", "--save", out],
         ),
+        Command(
+            "split",
+            "divided",
+            lambda stand, out: ["split", out, "--shares", "60,20,20", "--gap", "0.1"],
+            in_place=True,
+        ),
+        Command("export", "nuscenes", _export("nuscenes"), key="export-nuscenes"),
+        Command("export", "frames.mcap", _export("mcap"), key="export-mcap"),
     )
 }
 
@@ -121,6 +137,8 @@ _OF_OLDER: dict[str, Callable[[Stand], list[object]]] = {
     "carla": lambda stand: ["export", stand.older("twin"), "--to", "carla"],
     "card": lambda stand: ["card", stand.older("dataset"), "--no-pictures"],
     "page.html": lambda stand: ["view", stand.older("dataset")],
+    "nuscenes": lambda stand: ["export", stand.older("dataset"), "--to", "nuscenes"],
+    "frames.mcap": lambda stand: ["export", stand.older("dataset"), "--to", "mcap"],
     "measured.npz": lambda stand: ["background", stand.older("dataset"), *SENSOR],
 }
 
@@ -183,6 +201,11 @@ class Stand:
             return out
         if out.exists():
             return out
+        if output == "divided":
+            return shutil.copytree(self.dataset, out)
+        return self._made(f"older/{output}", [*self._older_of(output, out), "-o", out])
+
+    def _older_of(self, output: str, out: Path) -> list[object]:
         if output == "twin":  # the same place, a little smaller
             site = self.site.with_name("older.yaml")
             site.write_text(self.site.read_text().replace("radius_m: 40", "radius_m: 35"))
@@ -199,7 +222,7 @@ class Stand:
             arguments = ["tune", self.real, self.twin, *options]
         else:
             arguments = _OF_OLDER[output](self)
-        return self._made(f"older/{output}", [*arguments, "-o", out])
+        return arguments
 
     def expected(self, key: str) -> Path:
         """Return what a command makes undisturbed."""
@@ -208,6 +231,8 @@ class Stand:
         out = self.folder / name
         if not out.exists():
             arguments = command.arguments(self, out)  # makes what the command reads
+            if command.in_place:
+                shutil.copytree(self.older(command.output), out)
             began = time.monotonic()
             done = subprocess.run(
                 command_line(arguments),

@@ -24,6 +24,10 @@ TOO_SMALL_KB = {
     "export": 1500,
     "card": 4,
     "view": 500,
+    "sequence": 60,
+    "split": 12,
+    "export-nuscenes": 400,
+    "export-mcap": 400,
 }
 
 
@@ -67,6 +71,7 @@ def check_line(code: int, err: str, out: Path, *words: str) -> None:
 
 def check_full(stand: Stand, place: Path, disk: Disk, key: str, *, older: bool) -> None:
     command = COMMANDS[key]
+    older = older or command.in_place
     out = disk.folder / command.output
     expected = stand.expected(key)
     used_kb = 0

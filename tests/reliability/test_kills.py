@@ -21,6 +21,7 @@ def check_killed(
     stand: Stand, key: str, place: Path, share: float, number: signal.Signals, *, older: bool
 ) -> None:
     command = COMMANDS[key]
+    older = older or command.in_place
     duration_s = stand.duration_s(key)
     out = place_for(stand, command, place, older=older)
     ended = killed(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -136,13 +136,17 @@ class FrameFilter:
             raise InputError(f"is {self.every!r}", place="every", expected="1 or more")
 
     def kept(
-        self, frames: Iterable[tuple[Dataset, str, int]], sequences: Collection[str]
+        self,
+        frames: Iterable[tuple[Dataset, str, int]],
+        sequences: Collection[str],
+        part: Callable[[Dataset, str], Collection[str]],
     ) -> list[int]:
         """Return which of some frames are taken, by their number among them.
 
         Args:
             frames: of each its dataset, the name of its sequence, and its number in the dataset.
             sequences: names that there are.
+            part: from a dataset and the name of a split to the names of its frames.
 
         Raises:
             InputError: there is no such sequence, split or frame.
@@ -166,7 +170,7 @@ class FrameFilter:
                 continue
             if self.split is not None:
                 if id(dataset) not in splits:
-                    splits[id(dataset)] = frozenset(dataset.split(self.split))
+                    splits[id(dataset)] = frozenset(part(dataset, self.split))
                 if name not in splits[id(dataset)]:
                     continue
             seen.add(name)

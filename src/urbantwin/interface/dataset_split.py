@@ -87,8 +87,9 @@ def split(
 ) -> DatasetSplit:
     """Divide datasets into training, validation and test, without recording again.
 
-    By time, each dataset gets new lists (``ImageSets/``), and recordings of one motion are cut at
-    the same moments. By scenario, datasets stay as they are, and a document says which is what.
+    By time, each dataset gets new lists (``ImageSets/``) and its card tells them (one that was
+    changed by hand stays), and recordings of one motion are cut at the same moments. By scenario,
+    datasets stay as they are, and a document says which is what.
 
     Args:
         datasets: folders of datasets, or folders that hold some: of seeds, of a curriculum, of a
@@ -140,7 +141,7 @@ def split(
         if way == "time":
             told: dict[str, Any] = {
                 str(folder): one
-                for folder, one in split_datasets_in_time(scenarios, asked, tell).items()
+                for folder, one in split_datasets_in_time(scenarios, asked, tell, _redraw).items()
             }
             made = DatasetSplit(Path(next(iter(told))), way, told)
         else:
@@ -151,6 +152,12 @@ def split(
     for one in made.warnings:
         tell_line(f"warning: {one}", progress)
     return made
+
+
+def _redraw(dataset: Path) -> None:
+    from urbantwin.view.pictures import redraw_split
+
+    redraw_split(dataset)
 
 
 def _shares(shares: str | Sequence[float]) -> tuple[float, float, float]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from urbantwin.artefact import kind_of
+from urbantwin.dataset.split import PARTS, SplitDocument, read_split_document, says_split
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.selection import Frames, Located
@@ -38,6 +39,7 @@ class Datasets(Frames):
     Example:
         >>> both = ut.Datasets(["dry/dataset", "rain/dataset"])
         >>> both.where(sequences=["rain/dataset"], classes=["car"])
+        >>> ut.Datasets.open("split.json").where(split="train")
     """
 
     def __init__(self, paths: Iterable[AnyPath]) -> None:
@@ -54,14 +56,20 @@ class Datasets(Frames):
         if len(set(places)) < len(places):
             raise InputError("a dataset is given twice", expected="each dataset once")
         self._names = _short_names(places)
+        self._divided: SplitDocument | None = None
 
     @classmethod
     def open(cls, folder: AnyPath) -> Datasets:
-        """Open all datasets in a folder, in the order of their names.
+        """Open all datasets in a folder, in the order of their names, or of a split by scenario.
 
         Raises:
             InputError: there are none, or one is damaged.
         """
+        if says_split(Path(folder)):
+            document = read_split_document(Path(folder))
+            divided = cls(path for path, _, _ in document.rows)
+            divided._divided = document
+            return divided
         found = datasets_inside(Path(folder))
         if not found:
             raise InputError(
@@ -82,6 +90,14 @@ class Datasets(Frames):
             for number in range(len(one.names))
         ]
 
+    def _part(self, dataset: Dataset, split: str) -> Collection[str]:
+        if self._divided is None:
+            return super()._part(dataset, split)
+        if dataset.folder not in (chosen := self._divided.datasets(split)):
+            return ()
+        kept = chosen[dataset.folder]
+        return dataset.names if kept is None else kept
+
     def __repr__(self) -> str:
         """Return how many there are, and their names."""
         return f"{len(self._datasets)} datasets of {len(self)} frames: {', '.join(self._names)}"
@@ -89,7 +105,11 @@ class Datasets(Frames):
     def summary(self) -> Summary:
         """Return how many frames each has."""
         pairs = zip(self._names, self._datasets, strict=True)
-        return Summary(frames=len(self), datasets={name: len(one.names) for name, one in pairs})
+        told = Summary(frames=len(self), datasets={name: len(one.names) for name, one in pairs})
+        if self._divided is not None:
+            parts = {part for _, part, _ in self._divided.rows}
+            told["parts"] = {part: len(self.where(split=part)) for part in PARTS if part in parts}
+        return told
 
 
 def datasets_inside(folder: Path) -> list[Path]:

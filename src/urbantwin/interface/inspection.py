@@ -89,7 +89,7 @@ def _by_ending(name: str, progress: Progress) -> Callable[[Path], dict[str, Any]
         ((".ply",), _mesh_or_cloud),
         (CLOUDS, _cloud),
         ((".pcap", ".pcapng", ".cap", ".bag", ".db3", ".mcap", ".parquet", ".tar"), _recording),
-        ((".json",), _geometry_or_roads),
+        ((".json",), _json),
         (GEOMETRY, _geometry),
     ):
         if name.endswith(endings):
@@ -180,6 +180,16 @@ def _extract_or_roads(path: Path, progress: Progress) -> dict[str, Any]:
     from urbantwin.roads.imported import is_map_of_roads
 
     return _roads(path) if is_map_of_roads(path) else _extract(path, progress)
+
+
+def _json(path: Path) -> dict[str, Any]:
+    from urbantwin.dataset.split import says_split
+
+    if says_split(path):
+        from urbantwin.interface.datasets import Datasets
+
+        return {"kind": "split", **Datasets.open(path).summary()}
+    return _geometry_or_roads(path)
 
 
 def _geometry_or_roads(path: Path) -> dict[str, Any]:

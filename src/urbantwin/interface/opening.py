@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import kind_of, read_json
+from urbantwin.dataset.split import says_split
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.summary import Summary
@@ -87,9 +88,9 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
 
     Returns:
         A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
-        `SequenceFiles` or `Package`; `Datasets`, of a folder with several; a `Site`, a `RigSpec` or
-        a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type matters to a type
-        checker, ``ut.Dataset.open(path)`` and its like say it.
+        `SequenceFiles` or `Package`; `Datasets`, of a folder with several or a split by scenario; a
+        `Site`, a `RigSpec` or a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the
+        type matters to a type checker, ``ut.Dataset.open(path)`` and its like say it.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
@@ -164,6 +165,10 @@ def _opened_file(path: Path) -> Any:  # noqa: ANN401 - see `open`
 
     if is_cloud(path):
         return read_cloud(path)
+    if ending == ".json" and says_split(path):
+        from urbantwin.interface.datasets import Datasets
+
+        return Datasets.open(path)
     if ending in (".json", ".csv"):
         from urbantwin.interface.sensor_catalogue import Datasheet
 

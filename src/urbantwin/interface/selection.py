@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
@@ -46,6 +46,10 @@ class Frames(Sequence["Frame"]):
         """Return which boxes (B,) of a dataset it shows; ``None``: all."""
         del dataset
         return None
+
+    def _part(self, dataset: Dataset, split: str) -> Collection[str]:
+        """Return the names of a dataset's frames that are of a split."""
+        return dataset.split(split)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -146,7 +150,8 @@ class Frames(Sequence["Frame"]):
             difficulty: one of these levels.
             counted: none that is to be ignored (``ignored`` says why).
             tracks: of these tracks.
-            split: frames of ``ImageSets/NAME.txt``: ``train``, ``val``.
+            split: frames of ``ImageSets/NAME.txt``: ``train``, ``val``, ``test``; of a split by
+                scenario, those of its datasets of that part.
             sequences: frames of these datasets, by the names of their folders.
             frames: frames of these names.
             start: no frame before this time of the motion, seconds.
@@ -292,7 +297,7 @@ class Selection(Frames):
     @cached_property
     def _located(self) -> list[Located]:
         all_of_them = self.source._located
-        kept = self.chosen.kept(all_of_them, {name for _, name, _ in all_of_them})
+        kept = self.chosen.kept(all_of_them, {name for _, name, _ in all_of_them}, self._part)
         found = [all_of_them[number] for number in kept]
         if self.with_boxes:
             found = [one for one in found if self._has_boxes(one[0], one[2])]
@@ -310,6 +315,9 @@ class Selection(Frames):
                 mask = own if mask is None else mask & own
             self._masks[dataset.folder] = mask
         return self._masks[dataset.folder]
+
+    def _part(self, dataset: Dataset, split: str) -> Collection[str]:
+        return self.source._part(dataset, split)
 
     def _has_boxes(self, dataset: Dataset, number: int) -> bool:
         rows, mask = dataset.box_rows(dataset.names[number]), self._kept(dataset)

@@ -193,6 +193,7 @@ def sequence(
         write_sequence_tables(folder, frames.manifest, source, driven)
         for name in (TRAJECTORIES, LANES):  # what boxes and sweeps do not tell
             if not (folder / name).is_file() and (source / name).is_file():
+                read_table(source / name)  # what is damaged is not passed on
                 (folder / name).write_bytes((source / name).read_bytes())
         there = [name for name in SEQUENCE_TABLES if (folder / name).is_file()]
         if csv:

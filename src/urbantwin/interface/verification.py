@@ -81,6 +81,7 @@ class Verification:
         ]
         found = Summary(path=str(self.path), artefacts=rows)
         if self.personal is not None:
+            found["personal_findings"] = len(self.personal)  # none is said, too
             found["personal_data"] = [asdict(one) for one in self.personal[:most]]
         if self.carla:
             from urbantwin.exports.carla.check import NOT_PROVEN

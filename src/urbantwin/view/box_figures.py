@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
+from urbantwin.dataset.card.page import PICTURE_OF_SPLIT
 from urbantwin.dataset.card.statistics import BoxStatistics
 from urbantwin.taxonomy import BOX_SEMANTICS
 from urbantwin.view import style
@@ -19,6 +20,7 @@ from urbantwin.view import style
 __all__ = [
     "box_sizes_figure",
     "objects_per_frame_figure",
+    "picture_of_split",
     "pictures_of_boxes",
     "places_figure",
     "points_by_range_figure",
@@ -50,11 +52,21 @@ def pictures_of_boxes(
     drawings: dict[str, Callable[[], Figure]] = {
         "points_by_range.png": lambda: points_by_range_figure(statistics, attribution),
         "box_sizes.png": lambda: box_sizes_figure(statistics, attribution),
-        "objects_per_frame.png": lambda: objects_per_frame_figure(statistics, splits, attribution),
+        PICTURE_OF_SPLIT: lambda: objects_per_frame_figure(statistics, splits, attribution),
         "places.png": lambda: places_figure(statistics, attribution),
     }
     out.mkdir(parents=True, exist_ok=True)
     return [style.save(draw(), out / name) for name, draw in drawings.items()]
+
+
+def picture_of_split(
+    statistics: BoxStatistics,
+    splits: Mapping[str, Sequence[str]],
+    file: Path,
+    attribution: str | Iterable[str] = (),
+) -> Path:
+    """Draw the one picture that tells a split; see `objects_per_frame_figure`."""
+    return style.save(objects_per_frame_figure(statistics, splits, attribution), file)
 
 
 def points_by_range_figure(
@@ -161,7 +173,7 @@ def objects_per_frame_figure(
     axes.set_ylabel("boxes", color=style.MUTED)
     number = {name: k for k, name in enumerate(statistics.frames)}
     tones = (style.MUTED, style.ACCENT, "#6db3f2", "#e0729d", "#8fd694")
-    for place, (split, frames) in enumerate(splits.items()):
+    for place, (split, frames) in reversed(list(enumerate(splits.items()))):
         tone = tones[place % len(tones)]
         spans = [(number[one], 1) for one in frames if one in number]
         axes.broken_barh(spans, (-0.05 * top, 0.04 * top), color=tone, linewidth=0, label=split)

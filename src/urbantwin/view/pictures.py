@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.card import read_statistics, splits_of
+from urbantwin.dataset.card import PICTURE_OF_SPLIT, read_statistics, splits_of
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.motion_interpolation import Rows, rows_at
 from urbantwin.errors import InputError
@@ -23,7 +23,7 @@ from urbantwin.traffic.assets import asset_mesh
 from urbantwin.twin import Twin
 from urbantwin.view import style
 from urbantwin.view.birdseye import birdseye_figure
-from urbantwin.view.box_figures import pictures_of_boxes
+from urbantwin.view.box_figures import picture_of_split, pictures_of_boxes
 from urbantwin.view.coverage import coverage_figure
 from urbantwin.view.event_picture import event_figure
 from urbantwin.view.ground_materials import ground_figure
@@ -48,6 +48,7 @@ __all__ = [
     "pictures_of_dataset",
     "pictures_of_events",
     "pictures_of_twin",
+    "redraw_split",
     "sight_on",
     "title_of",
 ]
@@ -157,6 +158,18 @@ def figure_of_motion(motion: Motion, twin: Twin | None) -> Figure:
     """Draw the paths of a motion's actors, on its twin where there is one."""
     sources = [] if twin is None else attributions(twin.manifest)
     return paths_figure(motion, twin, attribution=sources)
+
+
+def redraw_split(dataset: Path) -> None:
+    """Draw the picture of a dataset that tells its split anew; the file may have other names.
+
+    Raises:
+        InputError: a file of the dataset is missing or damaged.
+    """
+    file = dataset / "pictures" / PICTURE_OF_SPLIT
+    file.unlink(missing_ok=True)
+    sources = attributions(read_manifest(dataset))
+    picture_of_split(read_statistics(dataset), splits_of(dataset), file, sources)
 
 
 def pictures_of_dataset(

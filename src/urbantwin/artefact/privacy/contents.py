@@ -300,6 +300,11 @@ def _picture(data: bytes, _: int) -> Iterator[Told]:
                 yield Told("chunk tIME", str(year), what="time stamp")
 
 
+#: Times below this many seconds count from the start of a drive or a turn: by GPS they would be in
+#: the first hour of a week.
+_FROM_A_START_S = 3600.0
+
+
 def _las(data: bytes, _: int) -> Iterator[Told]:
     import laspy
     import numpy as np
@@ -317,7 +322,7 @@ def _las(data: bytes, _: int) -> Iterator[Told]:
         if "gps_time" in told.point_format.dimension_names:
             for points in file.chunk_iterator(1_000_000):
                 times = np.asarray(points.gps_time)
-                if times.any():
+                if np.abs(times).max(initial=0) >= _FROM_A_START_S:
                     text = f"{times.min():.3f} to {times.max():.3f} of GPS"
                     yield Told("gps_time of the points", text, what="time stamp")
                     break

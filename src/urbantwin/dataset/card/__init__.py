@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING
 from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
-    from urbantwin.dataset.card.page import CARD, PICTURES
+    from urbantwin.dataset.card.page import CARD, PICTURE_OF_SPLIT, PICTURES
     from urbantwin.dataset.card.statistics import read_statistics, splits_of
     from urbantwin.dataset.card.write import (
         carded_folders,
+        renew_cards,
         renewed_folder,
         write_cards,
         write_index,
@@ -17,8 +18,10 @@ if TYPE_CHECKING:
 __all__ = [
     "CARD",
     "PICTURES",
+    "PICTURE_OF_SPLIT",
     "carded_folders",
     "read_statistics",
+    "renew_cards",
     "renewed_folder",
     "splits_of",
     "write_cards",

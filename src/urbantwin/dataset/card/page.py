@@ -24,6 +24,7 @@ from urbantwin.dataset.named_inputs import INPUT_KINDS
 __all__ = [
     "CARD",
     "PICTURES",
+    "PICTURE_OF_SPLIT",
     "card_of_dataset",
     "card_of_folder",
     "joined",
@@ -34,6 +35,8 @@ __all__ = [
 
 #: Where hubs and people look first.
 CARD = "README.md"
+#: The picture that tells the split.
+PICTURE_OF_SPLIT = "objects_per_frame.png"
 #: Pictures in their order, and what they show.
 PICTURES = {
     "birdseye.png": "A labelled frame from above: points by class, boxes with their headings",
@@ -42,7 +45,7 @@ PICTURES = {
     "histogram.png": "Points per class; boxes per class, with and without points",
     "points_by_range.png": "Points on a box against its distance, by class",
     "box_sizes.png": "Length, width and height of the actors, by class",
-    "objects_per_frame.png": "Boxes in each frame, by class, and which frames train",
+    PICTURE_OF_SPLIT: "Boxes in each frame, by class, and which frames train",
     "places.png": "Where boxes with points are, in the site, from above",
 }
 #: Hubs' names of what it can be used for, by what a dataset always has.
@@ -408,7 +411,13 @@ def privacy_lines(
     kinds = {one.get("kind") for one in inputs}
     real = [words for kind, words in _REAL.items() if kind in kinds]
     came = f"Of real recordings came in: {'; '.join(real)}." if real else "Nobody was recorded."
-    lines = [f"The frames are simulated. {came} Every input is named above with its kind.", ""]
+    named = f"{came} Every input is named above with its kind."
+    if None in kinds:
+        named = (
+            "Every input is named above; of which kind each is, the manifest of an earlier version "
+            "does not say, so it does not tell whether real recordings came in."
+        )
+    lines = [f"The frames are simulated. {named}", ""]
     if private is None:
         return [*lines, "Nobody searched the files for personal data."]
     if not private:

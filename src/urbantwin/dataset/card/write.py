@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,13 +12,26 @@ from urbantwin.artefact import INVENTORY, replaced_folder, sha256_of, write_inve
 from urbantwin.artefact.inventory import read_inventory
 from urbantwin.artefact.privacy import Finding, search_files
 from urbantwin.dataset.card.exported_page import EXPORTED, card_of_export
-from urbantwin.dataset.card.page import CARD, PICTURES, card_of_dataset, card_of_folder
+from urbantwin.dataset.card.page import (
+    CARD,
+    PICTURE_OF_SPLIT,
+    PICTURES,
+    card_of_dataset,
+    card_of_folder,
+)
 from urbantwin.dataset.card.statistics import read_statistics
 from urbantwin.dataset.description import parts_of
 from urbantwin.dataset.layout import FOLDERS
 from urbantwin.errors import InputError
 
-__all__ = ["carded_folders", "renewed_folder", "write_cards", "write_index"]
+__all__ = [
+    "carded_folders",
+    "renew_cards",
+    "renewed_folder",
+    "told_of",
+    "write_cards",
+    "write_index",
+]
 
 _EXPECTED = "a dataset of `urbantwin record`, an export of one, or a folder of such"
 
@@ -126,7 +139,8 @@ def renewed_folder(folder: Path, kind: str) -> Iterator[Path]:
             (scratch / name).parent.mkdir(parents=True, exist_ok=True)
             if (folder / name).is_file():
                 _second_name(folder / name, scratch / name)
-        yield scratch
+        with told_of(folder, scratch):
+            yield scratch
         drawn = {f"pictures/{name}" for name in PICTURES}
         known = {
             name: digest
@@ -134,6 +148,53 @@ def renewed_folder(folder: Path, kind: str) -> Iterator[Path]:
             if not any(name.endswith(one) for one in drawn)
         }
         write_inventory(scratch, known=known)
+
+
+@contextmanager
+def told_of(folder: Path, scratch: Path) -> Iterator[None]:
+    """Name the file of an artefact in errors, not the second name that it has in scratch."""
+    try:
+        yield
+    except InputError as error:
+        file = None if error.file is None else Path(error.file)
+        if file is None or not file.is_relative_to(scratch):
+            raise
+        raise InputError(
+            error.problem,
+            file=folder / file.relative_to(scratch),
+            place=error.place,
+            expected=error.expected,
+        ) from None
+
+
+def renew_cards(folder: Path, sums: Mapping[str, str], redraw: Callable[[Path], None]) -> set[str]:
+    """Write what tells the split of a dataset anew: its cards, and a picture of each.
+
+    What is not there is not written, and a card that was changed by hand stays.
+
+    Args:
+        folder: the dataset; its files may have other names, which keep what they are.
+        sums: checksums of its files before.
+        redraw: draws the picture of a dataset that tells its split.
+
+    Returns:
+        The names of the files that were written.
+
+    Raises:
+        InputError: a table is damaged.
+    """
+    written = set()
+    for part in parts_of(folder):
+        name = (part / "pictures" / PICTURE_OF_SPLIT).relative_to(folder).as_posix()
+        if name in sums:
+            redraw(part)
+            written.add(name)
+    cards = [name for name in sums if name.rpartition("/")[2] == CARD]
+    if cards and all(sha256_of(folder / name) == sums[name] for name in cards):
+        for name in cards:
+            (folder / name).unlink()
+        written |= {one.relative_to(folder).as_posix() for one in write_cards(folder)}
+    return written
 
 
 def _written(folder: Path, text: str) -> Path:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
         SplitDocument,
         is_split_document,
         read_split_document,
+        says_split,
     )
     from urbantwin.dataset.split.image_sets import frames_of_part
     from urbantwin.dataset.split.rewritten import split_datasets_in_time
@@ -27,6 +28,7 @@ __all__ = [
     "frames_of_part",
     "is_split_document",
     "read_split_document",
+    "says_split",
     "shares_of",
     "split_by_scenario",
     "split_datasets_in_time",

@@ -16,7 +16,13 @@ from urbantwin.dataset.description import parts_of
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.errors import InputError
 
-__all__ = ["SplitDocument", "is_split_document", "read_split_document", "write_split_document"]
+__all__ = [
+    "SplitDocument",
+    "is_split_document",
+    "read_split_document",
+    "says_split",
+    "write_split_document",
+]
 
 _EXPECTED = "a split of urbantwin split"
 
@@ -64,6 +70,16 @@ class SplitDocument:
 def is_split_document(path: Path) -> bool:
     """Return whether a path is meant to be one."""
     return path.suffix.lower() == ".json" and path.is_file()
+
+
+def says_split(path: Path) -> bool:
+    """Return whether a file says that it is one."""
+    if not is_split_document(path):
+        return False
+    try:
+        return read_json(path, kind="split").get("kind") == "split"
+    except InputError:
+        return False
 
 
 def read_split_document(file: Path) -> SplitDocument:

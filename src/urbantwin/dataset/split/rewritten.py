@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import check_folder, replaced_folder, sha256_of, write_inventory, write_json
 from urbantwin.artefact.inventory import INVENTORY, read_inventory
+from urbantwin.dataset.card.write import renew_cards, told_of
 from urbantwin.dataset.manifest import LAYOUT
 from urbantwin.dataset.split.asked import SplitAsked
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
@@ -24,16 +25,20 @@ __all__ = ["split_datasets_in_time"]
 
 
 def split_datasets_in_time(
-    scenarios: Sequence[Scenario], asked: SplitAsked, tell: Progress
+    scenarios: Sequence[Scenario],
+    asked: SplitAsked,
+    tell: Progress,
+    redraw: Callable[[Path], None],
 ) -> dict[Path, dict[str, Any]]:
     """Cut datasets in time, those of one scenario at the same moments, and write their lists anew.
 
-    Each dataset is replaced as a whole: its own lists, manifest and inventory always agree.
+    Each dataset is replaced as a whole: its own lists, manifest, card and inventory always agree.
 
     Args:
         scenarios: the datasets, see `scenarios_of`.
         asked: shares, gap and thinning.
         tell: called with the share that is done.
+        redraw: draws the picture of a dataset that tells its split; see `renew_cards`.
 
     Returns:
         What the manifest of each says of the split, by folder.
@@ -55,7 +60,7 @@ def split_datasets_in_time(
     ]
     told = {}
     for source, split in each(pairs, tell, "writing"):
-        told[source.folder] = _rewrite(source, split, asked)
+        told[source.folder] = _rewrite(source, split, asked, redraw)
     return told
 
 
@@ -75,7 +80,9 @@ def _check(source: Source) -> None:
             raise InputError("not found", file=source.folder / name, expected="a whole dataset")
 
 
-def _rewrite(source: Source, split: Split, asked: SplitAsked) -> dict[str, Any]:
+def _rewrite(
+    source: Source, split: Split, asked: SplitAsked, redraw: Callable[[Path], None]
+) -> dict[str, Any]:
     sums = read_inventory(source.folder)
     told: dict[str, Any] = {}
     with replaced_folder(source.folder, kind="dataset") as folder:
@@ -98,6 +105,8 @@ def _rewrite(source: Source, split: Split, asked: SplitAsked) -> dict[str, Any]:
             }
             write_json(folder / "dataset.json", own)
             changed.add("dataset.json")
+        with told_of(source.folder, folder):
+            changed |= renew_cards(folder, sums, redraw)
         # What is not written anew keeps its checksum: of a damaged file it stays wrong.
         kept = {name: digest for name, digest in sums.items() if name not in changed}
         write_inventory(folder, known=kept)

@@ -15,9 +15,12 @@ from urbantwin.dataset.split.sources import Source
 
 __all__ = ["Scenario", "scenarios_of"]
 
-#: Two recordings show one scenario where this share of the moving actors that one of them shows at
-#: moments of both stand in the other within these metres, with the same track.
-_SHARE, _NEAR_M = 0.05, 0.5
+#: Two recordings show one scenario where this share of the places of moving actors, at moments of
+#: both, are the same within these metres, track by track, and this share of the tracks meets.
+_SHARE, _NEAR_M, _OF_TRACKS = 0.05, 0.5, 0.25
+#: And so many tracks. One is chance: seeds have the same numbers of tracks, and whoever is first
+#: at a stop line leaves it when the light turns green.
+_TWO = 2
 #: What `vary` changes in what was asked of the traffic.
 _VARIED = ("scenario", "signal_offsets")
 _SAME_PLACE_DEG = 1e-7
@@ -126,16 +129,15 @@ def _moving(places: ActorPlaces) -> _Moving:
 
 def _go_the_same_way(one: _Moving, other: _Moving) -> bool:
     common = np.intersect1d(one.moments, other.moments)
-    of = min(_count(one, common), _count(other, common))
-    _, left, right = np.intersect1d(one.key, other.key, return_indices=True)
-    if not of or not len(left):
+    tracks = [mine.key[np.isin(mine.key // _TRACKS, common)] % _TRACKS for mine in (one, other)]
+    shared, left, right = np.intersect1d(one.key, other.key, return_indices=True)
+    if not len(shared):
         return False
-    near = np.hypot(*(one.place[left] - other.place[right]).T) < _NEAR_M
-    return bool(near.sum() >= _SHARE * of)
-
-
-def _count(mine: _Moving, moments: NDArray[np.int64]) -> int:
-    return int(np.isin(mine.key // _TRACKS, moments).sum())
+    near = shared[np.hypot(*(one.place[left] - other.place[right]).T) < _NEAR_M]
+    places = min(len(mine) for mine in tracks)
+    actors = min(len(np.unique(mine)) for mine in tracks)
+    meet = len(np.unique(near % _TRACKS))
+    return len(near) >= _SHARE * places and meet >= max(_OF_TRACKS * actors, min(_TWO, actors))
 
 
 def parked_places(scenarios: Sequence[Scenario]) -> Iterator[tuple[float, ...]]:
