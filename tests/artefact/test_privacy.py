@@ -201,6 +201,7 @@ def test_many_findings_of_a_kind_are_counted_and_hide_no_other(tmp_path: Path) -
 @pytest.mark.parametrize(
     "text",
     [
+        "CreationTime 1970-01-01 10:00:00:000",  # as Assimp writes it
         "km/h and/or text/html",
         "https://example.org/home/page",
         "</home/x>",
