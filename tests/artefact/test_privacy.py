@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from mcap.writer import Writer
 from PIL import Image, PngImagePlugin
 
 from urbantwin.artefact.privacy import names_here, search_files
@@ -88,11 +89,24 @@ def gzipped(path: Path) -> None:
         packed.write(b'<node user="jdoe" timestamp="2021-07-25T13:03:01Z"/>')
 
 
+def mcap(path: Path) -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2", library="recorder")
+        schema = writer.register_schema("driver", "jsonschema", b"{}")
+        channel = writer.register_channel("/driver", "json", schema)
+        writer.add_metadata("where", {"file": f"{HOME}/a.pcap"})
+        data = json.dumps({"user": WHO}).encode()
+        writer.add_message(channel, 1_627_218_181_000_000_000, data, 1_627_218_181_000_000_000)
+        writer.finish()
+
+
 CASES = {
     "a.jpg": (picture, {"name of a person", "time stamp", "place of a camera"}),
     "a.png": (png, {"absolute path", "time stamp"}),
     "a.tif": (tiff, {"name of a person", "time stamp"}),
     "a.las": (las, {"name of a device", "time stamp"}),
+    "a.mcap": (mcap, {"absolute path", "name of a person", "time stamp"}),
     "a.zip": (archive, {"absolute path", "time stamp"}),
     "a.tar": (tar, {"name of a person", "time stamp"}),
     "a.parquet": (parquet, {"absolute path", "name of a person", "time stamp"}),
@@ -137,6 +151,23 @@ def test_the_line_and_the_byte_are_those_of_the_file(tmp_path: Path) -> None:
     assert found.place == "byte 32"
 
 
+def test_points_are_no_words_and_times_of_a_motion_no_moments(tmp_path: Path) -> None:
+    # Coordinates that read as `~NfB/T` and `B:/N@`, as measured ones did.
+    rows = np.zeros((40, 4), "<f4")
+    rows[7, :3] = np.frombuffer(b"ab0A ~fB/T0A", "<f4")
+    rows[9, :3] = np.frombuffer(b"01 B:/N@tuBA", "<f4")
+    (tmp_path / "000000.bin").write_bytes(rows.tobytes())
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.generating_software, header.system_identifier = "UrbanTwin 0.1.0", "UrbanTwin"
+    cloud = laspy.LasData(header)
+    cloud.x = cloud.y = cloud.z = np.arange(5.0)
+    cloud.gps_time = np.arange(5.0) / 50
+    cloud.write(tmp_path / "000000.las")
+    assert not search_files(tmp_path)
+    (tmp_path / "000001.bin").write_bytes(rows.tobytes() + HOME.encode() + bytes(3))
+    assert kinds(tmp_path) == {"absolute path"}
+
+
 def test_names_of_files_and_names_that_are_given_are_looked_for(tmp_path: Path) -> None:
     (tmp_path / "scan_jdoe.bin").write_bytes(b"\0\1\2\3")
     (tmp_path / "b.txt").write_text("JDOE did it, and jdoeish things\n")
@@ -170,6 +201,7 @@ def test_many_findings_of_a_kind_are_counted_and_hide_no_other(tmp_path: Path) -
 @pytest.mark.parametrize(
     "text",
     [
+        "CreationTime 1970-01-01 10:00:00:000",  # as Assimp writes it
         "km/h and/or text/html",
         "https://example.org/home/page",
         "</home/x>",

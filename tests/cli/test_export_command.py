@@ -107,6 +107,14 @@ def test_a_format_that_nobody_knows_is_told_whatever_is_exported(run_here, tmp_p
     assert all(name in done.err for name in ("opendrive", "tracks", "kitti", "challenge"))
 
 
+def test_a_format_of_something_else_is_told(twin, run_here, tmp_path):
+    done = run_here("export", twin, "--to", "kitti", "-o", tmp_path / "out")
+    assert done.code == 2
+    assert "is a twin, and kitti is of a dataset" in done.err
+    assert "opendrive" in done.err.rpartition("expected")[2]
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_folder_of_somebodys_own_is_left_alone(twin, run_here, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     assert run_here("export", twin, "--to", "sumo", "-o", tmp_path).code == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -82,6 +83,7 @@ def export(
         >>> ut.export(dataset, "kitti", "kitti/").notes
     """
     place = None if out is None else Path(out)
+    _check_kind(twin, to)
     if to == "challenge":
         from urbantwin.exports.challenge import write_challenge
 
@@ -122,17 +124,39 @@ def export(
             motion = Motion.load(Path(twin))
             write(motion, file)
         return Exported(file, to)
-    from urbantwin.exports import FORMATS, export_twin
+    from urbantwin.exports import export_twin
     from urbantwin.interface.twin import Twin
 
-    if to not in FORMATS:
-        known = dict.fromkeys((*FORMATS, *_OF_MOTIONS, *DATASET_FORMATS, "challenge"))
-        raise InputError(
-            f"{to!r} is not a format", place="--to", expected=f"one of {', '.join(known)}"
-        )
     with shown_stage("export", progress, brief=True) as tell:
         tell(0.0, "reading the twin")
         loaded = Twin.open(twin)
         tell(0.2, f"writing {to}")
         written = export_twin(loaded, to, place, version=version)
     return Exported(written.path, to, tuple(written.notes))
+
+
+def _check_kind(exported: Twin | AnyPath, to: str) -> None:
+    """Refuse a format that there is not, or that is not of what is exported.
+
+    Raises:
+        InputError: which formats there are.
+    """
+    from urbantwin.exports import FORMATS
+    from urbantwin.exports.frames.formats import DATASET_FORMATS
+
+    of: dict[str, tuple[str, ...]] = {
+        "twin": tuple(FORMATS),
+        "motion": tuple(_OF_MOTIONS),
+        "dataset": (*DATASET_FORMATS, "challenge"),
+    }
+    if not any(to in names for names in of.values()):
+        known = ", ".join(dict.fromkeys(name for names in of.values() for name in names))
+        raise InputError(f"{to!r} is not a format", place="--to", expected=f"one of {known}")
+    kind = kind_of(Path(exported)) if isinstance(exported, str | os.PathLike) else None
+    if kind in of and to not in of[kind]:
+        wanted = next(one for one, names in of.items() if to in names)
+        raise InputError(
+            f"is a {kind}, and {to} is of a {wanted}",
+            file=Path(exported),
+            expected=f"of a {kind} one of {', '.join(of[kind])}",
+        )

@@ -132,7 +132,11 @@ def test_ros_decodes_the_messages_of_an_mcap(written):
         reader = make_reader(stream, decoder_factories=[decoder.DecoderFactory()])
         messages = list(reader.iter_decoded_messages(topics=["/points", "/tf", "/markers"]))
         labels = [json.loads(m.data) for *_, m in reader.iter_messages(topics=["/labels"])]
+        (told,) = reader.iter_metadata()
     assert [one["name"] for one in labels] == list(source.names)
+    assert json.loads(told.metadata["inputs"]) == source.manifest["inputs"]
+    digest = hashlib.sha256((dataset / "dataset.json").read_bytes()).hexdigest()
+    assert told.metadata["dataset_sha256"] == digest
     by_topic = {}
     for _, channel, message, decoded in messages:
         by_topic.setdefault(channel.topic, []).append((message.log_time, decoded))

@@ -104,8 +104,9 @@ def test_openpcdet_config_of_centers_has_the_same_data(written):
     assert not Path(pillar["DATA_CONFIG"]["DATA_PATH"]).is_absolute()
 
 
-def test_openpcdet_comes_back(trained_on, written):
-    folder, _ = written("openpcdet")
+@pytest.mark.parametrize("to", ["openpcdet", "mmdet3d"])
+def test_what_trainers_read_comes_back(to, trained_on, written):
+    folder, _ = written(to)
     back, source = open_recording(folder), FrameSource(trained_on)
     assert len(back) == len(source) == 12
     for found, wanted in zip(back, source, strict=True):

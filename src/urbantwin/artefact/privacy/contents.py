@@ -20,6 +20,11 @@ __all__ = ["Told", "told_in"]
 _MOST_BYTES = 64_000_000
 #: Letters that follow each other in bytes by chance less often than anybody minds.
 _RUN = re.compile(rb"[\x20-\x7e]{8,}")
+_CDR_TEXT = re.compile(rb"[\x20-\x7e]{8,}(?=\0)")
+#: Coordinates are less; letters that are read as float32 are more: a small one is 10^20 or more.
+_LARGEST = 1e9
+#: Types of messages whose bytes are mostly numbers.
+_OF_POINTS = re.compile(r"PointCloud|CustomMsg|Scan|Packet|Image|LaserScan|UdpFrame")
 #: Objects of a map that are looked at.
 _MOST_OBJECTS = 200_000
 #: Files inside files are opened so deep.
@@ -305,6 +310,52 @@ def _picture(data: bytes, _: int) -> Iterator[Told]:
 _FROM_A_START_S = 3600.0
 
 
+def _floats(data: bytes, _: int) -> Iterator[Told]:
+    """Yield nothing of rows of float32, which letters come in by chance, and else the letters."""
+    import numpy as np
+
+    if len(data) % 4 == 0:
+        values = np.abs(np.frombuffer(data, "<f4"))
+        if np.isfinite(values).all() and values.max(initial=0) < _LARGEST:
+            return
+    yield from _letters(data)
+
+
+def _mcap(data: bytes, depth: int) -> Iterator[Told]:
+    """Yield the metadata, the moments and the texts of a recording, but no points' bytes."""
+    from mcap.reader import make_reader
+
+    reader = make_reader(BytesIO(data))
+    header = reader.get_header()
+    yield Told("header", f"{header.profile} {header.library}")
+    for record in reader.iter_metadata():
+        yield Told("metadata", record.name)
+        for key, value in record.metadata.items():
+            yield from _document_or_text(f"metadata {record.name}: {key}", value, key)
+    for attached in reader.iter_attachments():
+        yield Told(f"attachment {attached.name}", attached.name)
+        yield Told(f"attachment {attached.name}", attached.create_time, "create_time")
+        if depth < _DEEPEST:
+            for inner in _told(attached.name, attached.data, depth + 1):
+                yield _within(f"attachment {attached.name}", inner)
+    begun = set[str]()
+    for schema, channel, message in reader.iter_messages(log_time_order=False):
+        place = f"topic {channel.topic}"
+        if channel.topic not in begun:
+            begun.add(channel.topic)
+            yield Told(place, channel.topic)
+            yield Told(place, message.log_time, "log_time")
+            yield Told(place, message.publish_time, "publish_time")
+            yield from (Told(place, text, key) for key, text in channel.metadata.items())
+        if channel.message_encoding == "json":
+            for inner in _json(message.data, depth):
+                yield _within(place, inner)
+        elif schema is None or not _OF_POINTS.search(schema.name):
+            # Texts of CDR end with a zero; letters that numbers make by chance hardly ever do.
+            runs = _CDR_TEXT if channel.message_encoding == "cdr" else _RUN
+            yield from (Told(place, run[0].decode()) for run in runs.finditer(message.data))
+
+
 def _las(data: bytes, _: int) -> Iterator[Told]:
     import laspy
     import numpy as np
@@ -383,6 +434,8 @@ _READERS: dict[str, Callable[[bytes, int], Iterator[Told]]] = {
     **dict.fromkeys(("ply", "pcd"), _header_lines),
     **dict.fromkeys(("pcap", "pcapng"), _pcap),
     **dict.fromkeys(("feather", "arrow"), _feather),
+    "bin": _floats,
+    "mcap": _mcap,
     "pbf": _map_pbf,
     "parquet": _parquet,
     "npy": _npy,

@@ -38,7 +38,8 @@ _RULES: tuple[tuple[str, re.Pattern[str], re.Pattern[str]], ...] = (
     (
         "time stamp",
         re.compile(
-            r"(?:19|20)\d\d([-:/.])(?:0[1-9]|1[0-2])\1(?:0[1-9]|[12]\d|3[01])[T _]"
+            # The day on which Unix's clock begins is nobody's: writers of FBX put it there.
+            r"(?!1970-01-01)(?:19|20)\d\d([-:/.])(?:0[1-9]|1[0-2])\1(?:0[1-9]|[12]\d|3[01])[T _]"
             # Midnight is a date: formats that ask for a moment have it from who has none.
             r"(?!00[:\-]00(?![:\-](?!00)\d))(?:[01]\d|2[0-3])[:\-][0-5]\d|"
             r"(?:19|20)\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])[T_\-](?:[01]\d|2[0-3])"

@@ -65,7 +65,7 @@ def losses_lumpi(source: FrameSource) -> list[str]:
             f"has {source.rate_hz:g} frames a second",
             file=source.folder / "dataset.json",
             place="rig: rate_hz",
-            expected="10, by which LUMPI numbers clouds (urbantwin record --rate 10)",
+            expected="10, by which LUMPI numbers clouds (rate_hz: 10 in the rig)",
         )
     told = ["of points: time in whole microseconds"]
     if source.manifest["frame"] == "sensor" and source.class_names:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urbantwin import __version__
+from urbantwin.artefact import sha256_of
 from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.exports.frames.box_rows import BOX_KEYS, box_rows
 from urbantwin.exports.frames.pcd import point_record
@@ -89,6 +90,12 @@ def write_mcap(source: FrameSource, file: Path, tell: Progress) -> list[str]:
         channels[LABELS_TOPIC] = writer.register_channel(
             LABELS_TOPIC, "json", writer.register_schema(LABELS, "jsonschema", schema)
         )
+        # A file has no `exported.json` beside it: whoever gets it is told where it comes from.
+        told = {
+            "dataset_sha256": sha256_of(source.folder / "dataset.json"),
+            "inputs": json.dumps(source.manifest["inputs"], ensure_ascii=False, sort_keys=True),
+        }
+        writer.add_metadata("urbantwin", told)
         for frame in source:
             tell(frame.number / len(source), f"frame {frame.name}")
             stamp_ns = round(frame.time_s * 1e9)

@@ -45,6 +45,9 @@ def is_own(path: Path) -> bool:
     """Return whether a folder is one of our datasets."""
     if clouds_in(path / "points", ".npy"):
         return True
+    labelled = any((path / "labels").glob("*.txt"))
+    if labelled and clouds_in(path / "points", ".bin"):  # MMDetection3D's custom dataset
+        return True
     manifest = path / "dataset.json"  # others write files of this name too
     return manifest.is_file() and b'"kind": "dataset' in read_bytes(manifest, _EXPECTED)
 

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from urbantwin.dataset.manifest_schema import pose_of_matrix
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
@@ -43,6 +44,8 @@ _FOLDERS = {
     "_points_clouds": "_labels",
 }
 _EXPECTED = "labels in OpenLABEL, or with box3d"
+#: The coordinate system of the site in our own exports.
+_SITE = "site"
 #: Fields of a cloud that mean the same to us as to those who wrote them.
 _OURS = ("sensor", "semantic", "instance")
 
@@ -79,9 +82,12 @@ def open_tumtraf(path: Path) -> Recording:
         file = files[index]
         label = labels / f"{file.stem}.json"
         boxes = _read_labels(label) if label.is_file() else None
+        pose = _pose_in_site(label) if boxes is not None else None
         fields = read_fields(file)
         given = {name: fields[name] for name in _OURS if name in fields}
-        return frame_of(file, fields, name=file.stem, given=given, boxes=boxes)
+        return frame_of(
+            file, fields, name=file.stem, given=given, boxes=boxes, world_SE3_frame=pose
+        )
 
     return Recording(path, "tumtraf", tuple(file.stem for file in files), read)
 
@@ -123,6 +129,26 @@ def _read_labels(path: Path) -> Boxes:
             track = track_of(str(one["id"])) if "id" in one else -1
             labelled.append(LabelledBox(box, str(one["category"]), track))
     return boxes_of(labelled)
+
+
+def _pose_in_site(path: Path) -> Pose | None:
+    """Return where the points are in the site, which our own exports alone say.
+
+    TUMTraf's own transforms are not read: its tools take them both ways round.
+
+    Raises:
+        InputError: it is no pose.
+    """
+    document = read_json_document(path, _EXPECTED)
+    labels = document.get("openlabel", {}) if isinstance(document, dict) else {}
+    with laid_out(path, _EXPECTED):
+        if labels.get("coordinate_systems", {}).get(_SITE, {}).get("type") != "scene_cs":
+            return None
+        for frame in labels["frames"].values():
+            for one in frame.get("frame_properties", {}).get("transforms", {}).values():
+                if one["dst"] == _SITE:
+                    return pose_of_matrix(one["transform_src_to_dst"]["matrix4x4"])
+    return None
 
 
 def read_openlabel(path: Path) -> Boxes:

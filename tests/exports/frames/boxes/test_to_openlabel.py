@@ -101,6 +101,8 @@ def test_our_reader_has_all_of_it_back(any_dataset, held, parts, tmp_path):
             np.testing.assert_array_equal(getattr(read, name), wanted, err_msg=name)
         time = frame.rays["time"].astype(float)
         np.testing.assert_allclose(read.time_s, time - time.min(), atol=1e-9)
+        in_site = read.world_SE3_frame.apply(read.points)
+        np.testing.assert_allclose(in_site, frame.in_site(frame.points), atol=1e-9)
         boxes = read.boxes
         assert boxes.source_names == tuple(theirs[row["class"]] for row in frame.boxes)
         assert boxes.track.tolist() == [row["track"] for row in frame.boxes]
