@@ -1,8 +1,8 @@
 """Where the simulator's numbers come from, as its tables and its code say it.
 
-``python docs/site_build/basis.py`` writes the tables of ``docs/real_and_guessed.md`` anew (what stands
-between ``<!-- made: NAME -->`` and ``<!-- end -->``); the tests say when that is due. The site has
-longer pages of the same, for every sensor and every constant.
+``python docs/site_build/basis.py`` writes the tables of ``docs/real_and_guessed.md`` anew (what
+stands between ``<!-- made: NAME -->`` and ``<!-- end -->``); the tests say when that is due. The
+site has longer pages of the same, for every sensor and every constant.
 """
 
 import ast
@@ -33,14 +33,15 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("fitted", r"(?i)\b(?:was|were|is|are) fitted to (?:real|roads|cars|frames|recordings)"),
     (
         "estimate",
-        r"(?i)\ban estimate\b|\bestimates\b|\bestimated from\b|\bassumed[.)]|\bis assumed that\b|\(assumed"
+        r"(?i)\ban estimate\b|\bestimates\b|\bestimated from\b|\bassumed[.)]|\(assumed"
         r"|rule of thumb|\bare usual\b|\b(?:the|a) usual\b|\busual speed|\btypical\b",
     ),
     (
         "standard, law, paper or maker",
-        r"\b(?:EN|ISO|IEC|DIN|HCM|HBS|RASt|RAS|RiLSA|RLS|RMS|VwV|StVO|MUTCD|AASHTO|ASTM|WMO|IES|FHWA|DfT|NIST|GALK"
-        r"|UTD|KBA|EPA|OpenDRIVE|ASAM)\b|\b(?:18|19|20)\d\d\b|et al|datasheets? (?:give|state|say)|Highway Capacity"
-        r"|OSM wiki|netconvert's own|SUMO's own|Goel|by law\b",
+        r"\b(?:EN|ISO|IEC|DIN|HCM|HBS|RASt|RAS|RiLSA|RLS|RMS|VwV|StVO|MUTCD|AASHTO|ASTM|WMO|IES"
+        r"|FHWA|DfT|NIST|GALK|UTD|KBA|EPA|OpenDRIVE|ASAM)\b|\b(?:18|19|20)\d\d\b|et al"
+        r"|datasheets? (?:give|state|say)|Highway Capacity|OSM wiki"
+        r"|netconvert's own|SUMO's own|Goel|by law\b",
     ),
 )
 
@@ -89,7 +90,8 @@ def _materials() -> str:
 
 def _sensors() -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
     """Yield each model's numbers and their sources, by maker and name."""
-    found = [yaml.safe_load(path.read_text()) for path in (PACKAGE / "lidar" / "sensors").glob("*.yaml")]
+    files = (PACKAGE / "lidar" / "sensors").glob("*.yaml")
+    found = [yaml.safe_load(path.read_text()) for path in files]
     for entry in sorted(found, key=lambda entry: (entry["maker"], entry["name"])):
         yield entry, entry.get("sources", {})
 
@@ -111,7 +113,7 @@ def _sensor_counts() -> str:
                 len(missing) - assumed,
             )
         )
-    head = ("sensor", "the maker's files and pages", "measured here", "as published, page not at hand",
+    head = ("sensor", "the maker's files and pages", "measured here", "page not at hand",
             "assumed", "not known, or none applies")  # fmt: skip
     return _table(head, rows)
 
@@ -123,8 +125,8 @@ def _is_ours(text: str) -> bool:
 
 def _sensor_page() -> str:
     parts = [
-        "# Every number of the sensors\n\nWhat `urbantwin sensors show MODEL` tells of sources. For a number that is "
-        "not known [a fallback](../sensors.md) is taken."
+        "# Every number of the sensors\n\nWhat `urbantwin sensors show MODEL` tells of sources. "
+        "For a number that is not known [a fallback](../sensors.md) is taken."
     ]
     for entry, sources in _sensors():
         told = [(name, "", text) for name, text in sources.items()]
@@ -133,7 +135,8 @@ def _sensor_page() -> str:
             (f"`{name}`", _short(entry.get(name, "a table")), mark + text)
             for name, mark, text in sorted(told)
         ]
-        parts.append(f"## {entry['maker']} {entry['name']}\n\n{_table(('number', 'value', 'source'), rows)}")
+        table = _table(("number", "value", "source"), rows)
+        parts.append(f"## {entry['maker']} {entry['name']}\n\n{table}")
     return "\n\n".join(parts)
 
 
@@ -185,7 +188,7 @@ def constants(stage: str) -> list[Constant]:
     return found
 
 
-def _is_number(node: ast.expr) -> bool:
+def _is_number(node: ast.expr) -> bool:  # noqa: PLR0911 - a form of an expression each
     """Return whether it is a number, or several in a row or a table."""
     match node:
         case ast.Constant(value=value):
@@ -233,17 +236,25 @@ def _constant_counts() -> str:
 
 def _constant_page() -> str:
     parts = [
-        "# Every number of the code\n\nNumbers that have a name, in the packages that make a frame, with what the "
-        "code says of them. The kind is told by the words of the comment: *a choice* is a number of whoever wrote it (a "
-        "tolerance, a step, a limit of a method), or one whose source stands elsewhere in its file."
+        "# Every number of the code\n\nNumbers that have a name, in the packages of a frame, "
+        "with what the code says of them. The kind is told by the words of the comment: *a choice* "
+        "is a number of whoever wrote it (a tolerance, a step, a limit of a method), or one whose "
+        "source stands elsewhere in its file."
     ]
     parts.append(_constant_counts())
     for stage in STAGES:
         rows: list[tuple[object, ...]] = [
-            (f"`{one.file}`", f"`{one.name}`", _short(one.value), one.kind, one.told.replace("<", "&lt;"))
+            (
+                f"`{one.file}`",
+                f"`{one.name}`",
+                _short(one.value),
+                one.kind,
+                one.told.replace("<", "&lt;"),
+            )
             for one in constants(stage)
         ]
-        parts.append(f"## {stage}\n\n{_table(('file', 'number', 'value', 'kind', 'what the code says'), rows)}")
+        table = _table(("file", "number", "value", "kind", "what the code says"), rows)
+        parts.append(f"## {stage}\n\n{table}")
     return "\n\n".join(parts)
 
 
@@ -264,7 +275,8 @@ def _things() -> str:
             (
                 "things at kerbs (`scene/clutter/kerbside.csv`)",
                 len(kerbside),
-                f"{len(counted)} counted by mappers around one street in Berlin-Neukölln, {len(kerbside) - len(counted)} estimates",
+                f"{len(counted)} counted by mappers around one street in Berlin-Neukölln, "
+                f"{len(kerbside) - len(counted)} estimates",
             ),
             (
                 "sizes of trees (`scene/tree/genus.csv`)",

@@ -1,7 +1,6 @@
 """Our docstrings' examples as griffe has them: it reads ``Examples:``, we write ``Example:``."""
 
 import re
-from typing import Any
 
 import griffe
 
@@ -11,7 +10,7 @@ __all__ = ["Examples"]
 class Examples(griffe.Extension):
     """Shows the examples of docstrings as code."""
 
-    def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
+    def on_object(self, *, obj: griffe.Object, **_: object) -> None:
         """Rename the section."""
         if obj.docstring is not None:
             text = obj.docstring.value

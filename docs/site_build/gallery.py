@@ -1,7 +1,7 @@
-"""Make what the gallery shows, from nothing: ``python docs/site_build/gallery.py -o build/gallery``.
+"""Make what the gallery shows: ``python docs/site_build/gallery.py -o build/gallery``.
 
-A run of `urbantwin run` may be given (``--run out/``); else the example is run first. Every file has
-the name that ``docs/gallery.md`` shows it by; nothing of it is committed.
+A run of `urbantwin run` may be given (``--run out/``); else the example is run first. Every file
+has the name that ``docs/gallery.md`` shows it by; nothing of it is committed.
 """
 
 import argparse
@@ -42,11 +42,11 @@ def make(out: Path, run: Path | None = None, *, seconds: float = 6.0, width: int
                 shutil.copyfile(picture, made / f"{stage.name}-{picture.name}")
         ut.film(motion, made / "film.gif", twin=twin, stop=seconds, fps=5, width=width)
         covered = ut.coverage(twin, Path(scratch) / "coverage")
-        for picture in sorted((covered.folder / "pictures").glob("*.png")):
-            shutil.copyfile(picture, made / f"coverage-{picture.name}")
+        shutil.copyfile(covered.folder / "coverage.png", made / "coverage.png")
         ut.actors(save=made / "actors.png")
-        page = ["view", str(dataset), "--save", str(made / "dataset.html"), "--frames", "0:10", "-q"]
-        if page[0] in typer.main.get_command(app).commands and main_of_commands(page) != 0:
+        save = ["--save", str(made / "dataset.html"), "--frames", "0:10", "--quiet"]
+        known = typer.main.get_command(app).commands
+        if "view" in known and main_of_commands(["view", str(dataset), *save]) != 0:
             raise ut.StageError("the page of the dataset cannot be saved")
         if out.is_dir():
             shutil.rmtree(out)

@@ -32,6 +32,8 @@ SHOWN = re.compile(r"<!-- shown: (\S+) \| (.+?) -->")
 OWN = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 #: GitHub nests in an item by the width of its mark, Python-Markdown by four blanks.
 NESTED = re.compile(r"^(?=(?: {3}| {5})\S)", re.MULTILINE)
+#: A paragraph of an item and the next item: Python-Markdown wants a blank line between them.
+NEXT_ITEM = re.compile(r"(\n\n(?: {4,}\S.*\n)+)(?=(?:\d+\.|-) )")
 FENCED = re.compile(r"(^ *(`{3,}).*?^ *\2 *$)", re.DOTALL | re.MULTILINE)
 LANGUAGES = {".py": "python", ".csv": "text", ".yaml": "yaml", ".yml": "yaml", ".json": "json"}
 
@@ -56,17 +58,18 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
-def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Point links at the pages made above, and show what the gallery has."""
-    if page.is_homepage:
+    if page.file.src_uri == "index.md":
         page.meta |= {"title": "UrbanTwin", "hide": ["navigation", "toc"]}
+    if page.file.src_uri.startswith("reference/"):
+        return markdown
+    pieces = FENCED.split(markdown)  # text, fenced block, its fence, text, ...
+    pieces[::3] = (NEXT_ITEM.sub(r"\1\n", NESTED.sub(" ", text)) for text in pieces[::3])
+    del pieces[2::3]
+    markdown = "".join(pieces)
     if page.file.src_uri.startswith("repository/"):
         return markdown
-    if not page.file.src_uri.startswith("reference/"):
-        pieces = FENCED.split(markdown)  # text, fenced block, its fence, text, ...
-        pieces[::3] = (NESTED.sub(" ", text) for text in pieces[::3])
-        del pieces[2::3]
-        markdown = "".join(pieces)
     markdown = OUTSIDE.sub(lambda link: f"]({_page_of(link[1])}{link[2] or ''})", markdown)
     return SHOWN.sub(lambda comment: _shown(comment[1], comment[2]), markdown)
 
@@ -101,6 +104,8 @@ def _cell(cell: dict[str, Any]) -> str:
 
 def _shown(name: str, caption: str) -> str:
     if not (GALLERY / name).is_file():
+        if GALLERY.is_dir() and not name.endswith(".html"):
+            raise PluginError(f"the gallery has no {name}: remove {GALLERY.name} and make docs")
         return f'!!! note ""\n    {caption}: not made in this build; `make docs` makes it.\n'
     where, told = f"gallery/{name}", html.escape(caption)
     if name.endswith(".html"):

@@ -1,6 +1,7 @@
 """The reference: pages of mkdocstrings for the public names, and the commands' own help."""
 
 import inspect
+import re
 
 import click
 import typer
@@ -11,7 +12,7 @@ from urbantwin.cli import app
 __all__ = ["command_page", "python_pages"]
 
 PAGES = {
-    "functions.md": ("Functions", "Each is a [command](commands.md), too: `import urbantwin as ut`."),
+    "functions.md": ("Functions", "Each is a [command](commands.md), too."),
     "results.md": ("Results", "What functions return. Each stands for its folder or file."),
     "tables_and_errors.md": ("Tables and errors", "What results hold, and what is raised."),
 }
@@ -29,7 +30,9 @@ def python_pages() -> dict[str, str]:
         else:
             names["results.md" if name in returned else "tables_and_errors.md"].append(name)
     return {
-        page: f"# {title}\n\n{told}\n\n" + "\n".join(f"::: urbantwin.{name}" for name in names[page])
+        page: "\n".join(
+            (f"# {title}\n\n{told}\n", *(f"::: urbantwin.{name}" for name in names[page]))
+        )
         for page, (title, told) in PAGES.items()
     }
 
@@ -41,8 +44,8 @@ def _returned() -> set[str]:
         for name in urbantwin.__all__
         if inspect.isfunction(value := getattr(urbantwin, name))
     )
-    told = " ".join(str(one.return_annotation) for one in signatures)
-    return {name for name in urbantwin.__all__ if name in told.replace("|", " ").replace(".", " ").split()}
+    words = re.findall(r"\w+", " ".join(str(one.return_annotation) for one in signatures))
+    return set(urbantwin.__all__) & set(words)
 
 
 def command_page() -> str:
@@ -52,6 +55,6 @@ def command_page() -> str:
         parts = ["# Commands\n\nWhat `urbantwin COMMAND --help` prints."]
         for name in group.list_commands(context):
             command = group.get_command(context, name)
-            with click.Context(command, info_name=f"urbantwin {name}", max_content_width=100, terminal_width=100) as own:
+            with click.Context(command, info_name=f"urbantwin {name}", terminal_width=100) as own:
                 parts.append(f"## {name}\n\n```text\n{command.get_help(own).rstrip()}\n```")
     return "\n\n".join(parts) + "\n"
