@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +164,7 @@ class Constant:
         return kind_of_source(self.told)
 
 
+@cache
 def constants(stage: str) -> list[Constant]:
     """Return the numbers of a package that have a name of their own.
 

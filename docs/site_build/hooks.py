@@ -33,7 +33,7 @@ OWN = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 #: GitHub nests in an item by the width of its mark, Python-Markdown by four blanks.
 NESTED = re.compile(r"^(?=(?: {3}| {5})\S)", re.MULTILINE)
 #: A paragraph of an item and the next item: Python-Markdown wants a blank line between them.
-NEXT_ITEM = re.compile(r"(\n\n(?: {4,}\S.*\n)+)(?=(?:\d+\.|-) )")
+NEXT_ITEM = re.compile(r"(\n\n(?: {4,}(?!- |\d+\. )\S.*\n)+)(?= *(?:\d+\.|-) )")
 FENCED = re.compile(r"(^ *(`{3,}).*?^ *\2 *$)", re.DOTALL | re.MULTILINE)
 LANGUAGES = {".py": "python", ".csv": "text", ".yaml": "yaml", ".yml": "yaml", ".json": "json"}
 
@@ -49,13 +49,18 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         if not (ROOT / path).is_file():
             raise PluginError(f"a page links to {path}, which is not in the repository")
         files.append(File.generated(config, _page_of(path), content=_shown_file(path)))
-    for name, text in {**python_pages(), **long_pages(), "commands.md": command_page()}.items():
+    for name, text in reference_pages().items() if "mkdocstrings" in config.plugins else ():
         files.append(File.generated(config, f"reference/{name}", content=text))
     for file in sorted(GALLERY.rglob("*")) if GALLERY.is_dir() else ():
         if file.is_file():
             name = f"gallery/{file.relative_to(GALLERY).as_posix()}"
             files.append(File.generated(config, name, abs_src_path=str(file)))
     return files
+
+
+def reference_pages() -> dict[str, str]:
+    """Return the pages of the reference, by name."""
+    return {**python_pages(), **long_pages(), "commands.md": command_page()}
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:

@@ -194,12 +194,11 @@ def test_what_is_searched_for_is_found(site: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "told"),
     [
-        ("[there](nowhere.md)", "nowhere.md"),
-        ("[there](index.md#no-such-heading)", "no-such-heading"),
-        ("[there](../src/no_such_file.py)", "no_such_file.py"),
+        ("[there](nowhere.md) [here](index.md#no-such-heading)", ("nowhere.md", "no-such-heading")),
+        ("[there](../src/no_such_file.py)", ("no_such_file.py",)),
     ],
 )
-def test_a_broken_link_breaks_the_build(tmp_path: Path, more: str, told: str) -> None:
+def test_a_broken_link_breaks_the_build(tmp_path: Path, more: str, told: tuple[str, ...]) -> None:
     """With the same rules and hooks, on one page."""
     shutil.copytree(DOCS / "site_build", tmp_path / "docs" / "site_build")
     shutil.copytree(DOCS / "assets", tmp_path / "docs" / "assets")
@@ -208,9 +207,8 @@ def test_a_broken_link_breaks_the_build(tmp_path: Path, more: str, told: str) ->
     (tmp_path / "src").symlink_to(ROOT / "src")
     (tmp_path / "docs" / "index.md").write_text(f"# Start\n\n{more}\n")
     rules = (ROOT / "mkdocs.yml").read_text()
-    rules = re.sub(r"  - mkdocstrings:.*?(?=\n\n)", "", rules, flags=re.DOTALL)
-    rules = rules[: rules.index("\nnav:")] + "\nnot_in_nav: |\n  /repository/\n  /reference/\n"
-    rules = rules.replace("not_in_nav: |\n  /repository/\n", "", 1)
+    rules = re.sub(r"plugins:.*?(?=\n\n)", "plugins: []", rules, flags=re.DOTALL)
+    rules = rules[: rules.index("\nnav:")] + "\n"
     (tmp_path / "mkdocs.yml").write_text(rules)
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "-d", tmp_path / "site"], cwd=tmp_path,
@@ -218,4 +216,4 @@ def test_a_broken_link_breaks_the_build(tmp_path: Path, more: str, told: str) ->
         env=os.environ | {"NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT / "src")},
     )  # fmt: skip
     assert done.returncode != 0
-    assert told in done.stderr
+    assert all(one in done.stderr for one in told)
