@@ -3,6 +3,7 @@ if (location.protocol === "file:") {
   window.Worker = class extends EventTarget {
     constructor(url) {
       super()
+      const own = new URL(url, document.baseURI).href
       const frame = document.createElement("iframe")
       frame.hidden = true
       document.body.appendChild(frame)
@@ -16,14 +17,14 @@ if (location.protocol === "file:") {
       const load = (source) =>
         new Promise((done, failed) => {
           const script = inner.document.createElement("script")
-          script.src = new URL(source, url).href
+          script.src = new URL(source, own).href
           script.onload = done
           script.onerror = failed
           inner.document.head.appendChild(script)
         })
       inner.importScripts = (...sources) =>
         sources.reduce((before, source) => before.then(() => load(source)), Promise.resolve())
-      load(url).then(() => {
+      load(own).then(() => {
         this.loaded = true
         this.waiting.splice(0).forEach((data) => this.postMessage(data))
       })
