@@ -35,6 +35,7 @@ _WORDS: tuple[tuple[str, str], ...] = (
     (
         "estimate",
         r"(?i)\ban estimate\b|\bestimates\b|\bestimated from\b|\bassumed[.)]|\(assumed"
+        r"|\bassumption\b|\bwe take\b|\bis taken to be\b"
         r"|rule of thumb|\bare usual\b|\b(?:the|a) usual\b|\busual speed|\btypical\b",
     ),
     (
@@ -168,7 +169,8 @@ class Constant:
 def constants(stage: str) -> list[Constant]:
     """Return the numbers of a package that have a name of their own.
 
-    A comment is what stands right above (``#:``) or behind it, or above the first of several.
+    What is told of it stands right above (``#:``) or behind it, or above the first of several, and
+    in the sentences of its file's docstring that name it.
     """
     found = []
     for path in sorted((PACKAGE / stage).rglob("*.py")):
@@ -185,9 +187,15 @@ def constants(stage: str) -> list[Constant]:
             if not re.fullmatch(r"_?[A-Z][A-Z0-9_]*", name) or not _is_number(value):
                 continue
             told = _comment(lines, node.lineno - 1, node.end_lineno or node.lineno)
+            told = " ".join([told, *_sentences(ast.get_docstring(tree) or "", name)]).strip()
             source = ast.unparse(value)
             found.append(Constant(path.relative_to(PACKAGE).as_posix(), name, source, told))
     return found
+
+
+def _sentences(docstring: str, name: str) -> list[str]:
+    whole = re.sub(r"\s+", " ", docstring)
+    return [one for one in re.split(r"(?<=[.:]) ", whole) if f"`{name}`" in one]
 
 
 def _is_number(node: ast.expr) -> bool:  # noqa: PLR0911 - a form of an expression each
@@ -229,11 +237,13 @@ KINDS = (*(kind for kind, _ in _WORDS), "a choice")
 
 
 def _constant_counts() -> str:
-    rows: list[tuple[object, ...]] = []
-    for stage in STAGES:
-        counted = Counter(one.kind for one in constants(stage))
-        rows.append((f"`{stage}`", sum(counted.values()), *(counted[kind] for kind in KINDS)))
-    return _table(("package", "numbers", *KINDS), rows)
+    counted = {stage: Counter(one.kind for one in constants(stage)) for stage in STAGES}
+    kinds = [kind for kind in KINDS if any(told[kind] for told in counted.values())]
+    rows: list[tuple[object, ...]] = [
+        (stage, sum(told.values()), *(told[kind] for kind in kinds))
+        for stage, told in counted.items()
+    ]
+    return _table(("package", "numbers", *kinds), rows)
 
 
 def _constant_page() -> str:
