@@ -31,7 +31,7 @@ DEVELOPMENT := $(VENV)/.development-installed
 # What the wheels of SUMO link to and do not carry (README, "Debian packages").
 DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
 
-.PHONY: demo test web webtest compiled fuzz kills lint bench judges lock clean help
+.PHONY: demo test web webtest compiled fuzz kills lint bench judges docs lock clean help
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
@@ -42,6 +42,7 @@ help:
 	@echo "make bench   the benchmarks"
 	@echo "make kills   every command killed at random moments, disks filled: hours"
 	@echo "make judges  create .venv-judges with what judges exported OpenDRIVE (300 MB)"
+	@echo "make docs    the documentation as a site, with its gallery (writes site/)"
 	@echo "make lock    resolve the dependencies anew into the lock files"
 	@echo "make clean   remove .venv, caches and the demo's output"
 
@@ -71,6 +72,14 @@ bench: $(DEVELOPMENT)
 
 kills: $(DEVELOPMENT)
 	$(BIN)/pytest -m kills -s tests/reliability
+
+# The gallery takes minutes, so it is made once: `make clean` removes it.
+docs: build/gallery
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+	@echo "read site/index.html"
+
+build/gallery: | $(DEVELOPMENT)
+	$(BIN)/python docs/site_build/gallery.py -o $@
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
@@ -138,4 +147,4 @@ lock:
 
 clean:
 	rm -rf web/node_modules src/urbantwin/web/page
-	rm -rf $(VENV) $(JUDGES) .mypy_cache .ruff_cache .pytest_cache .hypothesis urbantwin-demo
+	rm -rf $(VENV) $(JUDGES) .mypy_cache .ruff_cache .pytest_cache .hypothesis urbantwin-demo site build/gallery

@@ -1,0 +1,77 @@
+"""What the site's pages say: the tutorial runs, tables are those of the code, pictures are made."""
+
+import importlib.metadata
+import re
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from urbantwin.lidar.catalogue import sensor_names
+from urbantwin.taxonomy import materials
+
+ROOT = Path(__file__).parents[2]
+BUILD = ROOT / "docs" / "site_build"
+
+
+@pytest.fixture(scope="module")
+def scripts() -> Iterator[SimpleNamespace]:
+    """The scripts that stand beside the pages."""
+    sys.path.insert(0, str(BUILD))
+    import basis
+    import gallery
+    import tutorial
+
+    yield SimpleNamespace(basis=basis, gallery=gallery, tutorial=tutorial)
+    sys.path.remove(str(BUILD))
+
+
+def test_the_tutorial_ends_with_a_detector_that_runs(
+    scripts: SimpleNamespace, tmp_path: Path
+) -> None:
+    torch = pytest.importorskip("torch")
+    torch.set_num_threads(1)
+    took = scripts.tutorial.run(tmp_path, small=True)
+    crossing = tmp_path / "crossing"
+    assert (crossing / "model" / "model.onnx").is_file()
+    assert (crossing / "detections" / "detections.parquet").is_file()
+    assert (crossing / "tracked" / "detections.json").is_file()
+    assert (crossing / "report").is_dir()
+    assert not (crossing / "detector").exists()  # --plan makes nothing
+    fences = re.findall(r"^```(\w*)$", (ROOT / "docs" / "tutorial.md").read_text(), re.MULTILINE)
+    assert set(fences) <= {"sh", "python", ""}
+    assert len(took) > 8
+
+
+def test_what_sets_the_tutorial_up_exists(scripts: SimpleNamespace) -> None:
+    for _, text in scripts.tutorial.parts():
+        if text.startswith("make "):
+            subprocess.run([*text.split(), "--dry-run"], cwd=ROOT, check=True, capture_output=True)
+        elif text.startswith("python -m pip install "):
+            for name in text.split()[4:]:
+                assert importlib.metadata.version(name)
+        elif text.startswith("source "):
+            assert text == "source .venv/bin/activate"
+
+
+def test_the_tables_of_what_is_guessed_are_those_of_the_code(scripts: SimpleNamespace) -> None:
+    page = (ROOT / "docs" / "real_and_guessed.md").read_text()
+    assert scripts.basis.with_tables(page) == page, "run python docs/site_build/basis.py"
+    for name in sensor_names():
+        assert f" {name} |" in page
+    bases = Counter(re.findall(r"^\| `[\w-]+` \| [\d., ]+ \| (\w+) \|", page, re.MULTILINE))
+    assert sum(bases.values()) == len(materials())
+
+
+def test_a_constant_has_its_comment(scripts: SimpleNamespace) -> None:
+    found = {(one.file, one.name): one for one in scripts.basis.constants("site")}
+    trucks = found["site/usual_traffic.py", "TRUCKS"]
+    assert trucks.value == "0.04"
+    assert trucks.kind == "estimate"
+    walking = {one.name: one for one in scripts.basis.constants("roads")}["WALK_M_S"]
+    assert walking.kind == "standard, law, paper or maker"
+    assert "RiLSA" in walking.told
