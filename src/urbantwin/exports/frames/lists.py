@@ -14,6 +14,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.box_rows import BOX_KEYS, box_rows
 from urbantwin.exports.frames.source import FrameSource, SourceBoxes, SourceFrame
 from urbantwin.geometry import Pose
@@ -46,7 +47,7 @@ class Lists:
 
     def add(self, frame: SourceFrame) -> None:
         """Write the rows of one frame."""
-        boxes = _moved(frame.boxes, frame.site_SE3_frame) if self._in_site else frame.boxes
+        boxes = _in_site(frame) if self._in_site else frame.boxes
         for row in box_rows(boxes):
             row |= {"frame": frame.name, "ignore": row["ignored"] is not None}
             self._boxes.writerow([_text(row[name]) for name in BOX_COLUMNS])
@@ -79,11 +80,10 @@ def _text(value: Any) -> str:  # noqa: ANN401
     return str(int(value)) if isinstance(value, bool) else str(value)
 
 
-def _moved(boxes: SourceBoxes, outer_SE3_frame: Pose) -> SourceBoxes:
-    """Return boxes in another frame; they keep standing upright there."""
-    box = boxes.box.copy()
-    ahead = np.column_stack([np.cos(box[:, 6]), np.sin(box[:, 6]), np.zeros(len(box))])
-    ahead = ahead @ outer_SE3_frame.rotation.T
-    box[:, :3] = outer_SE3_frame.apply(box[:, :3])
-    box[:, 6] = np.arctan2(ahead[:, 1], ahead[:, 0])
-    return replace(boxes, box=box, velocity=boxes.velocity @ outer_SE3_frame.rotation.T)
+def _in_site(frame: SourceFrame) -> SourceBoxes:
+    """Return the boxes of a frame in the site; they keep standing upright there."""
+    boxes = frame.boxes
+    middles, turned = site_boxes(frame)
+    yaw = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+    box = np.column_stack([middles, boxes.box[:, 3:6], yaw])
+    return replace(boxes, box=box, velocity=boxes.velocity @ frame.site_SE3_frame.rotation.T)
