@@ -143,10 +143,5 @@ def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
     }
 
 
-def _pose_in(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the mark of a frame says of where it is: of a rig that rides alone."""
-    return {key: entry[key] for key in ("dataset_SE3_site",) if key in entry}
-
-
 def _mark(done: Path, index: int) -> Path:
     return done / f"{frame_name(index)}.json"

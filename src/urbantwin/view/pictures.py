@@ -9,9 +9,10 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.card import PICTURE_OF_SPLIT, read_statistics, splits_of
+from urbantwin.dataset.card import PICTURE_OF_SPLIT, read_statistics
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.motion_interpolation import Rows, rows_at
+from urbantwin.dataset.split import image_sets
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig, place_rig
@@ -169,7 +170,7 @@ def redraw_split(dataset: Path) -> None:
     file = dataset / "pictures" / PICTURE_OF_SPLIT
     file.unlink(missing_ok=True)
     sources = attributions(read_manifest(dataset))
-    picture_of_split(read_statistics(dataset), splits_of(dataset), file, sources)
+    picture_of_split(read_statistics(dataset), image_sets(dataset), file, sources)
 
 
 def pictures_of_dataset(
@@ -219,7 +220,7 @@ def pictures_of_dataset(
     tell(0.5, "drawing the histogram")
     drawn.append(style.save(_figure_of_counts(manifest), out / "histogram.png"))
     tell(0.55, "drawing all boxes")
-    drawn += pictures_of_boxes(read_statistics(dataset), splits_of(dataset), out, sources)
+    drawn += pictures_of_boxes(read_statistics(dataset), image_sets(dataset), out, sources)
     if twin is not None and motion is not None:
         tell(0.6, "drawing the scene")
         meshes = [twin.mesh, *actor_meshes(rows_at(motion, frame.time_s), motion.mesh)]

@@ -298,7 +298,7 @@ def _recording(path: Path) -> Recording:
     """Open frames of any layout.
 
     Raises:
-        InputError: there is none; or what is there is not right.
+        InputError: no recording is there, or it is damaged.
     """
     nothing = path.is_dir() and layout_of(path) is None and not recordings_inside(path)
     if nothing:

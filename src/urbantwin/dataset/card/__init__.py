@@ -6,7 +6,7 @@ from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
     from urbantwin.dataset.card.page import CARD, PICTURE_OF_SPLIT, PICTURES
-    from urbantwin.dataset.card.statistics import read_statistics, splits_of
+    from urbantwin.dataset.card.statistics import read_statistics
     from urbantwin.dataset.card.write import (
         carded_folders,
         renew_cards,
@@ -23,7 +23,6 @@ __all__ = [
     "read_statistics",
     "renew_cards",
     "renewed_folder",
-    "splits_of",
     "write_cards",
     "write_index",
 ]

@@ -17,9 +17,10 @@ from urbantwin.artefact.privacy import Finding
 from urbantwin.dataset.card.licences import consequences, hub_licence, stated
 from urbantwin.dataset.card.limits import limits_of, unchecked_numbers
 from urbantwin.dataset.card.making import making_of, mapping
-from urbantwin.dataset.card.statistics import BoxStatistics, ClassFigures, splits_of
+from urbantwin.dataset.card.statistics import BoxStatistics, ClassFigures
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.named_inputs import INPUT_KINDS
+from urbantwin.dataset.split import image_sets
 
 __all__ = [
     "CARD",
@@ -257,7 +258,7 @@ def _points(manifest: Mapping[str, Any]) -> list[str]:
 def _split(
     folder: Path, manifest: Mapping[str, Any], statistics: BoxStatistics | None
 ) -> list[str]:
-    splits = splits_of(folder)
+    splits = image_sets(folder)
     times = {one["name"]: one["time_s"] for one in manifest["frames"]}
     rows: list[list[object]] = []
     for name, frames in splits.items():

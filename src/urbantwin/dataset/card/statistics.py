@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 
-__all__ = ["BoxStatistics", "ClassFigures", "read_statistics", "splits_of"]
+__all__ = ["BoxStatistics", "ClassFigures", "read_statistics"]
 
 _EXPECTED = "the boxes of a dataset"
 _KINDS = {
@@ -174,20 +173,6 @@ def _counted(values: NDArray[Any] | None) -> dict[str, int]:
     """Return how often each text of a column stands there, the most frequent first."""
     texts = Counter(str(one) for one in (() if values is None else values) if one is not None)
     return dict(sorted(texts.items(), key=lambda one: (-one[1], one[0])))
-
-
-def splits_of(folder: Path) -> dict[str, list[str]]:
-    """Return the names of the frames of each split, those that detectors know first.
-
-    Raises:
-        InputError: a list cannot be read.
-    """
-    files = {path.stem: path for path in sorted((folder / "ImageSets").glob("*.txt"))}
-    known = [name for name in ("train", "val", "test") if name in files]
-    return {
-        name: read_bytes(files[name], "names of frames").decode(errors="replace").split()
-        for name in (*known, *(name for name in files if name not in known))
-    }
 
 
 def _eyes(

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
         read_split_document,
         says_split,
     )
-    from urbantwin.dataset.split.image_sets import frames_of_part
+    from urbantwin.dataset.split.image_sets import frames_of_part, image_sets
     from urbantwin.dataset.split.rewritten import split_datasets_in_time
     from urbantwin.dataset.split.scenario_split import split_by_scenario
     from urbantwin.dataset.split.sources import datasets_at
@@ -26,6 +26,7 @@ __all__ = [
     "check_split",
     "datasets_at",
     "frames_of_part",
+    "image_sets",
     "is_split_document",
     "read_split_document",
     "says_split",

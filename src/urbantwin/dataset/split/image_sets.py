@@ -9,7 +9,7 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.dataset.split.asked import PARTS
 from urbantwin.errors import InputError
 
-__all__ = ["FILES", "frames_of_part", "write_image_sets"]
+__all__ = ["FILES", "frames_of_part", "image_sets", "write_image_sets"]
 
 FOLDER = "ImageSets"
 #: The files of a dataset's split, by their names in the dataset.
@@ -27,6 +27,20 @@ def write_image_sets(folder: Path, parts: Mapping[str, Sequence[str]]) -> None:
         file = folder / FOLDER / f"{part}.txt"
         file.unlink(missing_ok=True)
         file.write_text("".join(f"{name}\n" for name in parts.get(part, ())))
+
+
+def image_sets(folder: Path) -> dict[str, list[str]]:
+    """Return the names of the frames of every list of a dataset, the known parts first.
+
+    Raises:
+        InputError: a list cannot be read.
+    """
+    files = {path.stem: path for path in sorted((folder / FOLDER).glob("*.txt"))}
+    known = [part for part in PARTS if part in files]
+    return {
+        name: read_bytes(files[name], _EXPECTED).decode(errors="replace").split()
+        for name in (*known, *(name for name in files if name not in known))
+    }
 
 
 def frames_of_part(folder: Path, part: str) -> list[str] | None:

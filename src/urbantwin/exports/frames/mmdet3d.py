@@ -10,18 +10,17 @@ MMDetection3D keeps boxes in memory.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from urbantwin.errors import InputError
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
-from urbantwin.exports.frames.learned_classes import learned_classes
 from urbantwin.exports.frames.mmdet3d_config import CONFIGS, MODULE, dataset_module, mmdet3d_config
 from urbantwin.exports.frames.plain_pickle import write_plain_pickle
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
-from urbantwin.exports.frames.trainer_folder import left_out, write_splits
+from urbantwin.exports.frames.trainer_folder import left_out, write_configs, write_splits
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import classes_in
 
@@ -71,13 +70,8 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
         write_plain_pickle(folder / f"custom_infos_{part}.pkl", infos)
     write_plain_pickle(folder / "custom_dbinfos_train.pkl", _pasted(database))
     (folder / f"{MODULE}.py").write_text(dataset_module(list(numbers)))
-    try:
-        learned = learned_classes(source.folder)
-    except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
-        return [f"no config: {error.problem}"]
-    for name in CONFIGS:
-        (folder / f"{name}.py").write_text(mmdet3d_config(learned, name))
-    return learned.notes
+    configs = {f"{name}.py": partial(mmdet3d_config, name=name) for name in CONFIGS}
+    return write_configs(source, folder, configs)
 
 
 def _entry(frame: SourceFrame, found: LearnedBoxes, numbers: Mapping[str, int]) -> dict[str, Any]:

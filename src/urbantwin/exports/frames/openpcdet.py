@@ -9,19 +9,19 @@ text), and names have room for KITTI's, which its evaluation writes over them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from urbantwin.artefact import replaced_file
 from urbantwin.dataset.frame_files import stored_frames
-from urbantwin.errors import InputError
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
-from urbantwin.exports.frames.learned_classes import learned_classes
+from urbantwin.exports.frames.learned_classes import LearnedClasses, learned_classes
 from urbantwin.exports.frames.openpcdet_config import CONFIGS, DONT_CARE, openpcdet_config
 from urbantwin.exports.frames.plain_pickle import write_plain_pickle
 from urbantwin.exports.frames.source import FrameSource
-from urbantwin.exports.frames.trainer_folder import left_out, write_splits
+from urbantwin.exports.frames.trainer_folder import left_out, write_configs, write_splits
 from urbantwin.progress import Progress
 
 __all__ = ["losses_openpcdet", "write_openpcdet", "write_openpcdet_config"]
@@ -70,14 +70,12 @@ def write_openpcdet(source: FrameSource, folder: Path, tell: Progress) -> Sequen
             folder / f"custom_infos_{part}.pkl", [infos[name] for name in names if name in infos]
         )
     write_plain_pickle(folder / "custom_dbinfos_train.pkl", dict(database.infos))
-    try:
-        learned = learned_classes(source.folder)
-    except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
-        return [f"no config: {error.problem}"]
-    for name in CONFIGS:
-        text = _COMMAND.format(name) + openpcdet_config(learned, _DATA_PATH, name)
-        (folder / f"{name}.yaml").write_text(text)
-    return learned.notes
+    configs = {f"{name}.yaml": partial(_config_to_train, model=name) for name in CONFIGS}
+    return write_configs(source, folder, configs)
+
+
+def _config_to_train(learned: LearnedClasses, model: str) -> str:
+    return _COMMAND.format(model) + openpcdet_config(learned, _DATA_PATH, model)
 
 
 def write_openpcdet_config(dataset: Path, file: Path) -> list[str]:

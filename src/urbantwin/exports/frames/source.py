@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
+from urbantwin.dataset.split import image_sets
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, SiteFrame
 from urbantwin.taxonomy import BOX_SEMANTICS
@@ -159,14 +159,15 @@ class FrameSource(Sequence[SourceFrame]):
     def split(self) -> dict[str, tuple[str, ...]]:
         """Names of the frames of each part: ``train``, ``val`` and ``test``, as far as they are."""
         found = {}
-        for file in sorted((self.folder / "ImageSets").glob("*.txt")):
-            names = read_bytes(file, "names of frames").decode(errors="replace").split()
+        for part, names in sorted(image_sets(self.folder).items()):
             unknown = next((one for one in names if one not in self._numbers), None)
             if unknown is not None:
                 raise InputError(
-                    f"names the frame {unknown[:40]}", file=file, expected="frames of the dataset"
+                    f"names the frame {unknown[:40]}",
+                    file=self.folder / "ImageSets" / f"{part}.txt",
+                    expected="frames of the dataset",
                 )
-            found[file.stem] = tuple(names)
+            found[part] = tuple(names)
         return found
 
     def part_of(self, name: str) -> str | None:

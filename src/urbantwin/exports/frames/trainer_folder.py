@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from urbantwin.errors import InputError
+from urbantwin.exports.frames.learned_classes import LearnedClasses, learned_classes
 from urbantwin.exports.frames.source import FrameSource
 
-__all__ = ["PARTS", "left_out", "write_splits"]
+__all__ = ["PARTS", "left_out", "write_configs", "write_splits"]
 
 #: The parts that trainers ask for; both look for a list of each of the first two.
 PARTS = ("train", "val", "test")
@@ -22,6 +25,19 @@ def write_splits(source: FrameSource, folder: Path) -> dict[str, tuple[str, ...]
         text = "".join(f"{one}\n" for one in frames)
         (folder / "ImageSets" / f"{name}.txt").write_text(text)
     return parts
+
+
+def write_configs(
+    source: FrameSource, folder: Path, configs: Mapping[str, Callable[[LearnedClasses], str]]
+) -> Sequence[str]:
+    """Write the configs to train with, by the names of their files; return what is told of them."""
+    try:
+        learned = learned_classes(source.folder)
+    except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
+        return [f"no config: {error.problem}"]
+    for name, text in configs.items():
+        (folder / name).write_text(text(learned))
+    return learned.notes
 
 
 def left_out(source: FrameSource, marked: str) -> list[str]:
