@@ -84,7 +84,7 @@ def _of_classes(
         else:
             merged[there].append(name)
     told = [
-        f"{' and '.join(names)} are told apart no more: {of} are {there} in {format_name}"
+        f"{' and '.join(names)} are merged: {of} are {there} in {format_name}"
         for there, names in merged.items()
         if len(names) > 1
     ]

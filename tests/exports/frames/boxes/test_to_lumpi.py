@@ -182,8 +182,8 @@ def test_a_gap_begins_a_new_measurement(dataset, tmp_path):
 def test_it_says_before_what_is_lost(motley, two_sensors, tmp_path):
     _, said = exported(motley, tmp_path)
     text = "\n".join(said)
-    assert "car and van are told apart no more: boxes are car in lumpi" in text
-    assert "tram and animal and obstacle are told apart no more: boxes are unknown" in text
+    assert "car and van are merged: boxes are car in lumpi" in text
+    assert "tram and animal and obstacle are merged: boxes are unknown" in text
     assert "time in whole microseconds" in text
     assert not DATASET_FORMATS["lumpi"].holds & {"column", "echo", "velocity", "occlusion"}
     said = []

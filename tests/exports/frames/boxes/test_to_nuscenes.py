@@ -202,7 +202,7 @@ def test_it_says_before_what_is_lost(motley, tmp_path):
     assert notes[: len(said)] == said
     text = "\n".join(said)
     assert "of points: column, time, echo, sensor;" in text
-    assert "car and van are told apart no more: boxes are vehicle.car in nuscenes" in text
+    assert "car and van are merged: boxes are vehicle.car in nuscenes" in text
     assert "no class for boxes of tram: they are left out" in text
     assert "four levels of visibility" in text
     assert "within a scene" in text
