@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from urbantwin.dataset.split.actor_places import Recorded
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
 from urbantwin.dataset.split.time_split import Split
 from urbantwin.dataset.sweep_table import write_sweeps
-from urbantwin.dataset.workers import Recipe, Task, record_frames
+from urbantwin.dataset.workers import Part, Recipe, Task, record_frames
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import IgnoreArea
 from urbantwin.lidar.timing import span_of
@@ -27,7 +28,14 @@ if TYPE_CHECKING:
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
-__all__ = ["MARKS", "checksums", "finish_dataset", "record_dataset", "write_tables"]
+__all__ = [
+    "MARKS",
+    "Recording",
+    "checksums",
+    "finish_dataset",
+    "record_datasets",
+    "write_tables",
+]
 
 #: Folder of the marks of finished frames; no part of the dataset.
 MARKS = "done"
@@ -36,65 +44,84 @@ TABLES = ("boxes.parquet", "sweeps.parquet")
 Entries = list[dict[str, Any]]
 
 
-def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.record`
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One dataset that is recorded: its rig, its frames, where it goes.
+
+    Attributes:
+        rig: the sensors; one that rides has boarded.
+        seed: of all random numbers.
+        times_s: number of each frame -> its time.
+        folder: where the files go; made if it is not there.
+    """
+
+    rig: Rig
+    seed: int
+    times_s: Mapping[int, float]
+    folder: Path
+
+
+def record_datasets(
     twin: Twin,
     motion: Motion,
-    rig: Rig,
-    folder: Path,
+    parts: Mapping[str, Recording],
     *,
-    seed: int,
-    times_s: Mapping[int, float],
     workers: int | None,
     backend: str,
     storage: str,
     progress: Callable[[int], None],
-) -> Entries:
-    """Record the frames that a folder does not have yet, and return what all of them hold.
+) -> dict[str, Entries]:
+    """Record the frames that folders do not have yet, and return what all of them hold.
 
     Args:
         twin: the twin.
         motion: a motion on it.
-        rig: the sensors; one that rides has boarded.
-        folder: where the files go; made if it is not there.
-        seed: of all random numbers.
-        times_s: number of each frame -> its time.
+        parts: the datasets, by name: workers have the world but once.
         workers: number of processes; as many as there are processors when not given.
         backend: what casts the rays, see `lidar.Scanner`.
         storage: of points, see `layout.write_frame`.
         progress: called with the number of frames that are there, after each.
 
     Returns:
-        What ``layout.write_frame`` returned for each frame, and its sweeps.
+        By name of the dataset what ``layout.write_frame`` returned for each frame, and its sweeps.
     """
-    done = folder / MARKS
-    for name in (MARKS, *folders_of(storage)):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-    missing = [index for index in times_s if read_json_or_none(_mark(done, index)) is None]
+    missing: dict[str, list[int]] = {}
+    for part, own in parts.items():
+        done = own.folder / MARKS
+        for name in (MARKS, *folders_of(storage)):
+            (own.folder / name).mkdir(parents=True, exist_ok=True)
+        missing[part] = [k for k in own.times_s if read_json_or_none(_mark(done, k)) is None]
 
     def tasks() -> Iterator[Task]:
         motions = FrameMotions(motion)
-        for index in missing:
-            span = span_of(rig.sensors, index, seed)
-            yield Task(index, motions.around(times_s[index], *span))
+        for part, own in parts.items():
+            for index in missing[part]:
+                span = span_of(own.rig.sensors, index, own.seed)
+                yield Task(part, index, motions.around(own.times_s[index], *span))
 
-    count = min(usable_processors() if workers is None else workers, max(1, len(missing)))
     recipe = Recipe(
         twin.mesh,
-        rig,
-        seed,
-        folder,
-        done,
+        {
+            part: Part(own.rig, own.seed, own.folder, own.folder / MARKS)
+            for part, own in parts.items()
+            if missing[part]
+        },
         motion.meshes,
         twin.surface_materials,
         twin.region,
         backend,
         storage,
     )
-    if missing:
-        there = len(times_s) - len(missing)
+    left = sum(map(len, missing.values()))
+    if left:
+        count = min(usable_processors() if workers is None else workers, left)
+        there = sum(len(own.times_s) for own in parts.values()) - left
         for number, _ in enumerate(record_frames(recipe, tasks(), count), start=there + 1):
             progress(number)
-    return [read_json_or_none(_mark(done, index)) for index in times_s]
+    return {
+        part: [read_json_or_none(_mark(own.folder / MARKS, index)) for index in own.times_s]
+        for part, own in parts.items()
+    }
 
 
 def write_tables(

@@ -21,9 +21,10 @@ from urbantwin.dataset.block_sums import write_block_sums
 from urbantwin.dataset.card.write import write_cards
 from urbantwin.dataset.dataset_writer import (
     MARKS,
+    Recording,
     checksums,
     finish_dataset,
-    record_dataset,
+    record_datasets,
     write_tables,
 )
 from urbantwin.dataset.frame_files import RAY_TYPE, STORED
@@ -141,25 +142,22 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     with replaced_folder(out, kind="dataset", inputs=inputs, key=key) as folder:
         if not (folder / INVENTORY).is_file():
             _check_room(out, folder, parts, times_s, LEAST_LEFT[storage])
-            entries: dict[str, list[dict[str, Any]]] = {}
-            for number, (name, part) in enumerate(parts.items()):
 
-                def count(frames: int, before: int = number * len(times_s)) -> None:
-                    ready = before + frames
-                    say(0.98 * ready / total, f"frame {ready} of {total}")
+            def count(ready: int) -> None:
+                say(0.98 * ready / total, f"frame {ready} of {total}")
 
-                entries[name] = record_dataset(
-                    twin,
-                    motion,
-                    part,
-                    folder / name,
-                    seed=seed,
-                    times_s=times_s,
-                    workers=workers,
-                    backend=backend,
-                    storage=storage,
-                    progress=count,
-                )
+            entries = record_datasets(
+                twin,
+                motion,
+                {
+                    name: Recording(part, seed, times_s, folder / name)
+                    for name, part in parts.items()
+                },
+                workers=workers,
+                backend=backend,
+                storage=storage,
+                progress=count,
+            )
             say(0.98, "tables")
             recipes = {name: {**recipe, **recipe_of_rig(part)} for name, part in parts.items()}
             recorded = [
