@@ -7,22 +7,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.artefact import sha256_of, write_json
+from urbantwin.artefact import check_room, sha256_of, write_json
 from urbantwin.dataset.box_table import write_boxes
+from urbantwin.dataset.frame_files import RAY_TYPE
 from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
 from urbantwin.dataset.layout import folders_of, frame_name, read_json_or_none
 from urbantwin.dataset.manifest import frames_of, manifest_of
 from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
 from urbantwin.dataset.split.actor_places import Recorded
+from urbantwin.dataset.split.asked import SplitAsked
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
-from urbantwin.dataset.split.time_split import Split
+from urbantwin.dataset.split.time_split import Split, split_in_time
 from urbantwin.dataset.sweep_table import write_sweeps
 from urbantwin.dataset.workers import Part, Recipe, Task, record_frames
 from urbantwin.lidar import Rig
-from urbantwin.lidar.coverage import IgnoreArea
+from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
 from urbantwin.lidar.timing import span_of
 from urbantwin.processes import usable_processors
+from urbantwin.progress import Progress
 
 if TYPE_CHECKING:
     from urbantwin.traffic import Motion
@@ -31,15 +34,20 @@ if TYPE_CHECKING:
 __all__ = [
     "MARKS",
     "Recording",
+    "check_room_for",
     "checksums",
-    "finish_dataset",
-    "record_datasets",
-    "write_tables",
+    "write_datasets",
 ]
 
 #: Folder of the marks of finished frames; no part of the dataset.
 MARKS = "done"
 TABLES = ("boxes.parquet", "sweeps.parquet")
+#: Of a point: x, y, z and intensity, its label, and the ray that it came from.
+BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
+#: What of them is left at least, by storage.
+LEAST_LEFT = {"npy": 1.0, "zstd": 0.25, "laz": 0.1}
+#: So many of the rays come back at least, in a street.
+LEAST_RETURNED = 0.4
 
 Entries = list[dict[str, Any]]
 
@@ -53,12 +61,14 @@ class Recording:
         seed: of all random numbers.
         times_s: number of each frame -> its time.
         folder: where the files go; made if it is not there.
+        recipe: what its manifest says that the frames follow from, see `manifest.recipe_of`.
     """
 
     rig: Rig
     seed: int
     times_s: Mapping[int, float]
     folder: Path
+    recipe: Mapping[str, Any]
 
 
 def record_datasets(
@@ -122,6 +132,76 @@ def record_datasets(
         part: [read_json_or_none(_mark(own.folder / MARKS, index)) for index in own.times_s]
         for part, own in parts.items()
     }
+
+
+def write_datasets(
+    twin: Twin,
+    motion: Motion,
+    parts: Mapping[str, Recording],
+    *,
+    split: SplitAsked,
+    workers: int | None,
+    backend: str,
+    storage: str,
+    progress: Progress,
+) -> dict[str, Entries]:
+    """Record datasets of one motion, with their tables and manifests; all are cut in time alike.
+
+    Args:
+        twin: the twin.
+        motion: a motion on it.
+        parts: the datasets, by name.
+        split: into training, validation and test.
+        workers: see `record_datasets`.
+        backend: see `record_datasets`.
+        storage: see `record_datasets`.
+        progress: told the share of the frames that are there, and what is being done.
+
+    Returns:
+        What `record_datasets` does.
+    """
+    total = sum(len(own.times_s) for own in parts.values())
+
+    def count(ready: int) -> None:
+        progress(ready / total, f"frame {ready} of {total}")
+
+    entries = record_datasets(
+        twin, motion, parts, workers=workers, backend=backend, storage=storage, progress=count
+    )
+    progress(1.0, "tables")
+    recorded = [
+        write_tables(
+            own.folder,
+            own.recipe,
+            own.times_s,
+            entries[name],
+            ignore_areas(own.rig, twin.mesh, twin.region),
+            motion,
+            twin,
+        )
+        for name, own in parts.items()
+    ]
+    divided = split_in_time(recorded, split)
+    for name, own in parts.items():
+        finish_dataset(own.folder, own.recipe, own.times_s, entries[name], divided)
+    return entries
+
+
+def check_room_for(out: Path, parts: Mapping[str, Recording], storage: str) -> None:
+    """Refuse to record what will not fit beside what an interrupted run left.
+
+    Raises:
+        InputError: the disk has less room than the frames will take at least.
+    """
+    needed = 0.0
+    for own in parts.values():
+        marks = own.folder / MARKS
+        done = len(list(marks.glob("*.json"))) if marks.is_dir() else 0
+        rays = sum(one.sensor.channels * one.columns for one in own.rig.sensors)
+        least = rays * LEAST_RETURNED * BYTES_PER_POINT * LEAST_LEFT[storage]
+        needed += (len(own.times_s) - done) * least
+    frames = max(len(own.times_s) for own in parts.values())
+    check_room(out, needed, f"a dataset of {frames} frames")
 
 
 def write_tables(

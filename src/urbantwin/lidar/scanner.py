@@ -76,8 +76,12 @@ class Scanner:
 
         meshes = asset_mesh if meshes is None else meshes
         self._tracer = tracer_on(backend)
-        self._shapes = beside._shapes if beside else ShapeTable(partial(mesh_of_part, meshes))
-        self._shared: World | None = beside._shared if beside else None
+        self._shapes: ShapeTable
+        self._shared: World | None = None
+        if beside is None:
+            self._shapes = ShapeTable(partial(mesh_of_part, meshes))
+        else:
+            self._shapes, self._shared = beside._shapes, beside._shared
         self._rig = rig
         self._seed = seed
         self._borders = Borders(rig.sensors, region, rig.label_range_m)
