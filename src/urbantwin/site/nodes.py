@@ -169,10 +169,11 @@ class _Nodes(Strict):
     def _names_are_unique(cls, value: list[NodeSpec]) -> list[NodeSpec]:
         seen: dict[str, str] = {}
         for one in value:  # Some file systems take no notice of case.
-            other = seen.setdefault(one.name.lower(), one.name)
-            if other is not one.name:
+            other = seen.get(one.name.lower())
+            if other is not None:
                 said = f"{other!r} and {one.name!r}" if other != one.name else f"{one.name!r} twice"
                 raise wrong(f"nodes are named {said}", "a different name for each")
+            seen[one.name.lower()] = one.name
         return value
 
 

@@ -9,20 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.dataset.fleet.node import Node
 from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.layout import BOX_FIELDS, frame_name
 from urbantwin.dataset.motion_interpolation import posed_actors
-from urbantwin.geometry import LabelledMesh, Pose, wrapped
+from urbantwin.geometry import LabelledMesh, wrapped
 from urbantwin.lidar import PosedActor
-from urbantwin.lidar.actor_path import Paths
 from urbantwin.lidar.annotated import annotated_actors, annotated_size, truck_of_load
+from urbantwin.lidar.compiled.boxes import tight_boxes
 from urbantwin.lidar.labels import LEVELS
-from urbantwin.lidar.shapes import PresentActors, ShapeTable
-from urbantwin.lidar.standing import standing_at, track_boxes
+from urbantwin.lidar.standing import Standing, track_boxes
 from urbantwin.traffic.assets import asset_mesh, mesh_among
+from urbantwin.traffic.assets.truck_parts import mesh_of_part
 
 if TYPE_CHECKING:
     from urbantwin.traffic import Motion
@@ -93,7 +94,7 @@ def write_common_boxes(
     motions = FrameMotions(motion)
     with pq.ParquetWriter(path, schema, **PARQUET) as writer:
         for index, time_s in times_s.items():
-            around = motions.around(time_s)
+            around = motions.around(time_s, stop_s=motion.step_s)  # velocities are those of paths
             stood = boxes.at(posed_actors(around.rows, around.paths()))
             own = {node.name: entries[node.name].get(index) for node in nodes}
             rows = common_rows(stood, nodes, own, twin.region)
@@ -177,25 +178,38 @@ class _SiteBoxes:
     """Boxes of actors in the site, as a rig's labels are drawn."""
 
     def __init__(self, motion: Motion, kind: str, seed: int) -> None:
-        from urbantwin.traffic.assets.truck_parts import mesh_of_part
-
         def mesh(asset: str, phase: int) -> LabelledMesh:
             return mesh_among(motion.meshes, asset, phase, asset_mesh)
 
-        self._shapes = ShapeTable(partial(mesh_of_part, mesh))
+        self._mesh = partial(mesh_of_part, mesh)
         self._kind, self._seed = kind, seed
+        self._corners: dict[tuple[str, int], NDArray[np.float64]] = {}
 
     def at(self, actors: Sequence[PosedActor]) -> list[tuple[PosedActor, Any]]:
         """Return who is labelled, by track, with the box (7,) of each at the frame's time."""
         found = sorted(annotated_actors(self._kind, actors), key=lambda one: one.track)
         if not found:
             return []
-        shape = [self._shapes.number(one.asset, one.phase) for one in found]
-        paths = Paths.of([one.way for one in found])
-        present = PresentActors(self._shapes.arrays, np.array(shape, np.int64), paths)
-        standing = standing_at(np.zeros(len(found)), present, Pose.from_ypr(np.zeros(3)))
-        boxes = standing.boxes
+        sizes: list[tuple[float, float, float] | None] = [None] * len(found)
         if self._kind != "tight":
             sizes = [annotated_size(self._kind, one, self._seed) for one in found]
-            boxes = track_boxes(standing, sizes, [one.ahead_m for one in found])
+        # Only a box that is as tight as the mesh needs the mesh.
+        hulls = [
+            self._vertices(one) if size is None else np.zeros((1, 3))
+            for one, size in zip(found, sizes, strict=True)
+        ]
+        rotation = np.array([one.site_SE3_asset.rotation for one in found])
+        place = np.array([one.site_SE3_asset.translation for one in found])
+        count = np.array([len(one) for one in hulls], np.int64)
+        hull = np.ascontiguousarray(np.concatenate(hulls).T)
+        boxes = tight_boxes(rotation, place, hull, np.cumsum(count) - count, count)
+        standing = Standing(rotation, place, boxes)
+        boxes = track_boxes(standing, sizes, [one.ahead_m for one in found])
         return list(zip(found, boxes + 0.0, strict=True))
+
+    def _vertices(self, actor: PosedActor) -> NDArray[np.float64]:
+        key = (actor.asset, actor.phase)
+        if key not in self._corners:
+            mesh = self._mesh(*key)
+            self._corners[key] = np.asarray(mesh.vertices[np.unique(mesh.faces)], np.float64)
+        return self._corners[key]

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from urbantwin.artefact import (
     INVENTORY,
     as_json,
@@ -111,6 +113,8 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
         recipes[node.name] = recipe_of(
             twin, motion, node.rig, node.seed, node.times_s, backend, wanted, storage, hashes=hashes
         )
+        if not _without_gap(node.times_s):  # whose carrier came back: no one span has its frames
+            recipes[node.name]["made_from"]["record"] = None
     key = recipe_key(
         {
             "nodes": recipes,
@@ -156,6 +160,10 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
         for node in nodes:
             shutil.rmtree(folder / node.name / MARKS, ignore_errors=True)
     say(1.0, "done")
+
+
+def _without_gap(times_s: Mapping[int, float]) -> bool:
+    return len(set(np.diff(list(times_s)).tolist())) <= 1
 
 
 def _write_common(
