@@ -12,9 +12,12 @@ import urbantwin as ut
 from urbantwin.cli import main
 from urbantwin.dataset import record
 from urbantwin.dataset.fleet import FleetFiles, fused_cloud
+from urbantwin.fidelity.readers import open_recording
 from urbantwin.lidar import place_rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.traffic.motion import MOTION_VERSION
+from urbantwin.web import open_shown
+from urbantwin.web.wanted import Wanted
 
 SENSOR = {"model": "VLP-16", "columns": 900}
 POLE = {"sensors": [{**SENSOR, "name": "p", "east_m": 0.0, "north_m": 0.0, "height_m": 3.0,
@@ -86,11 +89,25 @@ def test_a_node_sees_what_its_rig_sees_alone(fleet, twin, motion, tmp_path, name
 
 
 def test_workers_do_not_matter_and_what_is_there_is_kept(fleet, paths, tmp_path, digests, capsys):
+    """One process, stopped in the middle; then two that go on."""
     file = written(tmp_path, NODES)
+    told = []
+
+    def stop(_share, doing):
+        told.append(doing)
+        if doing.startswith("frame 27 "):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ut.record(*paths, tmp_path / "fleet", nodes=file, seed=5, workers=1, pictures=False,
+                  progress=stop)  # fmt: skip
+    assert told[-1] == f"frame 27 of {3 * FRAMES - FIRST}"
+    assert not (tmp_path / "fleet").exists()
     command = ["record", *paths, "--nodes", file, "-o", tmp_path / "fleet", "--seed", "5", "-q",
                "--workers", "2", "--no-pictures"]  # fmt: skip
     assert main([str(one) for one in command]) == 0
     assert digests(tmp_path / "fleet") == digests(fleet.folder)
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["fleet", "nodes.yaml"]
     assert main(["verify", str(tmp_path / "fleet"), "-q"]) == 0
     assert main(["verify", str(tmp_path / "fleet" / "car"), "-q"]) == 0
     spoilt = tmp_path / "fleet" / "nodes.parquet"
@@ -256,6 +273,28 @@ def test_what_is_asked_of_a_cloud_must_be_there(fleet):
             frame.fused(**options)
     with pytest.raises(ut.InputError, match="has no frame '7'"):
         fleet.frame("7")
+
+
+def test_a_fleet_is_one_recording_in_the_site(fleet, tmp_path, capsys):
+    recording = open_recording(fleet.folder)
+    frame = recording.read(5)
+    cloud = fleet.frame(5).fused(using="true")
+    np.testing.assert_allclose(frame.points, cloud.points[:, :3], atol=1e-5)
+    np.testing.assert_array_equal(frame.sensor, cloud.node)  # each node has one
+    np.testing.assert_allclose(frame.sensor_places[:2], [[0, 0, 3], [20, 32, 3]], atol=1e-6)
+    assert frame.sensor_places[2] == pytest.approx([-8 + 5 + 0.5, 8.0, frame.sensor_places[2, 2]])
+    assert frame.boxes.num_points.tolist() == fleet.frame(5).boxes["num_points"].to_pylist()
+    shown = open_shown(Wanted(fleet.folder))
+    assert [entry.time_s for entry in shown.sides[0].entries] == list(fleet.times_s)
+    assert sum(e.points for e in shown.sides[0].entries) == sum(fleet.states["points"].to_pylist())
+    assert {one["name"] for one in shown.sensors} == {"pole p", "other o"}
+    assert main(["view", str(fleet.folder), "--save", str(tmp_path / "page.html"), "-q"]) == 0
+    assert main(["inspect", str(fleet.folder)]) == 0
+    assert "kind: fleet" in capsys.readouterr().out
+    axes = fleet.plot().axes[0]
+    for place in ([0.0, 0.0], [20.0, 32.0]):  # of both poles a dot, and of the other a cross
+        assert any(np.allclose(line.get_xydata(), [place]) for line in axes.lines)
+    assert any(line.get_marker() == "x" for line in axes.lines)
 
 
 RIDES = {"ride": {"class": "car"}, "sensors": ROOF["sensors"]}
