@@ -131,6 +131,37 @@ def test_a_node_that_comes_later_is_marked_absent(fleet):
         _ = fleet.frame(0).node("car").points
 
 
+def test_a_node_that_leaves_and_comes_back(twin, motion_of, tmp_path):
+    """It is there from step 1 to 3 and from 6 to 7; its points are in the site."""
+    here = {"track": 3, "class": "car", "asset": "car-sedan", "y": 6.0, "speed": 5.0}
+    steps = [1, 2, 3, 6, 7]
+    rows = [{**here, "time_s": round(k / 10, 9), "x": 0.5 * k} for k in steps]
+    rows.append({"time_s": 0.9, "track": 7, "class": "car", "asset": "car-sedan", "x": 30.0})
+    comes_back = motion_of(twin, sorted(rows, key=lambda row: row["time_s"]), steps=10)
+    manifest = {"kind": "motion", "version": MOTION_VERSION, **comes_back.manifest}
+    replace(comes_back, manifest=manifest).save(tmp_path / "motion")
+    rig = {**ROOF, "ride": {"track": 3}, "frame": "site"}
+    error = {"bias": {"forward_m": 1.0, "yaw_deg": 90.0}}
+    nodes = [NODES[0], {"name": "car", "rig": rig, "pose_error": error}]
+    made = ut.record(twin.folder, tmp_path / "motion", tmp_path / "fleet", pictures=False,
+                     nodes=written(tmp_path, nodes), workers=1, progress=False)  # fmt: skip
+    assert made.nodes["car"].names == tuple(f"{k:06d}" for k in steps)
+    states = [made.frame(k).node("car").state for k in range(10)]
+    assert [k for k, state in enumerate(states) if state.present] == steps
+    assert "from 0.1 to 0.3 s and 0.6 to 0.7 s" in made.warnings[0].reason
+    assert len(made.nodes["pole"]) == 10
+    for k in steps:
+        state = states[k]
+        np.testing.assert_allclose(state.true.translation, 0.0)
+        assert state.place.translation[:2] == pytest.approx([0.5 * k, 6.0])
+        # It believes to be a metre farther east, and turned to the north about its own middle.
+        assert state.believed.translation[:2] == pytest.approx([0.5 * k + 1.0, 6.0])
+        ahead = state.reported.apply([[0.5 * k + 2.0, 6.0, 0.0]])[0]
+        assert ahead[:2] == pytest.approx([0.5 * k + 1.0, 8.0])
+    made.plot(2)
+    assert made.frame(5).fused().frames == {"pole": "000005", "car": None}
+
+
 def test_clocks_radio_and_poses_in_closed_form(fleet):
     rows = {(one["node"], one["frame"]): one for one in fleet.states.to_pylist()}
     for k in range(FRAMES):
@@ -148,6 +179,7 @@ def test_clocks_radio_and_poses_in_closed_form(fleet):
             # It drives east at 10 m/s from x = -8 on, along y = 8.
             assert car["true_x"] == pytest.approx(-8 + 10 * time_s + 0.5)
             assert [car["true_y"], car["true_yaw"]] == pytest.approx([8.0, 0.0])
+            assert [car["node_x"], car["node_y"]] == pytest.approx([-8 + 10 * time_s, 8.0])
             assert all(car[f"reported_{n}"] == pytest.approx(car[f"true_{n}"]) for n in "xyz")
         # The other looks to -120 degrees: its bias is along that.
         yaw = np.radians(-120)
@@ -157,6 +189,7 @@ def test_clocks_radio_and_poses_in_closed_form(fleet):
         assert other["reported_z"] == pytest.approx(other["true_z"] + 0.1)
         assert other["reported_yaw"] == pytest.approx(yaw + np.radians(3))
         assert [other["true_x"], other["true_y"]] == pytest.approx([20.0, 32.0])
+        assert [other["node_x"], other["node_pitch"]] == pytest.approx([20.0, 0.0])
     rays = fleet.nodes["other"][5].rays["time"]  # by its own clock
     assert rays.min() == pytest.approx(0.05 + 400e-6 * 0.5, abs=1e-4)
 

@@ -80,6 +80,11 @@ class NodeFrame:
         """The same as the node believes."""
         return self.state.reported
 
+    @property
+    def place(self) -> Pose | None:
+        """``site_SE3_node``: where its vehicle truly is, or its pole's first sensor, upright."""
+        return self.state.place
+
     @cached_property
     def frame(self) -> Frame:
         """The frame of its own dataset, with its own labels.

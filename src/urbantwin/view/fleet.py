@@ -98,7 +98,7 @@ def _colour(number: int) -> str:
 def _places(fleet: FleetFiles, frame: str) -> list[tuple[str, Pose | None, Pose | None]]:
     """Return name, true and reported pose of every node; ``None`` of one that is absent."""
     states = ((name, fleet.state(frame, name)) for name in fleet.names)
-    return [(name, state.true, state.reported) for name, state in states]
+    return [(name, state.place, state.believed) for name, state in states]
 
 
 def _view(
