@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
-from urbantwin.dataset.fleet.manifest import read_fleet_manifest
+from urbantwin.dataset.fleet.manifest_schema import read_fleet_manifest
 from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.layout import BOX_FIELDS
 from urbantwin.dataset.table_form import read_table

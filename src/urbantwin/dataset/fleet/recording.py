@@ -27,7 +27,8 @@ from urbantwin.dataset.dataset_writer import (
     write_datasets,
 )
 from urbantwin.dataset.fleet.common_boxes import write_common_boxes
-from urbantwin.dataset.fleet.manifest import KIND, manifest_of_fleet
+from urbantwin.dataset.fleet.manifest import manifest_of_fleet
+from urbantwin.dataset.fleet.manifest_schema import KIND
 from urbantwin.dataset.fleet.node import Node, PlacedRig, placed_nodes
 from urbantwin.dataset.fleet.node_table import node_rows, write_nodes
 from urbantwin.dataset.manifest import hashes_of, recipe_key, recipe_of
