@@ -373,6 +373,11 @@ def test_what_cannot_be_recorded_is_told_in_one_line(paths, tmp_path, capsys, no
     assert sorted(path.name for path in tmp_path.iterdir()) == ["nodes.yaml"]
 
 
+def test_what_takes_one_dataset_names_the_nodes(fleet, tmp_path, capsys):
+    assert main(["sequence", str(fleet.folder), "-o", str(tmp_path / "s")]) == 2
+    assert "is a fleet; expected the dataset of one node: car, other" in capsys.readouterr().err
+
+
 def test_options_of_one_rig_are_refused_beside_nodes(paths, tmp_path, capsys):
     file = written(tmp_path, NODES)
     for option in (["--rig", "r.yaml"], ["--ride", "4"], ["--separate"], ["--fused"],
