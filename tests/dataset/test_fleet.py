@@ -293,6 +293,14 @@ def test_points_go_on_as_their_actor_moves(fleet):
     way = np.linalg.norm(moved[on.instance == 12], axis=1)
     assert len(way) > 5
     np.testing.assert_allclose(way, 0.1 * speed, atol=1e-4)
+    # By a clock that is ahead, points of the same moment go back.
+    options = {"frame_of": "pole", "nodes": ["other"]}
+    still, on = (fused_cloud(files, "000004", at=at, **options) for at in
+                 ("nearest", "extrapolated"))  # fmt: skip
+    moved = on.points[:, :3].astype(float) - still.points[:, :3]
+    speed = 10.0 * on.age_s["other"] * (on.instance == 4)
+    np.testing.assert_allclose(np.linalg.norm(moved[on.instance != 12], axis=1),
+                               np.abs(speed[on.instance != 12]), atol=2e-3)  # fmt: skip
 
 
 def test_what_is_asked_of_a_cloud_must_be_there(fleet):
