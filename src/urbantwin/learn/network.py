@@ -56,8 +56,8 @@ class _PillarEncoder(nn.Module):
             owner = torch.repeat_interleave(number, points, output_size=rows)
             first = torch.cumsum(points, 0) - points
             place = torch.arange(rows, device=points.device) - first[owner]
-            at = (owner * MOST_POINTS + place)[:, None].expand(-1, value.shape[1])
-            whole = value.new_zeros((pillars * MOST_POINTS, value.shape[1])).scatter(0, at, value)
+            whole = value.new_zeros((pillars * MOST_POINTS, value.shape[1]))
+            whole = whole.index_copy(0, owner * MOST_POINTS + place, value)
             return whole.reshape(pillars, MOST_POINTS, -1).amax(dim=1)
         most = features.shape[1]
         filled = torch.arange(most, device=points.device)[None] < points[:, None]
