@@ -269,7 +269,7 @@ class _Staging:
 
         if not self._device.is_cuda:
             return [array.numpy()[:count].copy() for array, count in wanted]
-        kinds = [np.dtype(wp.dtype_to_numpy(array.dtype)) for array, _ in wanted]
+        kinds = [_numpy_type(array.dtype) for array, _ in wanted]
         sizes = [count * kind.itemsize for (_, count), kind in zip(wanted, kinds, strict=True)]
         starts = np.cumsum([0, *(-(-size // _ALIGNED) * _ALIGNED for size in sizes)])
         host = self._room("down", int(starts[-1]))
@@ -297,3 +297,12 @@ class _Staging:
             pinned = bool(self._device.is_cuda)
             self._host[way] = wp.empty(2 * size, dtype=wp.uint8, device="cpu", pinned=pinned)
         return self._host[way]
+
+
+def _numpy_type(dtype: Any) -> np.dtype[Any]:  # noqa: ANN401
+    """Return the NumPy type of a value on the device, of a structure, too."""
+    import warp as wp
+
+    if hasattr(dtype, "numpy_dtype"):
+        return np.dtype(dtype.numpy_dtype())
+    return np.dtype(wp.dtype_to_numpy(dtype))
