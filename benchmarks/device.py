@@ -2,9 +2,12 @@
 
 The street and the actors of `scan.py` around an OS1-128 with 2048 columns. Every line counts all
 262,144 rays of a turn, and the time from poses in the host's memory to hits in the host's memory.
+With several threads (`--threads`) turns are cast side by side, as many as get done: Embree then
+uses as many processors, and Warp gets the next turn ready while the device works on one.
 
     python benchmarks/device.py                     # Embree, and Warp on the first CUDA device
     python benchmarks/device.py --backend warp:cpu
+    python benchmarks/device.py --threads 1 --threads 4 --threads 16
 """
 
 from __future__ import annotations
@@ -12,7 +15,8 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -31,9 +35,26 @@ from urbantwin.lidar.timing import sweeps_of
 from urbantwin.traffic.assets import asset_mesh
 
 
-def best(action: Callable[[int], object], seconds: float) -> float:
-    """Seconds that an action takes: the median over some time, after two that do not count."""
+def best(action: Callable[[int], object], seconds: float, threads: int) -> float:
+    """Seconds that an action takes: the median over some time, after two that do not count.
+
+    With several threads: the time divided by how many they get done together.
+    """
     action(0), action(1)
+    if threads > 1:
+        end = time.perf_counter() + seconds
+
+        def many(first: int) -> int:
+            done = 0
+            while time.perf_counter() < end:
+                action(first + threads * done)
+                done += 1
+            return done
+
+        start = time.perf_counter()
+        with ThreadPoolExecutor(threads) as pool:
+            done = sum(pool.map(many, range(threads)))
+        return (time.perf_counter() - start) / done
     taken, end = [], time.perf_counter() + seconds
     while time.perf_counter() < end or len(taken) < 3:
         start = time.perf_counter()
@@ -42,8 +63,10 @@ def best(action: Callable[[int], object], seconds: float) -> float:
     return float(np.median(taken))
 
 
-def lines(backend: str, mesh: LabelledMesh, actors: int, seconds: float) -> dict[str, float]:
-    """Seconds per turn of everything that is measured."""
+def lines(
+    backend: str, mesh: LabelledMesh, actors: int, seconds: float, threads: Sequence[int]
+) -> dict[int, dict[str, float]]:
+    """Seconds per turn of everything that is measured, for each number of threads."""
     job = Job(actors=actors, effects=False)
     rig = rig_of(job, mesh)
     mounted, frames = rig.sensors[0], moments(actors)
@@ -76,13 +99,15 @@ def lines(backend: str, mesh: LabelledMesh, actors: int, seconds: float) -> dict
         return standing(number), moving(number)
 
     scanner = Scanner(mesh, rig, 0, backend=backend)
+    measured: dict[str, Callable[[int], object]] = {
+        "turn at the street": standing,
+        "turn at the actors, street kept": moving,
+        "turn at both": both,
+        "labelled frame, street kept": lambda n: scanner.scan(n, frames[n % len(frames)]),
+    }
     return {
-        "turn at the street": best(standing, seconds),
-        "turn at the actors, street kept": best(moving, seconds),
-        "turn at both": best(both, seconds),
-        "labelled frame, street kept": best(
-            lambda n: scanner.scan(n, frames[n % len(frames)]), seconds
-        ),
+        count: {name: best(action, seconds, count) for name, action in measured.items()}
+        for count in threads
     }
 
 
@@ -93,15 +118,19 @@ def main() -> None:
     options.add_argument("--actors", type=int, default=50)
     options.add_argument("--seconds", type=float, default=2.0, help="of each measurement")
     options.add_argument("--json", action="store_true")
+    options.add_argument("--threads", action="append", type=int, help="that cast side by side: 1")
     chosen = options.parse_args()
     mesh = static_world()
     rays = 128 * COLUMNS
-    table = {}
+    table: dict[str, dict[str, float]] = {}
     for backend in chosen.backend or ["embree", "warp"]:
         try:
-            table[backend] = lines(backend, mesh, chosen.actors, chosen.seconds)
+            found = lines(backend, mesh, chosen.actors, chosen.seconds, chosen.threads or [1])
         except InputError as error:
             print(f"{backend}: {error}")
+            continue
+        for threads, rows in found.items():
+            table[f"{backend} x {threads}" if threads > 1 else backend] = rows
     if chosen.json:
         print(json.dumps({"rays": rays, "triangles": len(mesh.faces), "seconds": table}, indent=1))
         return
@@ -109,7 +138,7 @@ def main() -> None:
     for backend, rows in table.items():
         for row, seconds in rows.items():
             rate = rays / seconds / 1e6
-            print(f"{backend:>10}  {row:34} {seconds * 1e3:8.2f} ms  {rate:8.1f} M rays/s")
+            print(f"{backend:>14}  {row:34} {seconds * 1e3:8.2f} ms  {rate:8.1f} M rays/s")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+import urbantwin
 from urbantwin.artefact import sha256_of, write_json
 from urbantwin.dataset import record
 from urbantwin.dataset.motion_interpolation import posed_actors, rows_at
@@ -106,6 +107,10 @@ def twin_of(mesh: LabelledMesh, folder: Path) -> Twin:
     mesh.save(folder / "scene.npz")
     manifest = {
         "kind": "twin",
+        "version": urbantwin.__version__,
+        "name": "benchmark",
+        "driving_side": "right",
+        "notes": {},
         "anchor": {"latitude": 0.0, "longitude": 0.0},
         "region_m": [[-HALF_M, -HALF_M], [HALF_M, -HALF_M], [HALF_M, HALF_M], [-HALF_M, HALF_M]],
         "inputs": [],

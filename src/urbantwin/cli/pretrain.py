@@ -44,7 +44,7 @@ def pretrain(
     ] = False,
     part: PartOfSplit = "train",
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights and samples.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, max=64, help="Threads that make samples.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, max=64, help="Processes that make samples.")] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     quiet: Quiet = False,
     as_json: AsJson = False,

@@ -94,7 +94,7 @@ def train(  # noqa: PLR0913 - the options of the command
         part: of each dataset that is split, the frames to learn from: ``train``, ``val``, ``test``
             or ``all``.
         seed: of the weights at the start and of all samples.
-        workers: threads that make samples; the weights are the same.
+        workers: processes that read frames and make samples; the weights are the same.
         device: of torch: ``cpu``, ``cuda``.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -157,8 +157,9 @@ def train(  # noqa: PLR0913 - the options of the command
             work = scratch / "training"
             known = () if first is None else first.classes
             frames = labelled_frames(
-                sources, design, work, between(tell, 0.0, 0.1), known=known, names=seen.names
-            )
+                sources, design, work, between(tell, 0.0, 0.1), known=known, names=seen.names,
+                workers=workers,
+            )  # fmt: skip
             if "points" in heads:
                 design = replace(design, points=_known_points(frames.points, sources))
             weights = None if first is None else first.weights
@@ -277,7 +278,7 @@ def pretrain(  # noqa: PLR0913 - the options of the command
         intensity: tell it of intensities.
         part: as of `train`.
         seed: of the weights at the start and of all samples.
-        workers: threads that make samples; the weights are the same.
+        workers: processes that read frames and make samples; the weights are the same.
         device: of torch: ``cpu``, ``cuda``.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -327,7 +328,12 @@ def pretrain(  # noqa: PLR0913 - the options of the command
         with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
             work = scratch / "training"
             seen = unlabelled_frames(
-                sources, design, work, between(tell, 0.0, 0.1), names=chosen.names
+                sources,
+                design,
+                work,
+                between(tell, 0.0, 0.1),
+                names=chosen.names,
+                workers=workers,
             )
             network, done, loss = pretrained(
                 seen, design, recipe, work / "state.safetensors", between(tell, 0.1, 1.0)

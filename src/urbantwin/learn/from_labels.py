@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from urbantwin.learn.batches import Arrays
 from urbantwin.learn.grid import Grid
 from urbantwin.learn.labelled_frames import LabelledFrames
-from urbantwin.learn.loss import detection_loss, on_device, point_loss, points_on_device
+from urbantwin.learn.loss import (
+    detection_loss,
+    point_arrays,
+    point_loss,
+    target_arrays,
+    targets_in,
+)
 from urbantwin.learn.model import Design, new_network
-from urbantwin.learn.network import Detector, inputs_of
+from urbantwin.learn.network import Detector
 from urbantwin.learn.pillars import stacked
 from urbantwin.learn.sample import Sample, sample_of
+from urbantwin.learn.torch_device import on_device
 from urbantwin.learn.training import Recipe, optimised
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import semantic_id
 
-__all__ = ["trained"]
+__all__ = ["Windows", "trained"]
 
 #: Samples that tell how many objects of a class one has on average.
 _TRIED = 48
@@ -49,68 +57,91 @@ def trained(
         start: weights to begin with, by name; the others are drawn.
     """
     torch.manual_seed(recipe.seed)
-    network = new_network(design).to(recipe.device)
+    network = new_network(design)
     network.load_state_dict(dict(start or {}), strict=False)
-    steps, loss = optimised(network, _FromLabels(network, frames, design, recipe), recipe, state,
-                            tell)  # fmt: skip
+    source = Windows(frames, design, recipe)
+    task = _FromLabels(on_device(network, recipe.device), source, frames.points)
+    steps, loss = optimised(network, task, recipe, state, tell)
     return network, steps, loss
 
 
-class _FromLabels:
-    """Windows of labelled frames, and how wrong a network is about them."""
+class Windows:
+    """Batches of windows of labelled frames.
 
-    def __init__(
-        self, network: Detector, frames: LabelledFrames, design: Design, recipe: Recipe
-    ) -> None:
-        self._network, self._frames, self._design = network, frames, design
-        self._recipe, self._bank = recipe, frames.bank
-        self._grid = Grid.around(0.0, 0.0, recipe.window_m / 2, design.cell_m)
+    Args:
+        frames: to learn from.
+        design: of the network.
+        recipe: how samples are made, and how many.
+    """
+
+    def __init__(self, frames: LabelledFrames, design: Design, recipe: Recipe) -> None:
+        self.design, self.recipe = design, recipe
+        self._frames, self._bank = frames, frames.bank
+        self.grid = Grid.around(0.0, 0.0, recipe.window_m / 2, design.cell_m)
         self._semantic = [semantic_id(name) for name in design.points]
         first = np.searchsorted(frames.rigs, np.arange(max(frames.rigs) + 2))
         self._first = [int(one) for one in first]
-        tried = [self._made(_USUAL, k, 0) for k in range(_TRIED)]
-        usual = np.mean([[one.objects for one in sample.targets] for sample in tried], axis=0)
-        self._usual = [float(one) for one in usual]
-        count = np.array([frames.points.get(name, 0) for name in design.points], np.float64)
-        weight = np.sqrt(np.median(count) / count) if len(count) else count
-        self._weights = np.clip(weight, 1 / _MOST_WEIGHT, _MOST_WEIGHT).tolist()
 
-    def sample(self, step: int, slot: int) -> Sample:
-        return self._made(_SAMPLES, step, slot)
-
-    def loss(self, samples: Sequence[Sample]) -> Tensor:
-        cells, device = self._grid.cells, self._recipe.device
-        given = inputs_of(stacked([one.pillars for one in samples], cells), cells, device)
+    def batch(self, step: int) -> Arrays:
+        """Return the samples of a step as one batch."""
+        samples = [self._made(_SAMPLES, step, slot) for slot in range(self.recipe.batch)]
+        cells = self.grid.cells
+        found = stacked([one.pillars for one in samples], cells)
+        found |= target_arrays([one.targets for one in samples])
         targets = [one.points for one in samples if one.points is not None]
-        asked = points_on_device(targets, cells**2, device) if targets else ()
-        said = self._network(*given, *asked[:2])
-        wanted = on_device([one.targets for one in samples], device)
-        heads = self._design.heads
-        total = given[0].new_zeros(())
-        if heads:
-            total = detection_loss(said[: len(heads)], wanted, heads, self._usual).sum()
-        return total + point_loss(said[-1], asked[2], self._weights) if asked else total
+        return found | point_arrays(targets, cells**2) if targets else found
+
+    def usual(self) -> list[float]:
+        """Return how many objects of each class a sample has on average."""
+        tried = [self._made(_USUAL, k, 0) for k in range(_TRIED)]
+        counts = [[one.objects for one in sample.targets] for sample in tried]
+        return [float(one) for one in np.mean(counts, axis=0)]
 
     def _made(self, use: int, step: int, slot: int) -> Sample:
-        draw = np.random.default_rng([self._recipe.seed, use, step, slot])
+        draw = np.random.default_rng([self.recipe.seed, use, step, slot])
         number = self._drawn_frame(draw, step if use == _SAMPLES else None)
         return sample_of(
             self._frames.frame(number),
-            self._recipe.window_m,
-            self._design.cell_m,
-            self._design.heads,
+            self.recipe.window_m,
+            self.design.cell_m,
+            self.design.heads,
             draw,
             semantic=self._semantic,
             bank=self._bank,
             rig=self._frames.rigs[number],
-            varied=self._recipe.varied,
+            varied=self.recipe.varied,
         )
 
     def _drawn_frame(self, draw: np.random.Generator, step: int | None) -> int:
         """Return any frame; in a curriculum, of the datasets that have come until this step."""
-        steps = self._recipe.steps
-        if not self._recipe.in_order or step is None or steps is None:
+        steps = self.recipe.steps
+        if not self.recipe.in_order or step is None or steps is None:
             return int(draw.integers(len(self._frames)))
         datasets = len(self._first) - 1
         now = min(step * datasets // steps, datasets - 1)
         return int(draw.integers(self._first[now], self._first[now + 1]))
+
+
+class _FromLabels:
+    """How wrong a network is about windows of labelled frames."""
+
+    def __init__(self, network: Detector, source: Windows, points: Mapping[str, int]) -> None:
+        self._network, self.source = network, source
+        self._usual = source.usual()
+        count = np.array([points.get(name, 0) for name in source.design.points], np.float64)
+        weight = np.sqrt(np.median(count) / count) if len(count) else count
+        self._weights = np.clip(weight, 1 / _MOST_WEIGHT, _MOST_WEIGHT).tolist()
+
+    def loss(self, batch: Mapping[str, Tensor]) -> Tensor:
+        heads, cells = self.source.design.heads, self.source.grid.cells
+        features = batch["features"]
+        shape = features.new_zeros((self.source.recipe.batch, 0, cells, cells))
+        asked = "wanted" in batch
+        said = self._network(
+            features, batch["points"], batch["cell"], shape, batch.get("told"), batch.get("at")
+        )
+        total = features.new_zeros(())
+        if heads:
+            wanted = targets_in(batch, len(heads))
+            total = detection_loss(said[: len(heads)], wanted, heads, self._usual).sum()
+        return total + point_loss(said[-1], batch["wanted"], self._weights) if asked else total

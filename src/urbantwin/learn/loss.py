@@ -6,18 +6,27 @@ many of it there are in a sample on average: people are many, buses few.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
 from urbantwin.learn.heads import ClassHead
 from urbantwin.learn.targets import ClassTarget, PointTarget
 
-__all__ = ["BatchTarget", "detection_loss", "on_device", "point_loss", "points_on_device"]
+__all__ = [
+    "BatchTarget",
+    "detection_loss",
+    "point_arrays",
+    "point_loss",
+    "target_arrays",
+    "targets_in",
+]
 
 #: Exponents of the focal loss: of what is nearly right already, and near to a centre.
 _EASY, _NEAR = 2.0, 4.0
@@ -27,7 +36,10 @@ _RAREST = 0.2
 
 @dataclass(frozen=True, eq=False)
 class BatchTarget:
-    """`ClassTarget` of all samples of a batch as tensors; cells are numbered through."""
+    """`ClassTarget` of all samples of a batch as tensors; cells are numbered through.
+
+    ``counts`` is true where what is said counts.
+    """
 
     heat: Tensor
     counts: Tensor
@@ -36,31 +48,31 @@ class BatchTarget:
     box: Tensor
 
 
-def on_device(samples: Sequence[Sequence[ClassTarget]], device: str) -> list[BatchTarget]:
-    """Return the targets of each class for a batch.
+def target_arrays(samples: Sequence[Sequence[ClassTarget]]) -> dict[str, NDArray[Any]]:
+    """Return the targets of each class for a batch, by names that `targets_in` knows.
 
     Args:
         samples: of each sample the targets of the classes.
-        device: where to.
     """
-    found = []
-    for parts in zip(*samples, strict=True):
+    found: dict[str, NDArray[Any]] = {}
+    for number, parts in enumerate(zip(*samples, strict=True)):
         cells = parts[0].heat.size
-        found.append(
-            BatchTarget(
-                *(
-                    torch.from_numpy(one).to(device)
-                    for one in (
-                        np.stack([one.heat for one in parts]),
-                        np.stack([one.counts for one in parts]),
-                        np.concatenate([one.cell + k * cells for k, one in enumerate(parts)]),
-                        np.concatenate([one.weight for one in parts]),
-                        np.concatenate([one.box for one in parts]),
-                    )
-                )
-            )
-        )
+        found |= {
+            f"{number}.heat": np.stack([one.heat for one in parts]),
+            f"{number}.counts": np.stack([one.counts > 0 for one in parts]),
+            f"{number}.cell": np.concatenate([one.cell + k * cells for k, one in enumerate(parts)]),
+            f"{number}.weight": np.concatenate([one.weight for one in parts]),
+            f"{number}.box": np.concatenate([one.box for one in parts]),
+        }
     return found
+
+
+def targets_in(batch: Mapping[str, Tensor], classes: int) -> list[BatchTarget]:
+    """Return the targets of each class that are told in a batch."""
+    names = [one.name for one in fields(BatchTarget)]
+    return [
+        BatchTarget(*(batch[f"{number}.{name}"] for name in names)) for number in range(classes)
+    ]
 
 
 def detection_loss(
@@ -107,21 +119,18 @@ def detection_loss(
     return torch.stack(rows)
 
 
-def points_on_device(
-    samples: Sequence[PointTarget], cells: int, device: str
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Return what is told of points, their cells and the wanted classes, of a batch as tensors.
+def point_arrays(samples: Sequence[PointTarget], cells: int) -> dict[str, NDArray[Any]]:
+    """Return what is told of points, their cells and the wanted classes, of a batch, by name.
 
     Args:
         samples: one of each.
         cells: of a grid, all of them.
-        device: where to.
     """
-    told = np.concatenate([one.told for one in samples])
-    cell = np.concatenate([one.cell + k * cells for k, one in enumerate(samples)])
-    wanted = np.concatenate([one.wanted for one in samples])
-    first, second, third = (torch.from_numpy(one).to(device) for one in (told, cell, wanted))
-    return first, second, third
+    return {
+        "told": np.concatenate([one.told for one in samples]),
+        "at": np.concatenate([one.cell + k * cells for k, one in enumerate(samples)]),
+        "wanted": np.concatenate([one.wanted for one in samples]),
+    }
 
 
 def point_loss(said: Tensor, wanted: Tensor, weights: Sequence[float]) -> Tensor:

@@ -156,7 +156,9 @@ def write_model(folder: Path, model: Model) -> None:
         folder: see `artefact.replaced_folder`.
         model: to write; its weights as they are, wherever the network is.
     """
-    weights = {name: one.detach().cpu() for name, one in model.network.state_dict().items()}
+    weights = {
+        name: one.detach().cpu().contiguous() for name, one in model.network.state_dict().items()
+    }
     safetensors.torch.save_file(weights, folder / _WEIGHTS)
     design = asdict(model.design) | {"classes": list(model.design.classes)}
     design["points"] = list(model.design.points)

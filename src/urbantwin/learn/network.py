@@ -4,7 +4,8 @@ PointPillars (Lang et al. 2019) for the encoder, CenterPoint (Yin, Zhou and Krae
 "Center-based 3D Object Detection and Tracking") for the heads, and a pyramid (Lin et al. 2017,
 "Feature Pyramid Networks for Object Detection") that leads back to the finest cells, so that people
 have heads there. A point's class is told by its cell and by where it is in it. Tensors are NCHW:
-channels last, the backward pass of a convolution with stride 2 is 35 times slower on a processor.
+channels last, the backward pass of a convolution with stride 2 is 35 times slower on a processor;
+on a GPU they lie with channels last, as its matrix units read them.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from urbantwin.learn.heads import OUTPUTS, ClassHead
-from urbantwin.learn.pillars import Pillars, told_of_point
+from urbantwin.learn.pillars import MOST_POINTS, Pillars, told_of_point
 
 __all__ = ["Detector", "inputs_of"]
 
@@ -46,15 +47,20 @@ class _PillarEncoder(nn.Module):
         self.norm = nn.BatchNorm1d(channels, eps=1e-3, momentum=0.03)
 
     def forward(self, features: Tensor, points: Tensor) -> Tensor:
-        """Return (P, channels) for pillars of (P, M, features) with some points each."""
-        pillars, most = features.shape[0], features.shape[1]
+        """Return (P, channels) for pillars with some points each; see `Detector.forward`."""
+        pillars = points.shape[0]
+        if features.dim() == 2:  # in training: what is no point must not count for the mean
+            value = torch.relu(self.norm(self.linear(features)))
+            # Of no tensor a value is asked, so that a device need not be waited for.
+            rows, number = len(features), torch.arange(pillars, device=points.device)
+            owner = torch.repeat_interleave(number, points, output_size=rows)
+            first = torch.cumsum(points, 0) - points
+            place = torch.arange(rows, device=points.device) - first[owner]
+            whole = value.new_zeros((pillars * MOST_POINTS, value.shape[1]))
+            whole = whole.index_copy(0, owner * MOST_POINTS + place, value)
+            return whole.reshape(pillars, MOST_POINTS, -1).amax(dim=1)
+        most = features.shape[1]
         filled = torch.arange(most, device=points.device)[None] < points[:, None]
-        if self.training:  # what is no point must not count for the mean
-            value = torch.relu(self.norm(self.linear(features[filled])))
-            whole = value.new_zeros((pillars * most, value.shape[1]))
-            at = torch.nonzero(filled.reshape(-1))
-            whole = whole.scatter(0, at.expand(-1, value.shape[1]), value)
-            return whole.reshape(pillars, most, -1).amax(dim=1)
         value = self.norm(self.linear(features.reshape(pillars * most, -1)))
         value = torch.relu(value).reshape(pillars, most, -1) * filled[:, :, None]
         return value.amax(dim=1)
@@ -124,8 +130,9 @@ class Detector(nn.Module):
         """Return (grids, `OUTPUTS`, rows, columns) for each class, and (N, classes) of points.
 
         Args:
-            features: (P, M, features) of pillars.
-            points: (P,) int64, how many of the M are points.
+            features: (P, M, features) of pillars; in training (N, features), their points alone,
+                one pillar's after the other's.
+            points: (P,) int64, how many points each has.
             cell: (P,) int64.
             shape: (grids, 0, rows, columns): a tensor whose shape is that of the batch.
             told: (N, `told_of_point`) of points whose class is asked for, if it tells any.
@@ -149,8 +156,12 @@ class Detector(nn.Module):
         pillar = self.encoder(features, points)
         canvas = pillar.new_zeros((grids * rows * columns, self.channels))
         canvas = canvas.index_copy(0, cell, pillar)
-        canvas = canvas.reshape(grids, rows * columns, -1).transpose(1, 2).contiguous()
-        fine = self.near(canvas.reshape(grids, -1, rows, columns))
+        if canvas.is_cuda:  # where tensors lie with channels last, as they do here already
+            canvas = canvas.reshape(grids, rows, columns, -1).permute(0, 3, 1, 2)
+        else:
+            canvas = canvas.reshape(grids, rows * columns, -1).transpose(1, 2).contiguous()
+            canvas = canvas.reshape(grids, -1, rows, columns)
+        fine = self.near(canvas)
         half = self.down2(fine)
         quarter = self.down4(half)
         eighth = self.down8(quarter)
@@ -165,8 +176,8 @@ def _doubled(cells: Tensor) -> Tensor:
 
 
 def inputs_of(pillars: Pillars, cells: int, device: str) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return what `Detector.maps` takes for the pillars of grids of ``cells`` each way."""
+    """Return what `Detector.forward` takes for the pillars of a grid of ``cells`` each way."""
     features, points, cell = (
         torch.from_numpy(one).to(device) for one in (pillars.features, pillars.points, pillars.cell)
     )
-    return features, points, cell, torch.zeros((pillars.grids, 0, cells, cells), device=device)
+    return features, points, cell, torch.zeros((1, 0, cells, cells), device=device)

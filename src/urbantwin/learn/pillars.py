@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +27,17 @@ _HEIGHT_M = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Pillars:
-    """The occupied cells of one grid, or of several of the same size after each other.
+    """The occupied cells of a grid.
 
     Attributes:
         features: (P, `MOST_POINTS`, `features_of`) float32; rows that are no point are 0.
         points: (P,) int64, how many rows are points: the first ones.
-        cell: (P,) int64; those of the second grid begin where the first one's end.
-        grids: how many grids these are.
+        cell: (P,) int64.
     """
 
     features: NDArray[np.float32]
     points: NDArray[np.int64]
     cell: NDArray[np.int64]
-    grids: int = 1
 
 
 def features_of(*, intensity: bool) -> int:
@@ -85,11 +84,20 @@ def pillars_of(points: NDArray[np.float32], grid: Grid) -> Pillars:
     )
 
 
-def stacked(parts: Sequence[Pillars], cells: int) -> Pillars:
-    """Return the pillars of several grids of ``cells`` each way as one batch."""
-    return Pillars(
-        np.concatenate([one.features for one in parts]),
-        np.concatenate([one.points for one in parts]),
-        np.concatenate([one.cell + number * cells**2 for number, one in enumerate(parts)]),
-        len(parts),
-    )
+def stacked(parts: Sequence[Pillars], cells: int) -> dict[str, NDArray[Any]]:
+    """Return the pillars of several grids as a batch that a network learns from, by name.
+
+    ``features`` (N, `features_of`) of all points that pillars keep, one pillar's after the other's,
+    ``points`` (P,) int64, how many each has, and ``cell`` (P,) int64, those of the second grid
+    after the first's.
+
+    Args:
+        parts: of one grid each.
+        cells: along the sides of each grid.
+    """
+    filled = np.arange(MOST_POINTS)
+    return {
+        "features": np.concatenate([one.features[filled < one.points[:, None]] for one in parts]),
+        "points": np.concatenate([one.points for one in parts]),
+        "cell": np.concatenate([one.cell + number * cells**2 for number, one in enumerate(parts)]),
+    }

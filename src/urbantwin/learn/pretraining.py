@@ -8,7 +8,7 @@ detector; its last layer is thrown away.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from urbantwin.learn.batches import Arrays
 from urbantwin.learn.grid import Grid
 from urbantwin.learn.labelled_frames import LabelledFrames
 from urbantwin.learn.model import Design, new_network
-from urbantwin.learn.network import Detector, inputs_of
+from urbantwin.learn.network import Detector
 from urbantwin.learn.pillars import Pillars, pillars_of, stacked
 from urbantwin.learn.sample import varied_window
+from urbantwin.learn.torch_device import on_device
 from urbantwin.learn.training import Recipe, optimised
 from urbantwin.progress import Progress
 
@@ -94,8 +96,8 @@ def pretrained(
         The network, the number of steps, and the mean loss of the last tenth of them.
     """
     torch.manual_seed(recipe.seed)
-    network = _Guesser(new_network(design)).to(recipe.device)
-    task = _FromHidden(network, frames, design, recipe)
+    network = on_device(_Guesser(new_network(design)), recipe.device)
+    task = _FromHidden(network, _HiddenWindows(frames, design, recipe))
     steps, loss = optimised(network, task, recipe, state, tell)
     return network.body, steps, loss
 
@@ -114,32 +116,40 @@ class _Guesser(nn.Module):
         return torch.as_tensor(self.last(fine))
 
 
-class _FromHidden:
-    """Windows of frames with blocks hidden, and how wrong a network is about these."""
+class _HiddenWindows:
+    """Batches of windows of frames with blocks hidden."""
 
-    def __init__(
-        self, network: _Guesser, frames: LabelledFrames, design: Design, recipe: Recipe
-    ) -> None:
-        self._network, self._frames, self._design = network, frames, design
-        self._recipe = recipe
-        self._grid = Grid.around(0.0, 0.0, recipe.window_m / 2, design.cell_m)
+    def __init__(self, frames: LabelledFrames, design: Design, recipe: Recipe) -> None:
+        self._frames, self.recipe = frames, recipe
+        self.grid = Grid.around(0.0, 0.0, recipe.window_m / 2, design.cell_m)
 
-    def sample(self, step: int, slot: int) -> Hidden:
-        draw = np.random.default_rng([self._recipe.seed, step, slot])
-        frame = self._frames.frame(int(draw.integers(len(self._frames))))
-        varied = replace(self._recipe.varied, objects=False)
-        frame, _ = varied_window(frame, self._recipe.window_m, draw, varied=varied)
-        return hidden_of(pillars_of(frame.points, self._grid), self._grid.cells, draw)
-
-    def loss(self, samples: Sequence[Hidden]) -> Tensor:
-        cells, device = self._grid.cells, self._recipe.device
-        said = self._network(
-            *inputs_of(stacked([one.pillars for one in samples], cells), cells, device)
-        ).float()
-        asked, occupied, highest = (
-            torch.from_numpy(np.stack([getattr(one, name) for one in samples])).to(device)
+    def batch(self, step: int) -> Arrays:
+        """Return the samples of a step as one batch."""
+        samples = [self._made(step, slot) for slot in range(self.recipe.batch)]
+        return stacked([one.pillars for one in samples], self.grid.cells) | {
+            name: np.stack([getattr(one, name) for one in samples])
             for name in ("asked", "occupied", "highest")
-        )
+        }
+
+    def _made(self, step: int, slot: int) -> Hidden:
+        draw = np.random.default_rng([self.recipe.seed, step, slot])
+        frame = self._frames.frame(int(draw.integers(len(self._frames))))
+        varied = replace(self.recipe.varied, objects=False)
+        frame, _ = varied_window(frame, self.recipe.window_m, draw, varied=varied)
+        return hidden_of(pillars_of(frame.points, self.grid), self.grid.cells, draw)
+
+
+class _FromHidden:
+    """How wrong a network is about what was hidden."""
+
+    def __init__(self, network: _Guesser, source: _HiddenWindows) -> None:
+        self._network, self.source = network, source
+
+    def loss(self, batch: Mapping[str, Tensor]) -> Tensor:
+        cells, features = self.source.grid.cells, batch["features"]
+        shape = features.new_zeros((self.source.recipe.batch, 0, cells, cells))
+        said = self._network(features, batch["points"], batch["cell"], shape).float()
+        asked, occupied, highest = batch["asked"], batch["occupied"], batch["highest"]
         there = functional.binary_cross_entropy_with_logits(
             said[:, 0], occupied, weight=1 + (_OCCUPIED_WEIGHT - 1) * occupied, reduction="none"
         )

@@ -74,7 +74,7 @@ def varied_window(
     """
     varied = varied or Varied()
     half = window_m / 2
-    reach = float(np.abs(frame.points[:, :2]).max(initial=0.0))
+    reach = float(max(np.abs(frame.points[:, k]).max(initial=0.0) for k in (0, 1)))
     x, y = _middle_of_window(frame, half, reach, draw)
     if varied.clutter:
         frame = cluttered(frame, (x, y, half), draw)
@@ -84,7 +84,12 @@ def varied_window(
         stays = thinned(frame.ring, draw)
         frame = _some_points(frame, stays)
     placement = drawn_placement(draw, x, y, varied=varied.placed)
-    near = np.abs(frame.points[:, :2] - np.array([x, y], np.float32)).max(axis=1) < 1.5 * half
+    far = np.float32(1.5 * half)
+    along, across = (
+        np.abs(frame.points[:, 0] - np.float32(x)),
+        np.abs(frame.points[:, 1] - np.float32(y)),
+    )
+    near = (along < far) & (across < far)
     frame = _some_points(frame, near)
     return replace(frame, points=placement.points(frame.points)), placement
 
@@ -130,11 +135,11 @@ def sample_of(  # noqa: PLR0913 - a frame, the window, the network, the draws
 
 
 def _some_points(frame: LevelFrame, chosen: NDArray[np.bool_]) -> LevelFrame:
+    if chosen.all():
+        return frame
+    rows = np.flatnonzero(chosen)  # once for three arrays
     return replace(
-        frame,
-        points=frame.points[chosen],
-        ring=frame.ring[chosen],
-        semantic=frame.semantic[chosen],
+        frame, points=frame.points[rows], ring=frame.ring[rows], semantic=frame.semantic[rows]
     )
 
 

@@ -1,10 +1,21 @@
-"""Whether torch is installed, and the device that it is to use."""
+"""Whether torch is installed, the device that it is to use, and what is done for a GPU alone."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeVar
+
 from urbantwin.errors import InputError
 
-__all__ = ["check_torch"]
+if TYPE_CHECKING:
+    import torch
+    from numpy.typing import NDArray
+
+    _Network = TypeVar("_Network", bound=torch.nn.Module)
+
+__all__ = ["check_torch", "copied", "mixed_precision", "on_device", "repeatable"]
 
 
 def check_torch(device: str) -> None:
@@ -29,3 +40,81 @@ def check_torch(device: str) -> None:
             place="--device",
             expected="cpu, or cuda where there is one",
         )
+
+
+def on_device(network: _Network, device: str) -> _Network:
+    """Move a network to a device; on a GPU its kernels lie with channels last."""
+    import torch
+
+    network = network.to(device)
+    if is_gpu(device):
+        torch.nn.Module.to(network, memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return network
+
+
+def is_gpu(device: str) -> bool:
+    """Return whether a device is one of CUDA's."""
+    return device.split(":", maxsplit=1)[0] == "cuda"
+
+
+def mixed_precision(device: str) -> torch.dtype | None:
+    """Return in which numbers a device calculates fastest beside float32; None where it does not.
+
+    bfloat16 reaches as far as float32 does, so no gradient needs to be scaled; GPUs before Ampere
+    have float16 alone.
+    """
+    import torch
+
+    if not is_gpu(device):
+        return None
+    return torch.bfloat16 if torch.cuda.is_bf16_supported() else torch.float16
+
+
+@contextmanager
+def repeatable(device: str) -> Iterator[None]:
+    """Let a GPU add up in one order in the block, so that the same samples give the same weights.
+
+    A processor does so anyway.
+    """
+    import torch
+    from torch.utils import deterministic
+
+    if not is_gpu(device):
+        yield
+        return
+    # cuBLAS asks for its own word, before it is used for the first time.
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+    before = torch.are_deterministic_algorithms_enabled()
+    filled = deterministic.fill_uninitialized_memory  # type: ignore[attr-defined]
+    torch.use_deterministic_algorithms(True, warn_only=True)
+    deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        torch.use_deterministic_algorithms(before)
+        deterministic.fill_uninitialized_memory = filled  # type: ignore[attr-defined]
+
+
+def copied(
+    batches: Iterator[Mapping[str, NDArray[Any]]], device: str
+) -> Iterator[dict[str, torch.Tensor]]:
+    """Yield batches as tensors on a device; a GPU gets the next while it works on one."""
+    import torch
+
+    if not is_gpu(device):
+        for batch in batches:
+            yield {name: torch.from_numpy(one) for name, one in batch.items()}
+        return
+    aside = torch.cuda.Stream(device)  # type: ignore[no-untyped-call]
+    ready: dict[str, torch.Tensor] | None = None
+    for batch in batches:
+        with torch.cuda.stream(aside):
+            coming = {name: torch.from_numpy(one).to(device) for name, one in batch.items()}
+        if ready is not None:
+            yield ready
+        torch.cuda.current_stream(device).wait_stream(aside)
+        for one in coming.values():
+            one.record_stream(torch.cuda.current_stream(device))
+        ready = coming
+    if ready is not None:
+        yield ready

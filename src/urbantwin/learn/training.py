@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 import safetensors.torch
@@ -22,7 +22,9 @@ import torch
 from torch import Tensor, nn
 
 from urbantwin.interruption import deferred
+from urbantwin.learn.batches import Source, batches
 from urbantwin.learn.sample import Varied
+from urbantwin.learn.torch_device import copied, mixed_precision, repeatable
 from urbantwin.progress import Progress
 
 __all__ = ["Recipe", "Task", "optimised"]
@@ -30,20 +32,20 @@ __all__ = ["Recipe", "Task", "optimised"]
 #: Largest learning rate, its share at the start and at the end, and when it is reached.
 _RATE, _START, _END, _RISES = 4e-3, 0.1, 1e-3, 0.3
 _DECAY, _LARGEST_GRADIENT = 0.01, 10.0
-#: Steps by which the speed of this machine is told; of the first one code is still compiled.
+#: Steps by which the speed of this machine is told, for each worker: code is still compiled in the
+#: first, and each worker has some ready.
 _TIMED = 12
 
-_Sample = TypeVar("_Sample")
 
-
-class Task(Protocol[_Sample]):
+class Task(Protocol):
     """What is learned."""
 
-    def sample(self, step: int, slot: int) -> _Sample:
-        """Return a sample of a step; all random numbers come from the two and a seed."""
+    @property
+    def source(self) -> Source:
+        """What makes the batches."""
 
-    def loss(self, samples: Sequence[_Sample]) -> Tensor:
-        """Return how wrong the network is on a batch."""
+    def loss(self, batch: Mapping[str, Tensor]) -> Tensor:
+        """Return how wrong the network is on a batch, whose arrays it has on its device."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,12 @@ class Recipe:
         window_m: edge of the square window that a sample is.
         seed: of all random numbers.
         device: of torch.
-        workers: threads that make samples.
+        workers: processes that make samples; with one, a thread of this process.
         kept_every_s: the state is kept so often, seconds.
         varied: how samples are varied.
         in_order: the datasets after each other, equally long, in place of all at once; needs
             ``steps``.
+        mixed: on a GPU, calculate in bfloat16 (or float16) where single precision is not needed.
     """
 
     steps: int | None = None
@@ -74,10 +77,11 @@ class Recipe:
     kept_every_s: float = 20.0
     varied: Varied = field(default_factory=Varied)
     in_order: bool = False
+    mixed: bool = True
 
 
 def optimised(
-    network: nn.Module, task: Task[_Sample], recipe: Recipe, state: Path, tell: Progress
+    network: nn.Module, task: Task, recipe: Recipe, state: Path, tell: Progress
 ) -> tuple[int, float]:
     """Train a network; return the number of steps, and the mean loss of the last tenth of them.
 
@@ -87,44 +91,51 @@ def optimised(
         recipe: how; ``steps`` or ``minutes`` is given.
         state: a file that keeps the state: where it is, training goes on from it.
         tell: called with the share that is done and the loss.
+
+    Raises:
+        StageError: a process that makes samples was killed.
     """
     network.train()
     names, parameters = zip(*network.named_parameters(), strict=True)
     optimiser = torch.optim.AdamW(parameters, lr=_RATE, weight_decay=_DECAY)
     step, steps, losses = _restored(state, network, names, optimiser, recipe)
-    scaler = torch.amp.GradScaler(enabled=recipe.device.startswith("cuda"))
-    began, kept = time.monotonic(), time.monotonic()
-    with ThreadPoolExecutor(recipe.workers) as pool:
-
-        def asked(number: int) -> list[Callable[[], _Sample]]:
-            return [pool.submit(task.sample, number, k).result for k in range(recipe.batch)]
-
-        coming = asked(step)
-        first = step
-        while step < (steps or step + 1):
-            samples = [ready() for ready in coming]
-            coming = asked(step + 1) if step + 1 != steps else []
+    kind = mixed_precision(recipe.device) if recipe.mixed else None
+    # Numbers of float16 end so soon that gradients are scaled; those of bfloat16 do not.
+    scaler = torch.amp.GradScaler(enabled=kind is torch.float16)
+    first, began, kept = step, time.monotonic(), time.monotonic()
+    timed = _TIMED * recipe.workers
+    pending: Tensor | None = None
+    coming = batches(task.source, step, steps, recipe.workers)
+    with closing(coming), repeatable(recipe.device):
+        for batch in copied(coming, recipe.device):
             rate = _rate(step, steps)
             for group in optimiser.param_groups:
                 group["lr"] = rate
-            with torch.autocast(recipe.device.split(":")[0], enabled=scaler.is_enabled()):
-                loss = task.loss(samples)
+            with torch.autocast(torch.device(recipe.device).type, kind, enabled=kind is not None):
+                loss = task.loss(batch)
             optimiser.zero_grad()
             torch.autograd.backward(scaler.scale(loss))
             scaler.unscale_(optimiser)
             torch.nn.utils.clip_grad_norm_(parameters, _LARGEST_GRADIENT)
             scaler.step(optimiser)
             scaler.update()
-            losses.append(float(loss.detach()))
+            if pending is not None:
+                losses.append(float(pending))  # a GPU is asked for a value one step later
+            pending = loss.detach()
             step += 1
-            if steps is None and step - first == _TIMED // 3:
+            if steps is None and step - first == timed // 3:
                 began = time.monotonic()  # what was compiled until here is not compiled again
-            if steps is None and step - first == _TIMED:
-                each = (time.monotonic() - began) / (_TIMED - _TIMED // 3)
-                steps = max(_TIMED + 1, round(60 * (recipe.minutes or 1.0) / each))
-            recent = np.mean(losses[-50:])
-            tell(step / (steps or 1e9), f"step {step} of {steps or '?'}, loss {recent:.2f}")
-            if time.monotonic() - kept > recipe.kept_every_s:
+            if steps is None and step - first == timed:
+                each = (time.monotonic() - began) / (timed - timed // 3)
+                steps = max(timed + 1, round(60 * (recipe.minutes or 1.0) / each))
+            if losses:
+                recent = np.mean(losses[-50:])
+                tell(step / (steps or 1e9), f"step {step} of {steps or '?'}, loss {recent:.2f}")
+            if step == steps or time.monotonic() - kept > recipe.kept_every_s:
+                losses, pending = [*losses, float(pending)], None
+            if step == steps:
+                break
+            if pending is None:
                 _keep(state, network, names, optimiser, step, steps, losses)
                 kept = time.monotonic()
     network.eval()
@@ -155,7 +166,8 @@ def _keep(
     """Keep all that training needs to go on as if nothing had happened."""
     kept = {f"network.{name}": one.contiguous() for name, one in network.state_dict().items()}
     for number, one in optimiser.state_dict()["state"].items():
-        kept |= {f"optimiser.{names[number]}.{key}": value for key, value in one.items()}
+        for key, value in one.items():
+            kept[f"optimiser.{names[number]}.{key}"] = value.contiguous()
     kept["losses"] = torch.tensor(losses, dtype=torch.float64)
     passing = state.with_suffix(".new")
     with deferred():

@@ -182,7 +182,8 @@ def _is_taken(frame: LevelFrame, box: NDArray[np.float64]) -> bool:
     near = np.hypot(*(others[:, :2] - box[:2]).T) < reach + np.hypot(*others[:, 3:5].T) / 2
     if any(_overlap(box, other) for other in others[near]):
         return True
-    close = np.abs(frame.points[:, :2] - box[:2]).max(axis=1) < reach
+    x, y = frame.points[:, 0], frame.points[:, 1]
+    close = np.flatnonzero((np.abs(x - box[0]) < reach) & (np.abs(y - box[1]) < reach))
     inside = points_in_boxes(frame.points[close], box[None], _BESIDE_M) == 0
     return bool((inside & (frame.points[close, 2] > _TAKEN_M)).sum() >= _TAKEN_POINTS)
 

@@ -36,6 +36,8 @@ class WarpTracer:
     def __init__(self, device: str | None = None) -> None:
         self._device = warp_device(device)
         self._staging = _Staging(self._device)
+        self._work = _Work(self._device)
+        self._expected = 1  # layers of a turn, by the one before
         self._lock = Lock()  # Frames may be scanned by several threads.
         self._kept: OrderedDict[tuple[str, int], tuple[Any, Any]] = OrderedDict()
         self._trees: dict[int, tuple[Any, Any]] = {}
@@ -66,52 +68,53 @@ class WarpTracer:
             lie.actor, lie.rows, lie.wide, lie.start, lie.ray, surfaces.shape = there[8:]
 
             several = len(shape)
-            tally = wp.zeros(1 + 2 * several, dtype=wp.int64, device=device)
-            pose = wp.empty(count, dtype=poses.RayPose, device=device)
-            range_m = wp.empty(count, dtype=wp.float32, device=device)
-            face, first, many, place = (wp.empty(count, dtype=i4, device=device) for _ in range(4))
+            work = self._work.room_for(count, several)
+            work.tally.zero_()
             wp.launch(
                 cast.cast_axes,
                 dim=count,
                 inputs=[meshes, surfaces.shape, motion, when, lie, directions],
-                outputs=[pose, range_m, face, tally],
+                outputs=[work.pose, work.range_m, work.face, work.tally],
                 device=device,
             )
-            room = count + count // 2 + 1024
             while True:
-                found = wp.empty(room, dtype=cast.Layer, device=device)
                 wp.launch(
                     cast.find_layers,
                     dim=count,
                     inputs=[
                         meshes, surfaces, lie, directions, footprint, casting.glass,
-                        casting.spread, casting.around, pose, range_m, face,
+                        casting.spread, casting.around, work.pose, work.range_m, work.face,
                     ],
-                    outputs=[tally, found, first, many],
+                    outputs=[work.tally, work.found, work.first, work.many],
                     device=device,
                 )  # fmt: skip
-                counts = self._staging.received(tally)
-                if counts[0] <= room:
+                wp.utils.array_scan(work.many, work.place, inclusive=False)
+                wp.launch(
+                    cast.put_in_order,
+                    dim=count,
+                    inputs=[work.found, work.first, work.many, work.place],
+                    outputs=[work.ordered],
+                    device=device,
+                )
+                # How many there are comes with as many as there may be: the device is waited for
+                # once, unless there are more.
+                counts, ordered = self._staging.received(
+                    [(work.tally, 1 + 2 * several), (work.ordered, self._expected)]
+                )
+                used = int(counts[0])
+                if used <= work.layers:
                     break
-                room = int(counts[0])
-                tally[:1].zero_()
-            used = int(counts[0])
+                self._work.more_layers(used)
+                work.tally[:1].zero_()
+            if used > len(ordered):
+                (ordered,) = self._staging.received([(work.ordered, used)])
+            self._expected = min(used + used // 4 + 64, work.layers)
             seen = counts[1 : 1 + several]
             seen_s = counts[1 + several :].astype(np.float64) / cast.PICOSECONDS
-            if not used:
-                return Layers.room(0, several)._replace(seen_s=seen_s, seen=seen).found(0)
-            whole = wp.empty((4, used), dtype=i4, device=device)
-            real = wp.empty((2, used), dtype=wp.float32, device=device)
-            wp.utils.array_scan(many, place, inclusive=False)
-            wp.launch(
-                cast.put_in_order,
-                dim=count,
-                inputs=[found, first, many, place],
-                outputs=[whole, real],
-                device=device,
+            ray, actor, mask, own_face, at, cosine = (
+                np.ascontiguousarray(ordered[name][:used])
+                for name in ("ray", "actor", "mask", "face", "range_m", "cosine")
             )
-            ray, actor, mask, own_face = self._staging.received(whole)
-            at, cosine = self._staging.received(real)
             return Layers(
                 ray, actor, mask.astype(np.uint8), at, cosine, own_face, seen_s, seen
             ).found(used)
@@ -164,6 +167,58 @@ class WarpTracer:
             self._kept.popitem(last=False)
 
 
+class _Work:
+    """What a turn needs of the device's memory beside what is sent; it grows and stays.
+
+    Kernels are told how many rays there are: arrays may be longer.
+    """
+
+    def __init__(self, device: Any) -> None:  # noqa: ANN401
+        self._device = device
+        self._rays = self._actors = self.layers = 0
+        self.tally: Any = None
+        self.pose: Any = None
+        self.range_m: Any = None
+        self.face: Any = None
+        self.first: Any = None
+        self.many: Any = None
+        self.place: Any = None
+        self.found: Any = None
+        self.ordered: Any = None
+
+    def room_for(self, rays: int, actors: int) -> _Work:
+        """Return this, with room for so many rays, actors, and the layers that they may have."""
+        import warp as wp
+
+        from urbantwin.lidar.casting.device import poses
+
+        device = self._device
+        if actors > self._actors:
+            self._actors = 2 * actors
+            self.tally = wp.zeros(1 + 2 * self._actors, dtype=wp.int64, device=device)
+        if rays > self._rays:
+            self._rays = rays + rays // 2
+            self.pose = wp.empty(self._rays, dtype=poses.RayPose, device=device)
+            self.range_m = wp.empty(self._rays, dtype=wp.float32, device=device)
+            self.face, self.first, self.many, self.place = (
+                wp.zeros(self._rays, dtype=wp.int32, device=device) for _ in range(4)
+            )
+        if rays + rays // 2 > self.layers:
+            self.more_layers(rays + rays // 2)
+        return self
+
+    def more_layers(self, layers: int) -> None:
+        """Make room for so many layers."""
+        import warp as wp
+
+        from urbantwin.lidar.casting.device.cast import Layer
+
+        self.layers = layers + 1024
+        self.found, self.ordered = (
+            wp.empty(self.layers, dtype=Layer, device=self._device) for _ in range(2)
+        )
+
+
 class _Staging:
     """Host memory that the device copies from and to at full speed; it grows and stays."""
 
@@ -204,26 +259,36 @@ class _Staging:
             for (values, dtype), start in zip(parts, starts[:-1], strict=True)
         ]
 
-    def received(self, array: Any) -> NDArray[Any]:  # noqa: ANN401
-        """Return the values of an array on the device, once it has them."""
+    def received(self, wanted: Sequence[tuple[Any, int]]) -> list[NDArray[Any]]:
+        """Return the first values of arrays on the device, once it has them; it is waited for once.
+
+        Args:
+            wanted: arrays, and how many values of each.
+        """
         import warp as wp
 
         if not self._device.is_cuda:
-            return np.array(array.numpy())
-        kind = np.dtype(wp.dtype_to_numpy(array.dtype))
-        size = array.size * kind.itemsize
-        host = self._room("down", max(size, 1))
-        block = wp.array(
-            ptr=host.ptr,
-            dtype=array.dtype,
-            shape=array.shape,
-            device="cpu",
-            copy=False,
-            pinned=True,
-        )
-        wp.copy(block, array)
+            return [array.numpy()[:count].copy() for array, count in wanted]
+        kinds = [_numpy_type(array.dtype) for array, _ in wanted]
+        sizes = [count * kind.itemsize for (_, count), kind in zip(wanted, kinds, strict=True)]
+        starts = np.cumsum([0, *(-(-size // _ALIGNED) * _ALIGNED for size in sizes)])
+        host = self._room("down", int(starts[-1]))
+        for (array, count), start in zip(wanted, starts[:-1], strict=True):
+            there = wp.array(
+                ptr=host.ptr + int(start),
+                dtype=array.dtype,
+                shape=(count,),
+                device="cpu",
+                copy=False,
+                pinned=True,
+            )
+            wp.copy(there, array, count=count)
         wp.synchronize_stream(self._device)
-        return np.array(host.numpy()[:size].view(kind).reshape(array.shape))
+        block = host.numpy()
+        return [
+            block[start : start + size].view(kind).copy()
+            for start, size, kind in zip(starts[:-1], sizes, kinds, strict=True)
+        ]
 
     def _room(self, way: str, size: int) -> Any:  # noqa: ANN401
         import warp as wp
@@ -232,3 +297,12 @@ class _Staging:
             pinned = bool(self._device.is_cuda)
             self._host[way] = wp.empty(2 * size, dtype=wp.uint8, device="cpu", pinned=pinned)
         return self._host[way]
+
+
+def _numpy_type(dtype: Any) -> np.dtype[Any]:  # noqa: ANN401
+    """Return the NumPy type of a value on the device, of a structure, too."""
+    import warp as wp
+
+    if hasattr(dtype, "numpy_dtype"):
+        return np.dtype(dtype.numpy_dtype())
+    return np.dtype(wp.dtype_to_numpy(dtype))

@@ -302,20 +302,13 @@ def put_in_order(
     first: wp.array(dtype=wp.int32),
     many: wp.array(dtype=wp.int32),
     place: wp.array(dtype=wp.int32),
-    whole: wp.array2d(dtype=wp.int32),
-    real: wp.array2d(dtype=wp.float32),
+    ordered: wp.array(dtype=Layer),
 ) -> None:
     """Put the layers of beams (R,) in the order of the beams: from ``place`` on.
 
-    ``whole`` is ray, actor, mask and face (4, L), ``real`` range and cosine (2, L).
+    Where there was no room for all that was found, nothing beyond it is read or written.
     """
     at = wp.tid()
     for g in range(many[at]):
-        layer = found[first[at] + g]
-        to = place[at] + g
-        whole[0, to] = layer.ray
-        whole[1, to] = layer.actor
-        whole[2, to] = layer.mask
-        whole[3, to] = layer.face
-        real[0, to] = layer.range_m
-        real[1, to] = layer.cosine
+        if first[at] + g < found.shape[0] and place[at] + g < ordered.shape[0]:
+            ordered[place[at] + g] = found[first[at] + g]
