@@ -72,10 +72,7 @@ class Site:
     def proposal(self) -> Summary:
         """Return what ``init`` decided, and what to do next: what else is usual is in the file."""
         site = self.checked
-        sensors = {
-            one.name: f"{one.model}, {one.height_m:g} m above the ground"
-            for one in site.rig.sensors
-        }
+        sensors = {one.name: f"{one.model}, {_height_of(one)}" for one in site.rig.sensors}
         return Summary(
             path=str(self.path),
             kind="site",
