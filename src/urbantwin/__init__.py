@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
     from urbantwin.interface.improvement import Improved, improve
+    from urbantwin.interface.input_check import Findings, check
     from urbantwin.interface.inspection import inspect
     from urbantwin.interface.labelled_recording import LabelledRecording, label
     from urbantwin.interface.measured_background import Background, background
@@ -86,6 +87,7 @@ __all__ = [
     "Evaluation",
     "Exported",
     "Film",
+    "Findings",
     "Frame",
     "Frames",
     "Improved",
@@ -126,6 +128,7 @@ __all__ = [
     "calibrate",
     "card",
     "carla",
+    "check",
     "compare",
     "coverage",
     "curriculum",
