@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from urbantwin.artefact import replaced_file
+from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -100,6 +101,8 @@ def check(
 
     path = Path(site)
     path = path / "site.yaml" if path.is_dir() else path
+    _check_ending(picture, ".png", ".svg")
+    _check_ending(page, ".html", ".htm")
     with shown_stage("check", progress) as tell:
         checked = load_site(path)
         found = check_inputs(checked, progress=tell)
@@ -114,6 +117,12 @@ def check(
             with replaced_file(Path(page), inputs=checked.files()) as scratch:
                 write_weakness_page(found, scratch)
     return Findings(path, found)
+
+
+def _check_ending(file: AnyPath | None, *endings: str) -> None:
+    if file is not None and Path(file).suffix.lower() not in endings:
+        expected = " or ".join(endings[:2])
+        raise InputError("has another ending", file=Path(file), expected=f"a name with {expected}")
 
 
 def _set_in(first: str, text: str) -> list[str]:

@@ -13,6 +13,7 @@ import shapely
 from pyproj import Transformer
 
 from urbantwin.site import ImagerySource, Site, read_heights
+from urbantwin.site.extract_coverage import small_features
 from urbantwin.site.geotiff import opened_geotiff
 from urbantwin.weakness.finding import Finding, counted, finding
 from urbantwin.weakness.mapped_site import MappedSite
@@ -24,6 +25,8 @@ __all__ = ["extract_findings", "input_findings"]
 COARSE_DEM_M, COARSE_IMAGE_M = 5.0, 0.35
 #: A region that is mapped to less than this ends beyond its map.
 _WHOLE = 0.995
+#: Of a map with fewer small things nobody can tell where it ends, unless it hardly has the region.
+_MANY, _HARDLY = 100, 1 / 3
 #: Metres of a pixel of the web's tiles at zoom 0 on the equator.
 _TILE_M = 156543.034
 #: Tags of a TIFF that tell when its picture was taken, the surest first; of GDAL and of TIFF 6.0.
@@ -66,16 +69,17 @@ def input_findings(site: Site, map_date: datetime | None) -> Iterator[Finding]:
 def extract_findings(place: MappedSite) -> Iterator[Finding]:
     """Yield how much of the region the extract does not know."""
     known = float(shapely.intersection(place.area, place.region).area / place.region.area)
-    if known >= _WHOLE:
+    # Without bounds in the file its end is a guess, from where small things are.
+    sure = place.extract.bounds is not None
+    many = sure or len(small_features(place.extract, place.frame)) >= _MANY
+    if known >= _WHOLE or not (many or known < _HARDLY):
         return
     beyond = shapely.difference(place.region, place.area)
     parts = sorted(shapely.get_parts(beyond), key=lambda one: -one.area)
-    # Without bounds in the file its end is a guess, from where small things are.
-    sure = place.extract.bounds is not None
     yield finding(
         "extract-ends",
         f"the extract {'ends' if sure else 'seems to end'} within the region: "
-        f"{100 * (1 - known):.0f} % of it lie{'s' if sure else 's, it seems,'} beyond",
+        f"{100 * (1 - known):.0f} % of it {'lies' if sure else 'or more lie'} beyond",
         share=(1.0 - known) * (1.0 if sure else 0.6),
         count=len(parts),
         spots=[spot(place.frame, part, name="beyond the map") for part in parts[:4]],
