@@ -28,7 +28,12 @@ def check(
     ] = None,
     page: Annotated[
         Path | None,
-        typer.Option(metavar="HTML", help="Write a page: the list with its links, and the plan."),
+        typer.Option(
+            "--page",
+            "-o",
+            metavar="HTML",
+            help="Write a page: the list with its links, and the plan.",
+        ),
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,

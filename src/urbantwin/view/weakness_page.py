@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from html import escape
 from pathlib import Path
@@ -29,9 +28,9 @@ def write_weakness_page(found: InputCheck, path: Path) -> None:
     ]
     for number, one in enumerate(found.findings, 1):
         parts += _finding(number, one, site.file.name)
-    with tempfile.TemporaryDirectory() as folder:
-        plan = draw_weakness_plan(found, Path(folder) / "plan.png")
-        parts.append(html_picture("Where", plan))
+    plan = draw_weakness_plan(found, path.with_name(f"{path.stem}.png"))
+    parts.append(html_picture("Where", plan))
+    plan.unlink()
     if site.osm is not None:
         parts.append(f"<p><small>{escape(site.osm.attribution)}</small></p>")
     write_html(path, f"{site.name}: inputs", parts)

@@ -6,12 +6,12 @@ import math
 import re
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import shapely
 from pyproj import Transformer
 
+from urbantwin.geometry import SiteFrame
 from urbantwin.site import ImagerySource, Site, read_heights
 from urbantwin.site.extract_coverage import small_features
 from urbantwin.site.geotiff import opened_geotiff
@@ -19,7 +19,7 @@ from urbantwin.weakness.finding import Finding, counted, finding
 from urbantwin.weakness.mapped_site import MappedSite
 from urbantwin.weakness.place_in_editor import spot
 
-__all__ = ["extract_findings", "input_findings"]
+__all__ = ["extract_findings", "input_findings", "look_at_picture"]
 
 #: Cells of an elevation model, and pixels of imagery, that are coarse, metres.
 COARSE_DEM_M, COARSE_IMAGE_M = 5.0, 0.35
@@ -113,7 +113,7 @@ def _imagery(site: Site, map_date: datetime | None) -> Iterator[Finding]:
         date = None
         pixel = _TILE_M * math.cos(math.radians(site.latitude)) / 2**source.spec.zoom
         if source.path is not None:
-            date, pixel = _of_picture(source, source.path, site)
+            date, pixel = look_at_picture(source, site.frame)
         if pixel > COARSE_IMAGE_M:
             problem = f"a pixel of {source.name} is {pixel:.2f} m wide"
             yield finding("imagery-coarse", problem, where=where)
@@ -128,19 +128,25 @@ def _imagery(site: Site, map_date: datetime | None) -> Iterator[Finding]:
                 )
 
 
-def _of_picture(source: ImagerySource, path: Path, site: Site) -> tuple[datetime | None, float]:
-    """Return when a picture was taken, if its file tells, and the width of a pixel, metres."""
-    with opened_geotiff(path, "a GeoTIFF of red, green and blue") as raster:
+def look_at_picture(source: ImagerySource, frame: SiteFrame) -> tuple[datetime | None, float]:
+    """Return when a GeoTIFF was taken, if it tells, and how wide its pixels are, metres.
+
+    Raises:
+        InputError: it is no GeoTIFF, or damaged.
+    """
+    assert source.path is not None
+    with opened_geotiff(source.path, "a GeoTIFF of red, green and blue") as raster:
         tags = {**raster.tags(), **raster.tags(ns="IMAGERY")}
+        date = next((found for key in _DATES if (found := _date(tags.get(key, "")))), None)
         crs = source.spec.crs or (raster.crs and raster.crs.to_wkt())
+        if not crs:
+            return date, 0.0
         middle = (raster.width / 2, raster.height / 2)
         ends = np.array([raster.transform @ (middle[0] + step, middle[1]) for step in (0.0, 1.0)])
-    date = next((found for key in _DATES if (found := _date(tags.get(key, "")))), None)
-    if not crs:
-        return date, 0.0
-    plan = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
-    first, second = site.frame.site_from_lonlat(np.column_stack(plan.transform(*ends.T)))
-    return date, float(np.linalg.norm(second - first))
+        plan = Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+        first, second = frame.site_from_lonlat(np.column_stack(plan.transform(*ends.T)))
+        pixel = float(np.linalg.norm(second - first))
+    return date, pixel if math.isfinite(pixel) else 0.0
 
 
 def _date(text: str) -> datetime | None:
