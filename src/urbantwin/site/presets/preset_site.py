@@ -135,7 +135,7 @@ def place_of_preset(
             f"The map does not tell where {names} meet: it is within {place.within_m:g} m of here."
         )
         return place.latitude, place.longitude, why
-    why = f"As published, within {place.within_m:g} m."
+    why = f"Within {place.within_m:g} m of the true place, by the sources above."
     return place.latitude, place.longitude, why
 
 
