@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.film import Film, film
     from urbantwin.interface.fleet import Fleet, FleetFrame, NodeFrame
     from urbantwin.interface.improvement import Improved, improve
+    from urbantwin.interface.input_check import Findings, check
     from urbantwin.interface.inspection import inspect
     from urbantwin.interface.labelled_recording import LabelledRecording, label
     from urbantwin.interface.measured_background import Background, background
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.objects_report import ObjectsReport
     from urbantwin.interface.observed_traffic import ObservedTraffic, observe
     from urbantwin.interface.opening import Package, open
+    from urbantwin.interface.preset_catalogue import PresetCatalogue, presets
     from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
     from urbantwin.interface.recording import record
     from urbantwin.interface.regression import Suite, suite
@@ -87,6 +89,7 @@ __all__ = [
     "Evaluation",
     "Exported",
     "Film",
+    "Findings",
     "Fleet",
     "FleetFrame",
     "Frame",
@@ -99,6 +102,7 @@ __all__ = [
     "ObjectsReport",
     "ObservedTraffic",
     "Package",
+    "PresetCatalogue",
     "Recording",
     "Report",
     "Reproduction",
@@ -129,6 +133,7 @@ __all__ = [
     "calibrate",
     "card",
     "carla",
+    "check",
     "compare",
     "coverage",
     "curriculum",
@@ -146,6 +151,7 @@ __all__ = [
     "look",
     "observe",
     "open",
+    "presets",
     "pretrain",
     "record",
     "replay",

@@ -18,9 +18,9 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "actors align background build calibrate card carla compare coverage curriculum demo detect "
-    "discover evaluate export film improve init inspect label observe pretrain record replay "
-    "reproduce run sensors sequence split suite teach track traffic train tune vary verify "
+    "actors align background build calibrate card carla check compare coverage curriculum demo "
+    "detect discover evaluate export film improve init inspect label observe pretrain record "
+    "replay reproduce run sensors sequence split suite teach track traffic train tune vary verify "
     "view".split()
 )
 
@@ -91,7 +91,7 @@ def test_a_wrong_usage_is_one_line(
 def test_the_catalogue_agrees_with_its_files(run_here: Run) -> None:
     folder = Path(__file__).parents[2] / "src" / "urbantwin" / "lidar" / "sensors"
     on_disk = {}
-    for path in folder.glob("*.yaml"):
+    for path in folder.rglob("*.yaml"):
         entry = yaml.safe_load(path.read_text())
         on_disk[entry["name"]] = len(entry["channels"])
     listed = json.loads(run_here("sensors", "--json").out)["sensors"]

@@ -35,6 +35,8 @@ from urbantwin.site.initial_site import init_site
 from urbantwin.site.nodes import load_nodes
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
 from urbantwin.site.yaml_document import Document
+from urbantwin.weakness import check_inputs
+from urbantwin.weakness.inputs import look_at_picture
 
 from .harness import NUMBERS
 from .reader import SHARED_DATA, Reader
@@ -218,6 +220,25 @@ def read_picture(path: Path) -> None:
     read_orthophoto([source], FRAME, AREA)
 
 
+def look_at(path: Path) -> None:
+    """What `check` reads of a picture."""
+    spec = ImagerySpec(file=path.name)
+    source = ImagerySource(spec, Document(path.parent / "site.yaml", {"imagery": [{}]}), 0)
+    look_at_picture(source, FRAME)
+
+
+def check_map(path: Path) -> None:
+    """What `check` does with an extract."""
+    found = check_inputs(load_site(path.with_name("site.yaml")))
+    json.dumps(found.as_json(), allow_nan=False)
+
+
+def _site_of_map() -> dict[str, bytes]:
+    site = yaml.safe_load((AVENUES / "site.yaml").read_text())
+    del site["dem"]
+    return {"site.yaml": yaml.safe_dump({**site, "osm": "map.osm"}).encode()}
+
+
 def read_picture_tiles(path: Path) -> None:
     spec = ImagerySpec(xyz=f"{path.parent}/{{z}}_{{x}}_{{y}}.png", zoom=10)
     source = ImagerySource(spec, Document(path.parent / "site.yaml", {"imagery": [{}]}), 0)
@@ -312,6 +333,8 @@ READERS = [
     Reader("traffic changes", load_traffic_changes, "traffic.yaml", _traffic),
     Reader("dem", read_dem, "dem.tif", _dems),
     Reader("imagery", read_picture, "picture.tif", _pictures),
+    Reader("imagery looked at", look_at, "picture.tif", _pictures),
+    Reader("check", check_map, "map.osm", lambda: [_osm()], _site_of_map),
     Reader("imagery tiles", read_picture_tiles, "10_538_352.png", _png_tile),
     Reader("footprints gpkg", outlines, "houses.gpkg", _footprints("a.gpkg")),
     Reader("footprints geojson", outlines, "houses.geojson", _footprints("a.geojson")),

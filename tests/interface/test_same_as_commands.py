@@ -16,7 +16,8 @@ COMMANDS = {one.callback.__name__: one.callback for one in app.registered_comman
 #: Where the command's name is that of a package.
 PYTHON_NAMES = {"traffic": "drive", "view": "look"}
 #: What stands for itself on a command line, and what only Python has.
-OF_COMMANDS, OF_PYTHON = {"quiet", "as_json", "shown"}, {"progress", "note"}
+OF_COMMANDS = {"quiet", "as_json", "shown", "list_presets"}
+OF_PYTHON = {"progress", "note"}
 
 
 def plain(default: object) -> object:

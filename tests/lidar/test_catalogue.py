@@ -12,7 +12,7 @@ import yaml
 from pyarrow import feather
 
 from urbantwin.errors import InputError
-from urbantwin.lidar import Sensor, load_sensor, sensor, sensor_names
+from urbantwin.lidar import Sensor, load_sensor, nominal_sensor_names, sensor, sensor_names
 from urbantwin.lidar.sensor_file import sensor_document
 
 from ..real_files import SWEEPS, argoverse_log
@@ -149,6 +149,25 @@ def test_every_sensor_of_the_catalogue_is_compared_with_a_real_table():
     assert {*VELODYNE, *HESAI, *OUSTER} == set(sensor_names())
 
 
+def test_what_is_below_the_horizon_is_the_lower_half_of_a_real_table(shared_data):
+    metadata = json.loads((shared_data / "sensors/ouster/OS-1-128_v2.3.0_1024x10.json").read_text())
+    beams = metadata.get("beam_intrinsics", metadata)
+    assert_table(
+        "OS1-64-BH",
+        np.array(beams["beam_altitude_angles"])[64:],
+        -np.array(beams["beam_azimuth_angles"])[64:],
+    )
+
+
+def test_nobody_takes_a_nominal_table_for_a_real_one():
+    nominal = nominal_sensor_names()
+    assert not set(nominal) & set(sensor_names())
+    for name in nominal:
+        lidar = sensor(name)
+        said = lidar.sources.get("elevation_deg") or lidar.unknown["elevation_deg"]
+        assert said.startswith(("nominal", "assumed")), name
+
+
 def test_vls_128_elevations_are_those_of_a_real_roadside_unit(shared_data):
     path = shared_data / "lidar/newbrunswick-roadside/beams_elevation.mat"
     measured = next(v for k, v in scipy.io.loadmat(path).items() if not k.startswith("__"))
@@ -197,7 +216,7 @@ def test_azimuth_offsets_have_the_sign_that_a_real_vlp_32c_shows(shared_data):
     assert compared >= 20
 
 
-@pytest.mark.parametrize("name", sensor_names())
+@pytest.mark.parametrize("name", [*sensor_names(), *nominal_sensor_names()])
 def test_every_known_number_names_its_source_and_every_other_a_reason(name):
     lidar = sensor(name)
     fields = [
@@ -237,7 +256,7 @@ def test_every_known_number_names_its_source_and_every_other_a_reason(name):
             assert lidar.unknown[field].startswith("assumed"), field
 
 
-@pytest.mark.parametrize("name", sensor_names())
+@pytest.mark.parametrize("name", [*sensor_names(), *nominal_sensor_names()])
 def test_numbers_are_physical(name):
     lidar = sensor(name)
     assert 800 <= lidar.assumed_wavelength_nm <= 1600

@@ -115,6 +115,11 @@ COMMANDS = {
             lambda stand, out: ["card", stand.dataset, "-o", out, "--no-pictures"],
         ),
         Command(
+            "check",
+            "weak.html",
+            lambda stand, out: ["check", stand.site, "-o", out],
+        ),
+        Command(
             "view",
             "page.html",
             lambda stand, out: ["view", stand.dataset, "--frames", "0:3", "--save", out],
@@ -136,6 +141,7 @@ _OF_OLDER: dict[str, Callable[[Stand], list[object]]] = {
     "sequence": lambda stand: ["sequence", stand.dataset, "--csv"],
     "carla": lambda stand: ["export", stand.older("twin"), "--to", "carla"],
     "card": lambda stand: ["card", stand.older("dataset"), "--no-pictures"],
+    "weak.html": lambda stand: ["check", stand.smaller],
     "page.html": lambda stand: ["view", stand.older("dataset")],
     "nuscenes": lambda stand: ["export", stand.older("dataset"), "--to", "nuscenes"],
     "frames.mcap": lambda stand: ["export", stand.older("dataset"), "--to", "mcap"],
@@ -169,6 +175,13 @@ class Stand:
         fields["rig"] |= {"rate_hz": 10, "sensors": [sensor]}
         path.write_text(yaml.safe_dump(fields))
         return path
+
+    @property
+    def smaller(self) -> Path:
+        """The same place, a little smaller."""
+        site = self.site.with_name("older.yaml")
+        site.write_text(self.site.read_text().replace("radius_m: 40", "radius_m: 35"))
+        return site
 
     @property
     def twin(self) -> Path:
@@ -206,10 +219,8 @@ class Stand:
         return self._made(f"older/{output}", [*self._older_of(output, out), "-o", out])
 
     def _older_of(self, output: str, out: Path) -> list[object]:
-        if output == "twin":  # the same place, a little smaller
-            site = self.site.with_name("older.yaml")
-            site.write_text(self.site.read_text().replace("radius_m: 40", "radius_m: 35"))
-            arguments: list[object] = ["build", site, "--no-pictures"]
+        if output == "twin":
+            arguments: list[object] = ["build", self.smaller, "--no-pictures"]
         elif output == "motion":
             arguments = ["traffic", self.twin, "--seconds", "0.3", "--no-pictures"]
         elif output == "dataset":

@@ -23,6 +23,7 @@ TOO_SMALL_KB = {
     "background": 24,
     "export": 1500,
     "card": 4,
+    "check": 100,
     "view": 500,
     "sequence": 60,
     "split": 12,

@@ -19,6 +19,7 @@ from urbantwin.cli import (
     calibrate,
     card,
     carla,
+    check,
     compare,
     coverage,
     curriculum,
@@ -99,6 +100,7 @@ def _examples(lines: str) -> str:
 for command, examples in (
     (demo.demo, demo.EXAMPLES),
     (init.init, init.EXAMPLES),
+    (check.check, check.EXAMPLES),
     (run.run, run.EXAMPLES),
     (build.build, build.EXAMPLES),
     (traffic.traffic, traffic.EXAMPLES),

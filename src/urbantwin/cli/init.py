@@ -9,7 +9,6 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
 
 __all__ = ["EXAMPLES", "init"]
 
@@ -20,7 +19,19 @@ urbantwin init mysite/ --osm map.osm --at-junction --region area.geojson
 urbantwin init mysite/ --roads map.xodr
 urbantwin init mysite/ --roads lanelets.osm --osm map.osm.pbf
 urbantwin init map.xodr -o mysite/
+urbantwin init --list-presets
+urbantwin init s110/ --preset tumtraf-s110 --osm garching.osm.pbf
 """
+
+
+def _list_presets(context: typer.Context, wanted: bool) -> None:
+    if wanted:
+        known = ut.presets()
+        if context.params.get("as_json"):
+            Console(as_json=True).result(known.summary())
+        else:
+            print("\n".join(known.names) if context.params.get("quiet") else known)
+        raise typer.Exit
 
 
 def init(
@@ -66,9 +77,31 @@ def init(
     region: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Region of interest: a GeoJSON polygon.")
     ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="A place at which a dataset was recorded: anchor, region, sensors and traffic as "
+            "far as they are published.",
+        ),
+    ] = None,
+    list_presets: Annotated[
+        bool,
+        typer.Option("--list-presets", callback=_list_presets, help="List them, and no more."),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a site.yaml.")] = False,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
+    # First of all, since the list is printed before the others are looked at.
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", is_eager=True, help="Print nothing but errors.")
+    ] = False,
+    as_json: Annotated[
+        bool,
+        typer.Option(
+            "--json",
+            is_eager=True,
+            help="Print one JSON document on stdout and nothing else there.",
+        ),
+    ] = False,
 ) -> None:
     """Write a commented site.yaml for a place on a map."""
     made = ut.init(
@@ -81,6 +114,7 @@ def init(
         at_junction=at_junction,
         radius=radius,
         region=region,
+        preset=preset,
         force=force,
         progress=not quiet,
     )

@@ -9,7 +9,7 @@ from typing import Any, overload
 
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.summary import Summary
-from urbantwin.lidar.catalogue import sensor, sensor_names
+from urbantwin.lidar.catalogue import nominal_sensor_names, sensor, sensor_names
 from urbantwin.lidar.sensor import Sensor
 
 __all__ = ["Datasheet", "SensorCatalogue", "sensors"]
@@ -84,8 +84,8 @@ class SensorCatalogue(Mapping[str, Datasheet]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the sensors."""
-        return sensor_names()
+        """The names of the sensors; last those of which no table of beams is public."""
+        return (*sensor_names(), *nominal_sensor_names())
 
     def __getitem__(self, name: str) -> Datasheet:
         """Return a sensor by its name or an alias.
@@ -93,17 +93,17 @@ class SensorCatalogue(Mapping[str, Datasheet]):
         Raises:
             KeyError: there is none of that name.
         """
-        if name not in sensor_names():
+        if name not in self.names:
             raise KeyError(name)
         return Datasheet(sensor(name))
 
     def __iter__(self) -> Iterator[str]:
         """Return the names."""
-        return iter(sensor_names())
+        return iter(self.names)
 
     def __len__(self) -> int:
         """Return how many there are."""
-        return len(sensor_names())
+        return len(self.names)
 
     def __repr__(self) -> str:
         """Return the table."""
@@ -140,6 +140,7 @@ def _summary(sensor: Sensor) -> dict[str, Any]:
     return {
         "name": sensor.name,
         "maker": sensor.maker,
+        "nominal": sensor.name in nominal_sensor_names(),
         "channels": sensor.channels,
         "elevation_min_deg": float(sensor.elevation_deg.min()),
         "elevation_max_deg": float(sensor.elevation_deg.max()),
@@ -198,18 +199,19 @@ def _listed(values: tuple[Any, ...] | None) -> list[Any] | None:
 
 def _table(entries: list[Sensor]) -> str:
     lines = [
-        f"{'model':<14}{'maker':<10}{'channels':>8}  {'elevation, deg':<18}"
+        f"{'model':<17}{'maker':<12}{'channels':>8}  {'elevation, deg':<18}"
         f"{'columns':<22}{'Hz':<10}{'range, m':>8}"
     ]
     for entry in entries:
         low, high = entry.elevation_deg.min(), entry.elevation_deg.max()
+        nominal = "  nominal beams" if entry.name in nominal_sensor_names() else ""
         farthest = "unknown" if entry.range_max_m is None else f"{entry.range_max_m:g}"
         lines.append(
-            f"{entry.name:<14}{entry.maker:<10}{entry.channels:>8}  "
+            f"{entry.name:<17}{entry.maker:<12}{entry.channels:>8}  "
             f"{f'{low:+.1f} to {high:+.1f}':<18}"
             f"{' '.join(map(str, entry.columns_options)):<22}"
             f"{' '.join(f'{rate:g}' for rate in entry.rate_options):<10}"
-            f"{farthest:>8}"
+            f"{farthest:>8}{nominal}"
         )
     return "\n".join(lines)
 

@@ -14,6 +14,7 @@ from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
+    from urbantwin.site import SensorSpec
     from urbantwin.site import Site as CheckedSite
     from urbantwin.site.pole_site import PoleGround, PolePosition
 
@@ -71,10 +72,7 @@ class Site:
     def proposal(self) -> Summary:
         """Return what ``init`` decided, and what to do next: what else is usual is in the file."""
         site = self.checked
-        sensors = {
-            one.name: f"{one.model}, {one.height_m:g} m above the ground"
-            for one in site.rig.sensors
-        }
+        sensors = {one.name: f"{one.model}, {_height_of(one)}" for one in site.rig.sensors}
         return Summary(
             path=str(self.path),
             kind="site",
@@ -85,6 +83,12 @@ class Site:
             sensors=sensors,
             next=f"urbantwin run {shlex.quote(str(self.path))}",
         )
+
+
+def _height_of(sensor: SensorSpec) -> str:
+    if sensor.height_m is not None:
+        return f"{sensor.height_m:g} m above the ground"
+    return f"{sensor.up_m:g} m above the anchor's ground"
 
 
 def init(  # noqa: PLR0913 - the options of the command
@@ -98,6 +102,7 @@ def init(  # noqa: PLR0913 - the options of the command
     at_junction: bool = False,
     radius: float | None = None,
     region: AnyPath | None = None,
+    preset: str | None = None,
     force: bool = False,
     progress: ShowProgress = True,
 ) -> Site:
@@ -114,6 +119,8 @@ def init(  # noqa: PLR0913 - the options of the command
             without coordinates.
         radius: region of interest: metres around the anchor.
         region: region of interest: a GeoJSON polygon.
+        preset: a place at which a dataset was recorded, of `presets`: anchor, region, sensors and
+            traffic as far as they are published.
         force: replace a ``site.yaml``.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -122,10 +129,14 @@ def init(  # noqa: PLR0913 - the options of the command
 
     Example:
         >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
+        >>> site = ut.init("s110", osm="garching.osm.pbf", preset="tumtraf-s110")
     """
     from urbantwin.lidar.siting import place_in_sight, warnings_of_place
     from urbantwin.roads.imported import init_site_of_map
     from urbantwin.site.initial_site import init_site
+    from urbantwin.site.presets import init_preset_site
+    from urbantwin.site.presets import preset as preset_of
+    from urbantwin.site.presets.preset_site import needs_extract
 
     target = Path(folder)
     extract = None if osm is None else Path(osm)
@@ -133,6 +144,13 @@ def init(  # noqa: PLR0913 - the options of the command
     area = None if region is None else Path(region)
     if out is not None:
         target, extract, streets = _map_first(target, Path(out), extract, streets)
+    chosen_place = None if preset is None else preset_of(preset)
+    if chosen_place is not None and streets is not None:
+        raise InputError(
+            "is given with a map of the roads", place="--preset", expected="an extract (--osm)"
+        )
+    if chosen_place is not None and extract is None:
+        raise needs_extract(chosen_place)
     if extract is None and streets is None:
         raise InputError("no map is given", place="--osm", expected="--osm or --roads with a file")
     if (lat is None) != (lon is None):
@@ -156,6 +174,20 @@ def init(  # noqa: PLR0913 - the options of the command
                 osm=extract,
                 latitude=lat,
                 longitude=lon,
+                region=area,
+                radius_m=radius,
+                force=force,
+                choose_pole=choose_pole,
+                progress=tell,
+            )
+        elif extract is not None and chosen_place is not None:
+            path = init_preset_site(
+                target,
+                extract,
+                chosen_place,
+                latitude=lat,
+                longitude=lon,
+                at_junction=at_junction,
                 region=area,
                 radius_m=radius,
                 force=force,

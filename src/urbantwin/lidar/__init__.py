@@ -6,7 +6,13 @@ from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
     from urbantwin.lidar.actor_path import PosedActor
-    from urbantwin.lidar.catalogue import Sensor, load_sensor, sensor, sensor_names
+    from urbantwin.lidar.catalogue import (
+        Sensor,
+        load_sensor,
+        nominal_sensor_names,
+        sensor,
+        sensor_names,
+    )
     from urbantwin.lidar.labels import BoxLabel, LabelledFrame
     from urbantwin.lidar.pattern import (
         beam_azimuths,
@@ -33,6 +39,7 @@ __all__ = [
     "beam_elevations",
     "load_scan_pattern",
     "load_sensor",
+    "nominal_sensor_names",
     "pattern_directions",
     "place_rig",
     "sensor",

@@ -1,9 +1,10 @@
 """The sensor catalogue: one YAML file per sensor, read into a ``Sensor``.
 
 The catalogue's files stand in ``urbantwin/lidar/sensors``. Every number in them names its source,
-and what is not known is ``null`` with the reason: nothing is guessed in a file. A person's own
-file works wherever a model's name does: YAML of the same form (or with a scan pattern), the
-metadata of an Ouster sensor (JSON), or the angle correction of a Hesai sensor (CSV).
+and what is not known is ``null`` with the reason: nothing is guessed in a file. Those in the folder
+``nominal`` are apart: of them no table of beams is public, and even ones, which say so, stand for
+it. A person's own file works wherever a model's name does: YAML of the same form (or with a scan
+pattern), the metadata of an Ouster sensor (JSON), or the angle correction of a Hesai sensor (CSV).
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from urbantwin.lidar.sensor_file import (
     yaml_value,
 )
 
-__all__ = ["Sensor", "load_sensor", "sensor", "sensor_names"]
+__all__ = ["Sensor", "load_sensor", "nominal_sensor_names", "sensor", "sensor_names"]
 
 _FILES = (".yaml", ".yml", ".json", ".csv")
 
@@ -36,6 +37,14 @@ _FILES = (".yaml", ".yml", ".json", ".csv")
 def sensor_names() -> tuple[str, ...]:
     """Return the names of the catalogue's sensors, by maker and then by name."""
     return tuple(entry.name for entry in _catalogue())
+
+
+def nominal_sensor_names() -> tuple[str, ...]:
+    """Return the names of sensors without a public table of beams, by maker and then by name.
+
+    `sensor` takes them as it takes the others; nobody takes a recording for theirs.
+    """
+    return tuple(entry.name for entry in _catalogue("nominal"))
 
 
 def sensor(name: str | Path, *, folder: Path | None = None) -> Sensor:
@@ -143,19 +152,20 @@ def _unknown(name: str) -> InputError:
 
 
 @cache
-def _catalogue() -> tuple[Sensor, ...]:
+def _catalogue(*below: str) -> tuple[Sensor, ...]:
     def is_sensor(entry: Traversable) -> bool:
         return entry.name.endswith(".yaml")
 
-    folder = files(__package__).joinpath("sensors")
+    folder = files(__package__).joinpath("sensors", *below)
     entries = [parse_sensor(e.read_text(), e.name) for e in folder.iterdir() if is_sensor(e)]
     return tuple(sorted(entries, key=lambda entry: (entry.maker, _natural(entry.name))))
 
 
 @cache
 def _index() -> dict[str, Sensor]:
-    index = {_key(alias): entry for entry in _catalogue() for alias in entry.aliases}
-    return index | {_key(entry.name): entry for entry in _catalogue()}
+    entries = (*_catalogue("nominal"), *_catalogue())
+    index = {_key(alias): entry for entry in entries for alias in entry.aliases}
+    return index | {_key(entry.name): entry for entry in entries}
 
 
 def _key(name: str) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +40,15 @@ SENSOR, SENSOR_COLUMNS = "OS1-128", 1024
 #: The usual radius of a region, metres.
 RADIUS_M = 150.0
 
+_GUESS = """\
+  # How many come into the region per hour. These are guesses for midday from the streets' classes
+  # and lanes, the country, bus lines and what is around; put counts here if you have them. A class
+  # that is not listed has none.
+"""
+_GUESSED = """\
+  guessed: true         # no more come than signals let through; without this line all are tried
+"""
+
 
 @dataclass(frozen=True)
 class SiteDraft:
@@ -55,6 +65,10 @@ class SiteDraft:
         anchor_m: its own x, y of the anchor, where it has no georeference.
         per_hour: actors per hour by class.
         pole: where the sensor stands.
+        about: sentences about the place for the file's head; empty ones between paragraphs.
+        traffic_remark: where ``per_hour`` is from, if it is no guess of the map.
+        guessed: whether ``per_hour`` is a guess.
+        rig: text of the mapping ``rig``, set in, instead of one sensor on ``pole``.
     """
 
     title: str
@@ -67,6 +81,10 @@ class SiteDraft:
     anchor_m: tuple[float, float] | None
     per_hour: Mapping[str, int]
     pole: PolePosition
+    about: Sequence[str] = ()
+    traffic_remark: str = ""
+    guessed: bool = True
+    rig: str | None = None
 
 
 @dataclass(frozen=True)
@@ -248,12 +266,12 @@ closed_loop: true
 scene:
   clutter: typical
 """
-    seen = "" if pole.seen is None else f": by the map, {100 * pole.seen:.0f} % is in sight"
+    about = "".join(_remark(line) for line in ("", *draft.about)) if draft.about else ""
     counts = "\n".join(f"    {name}: {count}" for name, count in draft.per_hour.items())
     return f"""\
 # A site for UrbanTwin. It runs as it is: urbantwin run site.yaml -o out/
 # File names are relative to this file. Lengths in metres, angles in degrees, times in seconds.
-
+{about}
 name: {_quoted(draft.title)}
 
 # The anchor: the origin of the site frame (x east, y north, z above the ground there), WGS84.
@@ -303,19 +321,22 @@ region:
 {scene}
 {loop}
 traffic:
-  # How many come into the region per hour. These are guesses for midday from the streets' classes
-  # and lanes, the country, bus lines and what is around; put counts here if you have them. A class
-  # that is not listed has none.
-  per_hour:
+{_traffic_remark(draft.traffic_remark)}  per_hour:
 {counts}
-  guessed: true         # no more come than signals let through; without this line all are tried
-  duration_s: 20        # length of the recorded motion
+{_GUESSED if draft.guessed else ""}  duration_s: 20        # length of the recorded motion
   warmup_s: 120         # simulated before it, so that the streets are not empty
   step_s: 0.1           # between two steps of the simulation
   seed: 1               # the same seed gives the same traffic
 
 # The sensors, or the name of a file that holds this mapping.
 rig:
+{draft.rig or _proposed_rig(pole)}"""
+
+
+def _proposed_rig(pole: PolePosition) -> str:
+    """Return the mapping ``rig`` of one sensor on a pole that is proposed."""
+    seen = "" if pole.seen is None else f": by the map, {100 * pole.seen:.0f} % is in sight"
+    return f"""\
   rate_hz: 10           # frames per second
   frame: level          # of the points: sensor, level (sensor's place and heading, upright) or site
   boxes: track          # of the labels: one size per track, or tight about the mesh at its moment
@@ -338,3 +359,16 @@ rig:
         noise: true     # range noise as in the datasheet
         dropout: true   # weak returns are lost
 """
+
+
+def _traffic_remark(measured: str) -> str:
+    """Return the comment on how many come per hour."""
+    if not measured:
+        return _GUESS
+    return _remark(f"How many come into the region per hour. {measured}.", indent="  ")
+
+
+def _remark(text: str, indent: str = "") -> str:
+    """Return a comment of one paragraph."""
+    lines = textwrap.wrap(text, 98 - len(indent), break_on_hyphens=False, break_long_words=False)
+    return "".join(f"{indent}# {line}\n" for line in lines) or f"{indent}#\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import check_roads, mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
 from urbantwin.site.junction_proposal import STREETS, propose_junction, streets_near
-from urbantwin.site.pole_site import PoleChoice, ground_around, nearest_place
+from urbantwin.site.pole_site import PoleChoice, PoleGround, ground_around, nearest_place
 from urbantwin.site.region import circle
 from urbantwin.site.traffic_around import per_hour_around
 
@@ -36,6 +37,9 @@ _MAPPED_SHARE = 0.6
 #: A crossing or a stop line from so far within the border to so far beyond it would be cut, and a
 #: proposed border lies elsewhere, by this at most; metres.
 _CUT_M, _MOVED_M = (8.0, 4.0), 20.0
+
+#: What puts what is known of a place into a draft, given the ground on which poles may stand.
+Furnishing = Callable[[SiteDraft, PoleGround], SiteDraft]
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
     radius_m: float | None = None,
     force: bool = False,
     choose_pole: PoleChoice = nearest_place,
+    furnish: Furnishing | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Write a commented ``site.yaml`` for an OpenStreetMap extract and return its path.
@@ -74,6 +79,7 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
             before, so that its border cuts no crossing.
         force: replace a ``site.yaml`` that is there.
         choose_pole: where the sensor stands on the ground of the junction.
+        furnish: puts what is known of the place into what the map proposes.
         progress: called with the share done (0..1) and the current task.
 
     Raises:
@@ -94,6 +100,7 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
     shape = given.region(frame, radius)
     check_roads(extract, frame, shape, "the region")
     tell(0.9, "looking for a place of the sensor")
+    ground = ground_around(extract, frame, shape)
     draft = SiteDraft(
         title=place.title,
         why=place.why,
@@ -104,8 +111,10 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
         roads=None,
         anchor_m=None,
         per_hour=per_hour_around(extract, frame, shape),
-        pole=choose_pole(ground_around(extract, frame, shape)),
+        pole=choose_pole(ground),
     )
+    if furnish is not None:
+        draft = furnish(draft, ground)
     return write_draft(folder, draft, force=force)
 
 

@@ -20,7 +20,10 @@ from urbantwin.site.extract_coverage import clusters, local_frame, mapped_area, 
 
 __all__ = [
     "STREETS",
+    "JunctionArm",
     "JunctionProposal",
+    "MappedJunction",
+    "mapped_junctions",
     "meeting_nodes",
     "propose_junction",
     "streets_near",
@@ -73,11 +76,41 @@ class JunctionProposal:
 
 
 @dataclass(frozen=True)
-class _Arm:
+class JunctionArm:
+    """A direction in which streets leave a junction.
+
+    Attributes:
+        angle_deg: counter-clockwise from east.
+        weight: of the class of its street, see `STREETS`.
+        lanes: in both directions together.
+        name: of its street; empty where it has none.
+    """
+
     angle_deg: float
     weight: float
     lanes: float
     name: str
+
+
+@dataclass(frozen=True)
+class MappedJunction:
+    """A junction as it is mapped.
+
+    Attributes:
+        middle: x, y of its middle, in the frame that was asked for, metres.
+        node: the node of it that is nearest to there.
+        nodes: all nodes where its streets meet.
+        arms: the directions in which streets leave.
+        signals: signals of vehicles that are mapped there.
+        crossing_signals: signals of crossings that are mapped there.
+    """
+
+    middle: tuple[float, float]
+    node: int
+    nodes: tuple[int, ...]
+    arms: tuple[JunctionArm, ...]
+    signals: int
+    crossing_signals: int
 
 
 def way_lanes(way: Way) -> float:
@@ -125,6 +158,17 @@ def propose_junction(extract: Extract, within: shapely.Polygon | None = None) ->
             expected="ways with a highway tag from residential to motorway",
         )
     return _Junctions(extract, frame, streets).best(within)
+
+
+def mapped_junctions(
+    extract: Extract, frame: SiteFrame, within: shapely.Polygon
+) -> list[MappedJunction]:
+    """Return the junctions of streets whose middle is in an area, in a frame, from the west on."""
+    streets = [way for way in extract.highways() if way.tags["highway"] in STREETS]
+    streets = [way for way in streets if _is_near(extract, way, frame)]
+    found = _Junctions(extract, frame, streets).all() if streets else []
+    inside = [one for one in found if within.contains(shapely.Point(one.middle))]
+    return sorted(inside, key=lambda one: (one.middle, one.node))
 
 
 def streets_near(extract: Extract, frame: SiteFrame) -> tuple[str, ...]:
@@ -195,14 +239,42 @@ class _Junctions:
             signalised or scored, key=lambda item: (item[0], item[1].latitude, item[1].longitude)
         )[1]
 
-    def _scored(
+    def all(self) -> list[MappedJunction]:
+        points = self._places(self.cores)
+        if not len(points):
+            return []
+        numbers = clusters(points, _LINK_M)
+        found = []
+        for number in range(int(numbers.max()) + 1):
+            members = np.flatnonzero(numbers == number)
+            middle, arms = self._middle_and_arms(members, points)
+            away = np.linalg.norm(points[members] - middle, axis=1)
+            nodes = tuple(self.cores[member] for member in members)
+            found.append(
+                MappedJunction(
+                    (float(middle[0]), float(middle[1])),
+                    nodes[int(np.argmin(away))],
+                    nodes,
+                    tuple(arms),
+                    self._count(self.signals, points[members]),
+                    self._count(self.crossings, points[members]),
+                )
+            )
+        return found
+
+    def _middle_and_arms(
         self, members: NDArray[np.int64], points: NDArray[np.float64]
-    ) -> tuple[float, JunctionProposal]:
+    ) -> tuple[NDArray[np.float64], list[JunctionArm]]:
         strength = np.array([self._strength(self.cores[member]) for member in members])
         main = strength >= 0.6 * strength.max()
         middle = points[members[main]].mean(axis=0)
         reach = float(np.linalg.norm(points[members] - middle, axis=1).max())
-        arms = self._arms(middle, min(reach, 40.0) + _RING_M)
+        return middle, self._arms(middle, min(reach, 40.0) + _RING_M)
+
+    def _scored(
+        self, members: NDArray[np.int64], points: NDArray[np.float64]
+    ) -> tuple[float, JunctionProposal]:
+        middle, arms = self._middle_and_arms(members, points)
         busy = sum(arm.weight * arm.lanes**0.5 for arm in arms)
         shape = {0: 0.05, 1: 0.1, 2: 0.3}.get(len(arms), 1.0)
         signals = self._count(self.signals, points[members])
@@ -226,7 +298,7 @@ class _Junctions:
             best[name] = max(best.get(name, 0.0), STREETS[way.tags["highway"]][0])
         return sorted(best.values())[-2] if len(best) > 1 else 0.5 * max(best.values())
 
-    def _arms(self, middle: NDArray[np.float64], radius: float) -> list[_Arm]:
+    def _arms(self, middle: NDArray[np.float64], radius: float) -> list[JunctionArm]:
         """Return the arms that cross a circle, streets of nearly the same direction as one."""
         ring = shapely.Point(middle).buffer(radius, quad_segs=16).exterior
         crossings = []
@@ -235,9 +307,11 @@ class _Junctions:
             for x, y in shapely.get_coordinates(shapely.intersection(self.lines[index], ring)):
                 angle = float(np.degrees(np.arctan2(y - middle[1], x - middle[0])))
                 weight = STREETS[way.tags["highway"]][0]
-                crossings.append(_Arm(angle, weight, way_lanes(way), way.tags.get("name", "")))
+                crossings.append(
+                    JunctionArm(angle, weight, way_lanes(way), way.tags.get("name", ""))
+                )
         crossings.sort(key=lambda arm: (arm.angle_deg, arm.name))
-        arms: list[list[_Arm]] = []
+        arms: list[list[JunctionArm]] = []
         for arm in crossings:
             if arms and arm.angle_deg - arms[-1][-1].angle_deg < _ARM_DEG:
                 arms[-1].append(arm)
@@ -249,7 +323,7 @@ class _Junctions:
         for group in arms:
             main = max(group, key=lambda arm: (arm.weight, arm.lanes, arm.name))
             lanes = sum(arm.lanes for arm in group)
-            merged.append(_Arm(main.angle_deg, main.weight, lanes, main.name))
+            merged.append(JunctionArm(main.angle_deg, main.weight, lanes, main.name))
         return merged
 
     def _completeness(self, middle: NDArray[np.float64]) -> float:
@@ -283,7 +357,7 @@ class _Junctions:
         return int((cKDTree(points).query(signals)[0] <= _SIGNAL_M).sum())
 
 
-def _street_names(arms: list[_Arm]) -> tuple[str, ...]:
+def _street_names(arms: list[JunctionArm]) -> tuple[str, ...]:
     """Return the streets' names, the most important first, then what crosses it, then the rest."""
     ranked = sorted((arm for arm in arms if arm.name), key=lambda arm: (-arm.weight, arm.name))
     if not ranked:

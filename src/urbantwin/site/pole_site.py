@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -80,12 +80,15 @@ class PoleGround:
         paved: where nothing may stand: these and other carriageways, service roads, tracks.
         region: what will be built; no pole stands outside.
         features: what is mapped around.
+        quarter: signs of east and north of the only quarter in which poles may stand, if there is
+            a place in it; ``None``: all around.
     """
 
     streets: shapely.Geometry
     paved: shapely.Geometry
     region: shapely.Polygon
     features: Sequence[OsmFeature]
+    quarter: tuple[int, int] | None = None
 
     @cached_property
     def junction(self) -> shapely.Geometry:
@@ -102,6 +105,8 @@ class PoleGround:
         places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
         away = np.linalg.norm(places, axis=1)
         places = places[(away >= _NEAREST_M) & (away <= _FARTHEST_M)]
+        if self.quarter is not None:
+            places = places[(places * self.quarter >= 0.0).all(axis=1)]
         areas = [item for item in self.features if "Polygon" in item.geometry.geom_type]
         taken = shapely.union_all(
             [
@@ -120,6 +125,8 @@ class PoleGround:
             beside = ~shapely.dwithin(self.paved, points, clearance)
             if beside.any():
                 return np.asarray(places[beside])
+        if self.quarter is not None:
+            return replace(self, quarter=None).places()
         # Everything around is paved or built over: beside the middle.
         return np.array([[_NEAREST_M, 0.0]])
 

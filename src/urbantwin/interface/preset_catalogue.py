@@ -1,0 +1,105 @@
+"""The places at which roadside datasets were recorded, for `init`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.site.presets import Preset
+
+__all__ = ["PresetCatalogue", "presets"]
+
+
+class PresetCatalogue(Mapping[str, "Preset"]):
+    """The presets by their names: shown, it is a table."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the presets."""
+        from urbantwin.site.presets import preset_names
+
+        return preset_names()
+
+    def __getitem__(self, name: str) -> Preset:
+        """Return a preset by its name.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        from urbantwin.site.presets import preset
+
+        if name not in self.names:
+            raise KeyError(name)
+        return preset(name)
+
+    def __iter__(self) -> Iterator[str]:
+        """Return the names."""
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.names)
+
+    def __repr__(self) -> str:
+        """Return the table."""
+        rows = [("preset", "place", "sensors", "published"), *map(_row, self.values())]
+        widths = [max(len(row[k]) for row in rows) + 2 for k in range(3)]
+        return "\n".join("".join(map(str.ljust, row[:3], widths)) + row[3] for row in rows)
+
+    def summary(self) -> Summary:
+        """Return what is known of each, and what is not, as JSON holds it."""
+        return Summary(presets=[_entry(one) for one in self.values()])
+
+
+def presets() -> PresetCatalogue:
+    """Return the places at which roadside datasets were recorded, for ``init(preset=...)``.
+
+    Example:
+        >>> ut.presets()
+        >>> ut.presets()["tumtraf-s110"].unknown
+    """
+    return PresetCatalogue()
+
+
+def _row(one: Preset) -> tuple[str, str, str, str]:
+    """Return the cells of a preset: what is published is its place, and its sensors' places."""
+    counts = Counter(sensor.model for sensor in one.sensors)
+    models = ", ".join(f"{count} {model}" for model, count in counts.items())
+    published = "the sensors alone"
+    if one.place is not None:
+        placed = sum(sensor.is_placed for sensor in one.sensors)
+        published = f"place (within {one.place.within_m:g} m)"
+        published += f", where {placed} of its sensors stand" if placed else ""
+    return one.name, one.title, models, published
+
+
+def _entry(one: Preset) -> dict[str, Any]:
+    place = one.place
+    return {
+        "name": one.name,
+        "title": one.title,
+        "country": one.country,
+        "recording": one.recording,
+        "licence": one.licence,
+        "homepage": one.homepage,
+        "anchor": place
+        and {
+            "latitude": place.latitude,
+            "longitude": place.longitude,
+            "within_m": place.within_m,
+        },
+        "radius_m": one.region.radius_m,
+        "rate_hz": one.timing.rate_hz,
+        "sensors": [
+            {"name": sensor.name, "model": sensor.model, "place_published": sensor.is_placed}
+            for sensor in one.sensors
+        ],
+        "unknown": [
+            *one.unknown,
+            *(f"{name}: {text}" for name, text in one.unknown_of_sensors),
+        ],
+    }

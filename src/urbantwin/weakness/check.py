@@ -1,0 +1,89 @@
+"""All findings of a site, in the order of how much they matter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from urbantwin.progress import Progress, between, untold
+from urbantwin.site import Site, box_around, read_extract
+from urbantwin.site.extract_coverage import check_roads
+from urbantwin.weakness.buildings import building_findings
+from urbantwin.weakness.finding import Finding, finding
+from urbantwin.weakness.furniture import furniture_findings
+from urbantwin.weakness.inputs import extract_findings, input_findings
+from urbantwin.weakness.junctions import junction_findings
+from urbantwin.weakness.map_date import map_date
+from urbantwin.weakness.mapped_site import MappedSite
+from urbantwin.weakness.streets import street_findings
+from urbantwin.weakness.walking import walking_findings
+
+__all__ = ["InputCheck", "check_inputs"]
+
+
+@dataclass(frozen=True, eq=False)
+class InputCheck:
+    """What is weak about a site's inputs.
+
+    Attributes:
+        site: as it was written.
+        findings: what matters most first.
+        map_date: of when the map is, if it tells.
+        place: the site with its map, for pictures; ``None`` where it has none.
+    """
+
+    site: Site
+    findings: tuple[Finding, ...]
+    map_date: datetime | None
+    place: MappedSite | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON holds it."""
+        counts = dict.fromkeys(("much", "some", "little"), 0)
+        for one in self.findings:
+            counts[one.matters] += 1
+        return {
+            "kind": "input check",
+            "name": self.site.name,
+            "anchor": {"latitude": self.site.latitude, "longitude": self.site.longitude},
+            "map_date": None if self.map_date is None else self.map_date.date().isoformat(),
+            "matters": counts,
+            "findings": [one.as_json(k) for k, one in enumerate(self.findings, 1)],
+        }
+
+
+def check_inputs(site: Site, *, progress: Progress | None = None) -> InputCheck:
+    """Look at what a site is to be made from, without building it.
+
+    The map is read as a build reads it. Of the geometry and of a map of the roads only their names
+    are looked at.
+
+    Args:
+        site: as it was written.
+        progress: called with the share done (0..1) and the current task.
+
+    Raises:
+        InputError: an input cannot be read, or the map has no road in the region.
+    """
+    tell = progress or untold
+    found: list[Finding] = []
+    place, date = None, None
+    if site.osm is not None:
+        near = box_around(site.frame, site.region)
+        extract = read_extract(site.osm.path, near, progress=between(tell, 0.0, 0.5))
+        check_roads(extract, site.frame, site.region, "the region")
+        tell(0.5, "looking for what is weak")
+        date = map_date(site.osm.path)
+        place = MappedSite(site, extract)
+        found += [*extract_findings(place), *building_findings(place)]
+        found += [*furniture_findings(place), *walking_findings(place)]
+        if site.roads is None:
+            found += [*street_findings(place), *junction_findings(place)]
+    elif site.sketch is None:
+        found.append(finding("no-map", "there is no OpenStreetMap extract", where="osm"))
+    tell(0.9, "looking at the other inputs")
+    found += input_findings(site, date)
+    order = sorted(found, key=lambda one: (-round(one.weight, 6), one.kind, one.where))
+    tell(1.0, "done")
+    return InputCheck(site, tuple(order), date, place)

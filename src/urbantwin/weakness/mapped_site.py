@@ -1,0 +1,142 @@
+"""A site's map as its findings see it: streets, footways and features of the region."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.roads.build import NETWORK_CLASSES
+from urbantwin.site import Extract, Site
+from urbantwin.site.extract import OsmFeature, Way
+from urbantwin.site.extract_coverage import mapped_area
+from urbantwin.site.junction_proposal import STREETS, MappedJunction, mapped_junctions
+from urbantwin.weakness.finding import Spot
+from urbantwin.weakness.place_in_editor import spot
+
+__all__ = ["WALKED", "MappedSite", "MappedWay", "nearness"]
+
+#: Ways that people walk on and nobody drives.
+WALKED = frozenset("footway path pedestrian steps corridor".split())
+#: Values of ``foot`` that let people walk on a cycleway.
+_MAY = ("yes", "designated", "permissive")
+#: What is so far from the anchor counts half, metres.
+_HALF_M = 50.0
+
+
+@dataclass(frozen=True, eq=False)
+class MappedWay:
+    """A way and what of it lies in the region.
+
+    Attributes:
+        way: of the map.
+        line: whole, site frame.
+        inside: what of it lies in the region.
+    """
+
+    way: Way
+    line: shapely.LineString
+    inside: shapely.Geometry
+
+    @property
+    def name(self) -> str:
+        """Its name, or its class."""
+        return self.way.tags.get("name") or self.way.tags["highway"].replace("_", " ")
+
+    @property
+    def weight(self) -> float:
+        """How much it counts: by its length in the region, its nearness and its class."""
+        of_class = STREETS.get(self.way.tags["highway"], (1.0, 1))[0]
+        return float(self.inside.length * nearness(self.inside) * of_class**0.5)
+
+    def spot(self, frame: SiteFrame) -> Spot:
+        """Return a place on it."""
+        parts = [one for one in shapely.get_parts(self.inside) if one.length > 0]
+        longest = max(parts, key=lambda one: one.length, default=self.line)
+        return spot(frame, longest, element=f"way/{self.way.id}", name=self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class MappedSite:
+    """A site and its map.
+
+    Attributes:
+        site: as it was written.
+        extract: its map, near the region.
+    """
+
+    site: Site
+    extract: Extract
+
+    @property
+    def frame(self) -> SiteFrame:
+        """The site frame."""
+        return self.site.frame
+
+    @property
+    def region(self) -> shapely.Polygon:
+        """What is built, site frame."""
+        return self.site.region
+
+    @cached_property
+    def features(self) -> list[OsmFeature]:
+        """What touches the region."""
+        return self.extract.features(self.frame, self.region)
+
+    @cached_property
+    def area(self) -> shapely.Polygon:
+        """Where the extract is complete, site frame."""
+        return mapped_area(self.extract, self.frame)
+
+    @cached_property
+    def streets(self) -> list[MappedWay]:
+        """The streets of the region that become lanes, but for those in tunnels."""
+        return self._ways(
+            way
+            for way in self.extract.highways()
+            if way.tags["highway"] in NETWORK_CLASSES
+            and way.tags.get("area") != "yes"
+            and way.tags.get("tunnel", "no") in ("no", "building_passage")
+        )
+
+    @cached_property
+    def footways(self) -> list[MappedWay]:
+        """The ways of the region that people walk on and nobody drives, as lines."""
+        return self._ways(
+            way
+            for way in self.extract.highways()
+            if (
+                way.tags["highway"] in WALKED
+                or (way.tags["highway"] == "cycleway" and way.tags.get("foot") in _MAY)
+            )
+            and way.tags.get("area") != "yes"
+            and way.tags.get("indoor", "no") == "no"
+            and way.tags.get("tunnel", "no") in ("no", "building_passage")
+        )
+
+    @cached_property
+    def junctions(self) -> Sequence[MappedJunction]:
+        """The junctions of streets in the region."""
+        return mapped_junctions(self.extract, self.frame, self.region)
+
+    def _ways(self, ways: Iterable[Way]) -> list[MappedWay]:
+        found = []
+        for way in ways:
+            points = self.extract.way_line(way, self.frame)
+            if len(points) < 2:
+                continue
+            line = shapely.LineString(points)
+            inside = shapely.intersection(line, self.region)
+            if inside.length > 0:
+                found.append(MappedWay(way, line, inside))
+        return found
+
+
+def nearness(shape: shapely.Geometry) -> float:
+    """Return how much something counts by its distance from the anchor: 1 there, 0.5 at 50 m."""
+    away = float(np.asarray(shapely.distance(shape, shapely.Point(0.0, 0.0))))
+    return 1.0 / (1.0 + (away / _HALF_M) ** 2)
