@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
     from urbantwin.interface.sequence import SequenceFiles, sequence
     from urbantwin.interface.site_file import Site, init
+    from urbantwin.interface.study import Study, study
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.teaching import Taught, teach
     from urbantwin.interface.tracked_objects import TrackedObjects, track
@@ -105,6 +106,7 @@ __all__ = [
     "SequenceFiles",
     "Site",
     "StageError",
+    "Study",
     "Suite",
     "Summary",
     "Taught",
@@ -149,6 +151,7 @@ __all__ = [
     "sensors",
     "sequence",
     "split",
+    "study",
     "suite",
     "teach",
     "track",

@@ -110,4 +110,4 @@ def _drawn(
         up = 2 * high - 1
         flat = np.sqrt(1 - up * up)
         ways += [flat * np.cos(2 * np.pi * turn), flat * np.sin(2 * np.pi * turn), up]
-    return np.tan(below) / (2 * np.pi), 2 * np.pi * phase, np.array(ways)
+    return np.asarray(np.tan(below) / (2 * np.pi)), np.asarray(2 * np.pi * phase), np.array(ways)

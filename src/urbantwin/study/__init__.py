@@ -1,0 +1,1 @@
+"""Studies with one motion under many rigs: what differs, and how sure that is."""
