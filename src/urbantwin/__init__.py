@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.detected_objects import DetectedObjects, detect
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
+    from urbantwin.interface.explanation import Explanation, explain
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
     from urbantwin.interface.improvement import Improved, improve
@@ -84,6 +85,7 @@ __all__ = [
     "DetectedObjects",
     "DiscoveredRig",
     "Evaluation",
+    "Explanation",
     "Exported",
     "Film",
     "Frame",
@@ -134,6 +136,7 @@ __all__ = [
     "discover",
     "drive",
     "evaluate",
+    "explain",
     "export",
     "film",
     "improve",

@@ -45,6 +45,7 @@ KINDS = (
         "sequence",
         "card",
         "study",
+        "explanation",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

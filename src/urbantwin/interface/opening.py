@@ -33,6 +33,8 @@ _CLASSES = {
     "coverage": ("coverage_map", "Coverage"),
     "tuning": ("tuning", "Tuning"),
     "sequence": ("sequence", "SequenceFiles"),
+    "study": ("study", "Study"),
+    "explanation": ("explanation", "Explanation"),
 }
 _EXPECTED = (
     "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "
