@@ -273,7 +273,7 @@ class _Course:
                         partial(self.record, base, motion, seed, self.progress),
                     )
                 )
-            learned: dict[str, Any] = {"steps": how.steps, "seed": how.seed, "part": "all"}
+            learned: dict[str, Any] = {**how.model_dump(exclude={"seeds"}), "part": "all"}
             learned |= {"device": self.device, "classes": self.study.classes}
             self._steps.once(
                 "model",

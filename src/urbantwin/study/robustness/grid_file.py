@@ -40,11 +40,19 @@ class Training(Strict):
         steps: of the training.
         seeds: of the motions that it learns from, none of which judges.
         seed: of the weights and samples.
+        reach: how far the detector looks along x and y, metres.
+        cell: edge of its pillars, metres.
+        batch: windows of frames in a step.
+        width: multiple of the channels of its network.
     """
 
     steps: Annotated[int, Field(ge=1, le=10_000_000)]
     seeds: Annotated[list[Seed], Field(min_length=1, description="seeds of motions to learn from")]
     seed: Seed = 0
+    reach: Annotated[float, Field(ge=5.0, le=500.0)] = 60.0
+    cell: Annotated[float, Field(ge=0.05, le=2.0)] = 0.4
+    batch: Annotated[int, Field(ge=1, le=256)] = 4
+    width: Annotated[float, Field(ge=0.25, le=16.0)] = 1.0
 
 
 class _Fields(Strict):
