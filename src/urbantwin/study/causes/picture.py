@@ -88,7 +88,7 @@ def _draw(
     for other in np.flatnonzero(truth.frame == truth.frame[row]):
         hides = change.reason.by_track is not None and truth.track[other] == change.reason.by_track
         colour = INK if other == row else _HIDER if hides else "#9aa7b4"
-        _box(axes, truth.box[other], colour, 2.4 if other == row else 1.6 if hides else 1.0)
+        _box(axes, truth.box[other], colour, 2.4 if other == row else 1.0, filled=hides)
     for number in np.flatnonzero(found.frame == truth.frame[row]):
         name = next((one for one in least if found.class_names[number] in JUDGED[one]), None)
         enough = found.score[number] >= (least[name] if name else 0.0)
@@ -105,8 +105,12 @@ def _draw(
         spine.set_color(FAINT)
 
 
-def _box(axes: Axes, box: NDArray[np.float64], colour: str, width: float) -> None:
+def _box(
+    axes: Axes, box: NDArray[np.float64], colour: str, width: float, *, filled: bool = False
+) -> None:
     corners = box_corners(box)[:4, :2]
+    if filled:
+        axes.add_patch(Polygon(corners, facecolor=colour, alpha=0.3))
     axes.add_patch(Polygon(corners, fill=False, edgecolor=colour, linewidth=width))
     nose = box[:2] + np.array([np.cos(box[6]), np.sin(box[6])]) * box[3] / 2
     axes.plot(*np.array([box[:2], nose]).T, color=colour, linewidth=width / 2)
