@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import check_folder, read_json, replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.interface.detected_objects import detect
+from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -114,7 +115,6 @@ def explain(  # noqa: PLR0913 - the options of the command
     """
     from urbantwin.detections.forms import read_any_form
     from urbantwin.evaluation.criterion import JUDGED, near, overlapping
-    from urbantwin.fidelity.readers import open_recording
     from urbantwin.study.causes import changes_between, read_side, thresholds_of, write_explanation
 
     varied = _opened(Path(pair))
@@ -145,8 +145,8 @@ def explain(  # noqa: PLR0913 - the options of the command
         sides = []
         for number, (name, one, found) in enumerate(zip(names, data, given, strict=True)):
             told = between(tell, 0.6 * number / len(names), 0.6 * (number + 1) / len(names), name)
-            recording = open_recording(one)
-            boxes, _ = read_any_form(found, partial(open_recording, one))
+            recording = recording_of_part(one, None, "all")
+            boxes, _ = read_any_form(found, partial(recording_of_part, one, None, "all"))
             sides.append(read_side(name, recording, boxes, fates, told))
         base, *variants = sides
         least = thresholds_of(base, score)

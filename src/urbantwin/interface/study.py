@@ -15,6 +15,7 @@ from urbantwin.errors import InputError, StageError
 from urbantwin.interface.dataset import Dataset, recorded
 from urbantwin.interface.done_steps import DoneSteps
 from urbantwin.interface.motion import Motion, driven
+from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.reckoning import FRAME_S, JUDGED_S, TRAFFIC_S, training_s
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
@@ -414,12 +415,11 @@ class _Course:
         tell: Progress,
     ) -> None:
         """Record, detect, follow and judge; leave the figures in a file."""
-        from urbantwin.fidelity.readers import open_recording
         from urbantwin.study.robustness import judged_recording
 
         work = self.place / "work" / key
         dataset = self.record(rig, motion, seed, between(tell, 0.0, 0.6), work / "dataset")
-        recording = open_recording(dataset.folder)
+        recording = recording_of_part(dataset.folder, None, "all")
         detections = None
         if judge is not None:
             from urbantwin.learn import detected
