@@ -46,13 +46,20 @@ def draw_effects(effects: Sequence[Mapping[str, Any]], name: str, path: Path) ->
     )
     columns = min(_COLUMNS, len(figures))
     rows = -(-len(figures) // columns)
-    high = 0.9 + 0.26 * len(labels)
-    figure = blank(13, 0.7 + rows * (high + 0.3))
+    height = 0.7 + rows * (1.2 + 0.26 * len(labels))
+    figure = blank(13, height)
     grid = figure.add_gridspec(
-        rows, columns, left=0.2, right=0.985, bottom=0.06, top=0.94, hspace=0.4, wspace=0.08
+        rows,
+        columns,
+        left=0.2,
+        right=0.985,
+        bottom=0.4 / height,
+        top=1 - 0.75 / height,
+        hspace=0.4,
+        wspace=0.08,
     )
-    figure.text(0.012, 0.975, f"Difference to the base level: {name}", color=INK, fontsize=12,
-                weight="bold", va="center")  # fmt: skip
+    title = f"Difference to the base level: {name}"
+    figure.text(0.012, 1 - 0.22 / height, title, color=INK, fontsize=12, weight="bold", va="center")
     for number, key in enumerate(figures):
         axes = figure.add_subplot(grid[number // columns, number % columns])
         mine = {
@@ -105,14 +112,22 @@ def draw_levels(
     """
     factors = list(dict.fromkeys(factor for factor, *_ in measured))
     figures = [one for one in _SHOWN if any(one in row for *_, row in measured)]
-    figure = blank(2.2 + 2.7 * len(factors), 0.7 + 1.9 * len(figures))
+    width, height = 1.2 + 2.4 * len(factors), 1.1 + 1.9 * len(figures)
+    figure = blank(width, height)
     grid = figure.add_gridspec(
-        len(figures), len(factors), left=0.07 + 0.25 / (1 + len(factors)), right=0.985,
-        bottom=0.08, top=1 - 0.55 / (0.7 + 1.9 * len(figures)), hspace=0.35, wspace=0.12,
-    )  # fmt: skip
+        len(figures),
+        len(factors),
+        left=0.9 / width,
+        right=1 - 0.2 / width,
+        bottom=0.4 / height,
+        top=1 - 0.75 / height,
+        hspace=0.35,
+        wspace=0.12,
+    )
     title = f"Levels, a line for every seed: {name}"
-    place = 1 - 0.2 / (0.7 + 1.9 * len(figures))
-    figure.text(0.012, place, title, color=INK, fontsize=12, weight="bold", va="center")
+    figure.text(
+        0.15 / width, 1 - 0.22 / height, title, color=INK, fontsize=12, weight="bold", va="center"
+    )
     for row, key in enumerate(figures):
         times, title = _SHOWN[key]
         first: Axes | None = None

@@ -155,6 +155,10 @@ def _doubts(
     """Return what speaks against the figures."""
     said = []
     seeds = len({one.seed for one in measured})
+    said.append(
+        "Objects count that have five points at the base level: some have them by chance, and under "
+        "any other level a few of these fall below, so small losses of `seen` and recall say little."
+    )
     if seeds < 2:
         said.append("One seed: nothing says how much chance there is in the differences.")
     elif seeds < 5:
