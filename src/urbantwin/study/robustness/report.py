@@ -153,12 +153,11 @@ def _doubts(
     study: StudyFile, measured: Sequence[Measured], failed: Sequence[Mapping[str, Any]]
 ) -> list[str]:
     """Return what speaks against the figures."""
-    said = []
     seeds = len({one.seed for one in measured})
-    said.append(
-        "Objects count that have five points at the base level: some have them by chance, and under "
-        "any other level a few of these fall below, so small losses of `seen` and recall say little."
-    )
+    said = [
+        "Objects count that have five points at the base level, some of them by chance: at any "
+        "other level a few fall below five, so that small losses of `seen` and recall say little."
+    ]
     if seeds < 2:
         said.append("One seed: nothing says how much chance there is in the differences.")
     elif seeds < 5:
