@@ -23,6 +23,9 @@ KIND = "study"
 #: What is told in per cent.
 _PERCENT = ("seen", "in_box", "ap", "ap_overlap", "recall", "hota", "mota", "idf1")
 
+#: A detector with less average precision has nothing to lose.
+_LEAST_PRECISION = 0.1
+
 
 def write_study(
     folder: Path,
@@ -49,7 +52,7 @@ def write_study(
     effects = main_effects_of(measured, axes)
     together = interactions_of(measured, axes) if study.design == "factorial" else []
     _write_tables(folder, study, measured, objects, effects, together)
-    doubts = _doubts(study, measured, failed)
+    doubts = [*_weak(effects), *_doubts(study, measured, failed)]
     report: dict[str, Any] = {
         "kind": KIND,
         "schema": 1,
@@ -147,6 +150,18 @@ def _write_table(stem: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     table = pa.Table.from_pylist([dict(row) for row in rows], schema=schema)
     pq.write_table(table, stem.with_suffix(".parquet"), **PARQUET)
     pyarrow.csv.write_csv(table, stem.with_suffix(".csv"))
+
+
+def _weak(effects: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return that the detector finds too little for anything to be lost, if so."""
+    mine = [row for row in effects if row["class"] == ALL and row["figure"] == "ap"]
+    best = max((row["base_mean"] for row in mine), default=1.0)
+    if best >= _LEAST_PRECISION:
+        return []
+    return [
+        f"The detector's average precision at the base level is {100 * best:.1f} %: what it loses at "
+        "others cannot be seen. It needs more steps, or more to learn from."
+    ]
 
 
 def _doubts(
