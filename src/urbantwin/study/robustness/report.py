@@ -159,8 +159,8 @@ def _weak(effects: Sequence[Mapping[str, Any]]) -> list[str]:
     if best >= _LEAST_PRECISION:
         return []
     return [
-        f"The detector's average precision at the base level is {100 * best:.1f} %: what it loses at "
-        "others cannot be seen. It needs more steps, or more to learn from."
+        f"The detector's average precision at the base level is {100 * best:.1f} %: what it loses "
+        "at others cannot be seen. It needs more steps, or more to learn from."
     ]
 
 
