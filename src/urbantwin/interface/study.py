@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Study", "study"]
 
 _KIND = "study"
+_REPORT = "report"
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,11 +37,13 @@ class Study:
         folder: where it is; ``report/study.html`` in it is the page for people.
         manifest: ``report/study.json``; empty of a plan.
         seconds: the least and the most that it was reckoned to take.
+        report: the folder of the report; ``report`` in the folder when not given.
     """
 
     folder: Path
     manifest: dict[str, Any]
     seconds: tuple[float, float] = (0.0, 0.0)
+    report: Path | None = None
 
     @classmethod
     def open(cls, folder: AnyPath) -> Study:
@@ -50,9 +53,9 @@ class Study:
             InputError: it is none.
         """
         place = Path(folder)
-        if (place / f"{_KIND}.json").is_file():
-            place = place.parent
-        return cls(place, read_json(place / "report" / f"{_KIND}.json", kind=_KIND))
+        inside = place if (place / f"{_KIND}.json").is_file() else place / _REPORT
+        manifest = read_json(inside / f"{_KIND}.json", kind=_KIND)
+        return cls(inside.parent, manifest, report=inside)
 
     def __fspath__(self) -> str:
         """Return the folder."""
@@ -75,7 +78,8 @@ class Study:
     def _table(self, name: str) -> pa.Table:
         from urbantwin.artefact.tables import read_parquet
 
-        return read_parquet(self.folder / "report" / f"{name}.parquet", f"{name} of a study")
+        place = self.report or self.folder / _REPORT
+        return read_parquet(place / f"{name}.parquet", f"{name} of a study")
 
     def summary(self) -> Summary:
         """Return the headline, doubts and the differences of all classes, in a few values."""
@@ -88,7 +92,7 @@ class Study:
         told = self.manifest
         return Summary(
             path=str(self.folder),
-            page=str(self.folder / "report" / "study.html"),
+            page=str((self.report or self.folder / _REPORT) / "study.html"),
             in_short=told["in_short"],
             doubts=told["doubts"],
             recordings=told["recordings"],
@@ -167,7 +171,7 @@ def study(
         from urbantwin.learn.torch_device import check_torch
 
         check_torch(device)
-    check_folder(place / "report", kind=_KIND, inputs=[described.file, twin.folder])
+    check_folder(place / _REPORT, kind=_KIND, inputs=[described.file, twin.folder])
     reckoned = _reckoned(described, rigs, len(traffics))
     tell_line(_first_line(described, rigs, reckoned), progress)
     if plan:
@@ -176,7 +180,7 @@ def study(
     model = course.model(rigs[0])
     found, failed = course.all_cells(cells, rigs, model)
     inputs = [described.file, twin.folder]
-    with replaced_folder(place / "report", kind=_KIND, inputs=inputs) as folder:
+    with replaced_folder(place / _REPORT, kind=_KIND, inputs=inputs) as folder:
         told_of = _told(described, twin, rigs[0], model)
         manifest = write_study(
             folder,
