@@ -55,7 +55,7 @@ class Study:
         place = Path(folder)
         inside = place if (place / f"{_KIND}.json").is_file() else place / _REPORT
         manifest = read_json(inside / f"{_KIND}.json", kind=_KIND)
-        return cls(inside.parent, manifest, report=inside)
+        return cls(place, manifest, report=inside)
 
     def __fspath__(self) -> str:
         """Return the folder."""
