@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.detected_objects import DetectedObjects, detect
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
+    from urbantwin.interface.explanation import Explanation, explain
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
     from urbantwin.interface.fleet import Fleet, FleetFrame, NodeFrame
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
     from urbantwin.interface.sequence import SequenceFiles, sequence
     from urbantwin.interface.site_file import Site, init
+    from urbantwin.interface.study import Study, study
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.teaching import Taught, teach
     from urbantwin.interface.tracked_objects import TrackedObjects, track
@@ -87,6 +89,7 @@ __all__ = [
     "DetectedObjects",
     "DiscoveredRig",
     "Evaluation",
+    "Explanation",
     "Exported",
     "Film",
     "Findings",
@@ -114,6 +117,7 @@ __all__ = [
     "SequenceFiles",
     "Site",
     "StageError",
+    "Study",
     "Suite",
     "Summary",
     "Taught",
@@ -142,6 +146,7 @@ __all__ = [
     "discover",
     "drive",
     "evaluate",
+    "explain",
     "export",
     "film",
     "improve",
@@ -160,6 +165,7 @@ __all__ = [
     "sensors",
     "sequence",
     "split",
+    "study",
     "suite",
     "teach",
     "track",

@@ -18,10 +18,10 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "actors align background build calibrate card carla check compare coverage curriculum demo "
-    "detect discover evaluate export film improve init inspect label observe pretrain record "
-    "replay reproduce run sensors sequence split suite teach track traffic train tune vary verify "
-    "view".split()
+    "actors align background build calibrate card carla check compare coverage curriculum "
+    "demo detect discover evaluate explain export film improve init inspect label observe "
+    "pretrain record replay reproduce run sensors sequence split study suite teach track "
+    "traffic train tune vary verify view".split()
 )
 
 

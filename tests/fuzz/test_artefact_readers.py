@@ -40,6 +40,7 @@ from urbantwin.fidelity.challenge import read_detections
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.geometry import LabelledMesh
+from urbantwin.grid import Journal as GridJournal
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.fleet import Fleet
 from urbantwin.interface.rig import rig_on
@@ -392,6 +393,11 @@ JOURNAL = (
     b'{"study": "one", "trial": 1, "shares": [0.25], "loss": 1.25}\n'
 )
 
+CELLS = (
+    b'{"kind": "journal", "cells": {"ab": {"state": "done", "attempts": 1, "seconds": 2.5}, '
+    b'"cd": {"state": "failed", "attempts": 2, "why": "SUMO fell over"}}}'
+)
+
 READERS = [
     Reader("twin.json", inspected, "twin/twin.json", _seeds("twin/twin.json"), beside("twin")),
     Reader("twin changed", inspected, "twin/scene.npz", _seeds("twin/scene.npz"), beside("twin")),
@@ -443,6 +449,7 @@ READERS = [
     Reader("carla roads", _carla_roads, "a.xodr", lambda: [ROADS]),
     Reader("carla navigation", triangles_of_obj, "a.obj", lambda: [WALKED]),
     Reader("journal", _kept_journal, "journal", lambda: [JOURNAL]),
+    Reader("journal of a grid", GridJournal, "cells.json", lambda: [CELLS]),
 ]  # fmt: skip
 
 

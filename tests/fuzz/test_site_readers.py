@@ -35,6 +35,7 @@ from urbantwin.site.initial_site import init_site
 from urbantwin.site.nodes import load_nodes
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
 from urbantwin.site.yaml_document import Document
+from urbantwin.study.robustness import load_study
 from urbantwin.weakness import check_inputs
 from urbantwin.weakness.inputs import look_at_picture
 
@@ -318,6 +319,19 @@ def _own_sensors() -> list[bytes]:
     return [(folder / name).read_bytes() for name in ("vlp-16.yaml", "os1-32.yaml")]
 
 
+STUDY = b"""twin: twin
+seeds: [1, 2]
+seconds: 12
+train: {steps: 20, seeds: [7, 8]}
+classes: [car]
+design: factorial
+factors:
+  sway_m: [0, 0.01]
+  outage_unit: [none, a]
+  pose_error_m: {levels: [0, 0.5], sensors: [a, b], memory_s: 5}
+  fog_visibility_m: [none, 200]
+"""
+
 READERS = [
     Reader("osm", read_map, "map.osm", lambda: [_osm()]),
     Reader("osm of a city", read_map, "map.osm",
@@ -330,6 +344,7 @@ READERS = [
     Reader("site", read_site, "site.yaml", _sites, _beside_site),
     Reader("rig", read_rig, "rig.yaml", _rigs),
     Reader("nodes", read_nodes, "nodes.yaml", _nodes),
+    Reader("study", load_study, "grid.yaml", lambda: [STUDY], lambda: {"twin": b"", "m": b""}),
     Reader("traffic changes", load_traffic_changes, "traffic.yaml", _traffic),
     Reader("dem", read_dem, "dem.tif", _dems),
     Reader("imagery", read_picture, "picture.tif", _pictures),

@@ -130,6 +130,26 @@ def test_late_data_are_older(mounted):
     assert turn.arrival_s == pytest.approx(-0.2 + 0.1 + 0.25)
 
 
+@pytest.mark.parametrize("locked", [True, False])
+def test_frames_by_clocks_hold_the_turns_that_their_clock_dates_into_them(mounted, locked):
+    for offset_s, drift_ppm in ((0.25, 0.0), (-0.13, 0.0), (0.04, 500.0), (0.1, 0.0)):
+        one = mounted(
+            framed_by_clock=True,
+            phase_lock=locked,
+            clock_offset_s=offset_s,
+            clock_drift_ppm=drift_ppm,
+            latency_s=0.4,  # of no account
+        )
+        numbers = []
+        for frame in range(40, 60):
+            for turn in turns_of(one, frame, 0):
+                true_s = frame / 10 + turn.start_s
+                dated = true_s * (1 + drift_ppm * 1e-6) + offset_s
+                assert frame / 10 - 1e-6 <= dated < (frame + 1) / 10 + 1e-6
+                numbers.append(turn.number)
+        assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
 def test_the_clock_is_ahead_by_its_offset_and_gains_by_its_drift(mounted):
     one = mounted(clock_offset_s=0.002, clock_drift_ppm=30.0)
     for frame in (0, 9000):

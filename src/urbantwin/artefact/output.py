@@ -45,6 +45,8 @@ KINDS = (
         "sequence",
         "card",
         "fleet",
+        "study",
+        "explanation",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

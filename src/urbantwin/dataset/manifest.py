@@ -314,6 +314,10 @@ def _part(manifest: Mapping[str, Any], *names: str) -> dict[str, Any] | None:
 def _mounted(one: MountedSensor) -> dict[str, Any]:
     values = {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
     del values["sensor"]
+    if one.pose_error is None:
+        del values["pose_error"]
+    if not one.framed_by_clock:
+        del values["framed_by_clock"]
     if one.measured is None:
         del values["measured"]
     else:

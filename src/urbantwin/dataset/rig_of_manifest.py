@@ -13,7 +13,15 @@ from urbantwin.artefact.manifest import Part
 from urbantwin.dataset.manifest_schema import pose_of_matrix
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.lidar.rig import ReturnMode
-from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, RideSpec, SwaySpec
+from urbantwin.site.rig import (
+    Calibration,
+    Conditions,
+    Effects,
+    OutageSpec,
+    PoseErrorSpec,
+    RideSpec,
+    SwaySpec,
+)
 from urbantwin.taxonomy import BoxKind
 
 __all__ = ["rig_of_manifest"]
@@ -21,6 +29,7 @@ __all__ = ["rig_of_manifest"]
 _MODELS: dict[str, type[BaseModel]] = {
     "effects": Effects,
     "sway": SwaySpec,
+    "pose_error": PoseErrorSpec,
     "calibration": Calibration,
 }
 #: Of a dataset's own place: not carried elsewhere.

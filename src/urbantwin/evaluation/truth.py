@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.evaluation.criterion import JUDGED
 
-__all__ = ["FEWEST_POINTS", "Truth", "roles_of", "why_not"]
+__all__ = ["FEWEST_POINTS", "Truth", "counted_objects", "counting", "roles_of", "why_not"]
 
 #: Boxes with fewer points neither help nor hurt.
 FEWEST_POINTS = 5
@@ -75,6 +75,35 @@ def why_not(
         elif most_m is not None and away > most_m:
             reasons[index] = "far"
     return tuple(reasons)
+
+
+def counted_objects(truth: Truth) -> frozenset[tuple[str, int]]:
+    """Return frame and track of every object that counts and is followed."""
+    return frozenset(
+        (truth.frames[frame], track)
+        for frame, track, ignored in zip(
+            truth.frame.tolist(), truth.track.tolist(), truth.ignored, strict=True
+        )
+        if track >= 0 and not ignored
+    )
+
+
+def counting(truth: Truth, objects: Collection[tuple[str, int]]) -> Truth:
+    """Return the same objects, of which those count that are named, however few points they have.
+
+    Two recordings of one motion are judged by the same objects so: what one of them does not see
+    counts as missed, and not as not to be found.
+
+    Args:
+        truth: of one of them.
+        objects: frame and track of those that count.
+    """
+    keys = zip(truth.frame.tolist(), truth.track.tolist(), truth.ignored, strict=True)
+    ignored = tuple(
+        "" if (truth.frames[frame], track) in objects else reason or "does not count there"
+        for frame, track, reason in keys
+    )
+    return replace(truth, ignored=ignored)
 
 
 def roles_of(truth: Truth, class_name: str, *, layout: str, vans: bool) -> NDArray[np.int64]:

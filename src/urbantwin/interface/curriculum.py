@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,6 @@ from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
     from urbantwin.interface.twin import Twin
-    from urbantwin.variation import Grade
 
 __all__ = ["Curriculum", "curriculum"]
 
@@ -103,7 +101,7 @@ def curriculum(  # noqa: PLR0913 - an option of the command each
     from urbantwin.dataset.recording import frame_times
     from urbantwin.interface.rig import placed, rig_spec_on
     from urbantwin.interface.twin import Twin
-    from urbantwin.variation import graded_rig, load_ladder, refuse_nobody
+    from urbantwin.variation import graded_rig, load_ladder, refuse_nobody, traffic_of_density
 
     place = beside(twin, "graded", out)
     grades = load_ladder(ladder)
@@ -118,7 +116,10 @@ def curriculum(  # noqa: PLR0913 - an option of the command each
     standing = [placed(its, opened, file) for its in rigs]  # before anything is driven
     for one in grades:
         check_folder(place / one.name, kind="dataset", inputs=inputs)
-    traffics = {one.density: _traffic(opened, one) for one in grades}
+    traffics = {
+        one.density: traffic_of_density(opened.site["traffic"], one.density, f"grade {one.name}")
+        for one in grades
+    }
     for density in traffics:
         check_folder(place / _motion_name(density), kind="motion", inputs=inputs)
     motions: dict[float, Motion] = {}
@@ -165,22 +166,3 @@ def curriculum(  # noqa: PLR0913 - an option of the command each
 
 def _motion_name(density: float) -> str:
     return f"motion-density-{density:g}"
-
-
-def _traffic(twin: Twin, grade: Grade) -> dict[str, Any]:
-    """Return what of the traffic a grade asks for besides the site's.
-
-    Raises:
-        InputError: the site's traffic is counted, and the grade asks for another share of it.
-    """
-    traffic: Mapping[str, Any] = twin.site["traffic"]
-    if grade.density == 1:
-        return {}
-    if traffic.get("counts"):
-        raise InputError(
-            f"asks for {grade.density:g} of the traffic, which the site has counted",
-            place=f"grade {grade.name}",
-            expected="density: 1, or a site with per_hour",
-        )
-    usual = traffic["per_hour"]
-    return {"per_hour": {name: round(grade.density * rate, 3) for name, rate in usual.items()}}

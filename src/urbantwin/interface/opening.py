@@ -34,6 +34,8 @@ _CLASSES = {
     "tuning": ("tuning", "Tuning"),
     "sequence": ("sequence", "SequenceFiles"),
     "fleet": ("fleet", "Fleet"),
+    "study": ("study", "Study"),
+    "explanation": ("explanation", "Explanation"),
 }
 _EXPECTED = (
     "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "

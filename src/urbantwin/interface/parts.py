@@ -82,9 +82,10 @@ def recording_of_part(path: Path, layout: str | None, part: str) -> Recording:
         InputError: there is no such part, it is empty, or the recording cannot be read.
     """
     from urbantwin.fidelity.readers import open_recording
+    from urbantwin.fidelity.readers.own import with_lost_turns
 
     if is_split_document(path):
         raise InputError("is a list of datasets", file=path, expected="one of them")
     (names,) = chosen_frames([path], part).names
-    recording = open_recording(path, layout)
+    recording = with_lost_turns(open_recording(path, layout))
     return recording if names is None else recording.only(set(names))

@@ -17,6 +17,7 @@ from urbantwin.interface.done_steps import DoneSteps
 from urbantwin.interface.evaluation_report import Evaluation, evaluate
 from urbantwin.interface.motion import Motion, driven
 from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.reckoning import FRAME_S, JUDGED_S, TRAFFIC_S, TWIN_S, training_s
 from urbantwin.interface.recording import recorded
 from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Summary
@@ -31,14 +32,8 @@ __all__ = ["Taught", "teach"]
 
 #: Seconds of a drive before its first frame.
 _START_S = 2.0
-#: What two processors of a laptop need: seconds at least and at most for a twin; for a second of
-#: traffic; for a frame of one sensor; for the judgement of one.
-_TWIN_S, _TRAFFIC_S, _FRAME_S, _JUDGED_S = (15.0, 200.0), (0.12, 1.2), (0.1, 0.8), (0.3, 1.5)
-_STEP_S = (0.1, 0.5)
 #: A rig that is farther off than this is another one, metres and degrees.
 _MOST_OFF = (5.0, 45.0)
-#: Reading of datasets and what else training takes beside its minutes.
-_AROUND_TRAINING = (1.05, 1.4)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -190,7 +185,7 @@ def teach(  # noqa: PLR0913 - the options of the command
             partial(course.record, lesson, rig, sees),
         )
         if number == 0 and time.monotonic() - began > 1.0:
-            left = (time.monotonic() - began) * (len(lessons) - 1) + _training_s(minutes, steps)[1]
+            left = (time.monotonic() - began) * (len(lessons) - 1) + training_s(minutes, steps)[1]
             tell_line(f"teach: by the first drive, about {left / 60:.0f} minutes to go", progress)
     model = target / "model"
     teaching = [datasets[one.name] for one in lessons if not one.held]
@@ -321,20 +316,14 @@ def _reckoned(
     """Return the least and the most seconds that all of it is reckoned to take."""
     ends = []
     for k in range(2):
-        each = seconds * _TRAFFIC_S[k] + frames * (1 + sensors) * _FRAME_S[k]
+        each = seconds * TRAFFIC_S[k] + frames * (1 + sensors) * FRAME_S[k]
         ends.append(
-            _TWIN_S[k]
+            TWIN_S[k]
             + lessons * each
-            + _training_s(minutes, steps)[k]
-            + judged * frames * _JUDGED_S[k]
+            + training_s(minutes, steps)[k]
+            + judged * frames * JUDGED_S[k]
         )
     return ends[0], ends[1]
-
-
-def _training_s(minutes: float, steps: int | None) -> tuple[float, float]:
-    """Return the least and the most seconds of training with what is around it."""
-    low, high = (60 * minutes if steps is None else steps * one for one in _STEP_S)
-    return low * _AROUND_TRAINING[0], high * _AROUND_TRAINING[1]
 
 
 def _classes_of(datasets: Sequence[Path]) -> list[str]:

@@ -90,9 +90,14 @@ def detected(
             "the model tells nothing: it was pre-trained",
             expected="a model of `urbantwin train`, which may begin --from this one",
         )
-    names, rows = [], []
+    names: list[str] = []
+    rows: list[tuple[NDArray[np.float64], list[str], NDArray[np.float64]]] = []
     for number in each(range(len(recording)), tell, "detecting"):
         frame = recording.read(number)
+        if not len(frame.points):  # no turn arrived
+            names.append(frame.name)
+            rows.append((np.zeros((0, 7)), [], np.zeros(0)))
+            continue
         refuse_upside_down(frame, recording.path)
         if model.design.intensity and frame.intensity is None:
             raise InputError(

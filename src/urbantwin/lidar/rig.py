@@ -11,10 +11,19 @@ import numpy as np
 from urbantwin.geometry import Pose
 from urbantwin.lidar.actor_path import ActorPath
 from urbantwin.lidar.background import MeasuredBackground
+from urbantwin.lidar.pose_error import MisplacedPath
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_path import FixedPath, RidingPath, SensorPath
 from urbantwin.lidar.sway import SwayingPath
-from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, RideSpec, SwaySpec
+from urbantwin.site.rig import (
+    Calibration,
+    Conditions,
+    Effects,
+    OutageSpec,
+    PoseErrorSpec,
+    RideSpec,
+    SwaySpec,
+)
 from urbantwin.taxonomy import BoxKind
 
 __all__ = ["MountedSensor", "ReturnMode", "Rig", "dataset_frame"]
@@ -42,6 +51,8 @@ class MountedSensor:
         phase_lock: whether turns begin at whole multiples of their duration.
         clock_offset_s: what its clock is ahead of true time at the motion's start.
         clock_drift_ppm: how much too fast its clock runs, millionths.
+        framed_by_clock: whether a frame holds the turns whose begin, by the sensor's clock, is in
+            it; else those that arrive in it.
         time_jitter_s: standard deviation of a turn's start.
         latency_s: from a turn's end to its arrival.
         dropped_frames: share of its turns that never arrive.
@@ -50,6 +61,7 @@ class MountedSensor:
         sway: how its pole swings; ``None``: not at all.
         swings_with: number of the sensor whose pole it shares.
         sway_height_m: height of the sensor above the foot of its pole.
+        pose_error: how wrong its pose is reported; ``None``: it is right.
         carrier_SE3_sensor: its pose in the frame of its carrier's mesh; ``None``: it stands.
         above_roof_m: height above its carrier's top, where that is what was said: the carrier's
             own height comes to it when the rig boards.
@@ -73,6 +85,7 @@ class MountedSensor:
     phase_lock: bool = True
     clock_offset_s: float = 0.0
     clock_drift_ppm: float = 0.0
+    framed_by_clock: bool = False
     time_jitter_s: float = 0.0
     latency_s: float = 0.0
     dropped_frames: float = 0.0
@@ -81,6 +94,7 @@ class MountedSensor:
     sway: SwaySpec | None = None
     swings_with: int = 0
     sway_height_m: float = 5.0
+    pose_error: PoseErrorSpec | None = None
     carrier_SE3_sensor: Pose | None = None  # noqa: N815
     above_roof_m: float | None = None
     deskew: bool = True
@@ -101,6 +115,14 @@ class MountedSensor:
             seed: of all random numbers.
             carrier: the path of the actor that carries it, of a sensor that rides.
         """
+        path = self._believed_path(frame_index, seed, carrier)
+        if self.pose_error is None:
+            return path
+        time_s = frame_index / self.rate_hz
+        return MisplacedPath(path, self.pose_error, time_s, seed, self.number)
+
+    def _believed_path(self, frame_index: int, seed: int, carrier: ActorPath | None) -> SensorPath:
+        """Return its path where nothing but sway is unknown of it."""
         if self.carrier_SE3_sensor is not None:
             if carrier is None:
                 raise ValueError(f"{self.name} rides, and nothing carries it")

@@ -217,6 +217,9 @@ class _Eye:
                 view = StaticView.of(
                     one, beams, self.model, self.world, path, sweep, dataset_SE3_site
                 )
+            elif one.pose_error is not None:
+                begin_s = float(sweep.column_time_s.min())
+                view = view.believed_from(path, begin_s, dataset_SE3_site)
             yield Turn(self.number, one, self.model, view, sweep, dead)
 
 

@@ -108,6 +108,20 @@ class StaticView:
         echoes.level[row], echoes.sigma[row] = first.level[beam], first.sigma[beam]
         echoes.intensity[row] = first.intensity[beam]
 
+    def believed_from(self, path: SensorPath, time_s: float, dataset_SE3_site: Pose) -> StaticView:
+        """Return the same view of a sensor that stands still and is reported elsewhere.
+
+        Args:
+            path: where it is reported.
+            time_s: at which time of the frame.
+            dataset_SE3_site: to the frame of the points.
+        """
+        rotation, place = path.reported_poses(np.array([time_s]))
+        turned = np.asarray(dataset_SE3_site.rotation) @ rotation
+        directions = _directions(self.beams, self.beams.believed, turned)
+        origin = np.ascontiguousarray(dataset_SE3_site.apply(place).T, np.float32)
+        return replace(self, directions=directions, origin=origin)
+
     @classmethod
     def of(
         cls,

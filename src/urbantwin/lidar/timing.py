@@ -9,10 +9,12 @@ sensor's own clock, so it drifts with it.
 times its standard deviation.
 
 **Frames.** Frame n collects for ``frame_window_s`` from ``t_n = n / rate_hz`` on: the turns whose
-data begin to arrive then, which is ``latency_s`` after they are measured. So no turn is in two
-frames, and, where frames follow each other without a gap, none is in no frame, unless it is lost
-(``dropped_frames``). Sensors are switched on when the motion starts: there are no turns before,
-so the first frames of a sensor whose data come late are empty.
+data begin to arrive then, which is ``latency_s`` after they are measured; of a rig whose frames go
+by clocks, the turns whose begin, by their sensor's clock, lies in that span, so that a wrong clock
+brings turns of another moment into a frame. So no turn is in two frames, and, where frames follow
+each other without a gap, none is in no frame, unless it is lost (``dropped_frames``). Sensors are
+switched on when the motion starts: there are no turns before, so the first frames of a sensor whose
+data come late are empty.
 
 **Clock.** At true time t a sensor's clock says ``t + clock_offset_s + clock_drift_ppm 1e-6 t``.
 
@@ -159,8 +161,12 @@ def _turns_per_second(mounted: MountedSensor) -> float:
 
 
 def _first_turn(mounted: MountedSensor, time_s: float, turn_s: float, missing: float) -> int:
-    """Return the first turn that begins to arrive at a time or later."""
-    return math.ceil((time_s - mounted.latency_s) / turn_s + missing - _ON_THE_BORDER)
+    """Return the first turn that begins to arrive, or that its clock dates, then or later."""
+    if mounted.framed_by_clock:  # when the clock says that time
+        begin_s = (time_s - mounted.clock_offset_s) / (1.0 + mounted.clock_drift_ppm * 1e-6)
+    else:
+        begin_s = time_s - mounted.latency_s
+    return math.ceil(begin_s / turn_s + missing - _ON_THE_BORDER)
 
 
 def _fate(mounted: MountedSensor, seed: int, number: int) -> tuple[float, bool]:

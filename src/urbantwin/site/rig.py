@@ -23,6 +23,7 @@ __all__ = [
     "Conditions",
     "Effects",
     "OutageSpec",
+    "PoseErrorSpec",
     "RideSpec",
     "RigSpec",
     "SensorSpec",
@@ -47,6 +48,24 @@ class SwaySpec(Strict):
     rms_m: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
     frequency_hz: Annotated[float, Field(gt=0.0, le=50.0, allow_inf_nan=False)] = 1.5
     damping: Annotated[float, Field(gt=0.0, le=0.5, allow_inf_nan=False)] = 0.01
+
+
+class PoseErrorSpec(Strict):
+    """How wrong a sensor's pose is reported; the sensor itself stays where it is.
+
+    Attributes:
+        rms_m: root mean square of what wanders along east, north and up each, metres.
+        rms_deg: of what wanders about each of these axes, degrees.
+        memory_s: after so long what wanders has mostly forgotten where it was, seconds.
+        drift_m_per_min: how fast the place goes off, in a direction that the seed draws.
+        drift_deg_per_min: how fast the attitude does, about an axis that the seed draws.
+    """
+
+    rms_m: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] = 0.0
+    rms_deg: Annotated[float, Field(ge=0.0, le=30.0, allow_inf_nan=False)] = 0.0
+    memory_s: Annotated[float, Field(ge=0.1, le=1e6, allow_inf_nan=False)] = 60.0
+    drift_m_per_min: Annotated[float, Field(ge=0.0, le=60.0, allow_inf_nan=False)] = 0.0
+    drift_deg_per_min: Annotated[float, Field(ge=0.0, le=360.0, allow_inf_nan=False)] = 0.0
 
 
 class RideSpec(Strict):
@@ -111,6 +130,7 @@ class SensorSpec(SensorPlace, _Named):
         outages: when beams of it report nothing.
         calibration: how this unit differs from the datasheet.
         sway: of its own pole; ``None``: the rig's.
+        pose_error: how wrong its pose is reported; ``None``: it is right.
     """
 
     proposed: bool | None = None
@@ -127,6 +147,7 @@ class SensorSpec(SensorPlace, _Named):
     outages: list[OutageSpec] = Field(default_factory=list)
     calibration: Calibration = Calibration()
     sway: SwaySpec | None = None
+    pose_error: PoseErrorSpec | None = None
 
 
 def _stands_where_the_rig_does(sensor: SensorSpec, info: ValidationInfo) -> SensorSpec:
@@ -147,6 +168,8 @@ class RigSpec(Strict):
         rate_hz: frames per second, of all sensors.
         window_s: a frame holds the turns that arrive in so many seconds from its time on; ``None``:
             until the next frame's.
+        frames_by: what decides which frame a turn is in: when it arrives, or what its sensor's
+            clock says of its begin.
         frame: of the dataset's points: ``sensor`` (that of the first sensor), ``level`` (its place
             and heading, gravity-aligned) or ``site``.
         fused: the sensors' points in one frame; ``False``: a dataset for each sensor.
@@ -166,6 +189,7 @@ class RigSpec(Strict):
 
     rate_hz: Rate = 10.0
     window_s: Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)] | None = None
+    frames_by: Literal["arrival", "clock"] = "arrival"
     frame: Literal["sensor", "level", "site"] = "level"
     fused: bool = True
     boxes: BoxKind = "track"

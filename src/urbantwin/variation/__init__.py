@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         graded_rig,
         load_ladder,
         refuse_nobody,
+        traffic_of_density,
     )
     from urbantwin.variation.proof import Proof, proof_of
     from urbantwin.variation.run_file import RunFile, load_run
@@ -31,6 +32,7 @@ __all__ = [
     "proof_of",
     "read_factor",
     "refuse_nobody",
+    "traffic_of_density",
 ]
 
 names_on_demand(__name__)

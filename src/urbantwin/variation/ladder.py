@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import shapely
@@ -17,7 +17,14 @@ from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, read_document
 from urbantwin.traffic import Motion
 
-__all__ = ["LADDERS", "Grade", "graded_rig", "load_ladder", "refuse_nobody"]
+__all__ = [
+    "LADDERS",
+    "Grade",
+    "graded_rig",
+    "load_ladder",
+    "refuse_nobody",
+    "traffic_of_density",
+]
 
 #: No sensor comes lower, metres.
 _LOWEST_M = 2.0
@@ -100,6 +107,29 @@ def graded_rig(spec: RigSpec, grade: Grade) -> RigSpec:
         sensors.append(one.model_copy(update={"height_m": height}))
     reach = grade.range_m if grade.range_m is not None else spec.label_range_m
     return spec.model_copy(update={"sensors": sensors, "label_range_m": reach})
+
+
+def traffic_of_density(traffic: Mapping[str, Any], density: float, place: str) -> dict[str, Any]:
+    """Return what of the traffic is asked for besides the site's to have a share of it.
+
+    Args:
+        traffic: the site's.
+        density: times as much of every class.
+        place: who asks for it, for the error.
+
+    Raises:
+        InputError: the site's traffic is counted, and another share of it is asked for.
+    """
+    if density == 1:
+        return {}
+    if traffic.get("counts"):
+        raise InputError(
+            f"asks for {density:g} of the traffic, which the site has counted",
+            place=place,
+            expected="density: 1, or a site with per_hour",
+        )
+    usual = traffic["per_hour"]
+    return {"per_hour": {name: round(density * rate, 3) for name, rate in usual.items()}}
 
 
 def refuse_nobody(

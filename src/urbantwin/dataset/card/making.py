@@ -22,6 +22,8 @@ _USUAL: Mapping[str, object] = {
     "dropped_frames": 0.0,
     "outages": [],
     "sway": None,
+    "pose_error": None,
+    "framed_by_clock": False,
     "phase_deg": 0.0,
     "deskew": True,
 }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import position_and_intensity
-from urbantwin.fidelity.clouds import usable_points
+from urbantwin.fidelity.clouds import UsablePoints, usable_points
 from urbantwin.fidelity.frame import Frame
 
 __all__ = ["frame_of", "seconds_of"]
@@ -45,6 +45,7 @@ def frame_of(
     *,
     name: str,
     given: Mapping[str, NDArray[np.generic]] | None = None,
+    may_be_empty: bool = False,
     **known: Any,  # noqa: ANN401 - attributes of a frame
 ) -> Frame:
     """Return the frame that the fields of a file make up, without invalid points.
@@ -56,6 +57,7 @@ def frame_of(
         name: of the frame.
         given: arrays (N,) for attributes of `Frame` by their own names, in place of what is
             found.
+        may_be_empty: whether a frame without a point is one, too.
         known: other attributes of `Frame`.
 
     Raises:
@@ -81,8 +83,15 @@ def frame_of(
             raise InputError(
                 f"{len(values)} values of {attribute} for {len(table)} points", file=file
             )
-    usable = usable_points(file, table, intensity)
-    if "ring" in found and np.nanmax(found["ring"][usable.rows]) > _MOST_RINGS:
+    if may_be_empty and not len(table):
+        usable = UsablePoints(np.zeros(0, bool), 0, 0)
+    else:
+        usable = usable_points(file, table, intensity)
+    if (
+        usable.rows.any()
+        and "ring" in found
+        and np.nanmax(found["ring"][usable.rows]) > _MOST_RINGS
+    ):
         raise InputError(
             f"has ring {np.nanmax(found['ring'][usable.rows]):.0f}",
             file=file,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -29,7 +31,15 @@ from urbantwin.geometry import Pose
 from urbantwin.reconstruct.recording import RecordedFrames
 from urbantwin.taxonomy import ACTOR_CLASSES
 
-__all__ = ["LABELLING", "BoxTable", "SensorPlaces", "fields_of_rays", "is_own", "open_own"]
+__all__ = [
+    "LABELLING",
+    "BoxTable",
+    "SensorPlaces",
+    "fields_of_rays",
+    "is_own",
+    "open_own",
+    "with_lost_turns",
+]
 
 #: Frames that a model labelled say in this file where their sensors are.
 LABELLING = "labelling.json"
@@ -52,10 +62,29 @@ def is_own(path: Path) -> bool:
     return manifest.is_file() and b'"kind": "dataset' in read_bytes(manifest, _EXPECTED)
 
 
-def open_own(path: Path, columns: int | None) -> Recording:
+def with_lost_turns(recording: Recording) -> Recording:
+    """Return a dataset of ours with its frames of which no turn arrived; they have no points.
+
+    Who compares points has no use for these; who judges what is detected has.
+
+    Args:
+        recording: of any layout; others than ours are returned as they are.
+    """
+    if recording.layout != "own" or not (recording.path / "sweeps.parquet").is_file():
+        return recording
+    opens = partial(open_own, recording.path, None, may_be_empty=True)
+    return replace(opens(), again=opens)
+
+
+def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> Recording:
     """Open a dataset that ``urbantwin record`` wrote.
 
     Of files that are missing (labels, rays), frames lack what they would say.
+
+    Args:
+        path: the folder.
+        columns: values per row of ``.bin`` files.
+        may_be_empty: whether frames without points are frames, too.
 
     Raises:
         InputError: there are no points, or it is a folder of datasets, one for each sensor.
@@ -96,6 +125,7 @@ def open_own(path: Path, columns: int | None) -> Recording:
             fields,
             name=name,
             given=given,
+            may_be_empty=may_be_empty,
             boxes=boxes.of(name) if boxes.exists else read_label_lines(lines),
             world_SE3_frame=None if dataset_SE3_site is None else dataset_SE3_site.inverse(),
             sensor_places=np.zeros((1, 3)) if seen_from is None else seen_from,

@@ -1,0 +1,228 @@
+"""Why objects are found in one recording and missed in another that differs in one factor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import check_folder, read_json, replaced_folder
+from urbantwin.errors import InputError
+from urbantwin.interface.detected_objects import detect
+from urbantwin.interface.parts import recording_of_part
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+from urbantwin.interface.variation import Variation
+from urbantwin.progress import between
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from urbantwin.evaluation import Criterion
+
+__all__ = ["Explanation", "explain"]
+
+_KIND = "explanation"
+#: How a detection finds an object.
+_BY = ("distance", "overlap")
+
+
+@dataclass(frozen=True, repr=False)
+class Explanation:
+    """Objects that are found in one recording and missed in another, and why.
+
+    Attributes:
+        folder: where it is; ``explanation.html`` in it is the page for people.
+        manifest: ``explanation.json``.
+    """
+
+    folder: Path
+    manifest: dict[str, Any]
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Explanation:
+        """Open an explanation's folder.
+
+        Raises:
+            InputError: it is none.
+        """
+        return cls(Path(folder), read_json(Path(folder) / f"{_KIND}.json", kind=_KIND))
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return the headline and the folder."""
+        return f"{self.manifest['in_short']} ({self.folder})"
+
+    @property
+    def changes(self) -> pa.Table:
+        """A row for each frame and object that is found on one side only."""
+        from urbantwin.artefact.tables import read_parquet
+
+        return read_parquet(self.folder / "changes.parquet", "changes of an explanation")
+
+    def summary(self) -> Summary:
+        """Return how many objects changed, by reason."""
+        told = self.manifest
+        return Summary(
+            path=str(self.folder),
+            page=str(self.folder / f"{_KIND}.html"),
+            in_short=told["in_short"],
+            scores={name: round(score, 3) for name, score in told["scores"].items()},
+            variants=told["variants"],
+            objects=told["objects"],
+            drawn=told["drawn"],
+        )
+
+
+def explain(  # noqa: PLR0913 - the options of the command
+    pair: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    model: AnyPath | None = None,
+    detections: Sequence[AnyPath] = (),
+    score: float | None = None,
+    by: str = "distance",
+    drawn: int = 60,
+    device: str = "cpu",
+    progress: ShowProgress = True,
+) -> Explanation:
+    """Say which objects a factor makes a detector miss or find, and why.
+
+    Args:
+        pair: a folder that ``vary`` wrote: a base, and one variant or several.
+        out: the folder to write; ``explanation`` in the pair's when not given.
+        model: a detector, which detects in all recordings, into ``OUT-detections``.
+        detections: in its place what was detected: of the base, then of each variant.
+        score: from which on a detection counts; that of the base's best F1, by class, when not
+            given.
+        by: an object is found by a detection within 1 m (trucks, buses 2 m): ``distance``; or with
+            a BEV IoU of 0.5: ``overlap``.
+        drawn: so many objects are drawn at most.
+        device: of torch.
+        progress: show how far it is; or a function that is told (share, doing), of each stage.
+
+    Raises:
+        InputError: the pair, the model or the detections cannot be used.
+
+    Example:
+        >>> ut.explain("pair/", model="model/").changes
+    """
+    from urbantwin.detections.forms import read_any_form
+    from urbantwin.evaluation.criterion import JUDGED, near, overlapping
+    from urbantwin.study.causes import changes_between, read_side, thresholds_of, write_explanation
+
+    varied = _opened(Path(pair))
+    names = ["base", *(row["name"] for row in varied.manifest["variants"])]
+    target = varied.folder / _KIND if out is None else Path(out)
+    given = [Path(one) for one in detections]
+    _check(varied, names, model, given, score, by)
+    inputs = [varied.folder / name for name in names] + [varied.folder / "comparison", *given]
+    check_folder(target, kind=_KIND, inputs=inputs)
+    data = [varied.folder / name / "dataset" for name in names]
+    if model is not None:
+        said = target.with_name(f"{target.name}-detections")
+        given = [
+            detect(model, one, said / name, device=device, progress=progress).folder
+            for name, one in zip(names, data, strict=True)
+        ]
+    criterion: dict[str, Criterion] = {
+        name: near(name) if by == "distance" else overlapping() for name in JUDGED
+    }
+    with shown_stage("explain", progress, brief=True) as tell:
+        fates = varied.fates
+        if "hiders" not in fates.column_names:
+            raise InputError(
+                "does not say what hides objects in part",
+                file=varied.folder / "comparison" / "fates.parquet",
+                expected="a pair of this version of `urbantwin vary`: vary again",
+            )
+        sides = []
+        for number, (name, one, found) in enumerate(zip(names, data, given, strict=True)):
+            told = between(tell, 0.6 * number / len(names), 0.6 * (number + 1) / len(names), name)
+            recording = recording_of_part(one, None, "all")
+            boxes, _ = read_any_form(found, partial(recording_of_part, one, None, "all"))
+            sides.append(read_side(name, recording, boxes, fates, told))
+        base, *variants = sides
+        least = thresholds_of(base, score)
+        compared = [changes_between(base, one, criterion, least) for one in variants]
+        with replaced_folder(target, kind=_KIND, inputs=inputs) as folder:
+            manifest = write_explanation(
+                folder,
+                compared,
+                {
+                    "factor": varied.manifest["factor"],
+                    "by": by,
+                    "criterion": "stands within 1 m of it in plan (trucks, buses 2 m)"
+                    if by == "distance"
+                    else "has an intersection over union of a half with it in plan",
+                    "names": names,
+                },
+                least=least,
+                most=drawn,
+                tell=between(tell, 0.7, 1.0),
+            )
+    return Explanation(target, manifest)
+
+
+def _opened(folder: Path) -> Variation:
+    """Open what ``vary`` wrote.
+
+    Raises:
+        InputError: it is nothing of the kind.
+    """
+    file = folder / "comparison" / "variation.json"
+    if not file.is_file():
+        raise InputError(
+            "holds no comparison" if folder.is_dir() else "is not there",
+            file=folder,
+            expected="a folder that `urbantwin vary` wrote",
+        )
+    manifest = read_json(file, kind="variation")
+    rows = manifest.get("variants")
+    if not isinstance(rows, list) or not all(
+        isinstance(row, dict) and isinstance(row.get("name"), str) for row in rows
+    ):
+        raise InputError("is damaged", file=file, expected="what `urbantwin vary` wrote")
+    return Variation(folder, manifest)
+
+
+def _check(
+    varied: Variation,
+    names: Sequence[str],
+    model: AnyPath | None,
+    given: Sequence[Path],
+    score: float | None,
+    by: str,
+) -> None:
+    """Refuse what cannot be compared, before anything is detected.
+
+    Raises:
+        InputError: there is such.
+    """
+    if (model is None) == (not given):
+        raise InputError(
+            "nobody says what was detected" if model is None else "is given beside detections",
+            place="--model",
+            expected="a model, or detections of each recording",
+        )
+    if given and len(given) != len(names):
+        raise InputError(
+            f"{len(given)} are given for {len(names)} recordings",
+            place="--detections",
+            expected=f"one each of {', '.join(names)}, in this order",
+        )
+    if score is not None and not 0 <= score <= 1:
+        raise InputError(f"is {score:g}", place="--score", expected="0 to 1")
+    if by not in _BY:
+        raise InputError(f"is {by!r:.40}", place="--by", expected=" or ".join(_BY))
+    for name in names:
+        if not (varied.folder / name / "dataset" / "dataset.json").is_file():
+            raise InputError(
+                "has no dataset", file=varied.folder / name, expected="what `vary` wrote there"
+            )

@@ -1,0 +1,156 @@
+"""One of two recordings that are compared: what was detected in it, and what became of objects."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from urbantwin.artefact.tables import read_parquet
+from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.detections import Detections
+from urbantwin.evaluation import JUDGED, Criterion, Seen, evaluate, read_labelled
+from urbantwin.evaluation.matching import matched
+from urbantwin.evaluation.pairs import Pairs, pairs_of
+from urbantwin.evaluation.truth import counting, roles_of
+from urbantwin.fidelity.readers import Recording
+from urbantwin.progress import Progress, untold
+
+__all__ = ["Side", "class_of", "read_side", "thresholds_of"]
+
+#: Classes that are judged, each on its own.
+_CLASSES = tuple(name for name in JUDGED if name != "large")
+_CLASS_OF = {actor: name for name in _CLASSES for actor in JUDGED[name]}
+
+
+def class_of(actor: str) -> str | None:
+    """Return the class that detectors have for an actor's, or ``None``."""
+    return _CLASS_OF.get(actor)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One recording.
+
+    Attributes:
+        name: of the variant, or ``base``.
+        recording: its frames.
+        seen: detections and labels.
+        pairs: which of them are near each other.
+        rows: row of ``seen.truth`` of each frame and track.
+        fates: of each frame and track, its row of ``fates.parquet``.
+        weather: weather and visibility, of the rig's conditions.
+        lost: of each frame the sensors whose turns were all lost.
+    """
+
+    name: str
+    recording: Recording
+    seen: Seen
+    pairs: Pairs
+    rows: Mapping[tuple[str, int], int]
+    fates: Mapping[tuple[str, int], Mapping[str, Any]]
+    weather: tuple[str, float | None]
+    lost: Mapping[str, frozenset[str]]
+
+    def counting(self, objects: Collection[tuple[str, int]]) -> Side:
+        """Return the same, with those objects to be found and no others."""
+        return replace(self, seen=replace(self.seen, truth=counting(self.seen.truth, objects)))
+
+    def found(
+        self, criterion: Mapping[str, Criterion], least: Mapping[str, float]
+    ) -> NDArray[np.int64]:
+        """Return the detection (L,) that found each object; -1: it was missed, or does not count.
+
+        Args:
+            criterion: by class, when a detection has found an object.
+            least: by class, the score of a detection that counts.
+        """
+        truth, score = self.seen.truth, self.seen.detections.score
+        result = np.full(len(truth), -1, np.int64)
+        for name in _CLASSES:
+            mine = np.array([one in JUDGED[name] for one in self.seen.detections.class_names], bool)
+            order = np.flatnonzero(mine & (score >= least.get(name, 0.0)))
+            order = order[np.argsort(-score[order], kind="stable")]
+            roles = roles_of(truth, name, layout=self.recording.layout, vans=False)
+            told = matched(self.pairs, order, roles, self.seen.in_view, criterion[name])
+            result[told.label[told.right]] = told.detection[told.right]
+        return result
+
+
+def read_side(
+    name: str,
+    recording: Recording,
+    detections: Detections,
+    fates: pa.Table,
+    tell: Progress = untold,
+) -> Side:
+    """Read one recording.
+
+    Args:
+        name: of the variant.
+        recording: a dataset of ours.
+        detections: in it.
+        fates: of all variants, see `variation.fates_of`.
+        tell: how far it is.
+
+    Raises:
+        InputError: a file is damaged, or no frame is in both.
+    """
+    seen = read_labelled(detections, recording, tell=tell)
+    truth = seen.truth
+    rows = {
+        (truth.frames[frame], track): row
+        for row, (frame, track) in enumerate(
+            zip(truth.frame.tolist(), truth.track.tolist(), strict=True)
+        )
+    }
+    mine = [row for row in fates.to_pylist() if row["variant"] == name]
+    folder = Path(recording.path)
+    conditions = read_manifest(folder)["rig"]["conditions"]
+    return Side(
+        name,
+        recording,
+        seen,
+        pairs_of(seen.detections, truth),
+        rows,
+        {(row["frame"], row["track"]): row for row in mine},
+        (str(conditions["weather"]), conditions.get("visibility_m")),
+        _lost_sensors(folder),
+    )
+
+
+def _lost_sensors(folder: Path) -> dict[str, frozenset[str]]:
+    """Return of each frame the sensors of which nothing arrived."""
+    table = read_parquet(folder / "sweeps.parquet", "the sweeps of a dataset")
+    sensors = set(table["sensor"].to_pylist())
+    there: dict[str, set[str]] = {frame: set() for frame in table["frame"].to_pylist()}
+    for row in table.select(["frame", "sensor", "lost"]).to_pylist():
+        if not row["lost"]:
+            there[row["frame"]].add(row["sensor"])
+    return {frame: frozenset(sensors - arrived) for frame, arrived in there.items()}
+
+
+def thresholds_of(side: Side, score: float | None) -> dict[str, float]:
+    """Return by class the score from which on detections count: of the best F1, or one for all.
+
+    Args:
+        side: the base: an operator sets the score there, and leaves it.
+        score: for all classes.
+    """
+    if score is not None:
+        return dict.fromkeys(_CLASSES, score)
+    truth = side.seen.truth
+    there = [
+        name
+        for name in _CLASSES
+        if (roles_of(truth, name, layout=side.recording.layout, vans=False) > 0).any()
+    ]
+    if not there:
+        return {}
+    judged = evaluate(side.seen, layout=side.recording.layout, classes=there, draws=1)
+    return {name: one.threshold for name, one in judged.classes.items()}
