@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
+    from urbantwin.interface.fusion_study import FusionStudy, fuse
     from urbantwin.interface.improvement import Improved, improve
     from urbantwin.interface.inspection import inspect
     from urbantwin.interface.labelled_recording import LabelledRecording, label
@@ -87,6 +88,7 @@ __all__ = [
     "Film",
     "Frame",
     "Frames",
+    "FusionStudy",
     "Improved",
     "InputError",
     "LabelledRecording",
@@ -134,6 +136,7 @@ __all__ = [
     "evaluate",
     "export",
     "film",
+    "fuse",
     "improve",
     "init",
     "inspect",
