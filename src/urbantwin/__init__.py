@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.carla_frames import CarlaFrames, carla
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
-    from urbantwin.interface.dataset import Dataset, Frame, record
+    from urbantwin.interface.dataset import Dataset, Frame
     from urbantwin.interface.dataset_card import Card, card
     from urbantwin.interface.dataset_split import DatasetSplit, split
     from urbantwin.interface.datasets import Datasets
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
+    from urbantwin.interface.fleet import Fleet, FleetFrame, NodeFrame
     from urbantwin.interface.fusion_study import FusionStudy, fuse
     from urbantwin.interface.improvement import Improved, improve
     from urbantwin.interface.inspection import inspect
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.observed_traffic import ObservedTraffic, observe
     from urbantwin.interface.opening import Package, open
     from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
+    from urbantwin.interface.recording import record
     from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
@@ -86,6 +88,8 @@ __all__ = [
     "Evaluation",
     "Exported",
     "Film",
+    "Fleet",
+    "FleetFrame",
     "Frame",
     "Frames",
     "FusionStudy",
@@ -93,6 +97,7 @@ __all__ = [
     "InputError",
     "LabelledRecording",
     "Motion",
+    "NodeFrame",
     "ObjectsReport",
     "ObservedTraffic",
     "Package",

@@ -45,6 +45,7 @@ KINDS = (
         "exported",
         "sequence",
         "card",
+        "fleet",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

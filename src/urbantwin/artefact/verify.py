@@ -100,11 +100,13 @@ def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
     inside = path.resolve()
     if inside.is_file():
         inside = inside.parent
-    for folder in (inside, *inside.parents):
-        if _is_artefact(folder):
-            below = inside.relative_to(folder).as_posix()
-            yield folder, "" if below == "." else below
-            return
+    around = [folder for folder in (inside, *inside.parents) if _is_artefact(folder)]
+    if around:
+        # A part of an artefact has no inventory of its own, but a manifest.
+        folder = next((one for one in around if (one / INVENTORY).is_file()), around[0])
+        below = inside.relative_to(folder).as_posix()
+        yield folder, "" if below == "." else below
+        return
     for entry in sorted(inside.iterdir()) if inside == path.resolve() else ():
         if entry.is_dir() and not entry.name.startswith(".") and _is_artefact(entry):
             yield entry, ""

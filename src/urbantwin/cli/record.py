@@ -22,6 +22,7 @@ urbantwin record twin/ motion/ -o dataset/ --effects none
 urbantwin record twin/ motion/ -o dataset/ --storage zstd
 urbantwin record twin/ motion/ -o dataset/ --split 60,20,20 --gap 5 --thin 0.5
 urbantwin record twin/ motion/ --rig bus.yaml --ride 12 -o dataset/
+urbantwin record twin/ motion/ --nodes nodes.yaml -o fleet/
 urbantwin record twin/ motion/ -o dataset/ --backend warp --workers 1
 urbantwin record twin/ motion/ -o dataset/ --background corner=a.npz --background pole=b.npz
 """
@@ -33,6 +34,10 @@ def record(
     out: Out = None,
     rig: Annotated[
         Path | None, typer.Option(help="A rig.yaml; the twin's own rig if not given.")
+    ] = None,
+    nodes: Annotated[
+        Path | None,
+        typer.Option(help="A nodes.yaml: several rigs, standing and riding, recorded together."),
     ] = None,
     start: Annotated[
         float, typer.Option(min=0.0, metavar="S", help="No frame before this time of the motion.")
@@ -116,6 +121,7 @@ def record(
         motion,
         out,
         rig=rig,
+        nodes=nodes,
         start=start,
         stop=stop,
         every=every,

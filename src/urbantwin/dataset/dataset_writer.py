@@ -3,98 +3,205 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.artefact import sha256_of, write_json
+from urbantwin.artefact import check_room, sha256_of, write_json
 from urbantwin.dataset.box_table import write_boxes
+from urbantwin.dataset.frame_files import RAY_TYPE
 from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
 from urbantwin.dataset.layout import folders_of, frame_name, read_json_or_none
 from urbantwin.dataset.manifest import frames_of, manifest_of
 from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
 from urbantwin.dataset.split.actor_places import Recorded
+from urbantwin.dataset.split.asked import SplitAsked
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
-from urbantwin.dataset.split.time_split import Split
+from urbantwin.dataset.split.time_split import Split, split_in_time
 from urbantwin.dataset.sweep_table import write_sweeps
-from urbantwin.dataset.workers import Recipe, Task, record_frames
+from urbantwin.dataset.workers import Part, Recipe, Task, record_frames
 from urbantwin.lidar import Rig
-from urbantwin.lidar.coverage import IgnoreArea
+from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
 from urbantwin.lidar.timing import span_of
 from urbantwin.processes import usable_processors
+from urbantwin.progress import Progress
 
 if TYPE_CHECKING:
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
-__all__ = ["MARKS", "checksums", "finish_dataset", "record_dataset", "write_tables"]
+__all__ = [
+    "MARKS",
+    "Recording",
+    "check_room_for",
+    "checksums",
+    "write_datasets",
+]
 
 #: Folder of the marks of finished frames; no part of the dataset.
 MARKS = "done"
 TABLES = ("boxes.parquet", "sweeps.parquet")
+#: Of a point: x, y, z and intensity, its label, and the ray that it came from.
+BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
+#: What of them is left at least, by storage.
+LEAST_LEFT = {"npy": 1.0, "zstd": 0.25, "laz": 0.1}
+#: So many of the rays come back at least, in a street.
+LEAST_RETURNED = 0.4
 
 Entries = list[dict[str, Any]]
 
 
-def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.record`
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One dataset that is recorded: its rig, its frames, where it goes.
+
+    Attributes:
+        rig: the sensors; one that rides has boarded.
+        seed: of all random numbers.
+        times_s: number of each frame -> its time.
+        folder: where the files go; made if it is not there.
+        recipe: what its manifest says that the frames follow from, see `manifest.recipe_of`.
+    """
+
+    rig: Rig
+    seed: int
+    times_s: Mapping[int, float]
+    folder: Path
+    recipe: Mapping[str, Any]
+
+
+def record_datasets(
     twin: Twin,
     motion: Motion,
-    rig: Rig,
-    folder: Path,
+    parts: Mapping[str, Recording],
     *,
-    seed: int,
-    times_s: Mapping[int, float],
     workers: int | None,
     backend: str,
     storage: str,
     progress: Callable[[int], None],
-) -> Entries:
-    """Record the frames that a folder does not have yet, and return what all of them hold.
+) -> dict[str, Entries]:
+    """Record the frames that folders do not have yet, and return what all of them hold.
 
     Args:
         twin: the twin.
         motion: a motion on it.
-        rig: the sensors; one that rides has boarded.
-        folder: where the files go; made if it is not there.
-        seed: of all random numbers.
-        times_s: number of each frame -> its time.
+        parts: the datasets, by name: workers have the world but once.
         workers: number of processes; as many as there are processors when not given.
         backend: what casts the rays, see `lidar.Scanner`.
         storage: of points, see `layout.write_frame`.
         progress: called with the number of frames that are there, after each.
 
     Returns:
-        What ``layout.write_frame`` returned for each frame, and its sweeps.
+        By name of the dataset what ``layout.write_frame`` returned for each frame, and its sweeps.
     """
-    done = folder / MARKS
-    for name in (MARKS, *folders_of(storage)):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-    missing = [index for index in times_s if read_json_or_none(_mark(done, index)) is None]
+    missing: dict[str, list[int]] = {}
+    for part, own in parts.items():
+        done = own.folder / MARKS
+        for name in (MARKS, *folders_of(storage)):
+            (own.folder / name).mkdir(parents=True, exist_ok=True)
+        missing[part] = [k for k in own.times_s if read_json_or_none(_mark(done, k)) is None]
 
     def tasks() -> Iterator[Task]:
         motions = FrameMotions(motion)
-        for index in missing:
-            span = span_of(rig.sensors, index, seed)
-            yield Task(index, motions.around(times_s[index], *span))
+        for part, own in parts.items():
+            for index in missing[part]:
+                span = span_of(own.rig.sensors, index, own.seed)
+                yield Task(part, index, motions.around(own.times_s[index], *span))
 
-    count = min(usable_processors() if workers is None else workers, max(1, len(missing)))
     recipe = Recipe(
         twin.mesh,
-        rig,
-        seed,
-        folder,
-        done,
+        {
+            part: Part(own.rig, own.seed, own.folder, own.folder / MARKS)
+            for part, own in parts.items()
+            if missing[part]
+        },
         motion.meshes,
         twin.surface_materials,
         twin.region,
         backend,
         storage,
     )
-    if missing:
-        there = len(times_s) - len(missing)
+    left = sum(map(len, missing.values()))
+    if left:
+        count = min(usable_processors() if workers is None else workers, left)
+        there = sum(len(own.times_s) for own in parts.values()) - left
         for number, _ in enumerate(record_frames(recipe, tasks(), count), start=there + 1):
             progress(number)
-    return [read_json_or_none(_mark(done, index)) for index in times_s]
+    return {
+        part: [read_json_or_none(_mark(own.folder / MARKS, index)) for index in own.times_s]
+        for part, own in parts.items()
+    }
+
+
+def write_datasets(
+    twin: Twin,
+    motion: Motion,
+    parts: Mapping[str, Recording],
+    *,
+    split: SplitAsked,
+    workers: int | None,
+    backend: str,
+    storage: str,
+    progress: Progress,
+) -> dict[str, Entries]:
+    """Record datasets of one motion, with their tables and manifests; all are cut in time alike.
+
+    Args:
+        twin: the twin.
+        motion: a motion on it.
+        parts: the datasets, by name.
+        split: into training, validation and test.
+        workers: see `record_datasets`.
+        backend: see `record_datasets`.
+        storage: see `record_datasets`.
+        progress: told the share of the frames that are there, and what is being done.
+
+    Returns:
+        What `record_datasets` does.
+    """
+    total = sum(len(own.times_s) for own in parts.values())
+
+    def count(ready: int) -> None:
+        progress(ready / total, f"frame {ready} of {total}")
+
+    entries = record_datasets(
+        twin, motion, parts, workers=workers, backend=backend, storage=storage, progress=count
+    )
+    progress(1.0, "tables")
+    recorded = [
+        write_tables(
+            own.folder,
+            own.recipe,
+            own.times_s,
+            entries[name],
+            ignore_areas(own.rig, twin.mesh, twin.region),
+            motion,
+            twin,
+        )
+        for name, own in parts.items()
+    ]
+    divided = split_in_time(recorded, split)
+    for name, own in parts.items():
+        finish_dataset(own.folder, own.recipe, own.times_s, entries[name], divided)
+    return entries
+
+
+def check_room_for(out: Path, parts: Mapping[str, Recording], storage: str) -> None:
+    """Refuse to record what will not fit beside what an interrupted run left.
+
+    Raises:
+        InputError: the disk has less room than the frames will take at least.
+    """
+    needed = 0.0
+    for own in parts.values():
+        marks = own.folder / MARKS
+        done = len(list(marks.glob("*.json"))) if marks.is_dir() else 0
+        rays = sum(one.sensor.channels * one.columns for one in own.rig.sensors)
+        least = rays * LEAST_RETURNED * BYTES_PER_POINT * LEAST_LEFT[storage]
+        needed += (len(own.times_s) - done) * least
+    frames = max(len(own.times_s) for own in parts.values())
+    check_room(out, needed, f"a dataset of {frames} frames")
 
 
 def write_tables(

@@ -36,6 +36,7 @@ __all__ = [
     "LAYOUT",
     "frame_sha256",
     "frames_of",
+    "hashes_of",
     "manifest_of",
     "manifest_of_parts",
     "recipe_key",
@@ -82,7 +83,7 @@ _PACKED = {
 }
 
 
-def recipe_of(
+def recipe_of(  # noqa: PLR0913 - a recipe is made of all of it
     twin: Twin,
     motion: Motion,
     rig: Rig,
@@ -91,6 +92,8 @@ def recipe_of(
     backend: str = "embree",
     asked: Mapping[str, Any] | None = None,
     storage: str = "npy",
+    *,
+    hashes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return all that the frames follow from: what a run that goes on must have in common.
 
@@ -104,6 +107,7 @@ def recipe_of(
         asked: what the rig was placed from, see `provenance.asked_of`, and what was asked of the
             split, see `SplitAsked.told`.
         storage: of points, see `layout.write_frame`.
+        hashes: `hashes_of` the twin and the motion, where they are known.
     """
     times = list(times_s.values())
     return {
@@ -117,10 +121,7 @@ def recipe_of(
         **recipe_of_rig(rig),
         "anchor": twin.manifest["anchor"],
         "region_m": twin.manifest["region_m"],
-        "scene_sha256": mesh_sha256(twin.mesh),
-        "surface_sha256": twin.manifest.get("files", {}).get("surface_material.npz"),
-        "motion_sha256": table_sha256(motion.rows),
-        "meshes_sha256": meshes_sha256(motion.meshes),
+        **(hashes_of(twin, motion) if hashes is None else hashes),
         "inputs": named_inputs(twin.manifest, motion.manifest, asked),
         "about": told_of(twin.manifest, motion.manifest),
         "made_from": {
@@ -130,6 +131,16 @@ def recipe_of(
         },
         "start_s": times[0],
         "frames": [frame_name(index) for index in times_s],
+    }
+
+
+def hashes_of(twin: Twin, motion: Motion) -> dict[str, Any]:
+    """Return SHA-256 of the world and of what moves in it, as a recipe has them."""
+    return {
+        "scene_sha256": mesh_sha256(twin.mesh),
+        "surface_sha256": twin.manifest.get("files", {}).get("surface_material.npz"),
+        "motion_sha256": table_sha256(motion.rows),
+        "meshes_sha256": meshes_sha256(motion.meshes),
     }
 
 

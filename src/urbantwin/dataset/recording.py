@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import (
     INVENTORY,
     check_folder,
-    check_room,
     replaced_folder,
     sha256_of,
     write_inventory,
@@ -21,19 +20,18 @@ from urbantwin.dataset.block_sums import write_block_sums
 from urbantwin.dataset.card.write import write_cards
 from urbantwin.dataset.dataset_writer import (
     MARKS,
+    Recording,
+    check_room_for,
     checksums,
-    finish_dataset,
-    record_dataset,
-    write_tables,
+    write_datasets,
 )
-from urbantwin.dataset.frame_files import RAY_TYPE, STORED
+from urbantwin.dataset.frame_files import STORED
 from urbantwin.dataset.manifest import manifest_of_parts, recipe_key, recipe_of, recipe_of_rig
 from urbantwin.dataset.motion_interpolation import FASTEST_M_S, SAME_TIME_S
-from urbantwin.dataset.split import SplitAsked, check_split, split_in_time
+from urbantwin.dataset.split import SplitAsked, check_split
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.casting.backend import tracer_on
-from urbantwin.lidar.coverage import ignore_areas
 from urbantwin.lidar.riding import boarded
 from urbantwin.progress import Progress, untold
 
@@ -42,13 +40,6 @@ if TYPE_CHECKING:
     from urbantwin.twin import Twin
 
 __all__ = ["record"]
-
-#: Of a point: x, y, z and intensity, its label, and the ray that it came from.
-BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
-#: What of them is left at least, by storage.
-LEAST_LEFT = {"npy": 1.0, "zstd": 0.25, "laz": 0.1}
-#: So many of the rays come back at least, in a street.
-LEAST_RETURNED = 0.4
 
 
 def record(  # noqa: PLR0913 - every one is a person's choice
@@ -109,17 +100,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
             rides on an actor that is not there all the time, or an ``out`` that holds other files.
         StageError: a worker was killed, or the disk is full.
     """
-    if workers is not None and workers < 1:
-        raise InputError(f"{workers} workers", place="workers", expected="1 or more")
-    seed = int(twin.site["traffic"]["seed"]) if seed is None else seed
-    if seed < 0:
-        raise InputError(f"the seed is {seed}", place="seed", expected="0 or more")
-    if motion.manifest["twin_sha256"] != twin.sha256:
-        raise InputError("the motion was made on another twin", expected="a motion on this twin")
+    seed = checked_seed(twin, motion, seed, workers=workers, storage=storage)
     times_s = frame_times(rig.rate_hz, start_s, stop_s, motion.times(), every=every)
-    if storage not in STORED:
-        expected = ", ".join(STORED)
-        raise InputError(f"unknown storage {storage!r:.40}", place="--storage", expected=expected)
     asked_split = split or SplitAsked()
     check_split(list(times_s.values()), asked_split)
     file = None if rig_file is None else str(rig_file)
@@ -133,50 +115,29 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         asked = {**asked, "split": asked_split.told()}
     recipe = recipe_of(twin, motion, rig, seed, times_s, backend, asked, storage)
     parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}
-    total = len(times_s) * len(parts)
 
     key = recipe_key(
         {**recipe, "pictures": also is not None, "split": asked_split.told(), "storage": storage}
     )
     with replaced_folder(out, kind="dataset", inputs=inputs, key=key) as folder:
         if not (folder / INVENTORY).is_file():
-            _check_room(out, folder, parts, times_s, LEAST_LEFT[storage])
-            entries: dict[str, list[dict[str, Any]]] = {}
-            for number, (name, part) in enumerate(parts.items()):
-
-                def count(frames: int, before: int = number * len(times_s)) -> None:
-                    ready = before + frames
-                    say(0.98 * ready / total, f"frame {ready} of {total}")
-
-                entries[name] = record_dataset(
-                    twin,
-                    motion,
-                    part,
-                    folder / name,
-                    seed=seed,
-                    times_s=times_s,
-                    workers=workers,
-                    backend=backend,
-                    storage=storage,
-                    progress=count,
-                )
-            say(0.98, "tables")
-            recipes = {name: {**recipe, **recipe_of_rig(part)} for name, part in parts.items()}
-            recorded = [
-                write_tables(
-                    folder / name,
-                    recipes[name],
-                    times_s,
-                    entries[name],
-                    ignore_areas(part, twin.mesh, twin.region),
-                    motion,
-                    twin,
+            recordings = {
+                name: Recording(
+                    part, seed, times_s, folder / name, {**recipe, **recipe_of_rig(part)}
                 )
                 for name, part in parts.items()
-            ]
-            divided = split_in_time(recorded, asked_split)
-            for name, own in recipes.items():
-                finish_dataset(folder / name, own, times_s, entries[name], divided)
+            }
+            check_room_for(out, recordings, storage)
+            entries = write_datasets(
+                twin,
+                motion,
+                recordings,
+                split=asked_split,
+                workers=workers,
+                backend=backend,
+                storage=storage,
+                progress=lambda share, doing: say(0.98 * share, doing),
+            )
             if not rig.fused:
                 manifests = {name: sha256_of(folder / name / "dataset.json") for name in parts}
                 write_json(folder / "dataset.json", manifest_of_parts(recipe, entries, manifests))
@@ -192,21 +153,25 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     say(1.0, "done")
 
 
-def _check_room(
-    out: Path, folder: Path, parts: Mapping[str, Rig], times_s: Mapping[int, float], left: float
-) -> None:
-    """Refuse to record what will not fit beside what an interrupted run left.
+def checked_seed(
+    twin: Twin, motion: Motion, seed: int | None, *, workers: int | None, storage: str
+) -> int:
+    """Return the seed of a run, and refuse what no recording can be made of.
 
     Raises:
-        InputError: the disk has less room than the frames will take at least.
+        InputError: no workers, a negative seed, a motion on another twin, an unknown storage.
     """
-    needed = 0.0
-    for name, part in parts.items():
-        marks = folder / name / MARKS
-        done = len(list(marks.glob("*.json"))) if marks.is_dir() else 0
-        rays = sum(one.sensor.channels * one.columns for one in part.sensors)
-        needed += (len(times_s) - done) * rays * LEAST_RETURNED * BYTES_PER_POINT * left
-    check_room(out, needed, f"a dataset of {len(times_s)} frames")
+    if workers is not None and workers < 1:
+        raise InputError(f"{workers} workers", place="workers", expected="1 or more")
+    seed = int(twin.site["traffic"]["seed"]) if seed is None else seed
+    if seed < 0:
+        raise InputError(f"the seed is {seed}", place="seed", expected="0 or more")
+    if motion.manifest["twin_sha256"] != twin.sha256:
+        raise InputError("the motion was made on another twin", expected="a motion on this twin")
+    if storage not in STORED:
+        expected = ", ".join(STORED)
+        raise InputError(f"unknown storage {storage!r:.40}", place="--storage", expected=expected)
+    return seed
 
 
 def frame_times(

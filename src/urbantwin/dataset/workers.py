@@ -23,7 +23,7 @@ from urbantwin.lidar import Rig, Scanner
 from urbantwin.processes import worker_pool
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
-__all__ = ["Recipe", "Task", "record_frames"]
+__all__ = ["Part", "Recipe", "Task", "record_frames"]
 
 #: What one worker has in hand besides what it works on: enough that it never waits.
 _QUEUED = 3
@@ -31,23 +31,38 @@ _QUEUED = 3
 
 @dataclass(frozen=True)
 class Task:
-    """One frame to record: its number, and the actors at its time and around it."""
+    """One frame to record: of which part, its number, and the actors at its time and around it."""
 
+    part: str
     index: int
     motion: FrameMotion
 
 
 @dataclass(frozen=True, eq=False)
-class Recipe:
-    """What all frames share.
+class Part:
+    """What the frames of one dataset share.
 
     Attributes:
-        static: the static world, site frame.
         rig: the sensors.
         seed: of all random numbers.
         folder: where the files go; it has every folder of ``layout.folders_of``.
         done: where the mark of every finished frame goes; written last, so a frame that has its
             mark is whole.
+    """
+
+    rig: Rig
+    seed: int
+    folder: Path
+    done: Path
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """What all frames share: those of one dataset, or of several in one world.
+
+    Attributes:
+        static: the static world, site frame.
+        parts: of each dataset, by name.
         meshes: by asset and phase; what is not here comes from the catalogue.
         surface: materials of the ground that are finer than the static world's triangles.
         region: where labels count, site frame; everywhere when not given.
@@ -56,10 +71,7 @@ class Recipe:
     """
 
     static: LabelledMesh
-    rig: Rig
-    seed: int
-    folder: Path
-    done: Path
+    parts: Mapping[str, Part]
     meshes: Mapping[tuple[str, int], LabelledMesh] = field(default_factory=dict)
     surface: SurfaceMaterials | None = None
     region: shapely.Polygon | None = None
@@ -68,31 +80,45 @@ class Recipe:
 
 
 class _Recorder:
+    """Records frames of one part after the other; the next one goes on with what both share."""
+
     def __init__(self, recipe: Recipe) -> None:
         self._recipe = recipe
-        self._scanner = Scanner(
-            recipe.static,
-            recipe.rig,
-            recipe.seed,
-            meshes=self._mesh,
-            surface=recipe.surface,
-            region=recipe.region,
-            backend=recipe.backend,
-        )
+        self._part = ""
+        self._scanner: Scanner | None = None
+        self._scanner = self._scanner_of(next(iter(recipe.parts)))
+
+    def _scanner_of(self, part: str) -> Scanner:
+        """Return the scanner of a part: what standing sensors see is kept of one part alone."""
+        if self._scanner is None or part != self._part:
+            recipe, own = self._recipe, self._recipe.parts[part]
+            self._part = part
+            self._scanner = Scanner(
+                recipe.static,
+                own.rig,
+                own.seed,
+                meshes=self._mesh,
+                surface=recipe.surface,
+                region=recipe.region,
+                backend=recipe.backend,
+                beside=self._scanner,
+            )
+        return self._scanner
 
     def _mesh(self, asset: str, phase: int) -> LabelledMesh:
         return mesh_among(self._recipe.meshes, asset, phase, asset_mesh)
 
     def record(self, task: Task) -> int:
-        rig = self._recipe.rig
+        part = self._recipe.parts[task.part]
+        rig = part.rig
         actors = posed_actors(task.motion.rows, task.motion.paths())
-        frame = self._scanner.scan(task.index, actors)
-        entry = write_frame(self._recipe.folder, task.index, frame, self._recipe.storage)
+        frame = self._scanner_of(task.part).scan(task.index, actors)
+        entry = write_frame(part.folder, task.index, frame, self._recipe.storage)
         carrier = next((one.way for one in actors if one.track == rig.carrier), None)
-        entry["sweeps"] = sweep_rows(rig, task.index, self._recipe.seed, carrier)
+        entry["sweeps"] = sweep_rows(rig, task.index, part.seed, carrier)
         if carrier is not None:
             entry["dataset_SE3_site"] = pose_matrix(rig.dataset_pose(carrier))
-        mark = self._recipe.done / f"{frame_name(task.index)}.json"
+        mark = part.done / f"{frame_name(task.index)}.json"
         unfinished = mark.with_suffix(".part")
         unfinished.write_text(json.dumps(entry, allow_nan=False))
         unfinished.replace(mark)
@@ -104,7 +130,7 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterat
 
     Args:
         recipe: what all frames share.
-        tasks: the frames, made when they are needed.
+        tasks: the frames, made when they are needed, those of a part together.
         workers: number of processes; with one, frames are recorded in this one.
 
     Raises:

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.errors import InputError
-from urbantwin.interface.dataset import Dataset, recorded
+from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion, driven
 from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.recording import recorded
 from urbantwin.interface.stage import ShowProgress
 from urbantwin.interface.summary import Summary
 

@@ -1,9 +1,8 @@
-"""A dataset: recorded from a twin and its motion, or opened."""
+"""A dataset on disk, and its frames."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact import check_folder
 from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.dataset.table_form import read_table
@@ -20,9 +18,8 @@ from urbantwin.errors import InputError
 from urbantwin.interface.dataset_sequence import DatasetSequence
 from urbantwin.interface.frame_sequence import FrameSequence
 from urbantwin.interface.outcome import outcome_of_dataset
-from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.place import AnyPath
 from urbantwin.interface.selection import Frames, Located
-from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.result_warning import ResultWarning, warnings_of
 
@@ -30,13 +27,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from matplotlib.figure import Figure
 
-    from urbantwin.dataset.split import SplitAsked
     from urbantwin.geometry import Pose
-    from urbantwin.interface.motion import Motion
-    from urbantwin.interface.twin import Twin
-    from urbantwin.site.rig import RigSpec
 
-__all__ = ["Dataset", "Frame", "record", "recorded"]
+__all__ = ["Dataset", "Frame"]
 
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 
@@ -265,201 +258,3 @@ class Dataset(DatasetSequence, Frames):
         self._own("")
         name = frame if frame is None or isinstance(frame, str) else self[frame].name
         return figure_of_dataset(self.folder, name, picture)
-
-
-def record(  # noqa: PLR0913 - the options of the command
-    twin: Twin | AnyPath,
-    motion: Motion | AnyPath,
-    out: AnyPath | None = None,
-    *,
-    rig: AnyPath | None = None,
-    start: float = 0.0,
-    stop: float | None = None,
-    every: int = 1,
-    effects: str | None = None,
-    weather: str | None = None,
-    visibility: float | None = None,
-    wet_ground: float | None = None,
-    sun_elevation: float | None = None,
-    sun_azimuth: float | None = None,
-    ride: str | None = None,
-    fused: bool | None = None,
-    backend: str = "embree",
-    storage: str = "npy",
-    split: str | Sequence[float] = "70,15,15",
-    gap: float | None = None,
-    thin: float | None = None,
-    background: AnyPath | Sequence[AnyPath] = (),
-    fuse: bool = False,
-    workers: int | None = None,
-    seed: int | None = None,
-    pictures: bool = True,
-    progress: ShowProgress = True,
-) -> Dataset:
-    """Record labelled LiDAR frames. After an interruption, the same call goes on from there.
-
-    Args:
-        twin: the twin, or its folder.
-        motion: a motion on that twin, or its folder.
-        out: the folder to write, in which an older dataset is replaced; ``dataset`` beside the
-            twin when not given.
-        rig: a ``rig.yaml``; the twin's own rig if not given.
-        start: no frame before this time of the motion, seconds.
-        stop: no frame after this time, seconds; the motion's end if not given.
-        every: only each N-th frame of the rig: 10 of a rig of 10 Hz are frames a second apart.
-        effects: ``none``, ``all``, and effects to turn on or off: ``none,noise`` or ``no-sun``.
-        weather: ``clear``, ``rain``, ``fog`` or ``snow``.
-        visibility: how far one sees in that weather, metres.
-        wet_ground: 0 is dry, 1 a film of water.
-        sun_elevation: of the sun above the horizon, degrees.
-        sun_azimuth: of the sun, degrees clockwise from north.
-        ride: track or class of the actor that carries a rig that rides.
-        fused: one dataset of all sensors, or one for each; as the rig says if not given.
-        backend: what casts the rays: ``embree``, ``warp`` (a CUDA device) or ``warp:DEVICE``.
-        storage: of points: ``npy``, as OpenPCDet reads them; ``zstd``, columns in Parquet, a third
-            of the size, of which nothing is lost; or ``laz``, LAS 1.4 in whole millimetres.
-        split: shares of training, validation and test, cut in time.
-        gap: seconds between the parts, of which no part has the frames; as long as the scene needs
-            to change, and no more than a tenth of the recording, if not given.
-        thin: leave frames in which nobody moved so many metres out of the parts.
-        background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world.
-        fuse: where nobody measured, the twin is seen.
-        workers: processes to work with; every number gives the same bytes.
-        seed: that everything random follows from; the site's ``traffic.seed`` if not given.
-        pictures: draw pictures into the dataset's folder, which takes a while.
-        progress: show how far it is; or a function that is told (share, doing).
-
-    Raises:
-        InputError: what is given does not fit together, or ``out`` holds other files.
-        StageError: a worker was killed, or the disk is full.
-
-    Example:
-        >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
-    """
-    from urbantwin.dataset.split import SplitAsked, shares_of
-    from urbantwin.interface.motion import Motion
-    from urbantwin.interface.rig import rig_spec_on
-    from urbantwin.interface.twin import Twin
-    from urbantwin.site.rig_changes import RigChanges
-
-    divided = SplitAsked(shares_of(split), gap, thin)
-    changes = RigChanges(
-        effects=effects,
-        weather=weather,
-        visibility_m=visibility,
-        wet_ground=wet_ground,
-        sun_elevation_deg=sun_elevation,
-        sun_azimuth_deg=sun_azimuth,
-        ride=ride,
-        fused=fused,
-    )
-    place = beside(twin, "dataset", out)
-    rig_file = None if rig is None else Path(rig)
-    inputs = [Path(twin), Path(motion), *([] if rig_file is None else [rig_file])]
-    check_folder(place, kind="dataset", inputs=inputs)
-    on = Twin.open(twin)
-    moving = Motion.open(motion)
-    given = [background] if isinstance(background, str | os.PathLike) else background
-    measured = [os.fspath(one) for one in given]
-    spec, file = rig_spec_on(on, rig_file, changes)
-    return recorded(
-        on,
-        moving,
-        spec,
-        file,
-        place,
-        background=measured,
-        fuse=fuse,
-        start_s=start,
-        stop_s=stop,
-        every=every,
-        backend=backend,
-        storage=storage,
-        split=divided,
-        workers=workers,
-        seed=seed,
-        inputs=inputs,
-        pictures=pictures,
-        progress=progress,
-    )
-
-
-def recorded(  # noqa: PLR0913 - the options of the command
-    on: Twin,
-    moving: Motion,
-    spec: RigSpec,
-    rig_file: Path,
-    place: Path,
-    *,
-    background: Sequence[str] = (),
-    fuse: bool = False,
-    start_s: float = 0.0,
-    stop_s: float | None = None,
-    every: int = 1,
-    backend: str = "embree",
-    storage: str = "npy",
-    split: SplitAsked | None = None,
-    workers: int | None = None,
-    seed: int | None = None,
-    inputs: Sequence[Path] = (),
-    pictures: bool = True,
-    progress: ShowProgress = True,
-) -> Dataset:
-    """Record what a rig sees; see `record`.
-
-    Args:
-        on: the twin.
-        moving: the motion.
-        spec: the rig with every change to it.
-        rig_file: where it was written, beside which its files are.
-        place: the folder to write.
-        background: ``FILE`` or ``NAME=FILE`` of what real sensors measured.
-        fuse: where nobody measured, the twin is seen.
-        start_s: no frame before this time of the motion.
-        stop_s: no frame after this time.
-        every: only each N-th frame.
-        backend: what casts the rays.
-        storage: of points, see `record`.
-        split: into training, validation and test; the usual one when not given.
-        workers: processes to work with.
-        seed: of every random choice.
-        inputs: what it is made from.
-        pictures: draw pictures into the folder.
-        progress: show how far it is.
-    """
-    from urbantwin.dataset.provenance import asked_of
-    from urbantwin.dataset.recording import record as record_frames
-    from urbantwin.interface.rig import placed
-    from urbantwin.lidar.background_file import rig_with_backgrounds
-
-    mounted = rig_with_backgrounds(placed(spec, on, rig_file), list(background), fused=fuse)
-    with shown_stage("record", progress) as tell:
-
-        def also(folder: Path) -> None:
-            from urbantwin.progress import between
-            from urbantwin.view.pictures import pictures_of_dataset
-
-            pictures_of_dataset(folder, twin=on, motion=moving, progress=between(tell, 0.98, 1.0))
-
-        record_frames(
-            on,
-            moving,
-            mounted,
-            place,
-            workers=workers,
-            seed=seed,
-            start_s=start_s,
-            stop_s=stop_s,
-            every=every,
-            rig_file=rig_file,
-            backend=backend,
-            storage=storage,
-            split=split,
-            asked=asked_of(spec, rig_file, on, background=background, fuse=fuse),
-            inputs=inputs,
-            also=also if pictures else None,
-            progress=tell,
-        )
-    made = Dataset(place)
-    tell_result("record", place, made.warnings, progress)
-    return made

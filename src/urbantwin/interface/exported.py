@@ -153,6 +153,8 @@ def _check_kind(exported: Twin | AnyPath, to: str) -> None:
         known = ", ".join(dict.fromkeys(name for names in of.values() for name in names))
         raise InputError(f"{to!r} is not a format", place="--to", expected=f"one of {known}")
     kind = kind_of(Path(exported)) if isinstance(exported, str | os.PathLike) else None
+    if kind == "fleet" and to not in DATASET_FORMATS:  # of these it is told which take one
+        of["fleet"] = tuple(name for name, one in DATASET_FORMATS.items() if one.write_fleet)
     if kind in of and to not in of[kind]:
         wanted = next(one for one, names in of.items() if to in names)
         raise InputError(

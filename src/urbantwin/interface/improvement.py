@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from urbantwin.errors import InputError, StageError
-from urbantwin.interface.dataset import record
 from urbantwin.interface.detected_objects import detect
 from urbantwin.interface.done_steps import DoneSteps
 from urbantwin.interface.evaluation_report import Evaluation, evaluate
 from urbantwin.interface.motion import drive
 from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.recording import record
 from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Summary
 from urbantwin.interface.trained_model import train

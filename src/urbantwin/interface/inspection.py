@@ -18,7 +18,7 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["inspect", "summary_of"]
 
-MANIFESTS = ("twin", "motion", "dataset", "report", "coverage", "sequence")
+MANIFESTS = ("twin", "motion", "dataset", "report", "coverage", "sequence", "fleet")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
 EXPECTED = (
     "a twin, motion, dataset, report, coverage or sequence; a site.yaml, rig.yaml or sensor; an "

@@ -33,6 +33,7 @@ _CLASSES = {
     "coverage": ("coverage_map", "Coverage"),
     "tuning": ("tuning", "Tuning"),
     "sequence": ("sequence", "SequenceFiles"),
+    "fleet": ("fleet", "Fleet"),
 }
 _EXPECTED = (
     "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "
@@ -88,9 +89,10 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
 
     Returns:
         A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
-        `SequenceFiles` or `Package`; `Datasets`, of a folder with several or a split by scenario; a
-        `Site`, a `RigSpec` or a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the
-        type matters to a type checker, ``ut.Dataset.open(path)`` and its like say it.
+        `SequenceFiles`, `Fleet` or `Package`; `Datasets`, of a folder with several or a split by
+        scenario; a `Site`, a `RigSpec` or a `Datasheet`; a `Background`; a `Cloud` or a
+        `Recording`. Where the type matters to a type checker, ``ut.Dataset.open(path)`` and its
+        like say it.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.

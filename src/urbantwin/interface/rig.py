@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
+    from urbantwin.dataset.fleet.node import PlacedRig
     from urbantwin.lidar import Rig
     from urbantwin.site import RigSpec
+    from urbantwin.site.nodes import NodesFile
     from urbantwin.site.rig_changes import RigChanges
     from urbantwin.twin import Twin
 
-__all__ = ["fields_below", "placed", "rig_on", "rig_spec_on"]
+__all__ = ["fields_below", "placed", "rig_on", "rig_spec_on", "rigs_of_nodes"]
 
 
 def rig_on(twin: Twin, rig_file: Path | None = None, changes: RigChanges | None = None) -> Rig:
@@ -38,11 +40,29 @@ def rig_spec_on(
     from urbantwin.site import load_rig_spec
 
     file = twin.folder / "rig.yaml" if rig_file is None else rig_file
-    spec = load_rig_spec(file, twin.frame)
+    return _changed(load_rig_spec(file, twin.frame), twin, changes), file
+
+
+def rigs_of_nodes(
+    asked: NodesFile, twin: Twin, changes: RigChanges | None = None
+) -> list[PlacedRig]:
+    """Place the rig of every node on a twin, all with the same changes; errors name its file."""
+    from urbantwin.dataset.fleet.node import PlacedRig
+
+    found = []
+    for number in range(len(asked.nodes)):
+        spec, file, field = asked.rig_of(number, twin.frame, twin.folder / "rig.yaml")
+        spec = _changed(spec, twin, changes)
+        with fields_below(field, file):
+            found.append(PlacedRig(spec, placed(spec, twin, file), file, field))
+    return found
+
+
+def _changed(spec: RigSpec, twin: Twin, changes: RigChanges | None) -> RigSpec:
     # What the rig says of a material goes before what was drawn for the twin's streets.
     bright = {**twin.reflectivity, **spec.reflectivity}
     spec = spec.model_copy(update={"reflectivity": bright})
-    return (spec if changes is None else changes.applied_to(spec)), file
+    return spec if changes is None else changes.applied_to(spec)
 
 
 @contextmanager

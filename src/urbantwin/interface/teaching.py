@@ -13,11 +13,11 @@ from urbantwin.artefact.markdown import escaped, table
 from urbantwin.dataset.card.page import licence_lines
 from urbantwin.dataset.split import SplitAsked
 from urbantwin.errors import InputError
-from urbantwin.interface.dataset import recorded
 from urbantwin.interface.done_steps import DoneSteps
 from urbantwin.interface.evaluation_report import Evaluation, evaluate
 from urbantwin.interface.motion import Motion, driven
 from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.recording import recorded
 from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Summary
 from urbantwin.interface.trained_model import train

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.errors import StageError
-from urbantwin.interface.dataset import Dataset, recorded
+from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion
 from urbantwin.interface.place import AnyPath
+from urbantwin.interface.recording import recorded
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from urbantwin.artefact import check_folder, new_folder
 from urbantwin.errors import InputError
-from urbantwin.interface.dataset import Dataset, record
+from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion, drive
 from urbantwin.interface.outcome import (
     outcome_of_dataset,
@@ -17,6 +17,7 @@ from urbantwin.interface.outcome import (
     outcome_of_twin,
 )
 from urbantwin.interface.place import AnyPath, folder_of_site
+from urbantwin.interface.recording import record
 from urbantwin.interface.rig import fields_below
 from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Summary

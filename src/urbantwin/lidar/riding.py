@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,9 +15,10 @@ from urbantwin.lidar.enclosure import enclosing
 from urbantwin.lidar.rig import MountedSensor, Rig
 
 if TYPE_CHECKING:
+    from urbantwin.site.rig import RideSpec
     from urbantwin.traffic import Motion
 
-__all__ = ["boarded"]
+__all__ = ["boarded", "boarded_while_there", "while_there"]
 
 #: A sensor this deep inside its carrier's mesh is not on it, metres: meshes are coarse.
 _SKIN_M = 0.1
@@ -48,21 +49,98 @@ def boarded(
     """
     if rig.ride is None:
         return rig
-    spans = _spans(motion, rig.ride.track, rig.ride.actor_class, fastest_m_s)
     first, last = times_s[0], times_s[-1]
-    if not spans:
-        raise _nobody(rig, motion, file)
-    best = max(spans, key=lambda span: (span.shared(first, last), -span.distance_m))
-    who = f"{best.actor_class} {best.track}"
+    best = _chosen(_spans(motion, rig.ride, fastest_m_s), rig.ride, motion, (first, last), file)
     if best.start_s > first + _SAME_TIME_S or best.stop_s < last - _SAME_TIME_S:
         on, off = (f"{value:.9g}" for value in (best.start_s, best.stop_s))
         raise InputError(
-            f"{who}, which carries the rig, is there from {on} to {off} s, and frames from "
+            f"{best.who}, which carries the rig, is there from {on} to {off} s, and frames from "
             f"{first:g} to {last:g} s are asked for",
             file=file,
             place="ride",
             expected=f"--start {on} --stop {off}",
         )
+    return _mounted_on(rig, best, motion, file)
+
+
+def boarded_while_there(
+    rig: Rig,
+    motion: Motion,
+    times_s: Sequence[float],
+    *,
+    taken: Collection[int] = (),
+    fastest_m_s: float = 70.0,
+    file: str | None = None,
+) -> tuple[Rig, list[tuple[float, float]]]:
+    """Return the same of a rig whose carrier need not be there all the time.
+
+    Args:
+        rig: as placed; it rides.
+        motion: what moves.
+        times_s: of the frames, ascending, seconds.
+        taken: tracks that carry others: of a class, another one carries this rig.
+        fastest_m_s: see `boarded`.
+        file: the rig's file, for errors.
+
+    Returns:
+        The rig, and from when to when its carrier is there, seconds, in the order of time.
+
+    Raises:
+        InputError: the motion has no such actor, or none that is left, no frame is while it is
+            there, or a sensor is inside it.
+    """
+    assert rig.ride is not None
+    span = times_s[0], times_s[-1]
+    spans = _spans(motion, rig.ride, fastest_m_s)
+    free = [one for one in spans if one.track not in taken]
+    if spans and not free:
+        who = rig.ride.actor_class or f"track {rig.ride.track}"
+        raise InputError(
+            f"no {who} is left: each carries a node already",
+            file=file,
+            place="ride",
+            expected="fewer nodes on that class, or a rig with the sensors of both",
+        )
+    best = _chosen(free, rig.ride, motion, span, file)
+    own = [(one.start_s, one.stop_s) for one in spans if one.track == best.track]
+    if not while_there(times_s, own).any():
+        there = ", ".join(f"{on:.9g} to {off:.9g} s" for on, off in own)
+        raise InputError(
+            f"{best.who}, which carries the node, is not there in any frame: it is from {there}, "
+            f"and frames are from {span[0]:g} to {span[1]:g} s",
+            file=file,
+            place="ride",
+            expected="an actor that is there in the recorded span",
+        )
+    return _mounted_on(rig, best, motion, file), own
+
+
+def while_there(
+    times_s: Sequence[float], spans: Sequence[tuple[float, float]]
+) -> NDArray[np.bool_]:
+    """Return at which times (T,) an actor is there that is from some times to others."""
+    times = np.asarray(times_s, np.float64)
+    there = np.zeros(len(times), np.bool_)
+    for start_s, stop_s in spans:
+        there |= (times >= start_s - _SAME_TIME_S) & (times <= stop_s + _SAME_TIME_S)
+    return there
+
+
+def _chosen(
+    spans: Sequence[_Span],
+    ride: RideSpec,
+    motion: Motion,
+    frames_s: tuple[float, float],
+    file: str | None,
+) -> _Span:
+    """Return the time during which a carrier is there the longest while frames are recorded."""
+    if not spans:
+        raise _nobody(ride, motion, file)
+    return max(spans, key=lambda span: (span.shared(*frames_s), -span.distance_m))
+
+
+def _mounted_on(rig: Rig, best: _Span, motion: Motion, file: str | None) -> Rig:
+    """Return a rig on its carrier."""
     mesh = motion.mesh(best.asset, best.phase)
     roof_m = float(mesh.vertices[np.unique(mesh.faces), 2].max())
     sensors = tuple(_on_roof(one, roof_m) for one in rig.sensors)
@@ -72,7 +150,7 @@ def boarded(
         around = place + _SKIN_M * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
         if all(enclosing(point, mesh) for point in around):
             raise InputError(
-                f"the sensor is inside {who}, which is {roof_m:.2f} m high",
+                f"the sensor is inside {best.who}, which is {roof_m:.2f} m high",
                 file=file,
                 place=f"sensors[{number}].height_m",
                 expected="a place on the outside of its carrier, or above_roof_m",
@@ -96,16 +174,19 @@ class _Span:
     stop_s: float
     distance_m: float
 
+    @property
+    def who(self) -> str:
+        """Its class and track."""
+        return f"{self.actor_class} {self.track}"
+
     def shared(self, start_s: float, stop_s: float) -> float:
         """Return how much of another span of time it is there, to the millisecond."""
         return round(min(self.stop_s, stop_s) - max(self.start_s, start_s), 3)
 
 
-def _spans(
-    motion: Motion, track: int | None, actor_class: str | None, fastest_m_s: float
-) -> list[_Span]:
+def _spans(motion: Motion, ride: RideSpec, fastest_m_s: float) -> list[_Span]:
     """Return when the actors that may carry a rig are there, by track and time."""
-    name, wanted = ("class", actor_class) if track is None else ("track", track)
+    name, wanted = ("class", ride.actor_class) if ride.track is None else ("track", ride.track)
     chosen = motion.rows.where(name, [wanted])
     if not chosen.num_rows:
         return []
@@ -138,20 +219,19 @@ def _spans(
     return spans
 
 
-def _nobody(rig: Rig, motion: Motion, file: str | None) -> InputError:
-    assert rig.ride is not None
-    if rig.ride.track is not None:
+def _nobody(ride: RideSpec, motion: Motion, file: str | None) -> InputError:
+    if ride.track is not None:
         tracks = motion.rows["track"].to_numpy()
         least, most = (int(tracks.min()), int(tracks.max())) if len(tracks) else (0, 0)
         return InputError(
-            f"the motion has no track {rig.ride.track}",
+            f"the motion has no track {ride.track}",
             file=file,
             place="ride.track",
             expected=f"one of its tracks, {least} to {most}" if most else "a motion with traffic",
         )
     classes = sorted(motion.rows.distinct(["class"])["class"].to_pylist())
     return InputError(
-        f"the motion has no {rig.ride.actor_class}",
+        f"the motion has no {ride.actor_class}",
         file=file,
         place="ride.class",
         expected=f"one of {', '.join(classes)}" if classes else "a motion with traffic",

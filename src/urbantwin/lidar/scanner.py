@@ -52,6 +52,8 @@ class Scanner:
         surface: materials of the ground that are finer than the static world's triangles.
         region: where labels count, site frame; everywhere when not given.
         backend: what casts the rays, see `casting.backend.tracer_on`.
+        beside: a scanner of another rig in the same world, with the same meshes and backend: what
+            it has of actors, and of the static world for sensors that move, serves both.
 
     Raises:
         InputError: there is no such backend here.
@@ -67,18 +69,23 @@ class Scanner:
         surface: SurfaceMaterials | None = None,
         region: shapely.Polygon | None = None,
         backend: str = "embree",
+        beside: Scanner | None = None,
     ) -> None:
         from urbantwin.traffic.assets import asset_mesh
         from urbantwin.traffic.assets.truck_parts import mesh_of_part
 
         meshes = asset_mesh if meshes is None else meshes
         self._tracer = tracer_on(backend)
-        self._shapes = ShapeTable(partial(mesh_of_part, meshes))
+        self._shapes: ShapeTable
+        self._shared: World | None = None
+        if beside is None:
+            self._shapes = ShapeTable(partial(mesh_of_part, meshes))
+        else:
+            self._shapes, self._shared = beside._shapes, beside._shared
         self._rig = rig
         self._seed = seed
         self._borders = Borders(rig.sensors, region, rig.label_range_m)
         self._eyes: list[_Eye] = []
-        shared: World | None = None
         for number, one in enumerate(rig.sensors):
             model = ReturnModel(one, rig.conditions)
             # A pattern that does not repeat has other beams in every turn.
@@ -86,8 +93,8 @@ class Scanner:
             path = None if rig.ride is not None else one.path(0, seed)
             if path is None or not path.is_fixed:
                 # A vehicle drives all over the site: its sensors are near no place in particular.
-                shared = shared or World(static, np.zeros(3), surface, self._tracer)
-                self._eyes.append(_Eye(number, one, model, shared, beams))
+                self._shared = self._shared or World(static, np.zeros(3), surface, self._tracer)
+                self._eyes.append(_Eye(number, one, model, self._shared, beams))
                 continue
             world = World(static, one.site_SE3_sensor.translation, surface, self._tracer)
             kept = None

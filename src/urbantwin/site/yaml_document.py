@@ -60,9 +60,13 @@ class Document:
     root: yaml.Node | None = None
     prefix: tuple[int | str, ...] = ()
 
-    def part(self, key: str) -> Document:
-        """Return the mapping at ``key`` as a document of its own."""
-        return Document(self.file, self.value[key], _entry(self.root, key)[1], (*self.prefix, key))
+    def part(self, *location: int | str) -> Document:
+        """Return the mapping at a location as a document of its own."""
+        value: Any = self.value
+        root = self.root
+        for step in location:
+            value, root = value[step], _entry(root, step)[1]
+        return Document(self.file, value, root, (*self.prefix, *location))
 
     def place(self, location: Location) -> str:
         """Return ``field.path[0].name (line 7)`` for a location below this document."""

@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
+from urbantwin.dataset.fleet import FleetFiles
 from urbantwin.exports.frames.losses import FIELDS
 from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress
@@ -19,6 +20,8 @@ __all__ = ["DATASET_FORMATS", "DatasetFormat", "Writer"]
 Writer = Callable[[FrameSource, Path, Progress], Sequence[str]]
 #: The same for datasets of the same frames, one for each sensor of a rig.
 PartsWriter = Callable[[Sequence[FrameSource], Path, Progress], Sequence[str]]
+#: The same for a fleet.
+FleetWriter = Callable[[FleetFiles, Path, Progress], Sequence[str]]
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,12 @@ class DatasetFormat:
     def write_parts(self) -> PartsWriter | None:
         """What writes a dataset for each sensor, by ``write_NAME_parts``; ``None``: nothing."""
         writer: PartsWriter | None = getattr(self._module(), f"write_{self.name}_parts", None)
+        return writer
+
+    @property
+    def write_fleet(self) -> FleetWriter | None:
+        """What writes a fleet, by ``write_NAME_fleet``; ``None``: nothing."""
+        writer: FleetWriter | None = getattr(self._module(), f"write_{self.name}_fleet", None)
         return writer
 
     def losses_besides(self, source: FrameSource) -> list[str]:

@@ -1,5 +1,7 @@
 """OPV2V as OpenCOOD reads it: a folder for each agent, a yaml beside each cloud.
 
+Every sensor that stands is an agent, and a vehicle with its sensors; of a fleet, every node.
+
 Source: Xu et al. 2022, OpenCDA's data dumper, and OpenCOOD's ``basedataset``, ``x_to_world``,
 ``project_world_objects`` and ``pcd_to_np``. Its frames are CARLA's: left-handed, y turned round,
 poses x, y, z, roll, yaw, pitch in metres and degrees. Roadside units have negative numbers. An
@@ -9,7 +11,7 @@ those that nobody can learn from. Its intensity is the red of a colour.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,17 +20,18 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from urbantwin.dataset.fleet import FleetFiles
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.point_files import record_of, write_pcd_file
-from urbantwin.exports.frames.scenes import scenes_of
+from urbantwin.exports.frames.scenes import LONGEST_GAP_S, scenes_of
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.geometry import Pose
 from urbantwin.lidar.rig import dataset_frame
 from urbantwin.progress import Progress, each
 from urbantwin.taxonomy import classes_in
 
-__all__ = ["losses_opv2v", "write_opv2v", "write_opv2v_parts"]
+__all__ = ["losses_opv2v", "write_opv2v", "write_opv2v_fleet", "write_opv2v_parts"]
 
 #: Folders of the parts of the split; frames of no part are where OpenCOOD does not look.
 _PARTS = {"train": "train", "val": "validate", "test": "test", None: "unused"}
@@ -49,17 +52,38 @@ class _Agent:
         source: the dataset that its points are in.
         sensors: numbers of its sensors in the rig of that.
         moving: whether it drives.
+        node: its name in a fleet; empty: it is of none.
+        fleet: that it is a node of.
     """
 
     number: int
     source: FrameSource
     sensors: tuple[int, ...]
     moving: bool = False
+    node: str = ""
+    fleet: FleetFiles | None = None
 
     @property
     def name(self) -> str:
-        """What its sensors are called."""
+        """What it or its sensors are called."""
+        if self.node:
+            return self.node
         return " + ".join(str(self.source.sensors[one]["name"]) for one in self.sensors)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A scenario: frames that follow each other, and the agents that are there in all of them.
+
+    Attributes:
+        part: of the split; ``None``: of none.
+        times_s: of its frames, by their names.
+        agents: who is there.
+    """
+
+    part: str | None
+    times_s: dict[str, float]
+    agents: Sequence[_Agent]
 
 
 def _agents(sources: Sequence[FrameSource]) -> list[_Agent]:
@@ -138,25 +162,86 @@ def write_opv2v_parts(sources: Sequence[FrameSource], folder: Path, tell: Progre
     """
     agents = _agents(sources)
     first = sources[0]
-    place = {}
-    for k, scene in enumerate(scenes_of(first)):
+    scenes = [
+        _Scene(scene.part, {first.names[n]: float(first.times_s[n]) for n in scene.numbers}, agents)
+        for scene in scenes_of(first)
+    ]
+    return _write_scenes(folder, scenes, first.rate_hz, tell)
+
+
+def write_opv2v_fleet(fleet: FleetFiles, folder: Path, tell: Progress) -> list[str]:
+    """Write the same of a fleet: each node is an agent, also one of several sensors.
+
+    A scenario has the agents that are there in all of its frames: it ends where one comes or goes.
+    Frames are written whether or not they were lost on the air, at their true times. The pose that
+    a node reports is ``predicted_ego_pos``; points are placed by the true one, as in OPV2V.
+
+    Args:
+        fleet: the fleet.
+        folder: to write into.
+        tell: told how far it is.
+    """
+    agents: dict[str, _Agent] = {}
+    for told in fleet.manifest["nodes"]:
+        source = FrameSource(fleet.folder_of(told["name"]))
+        rides = told["carrier"] is not None
+        standing = sum(not one.moving for one in agents.values())
+        agents[told["name"]] = _Agent(
+            int(told["carrier"]) if rides else -1 - standing,
+            source,
+            tuple(range(len(source.sensors))),
+            moving=rides,
+            node=told["name"],
+            fleet=fleet,
+        )
+    return _write_scenes(folder, _scenes_of_fleet(fleet, agents), fleet.manifest["rate_hz"], tell)
+
+
+def _scenes_of_fleet(fleet: FleetFiles, agents: Mapping[str, _Agent]) -> list[_Scene]:
+    """Return frames that follow each other, of one part of the split, with the same agents."""
+    scenes: list[_Scene] = []
+    before_s = -np.inf
+    for name, time_s in zip(fleet.frames, fleet.times_s.tolist(), strict=True):
+        there = [one for node, one in agents.items() if fleet.state(name, node).present]
+        part = there[0].source.part_of(name) if there else None
+        same = scenes and (scenes[-1].part, list(scenes[-1].agents)) == (part, there)
+        if not same or time_s - before_s > LONGEST_GAP_S:
+            scenes.append(_Scene(part, {}, there))
+        scenes[-1].times_s[name] = time_s
+        before_s = time_s
+    return [one for one in scenes if one.agents]
+
+
+def _write_scenes(
+    folder: Path, scenes: Sequence[_Scene], rate_hz: float, tell: Progress
+) -> list[str]:
+    """Write scenarios, each agent's frames into its folder; return who the agents are."""
+    every: dict[int, str] = {}
+    frames: list[tuple[Path, _Scene, str]] = []
+    for k, scene in enumerate(scenes):
         scenario = folder / _PARTS.get(scene.part, str(scene.part)) / f"scenario_{k:04d}"
-        place.update(dict.fromkeys(scene.numbers, scenario))
-        for agent in agents:
+        for agent in scene.agents:
             (scenario / str(agent.number)).mkdir(parents=True)
+        own = {agent.number: agent.name for agent in scene.agents}
+        every |= own
         _write_yaml(
             scenario / "data_protocol.yaml",
             {
-                "world": {"fixed_delta_seconds": 1 / first.rate_hz},
-                "agents": {agent.number: agent.name for agent in agents},
-                "times_s": {first.names[n]: float(first.times_s[n]) for n in scene.numbers},
+                "world": {"fixed_delta_seconds": 1 / rate_hz},
+                "agents": own,
+                "times_s": dict(scene.times_s),
             },
         )
-    for number in each(range(len(first)), tell, "frames"):
-        frames = [source[number] for source in sources]
-        for agent in agents:
-            _write_agent(place[number], agent, frames[sources.index(agent.source)])
-    return [f"agents: {', '.join(f'{agent.number} {agent.name}' for agent in agents)}"]
+        frames += [(scenario, scene, name) for name in scene.times_s]
+    for number in each(range(len(frames)), tell, "frames"):
+        scenario, scene, name = frames[number]
+        read: dict[Path, SourceFrame] = {}
+        for agent in scene.agents:
+            source = agent.source
+            if source.folder not in read:
+                read[source.folder] = source[source.names.index(name)]
+            _write_agent(scenario, agent, read[source.folder])
+    return [f"agents: {', '.join(f'{number} {name}' for number, name in every.items())}"]
 
 
 def _write_agent(scenario: Path, agent: _Agent, frame: SourceFrame) -> None:
@@ -164,7 +249,14 @@ def _write_agent(scenario: Path, agent: _Agent, frame: SourceFrame) -> None:
     site_SE3_agent = _pose_of(frame, agent)
     mine = _points_of(frame, agent)
     _write_cloud(stem.with_suffix(".pcd"), frame, mine, site_SE3_agent)
-    _write_yaml(stem.with_suffix(".yaml"), _told(frame, mine, site_SE3_agent, _speed(frame, agent)))
+    told = _told(frame, mine, site_SE3_agent, _speed(frame, agent))
+    if agent.fleet is not None:
+        state = agent.fleet.state(frame.name, agent.node)
+        assert state.reported is not None
+        assert state.true is not None
+        believed = state.reported @ state.true.inverse() @ site_SE3_agent
+        told["predicted_ego_pos"] = _carla_pose(believed)
+    _write_yaml(stem.with_suffix(".yaml"), told)
 
 
 def _pose_of(frame: SourceFrame, agent: _Agent) -> Pose:

@@ -6,7 +6,11 @@ from dataclasses import dataclass
 
 from urbantwin.exports.frames.source import FrameSource
 
-__all__ = ["Scene", "scenes_of"]
+__all__ = ["LONGEST_GAP_S", "Scene", "scenes_of"]
+
+#: A scene ends where the next frame is later than this: what nuScenes' devkit bridges when it
+#: derives a velocity (``NuScenes.box_velocity``).
+LONGEST_GAP_S = 1.5
 
 
 @dataclass(frozen=True)
@@ -22,13 +26,12 @@ class Scene:
     numbers: range
 
 
-def scenes_of(source: FrameSource, longest_gap_s: float = 1.5) -> list[Scene]:
+def scenes_of(source: FrameSource, longest_gap_s: float = LONGEST_GAP_S) -> list[Scene]:
     """Return the scenes of a dataset in the order of time; every frame is in one.
 
     Args:
         source: the dataset.
-        longest_gap_s: a scene ends where the next frame is later than this. The default is what
-            nuScenes' devkit bridges when it derives a velocity (``NuScenes.box_velocity``).
+        longest_gap_s: a scene ends where the next frame is later than this.
     """
     parts = [source.part_of(name) for name in source.names]
     times = source.times_s

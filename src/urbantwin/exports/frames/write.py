@@ -9,12 +9,14 @@ from urbantwin import __version__
 from urbantwin.artefact import (
     check_file,
     check_folder,
+    kind_of,
     replaced_file,
     replaced_folder,
     sha256_of,
     write_json,
 )
 from urbantwin.dataset import parts_of
+from urbantwin.dataset.fleet import FleetFiles
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.formats import DATASET_FORMATS, DatasetFormat
 from urbantwin.exports.frames.losses import losses_of
@@ -54,28 +56,31 @@ def export_dataset(
         names = ", ".join(DATASET_FORMATS)
         raise InputError(f"{to!r} is not a format", place="--to", expected=f"one of {names}")
     wanted = DATASET_FORMATS[to]
-    sources = _opened(dataset, wanted)
+    fleet = FleetFiles(dataset) if kind_of(dataset) == "fleet" else None
+    sources = _opened(dataset, wanted) if fleet is None else _nodes(fleet, wanted)
     path = out or Path(f"{dataset.resolve().name}{wanted.ending or '-' + to}")
     if wanted.ending:
         check_file(path, inputs=[dataset])
     else:
         check_folder(path, kind=KIND, inputs=[dataset])
-    losses = list(dict.fromkeys(one for source in sources for one in _losses(source, wanted)))
+    losses = _losses_of_all(sources, fleet, wanted)
     for one in losses:
         tell(one)
     if wanted.ending:
         with replaced_file(path, inputs=[dataset]) as scratch:
-            notes = _written(sources, wanted, scratch, progress)
+            notes = _written(sources, fleet, wanted, scratch, progress)
         return path, [*losses, *notes]
     with replaced_folder(path, kind=KIND, inputs=[dataset]) as folder:
-        notes = _written(sources, wanted, folder, progress)
+        notes = _written(sources, fleet, wanted, folder, progress)
         write_json(
             folder / f"{KIND}.json",
             {
                 "kind": KIND,
                 "format": to,
                 "urbantwin": __version__,
-                "dataset_sha256": sha256_of(dataset / "dataset.json"),
+                "dataset_sha256": sha256_of(
+                    dataset / ("dataset.json" if fleet is None else "fleet.json")
+                ),
                 "inputs": sources[0].manifest["inputs"],
                 "losses": losses,
                 "notes": list(notes),
@@ -96,13 +101,50 @@ def _opened(dataset: Path, wanted: DatasetFormat) -> list[FrameSource]:
     return [FrameSource(dataset)]
 
 
+def _nodes(fleet: FleetFiles, wanted: DatasetFormat) -> list[FrameSource]:
+    """Return the datasets of a fleet's nodes, where a format takes fleets.
+
+    Raises:
+        InputError: it does not.
+    """
+    if wanted.write_fleet is None:
+        takes = ", ".join(name for name, one in DATASET_FORMATS.items() if one.write_fleet)
+        raise InputError(
+            f"is a fleet, of which {wanted.name} has no notion",
+            file=fleet.folder,
+            expected=f"one of its nodes ({', '.join(fleet.names)}), or --to {takes}",
+        )
+    return [FrameSource(fleet.folder_of(name)) for name in fleet.names]
+
+
+def _losses_of_all(
+    sources: Sequence[FrameSource], fleet: FleetFiles | None, wanted: DatasetFormat
+) -> list[str]:
+    """Return what is lost of any dataset; of a fleet with the node where it is not of all."""
+    lost = [_losses(source, wanted) for source in sources]
+    if fleet is None:
+        return list(dict.fromkeys(one for own in lost for one in own))
+    told = []
+    for node, own in zip(fleet.names, lost, strict=True):
+        told += [one if all(one in other for other in lost) else f"{node}: {one}" for one in own]
+    told.append(f"{wanted.name} cannot hold of nodes: clocks, what came late or never arrived")
+    return list(dict.fromkeys(told))
+
+
 def _losses(source: FrameSource, wanted: DatasetFormat) -> list[str]:
     return [*losses_of(source, wanted.name, wanted.holds), *wanted.losses_besides(source)]
 
 
 def _written(
-    sources: Sequence[FrameSource], wanted: DatasetFormat, to: Path, progress: Progress
+    sources: Sequence[FrameSource],
+    fleet: FleetFiles | None,
+    wanted: DatasetFormat,
+    to: Path,
+    progress: Progress,
 ) -> Sequence[str]:
+    if fleet is not None:
+        assert wanted.write_fleet is not None
+        return wanted.write_fleet(fleet, to, progress)
     if len(sources) > 1 and wanted.write_parts is not None:
         return wanted.write_parts(sources, to, progress)
     return wanted.write(sources[0], to, progress)

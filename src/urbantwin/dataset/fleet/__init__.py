@@ -1,0 +1,23 @@
+"""Several nodes, standing and riding, that recorded one motion together: a fleet."""
+
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.dataset.fleet.files import FleetFiles, NodeState
+    from urbantwin.dataset.fleet.fused import FusedCloud, fused_cloud
+    from urbantwin.dataset.fleet.node import Node, placed_nodes
+    from urbantwin.dataset.fleet.recording import record_fleet
+
+__all__ = [
+    "FleetFiles",
+    "FusedCloud",
+    "Node",
+    "NodeState",
+    "fused_cloud",
+    "placed_nodes",
+    "record_fleet",
+]
+
+names_on_demand(__name__)

@@ -1,0 +1,137 @@
+"""``nodes.parquet``: when and where every node was in every frame, and when the others knew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from urbantwin.artefact.tables import PARQUET
+from urbantwin.dataset.fleet.node import Node
+from urbantwin.dataset.fleet.pose_error import pose_errors, reported_pose
+from urbantwin.dataset.fleet.radio import received
+from urbantwin.dataset.layout import frame_name
+from urbantwin.dataset.manifest_schema import pose_matrix, pose_of_matrix
+from urbantwin.dataset.motion_interpolation import rows_at
+from urbantwin.geometry import Pose, ypr_from_rotation
+
+if TYPE_CHECKING:
+    from urbantwin.traffic import Motion
+
+__all__ = ["NODE_COLUMNS", "node_rows", "write_nodes"]
+
+_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
+#: Columns and Arrow types. Times are true, seconds from the motion's start, but ``clock_s``, which
+#: is what the node's clock says at ``time_s``. Poses are ``site_SE3_points``, metres and radians.
+NODE_COLUMNS = {
+    "frame": "string",
+    "time_s": "float64",
+    "node": "string",
+    "present": "bool_",
+    "points": "int64",
+    **dict.fromkeys(("clock_s", "sent_s"), "float64"),
+    "lost": "bool_",
+    "arrival_s": "float64",
+    **{f"{kind}_{name}": "float64" for kind in ("true", "reported") for name in _POSE},
+}
+
+
+def node_rows(
+    node: Node, entries: Mapping[int, Mapping[str, Any]], motion: Motion
+) -> dict[int, dict[str, Any]]:
+    """Return the rows of a node by the number of the frame, of those in which it is there.
+
+    A frame is complete, and sent, when the last of its turns has arrived; one without a turn when
+    the next begins.
+
+    Args:
+        node: the node.
+        entries: number of each of its frames -> what that holds.
+        motion: what moves.
+    """
+    numbers, times = list(node.times_s), np.array(list(node.times_s.values()))
+    rate_hz = node.rig.rate_hz
+    sent = np.array([
+        max((one["arrival_s"] for one in entries[k]["sweeps"] if not one["lost"]),
+            default=time_s + 1.0 / rate_hz)
+        for k, time_s in node.times_s.items()
+    ])  # fmt: skip
+    radio = received(node.spec.radio, node.seed, numbers, sent)
+    errors = pose_errors(node.spec.pose_error, node.seed, numbers, rate_hz)
+    clock = node.spec.clock
+    rows = {}
+    for n, index in enumerate(numbers):
+        time_s = float(times[n])
+        site_SE3_points = _points(node, entries[index])
+        poses = {"true": site_SE3_points, "reported": site_SE3_points}
+        if errors[n].any():
+            site_SE3_node = _place(node, time_s, motion)
+            node_SE3_points = site_SE3_node.inverse() @ site_SE3_points
+            poses["reported"] = reported_pose(site_SE3_node, errors[n]) @ node_SE3_points
+        lost = bool(radio.lost[n])
+        rows[index] = {
+            "present": True,
+            "points": int(entries[index]["points"]),
+            "clock_s": time_s + clock.offset_s + clock.drift_ppm * 1e-6 * time_s,
+            "sent_s": float(sent[n]),
+            "lost": lost,
+            "arrival_s": None if lost else float(radio.arrival_s[n]),
+            **{
+                f"{kind}_{name}": float(value) + 0.0
+                for kind, pose in poses.items()
+                for name, value in zip(
+                    _POSE, (*pose.translation, *ypr_from_rotation(pose.rotation)), strict=True
+                )
+            },
+        }
+    return rows
+
+
+def write_nodes(
+    path: Path,
+    times_s: Mapping[int, float],
+    nodes: Sequence[Node],
+    rows: Mapping[str, Mapping[int, Mapping[str, Any]]],
+) -> None:
+    """Write the table.
+
+    Args:
+        path: the file.
+        times_s: number of each frame of the run -> its time.
+        nodes: all of them.
+        rows: name of each node -> `node_rows` of it.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    absent = {"present": False, "points": 0, "lost": False}
+    found = [
+        {
+            "frame": frame_name(index),
+            "time_s": time_s,
+            "node": node.name,
+            **rows[node.name].get(index, absent),
+        }
+        for index, time_s in times_s.items()
+        for node in nodes
+    ]
+    schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in NODE_COLUMNS.items()])
+    pq.write_table(pa.Table.from_pylist(found, schema=schema), path, **PARQUET)
+
+
+def _points(node: Node, entry: Mapping[str, Any]) -> Pose:
+    """Return what takes the points of a frame to the site."""
+    rows = entry.get("dataset_SE3_site") or pose_matrix(node.rig.dataset_SE3_site)
+    return pose_of_matrix(rows).inverse()
+
+
+def _place(node: Node, time_s: float, motion: Motion) -> Pose:
+    """Return the pose of a node: of its carrier, or upright at its first sensor."""
+    if node.rig.carrier is None:
+        return node.site_SE3_standing
+    rows = rows_at(motion, time_s)
+    (row,) = rows[rows["track"] == node.rig.carrier]
+    place = np.array([row["x"], row["y"], row["z"]], np.float64)
+    return Pose.from_ypr(place, float(row["yaw"]), float(row["pitch"]), float(row["roll"]))

@@ -1,0 +1,345 @@
+"""Recording: a twin and its motion become a dataset, or one for each of several nodes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+from urbantwin.artefact import check_folder
+from urbantwin.errors import InputError
+from urbantwin.interface.dataset import Dataset
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
+
+if TYPE_CHECKING:
+    from urbantwin.dataset.split import SplitAsked
+    from urbantwin.interface.fleet import Fleet
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.twin import Twin
+    from urbantwin.progress import Progress
+    from urbantwin.site.rig import RigSpec
+    from urbantwin.site.rig_changes import RigChanges
+
+__all__ = ["record", "recorded"]
+
+
+@overload
+def record(
+    twin: Twin | AnyPath,
+    motion: Motion | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    nodes: None = None,
+    **options: Any,  # noqa: ANN401
+) -> Dataset: ...
+@overload
+def record(
+    twin: Twin | AnyPath,
+    motion: Motion | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    nodes: AnyPath,
+    **options: Any,  # noqa: ANN401
+) -> Fleet: ...
+# The options are written once, below: which of them there is changes nothing in the type.
+def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
+    twin: Twin | AnyPath,
+    motion: Motion | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    rig: AnyPath | None = None,
+    nodes: AnyPath | None = None,
+    start: float = 0.0,
+    stop: float | None = None,
+    every: int = 1,
+    effects: str | None = None,
+    weather: str | None = None,
+    visibility: float | None = None,
+    wet_ground: float | None = None,
+    sun_elevation: float | None = None,
+    sun_azimuth: float | None = None,
+    ride: str | None = None,
+    fused: bool | None = None,
+    backend: str = "embree",
+    storage: str = "npy",
+    split: str | Sequence[float] = "70,15,15",
+    gap: float | None = None,
+    thin: float | None = None,
+    background: AnyPath | Sequence[AnyPath] = (),
+    fuse: bool = False,
+    workers: int | None = None,
+    seed: int | None = None,
+    pictures: bool = True,
+    progress: ShowProgress = True,
+) -> Dataset | Fleet:
+    """Record labelled LiDAR frames. After an interruption, the same call goes on from there.
+
+    Args:
+        twin: the twin, or its folder.
+        motion: a motion on that twin, or its folder.
+        out: the folder to write, in which an older dataset is replaced; ``dataset`` beside the
+            twin when not given, of nodes ``fleet``.
+        rig: a ``rig.yaml``; the twin's own rig if not given.
+        nodes: a ``nodes.yaml``: several rigs, standing and riding, that record together, each with
+            its clock, its pose and its radio (docs/nodes.md); in place of ``rig``.
+        start: no frame before this time of the motion, seconds.
+        stop: no frame after this time, seconds; the motion's end if not given.
+        every: only each N-th frame of the rig: 10 of a rig of 10 Hz are frames a second apart.
+        effects: ``none``, ``all``, and effects to turn on or off: ``none,noise`` or ``no-sun``.
+        weather: ``clear``, ``rain``, ``fog`` or ``snow``.
+        visibility: how far one sees in that weather, metres.
+        wet_ground: 0 is dry, 1 a film of water.
+        sun_elevation: of the sun above the horizon, degrees.
+        sun_azimuth: of the sun, degrees clockwise from north.
+        ride: track or class of the actor that carries a rig that rides.
+        fused: one dataset of all sensors, or one for each; as the rig says if not given.
+        backend: what casts the rays: ``embree``, ``warp`` (a CUDA device) or ``warp:DEVICE``.
+        storage: of points: ``npy``, as OpenPCDet reads them; ``zstd``, columns in Parquet, a third
+            of the size, of which nothing is lost; or ``laz``, LAS 1.4 in whole millimetres.
+        split: shares of training, validation and test, cut in time.
+        gap: seconds between the parts, of which no part has the frames; as long as the scene needs
+            to change, and no more than a tenth of the recording, if not given.
+        thin: leave frames in which nobody moved so many metres out of the parts.
+        background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world.
+        fuse: where nobody measured, the twin is seen.
+        workers: processes to work with; every number gives the same bytes.
+        seed: that everything random follows from; the site's ``traffic.seed`` if not given.
+        pictures: draw pictures into the dataset's folder, which takes a while.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Returns:
+        The dataset; of nodes, a `Fleet` with a dataset for each.
+
+    Raises:
+        InputError: what is given does not fit together, or ``out`` holds other files.
+        StageError: a worker was killed, or the disk is full.
+
+    Example:
+        >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
+        >>> fleet = ut.record(twin, motion, nodes="nodes.yaml")
+    """
+    from urbantwin.dataset.split import SplitAsked, shares_of
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.rig import rig_spec_on
+    from urbantwin.interface.twin import Twin
+    from urbantwin.site.rig_changes import RigChanges
+
+    divided = SplitAsked(shares_of(split), gap, thin)
+    changes = RigChanges(
+        effects=effects,
+        weather=weather,
+        visibility_m=visibility,
+        wet_ground=wet_ground,
+        sun_elevation_deg=sun_elevation,
+        sun_azimuth_deg=sun_azimuth,
+        ride=ride,
+        fused=fused,
+    )
+    given = [background] if isinstance(background, str | os.PathLike) else background
+    measured = [os.fspath(one) for one in given]
+    kind = "dataset" if nodes is None else "fleet"
+    place = beside(twin, kind, out)
+    rig_file = None if rig is None else Path(rig)
+    files = [Path(one) for one in (rig, nodes) if one is not None]
+    inputs = [Path(twin), Path(motion), *files]
+    check_folder(place, kind=kind, inputs=inputs)
+    if nodes is not None:
+        _refuse_with_nodes(rig=rig, ride=ride, fused=fused, background=measured, fuse=fuse)
+    on = Twin.open(twin)
+    moving = Motion.open(motion)
+    if nodes is not None:
+        return _recorded_nodes(
+            on,
+            moving,
+            Path(nodes),
+            changes,
+            place,
+            start_s=start,
+            stop_s=stop,
+            every=every,
+            backend=backend,
+            storage=storage,
+            split=divided,
+            workers=workers,
+            seed=seed,
+            inputs=inputs,
+            pictures=pictures,
+            progress=progress,
+        )
+    spec, file = rig_spec_on(on, rig_file, changes)
+    return recorded(
+        on,
+        moving,
+        spec,
+        file,
+        place,
+        background=measured,
+        fuse=fuse,
+        start_s=start,
+        stop_s=stop,
+        every=every,
+        backend=backend,
+        storage=storage,
+        split=divided,
+        workers=workers,
+        seed=seed,
+        inputs=inputs,
+        pictures=pictures,
+        progress=progress,
+    )
+
+
+def recorded(  # noqa: PLR0913 - the options of the command
+    on: Twin,
+    moving: Motion,
+    spec: RigSpec,
+    rig_file: Path,
+    place: Path,
+    *,
+    background: Sequence[str] = (),
+    fuse: bool = False,
+    start_s: float = 0.0,
+    stop_s: float | None = None,
+    every: int = 1,
+    backend: str = "embree",
+    storage: str = "npy",
+    split: SplitAsked | None = None,
+    workers: int | None = None,
+    seed: int | None = None,
+    inputs: Sequence[Path] = (),
+    pictures: bool = True,
+    progress: ShowProgress = True,
+) -> Dataset:
+    """Record what a rig sees; see `record`.
+
+    Args:
+        on: the twin.
+        moving: the motion.
+        spec: the rig with every change to it.
+        rig_file: where it was written, beside which its files are.
+        place: the folder to write.
+        background: ``FILE`` or ``NAME=FILE`` of what real sensors measured.
+        fuse: where nobody measured, the twin is seen.
+        start_s: no frame before this time of the motion.
+        stop_s: no frame after this time.
+        every: only each N-th frame.
+        backend: what casts the rays.
+        storage: of points, see `record`.
+        split: into training, validation and test; the usual one when not given.
+        workers: processes to work with.
+        seed: of every random choice.
+        inputs: what it is made from.
+        pictures: draw pictures into the folder.
+        progress: show how far it is.
+    """
+    from urbantwin.dataset.provenance import asked_of
+    from urbantwin.dataset.recording import record as record_frames
+    from urbantwin.interface.rig import placed
+    from urbantwin.lidar.background_file import rig_with_backgrounds
+
+    mounted = rig_with_backgrounds(placed(spec, on, rig_file), list(background), fused=fuse)
+    with shown_stage("record", progress) as tell:
+        also = _drawing(on, moving, tell) if pictures else None
+        record_frames(
+            on,
+            moving,
+            mounted,
+            place,
+            workers=workers,
+            seed=seed,
+            start_s=start_s,
+            stop_s=stop_s,
+            every=every,
+            rig_file=rig_file,
+            backend=backend,
+            storage=storage,
+            split=split,
+            asked=asked_of(spec, rig_file, on, background=background, fuse=fuse),
+            inputs=inputs,
+            also=also,
+            progress=tell,
+        )
+    made = Dataset(place)
+    tell_result("record", place, made.warnings, progress)
+    return made
+
+
+def _recorded_nodes(  # noqa: PLR0913 - the options of the command
+    on: Twin,
+    moving: Motion,
+    nodes_file: Path,
+    changes: RigChanges,
+    place: Path,
+    *,
+    start_s: float,
+    stop_s: float | None,
+    every: int,
+    backend: str,
+    storage: str,
+    split: SplitAsked,
+    workers: int | None,
+    seed: int | None,
+    inputs: Sequence[Path],
+    pictures: bool,
+    progress: ShowProgress,
+) -> Fleet:
+    """Record what several nodes see; see `record`."""
+    from urbantwin.dataset.fleet import record_fleet
+    from urbantwin.interface.fleet import Fleet
+    from urbantwin.interface.rig import rigs_of_nodes
+    from urbantwin.site.nodes import load_nodes
+
+    asked = load_nodes(nodes_file)
+    with shown_stage("record", progress) as tell:
+        tell(0.0, "placing the nodes")
+        record_fleet(
+            on,
+            moving,
+            asked,
+            rigs_of_nodes(asked, on, changes),
+            place,
+            workers=workers,
+            seed=seed,
+            start_s=start_s,
+            stop_s=stop_s,
+            every=every,
+            backend=backend,
+            storage=storage,
+            split=split,
+            inputs=inputs,
+            also=_drawing(on, moving) if pictures else None,
+            progress=tell,
+        )
+    made = Fleet(place)
+    tell_result("record", place, made.warnings, progress)
+    return made
+
+
+def _drawing(on: Twin, moving: Motion, tell: Progress | None = None) -> Callable[[Path], None]:
+    """Return what draws pictures into the folder of a dataset."""
+
+    def draw(folder: Path) -> None:
+        from urbantwin.progress import between, untold
+        from urbantwin.view.pictures import pictures_of_dataset
+
+        shown = untold if tell is None else between(tell, 0.98, 1.0)
+        pictures_of_dataset(folder, twin=on, motion=moving, progress=shown)
+
+    return draw
+
+
+def _refuse_with_nodes(**options: object) -> None:
+    """Refuse options that are of one rig.
+
+    Raises:
+        InputError: one is given beside nodes.
+    """
+    for name, value in options.items():
+        if value not in (None, [], False) or (name == "fused" and value is False):
+            raise InputError(
+                "is of one rig, and several nodes are asked for",
+                place=f"--{name}",
+                expected="it in the file of the nodes, or in the rig of a node",
+            )
