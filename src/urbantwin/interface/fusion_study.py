@@ -17,7 +17,6 @@ from urbantwin.interface.summary import Summary
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from urbantwin.study.fusion import Nodes
 
 __all__ = ["FusionStudy", "fuse"]
 
@@ -207,7 +206,7 @@ def fuse(  # noqa: PLR0913 - the options of the command
         work = scratch / "work"
         outcomes = outcomes_of(todo, work, workers, between(tell, 0.0, 0.9))
         tell(0.9, "judging")
-        results = results_of(settings, outcomes, judge, _rate_hz(told))
+        results = results_of(settings, outcomes, judge)
         over_time = rows_of_failure(settings, outcomes, judge, time_s)
         shutil.rmtree(work)
         write_report(
@@ -266,10 +265,3 @@ def _digests(folder: Path) -> list[str]:
     """Return what tells the files of a node's dataset from others."""
     files = (folder / INVENTORY, folder / "dataset.json")
     return [sha256_of(one) for one in files if one.is_file()]
-
-
-def _rate_hz(nodes: Nodes) -> float:
-    """Return how many frames a second nodes take."""
-    import numpy as np
-
-    return 1.0 / float(np.median(np.diff(nodes.times_s)))

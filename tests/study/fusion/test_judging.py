@@ -87,10 +87,13 @@ def test_rows_tell_bits_a_second_and_the_gain_over_the_receiver_alone() -> None:
     found = {"alone": detected(0.5), "early": detected(1.0), "middle": detected(0.8),
              "late": detected(0.7)}  # fmt: skip
     outcomes = [
-        [Outcome(*one, bits=4000.0, packets=3.0, age_s=0.1) for one in found[setting.how.name]]
+        [
+            Outcome(*one, bits=4000.0, bits_s=40_000.0, packets=3.0, age_s=0.1)
+            for one in found[setting.how.name]
+        ]
         for setting in settings
     ]
-    rows = [one.row() for one in results_of(settings, outcomes, judge(), 10.0)]
+    rows = [one.row() for one in results_of(settings, outcomes, judge())]
     assert {row["kbit_s"] for row in rows} == {40.0}
     assert {row["objects"] for row in rows} == {20 * FRAMES}
     for row in rows:

@@ -81,6 +81,12 @@ class Node:
         return open_recording(self.folder)
 
     @cached_property
+    def rate_hz(self) -> float:
+        """How many frames a second it takes."""
+        times = sorted(look.time_s for look in self.looks.values())
+        return 1.0 / float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+
+    @cached_property
     def _numbers(self) -> dict[str, int]:
         return {name: number for number, name in enumerate(self.recording.names)}
 

@@ -75,7 +75,6 @@ def results_of(
     settings: Sequence[Setting],
     outcomes: Sequence[Sequence[Outcome]],
     judge: Judge,
-    rate_hz: float,
 ) -> list[Result]:
     """Return the results of settings.
 
@@ -83,7 +82,6 @@ def results_of(
         settings: the receiver alone is among them.
         outcomes: of each setting at each moment.
         judge: of these moments.
-        rate_hz: frames a second of the nodes.
     """
     known: dict[tuple[object, ...], Verdict] = {}
     for one, found in zip(settings, outcomes, strict=True):
@@ -99,7 +97,7 @@ def results_of(
                 setting=one,
                 verdict=known[one.work],
                 alone=alone,
-                kbit_s=bits * rate_hz / 1e3,
+                kbit_s=float(np.mean([k.bits_s for k in found])) / 1e3,
                 kbit_frame=bits / 1e3,
                 packets=float(np.mean([k.packets for k in found])),
                 age_s=float(np.mean(ages)) if ages else float("nan"),

@@ -231,7 +231,7 @@ def _write(path: Path, found: Sequence[Outcome]) -> None:
             box=np.concatenate([one.box for one in found]),
             kind=np.concatenate([one.kind for one in found]),
             score=np.concatenate([one.score for one in found]),
-            told=np.array([(one.bits, one.packets, one.age_s) for one in found]),
+            told=np.array([(one.bits, one.bits_s, one.packets, one.age_s) for one in found]),
         )
     passing.replace(path)
 

@@ -63,6 +63,7 @@ class Outcome:
         kind: (N,) numbers in ``DETECTED_CLASSES``.
         score: (N,) 0..1.
         bits: of all messages that the receiver used, as they were sent.
+        bits_s: of them a second, as every node sends at its own rate.
         packets: how many these were.
         age_s: of what was used, the mean of the nodes; NaN where nothing was.
     """
@@ -71,6 +72,7 @@ class Outcome:
     kind: NDArray[np.int64]
     score: NDArray[np.float64]
     bits: float
+    bits_s: float
     packets: float
     age_s: float
 
@@ -81,6 +83,7 @@ class _Sent:
 
     packets: list[bytes]
     messages: list[Message]
+    rate_hz: float
 
 
 class Trial:
@@ -148,6 +151,7 @@ class Trial:
             kind=boxes.kind,
             score=boxes.score,
             bits=sum(bits_of(sent.packets) for sent, _ in used) / every,
+            bits_s=sum(bits_of(sent.packets) * sent.rate_hz for sent, _ in used) / every,
             packets=sum(len(sent.packets) for sent, _ in used) / every,
             age_s=float(np.mean([age for _, age in used])) if used else float("nan"),
         )
@@ -291,7 +295,7 @@ class Trial:
             points = Points(place, frame.intensity[kept] if tells else None)  # type: ignore[index]
             return cloud_packets(points, codec, self._mtu, self._head(node, at, site_SE3_local))
 
-        return self._sent(("cloud", node.number, at, codec), make)
+        return self._sent(node, ("cloud", node.number, at, codec), make)
 
     def _features(self, node: Node, at: int, how: Middle) -> _Sent:
         def make() -> list[bytes]:
@@ -301,7 +305,7 @@ class Trial:
             head = self._head(node, at, known.site_SE3_map)
             return feature_packets(told, how.bits, channels, self._mtu, head)
 
-        return self._sent(("features", node.number, at, how), make)
+        return self._sent(node, ("features", node.number, at, how), make)
 
     def _boxes(self, node: Node, at: int, how: Late) -> _Sent:
         def make() -> list[bytes]:
@@ -311,7 +315,7 @@ class Trial:
             return box_packets(boxes, self._mtu, head, motion=how.motion, covariance=how.covariance)
 
         key = (how.least, how.motion, how.covariance)
-        return self._sent(("boxes", node.number, at, *key), make)
+        return self._sent(node, ("boxes", node.number, at, *key), make)
 
     def _moving(self, node: Node, at: int) -> _Sent:
         def make() -> list[bytes]:
@@ -320,15 +324,15 @@ class Trial:
             head = self._head(node, at, self._local(node, at))
             return box_packets(boxes, self._mtu, head, covariance=False, codec="moving")
 
-        return self._sent(("moving", node.number, at), make)
+        return self._sent(node, ("moving", node.number, at), make)
 
     def _head(self, node: Node, at: int, site_SE3_payload: Pose) -> Head:
         return Head(node.number, at, node.looks[at].clock_s, site_SE3_payload)
 
-    def _sent(self, key: tuple[object, ...], make: Callable[[], list[bytes]]) -> _Sent:
+    def _sent(self, node: Node, key: tuple[object, ...], make: Callable[[], list[bytes]]) -> _Sent:
         def whole() -> _Sent:
             packets = make()
-            return _Sent(packets, [unpack(one) for one in packets])
+            return _Sent(packets, [unpack(one) for one in packets], node.rate_hz)
 
         return self._kept(key, whole)
 
