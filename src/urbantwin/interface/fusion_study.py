@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,8 @@ from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+    from urbantwin.study.fusion import Nodes
 
 
 __all__ = ["FusionStudy", "fuse"]
@@ -230,7 +232,7 @@ def fuse(  # noqa: PLR0913 - the options of the command
                 "objects": judge.objects,
                 "distinct": judge.distinct,
                 "settings": len(settings),
-                "doubts": [judge.doubt] if judge.doubt else [],
+                "doubts": [*_learned_from(detector.trained, told), *filter(None, [judge.doubt])],
             },
             [one.row() for one in results],
             over_time,
@@ -259,6 +261,20 @@ def _check_numbers(frames: int, mtu: int, workers: int, given: Sequence[Path]) -
         )
     if workers < 1:
         raise InputError(f"{workers} workers", place="--workers", expected="1 or more")
+
+
+def _learned_from(trained: Mapping[str, Any], nodes: Nodes) -> list[str]:
+    """Return what is to be said where the model has learned from frames of a node."""
+    from urbantwin.learn import digest_of
+
+    known = {one.get("sha256") for one in trained.get("datasets", [])}
+    seen = [one.name for one in nodes.nodes if known and digest_of(one.folder) in known]
+    if not seen:
+        return []
+    return [
+        f"The model has learned from frames of {', '.join(seen)}: frames of another drive tell how "
+        "good it is."
+    ]
 
 
 def _digests(folder: Path) -> list[str]:
