@@ -103,6 +103,7 @@ def test_the_study_holds_what_it_tells(study: ut.FusionStudy) -> None:
     page = (study.folder / "fusion.html").read_text()
     assert study.manifest["in_short"] in page
     assert str(study.folder.parent) not in page
+    assert isinstance(ut.open(study.folder), ut.FusionStudy)
     told = pq.read_table(study.folder / "settings.parquet")
     assert told.num_rows == len((study.folder / "settings.csv").read_text().splitlines()) - 1
 

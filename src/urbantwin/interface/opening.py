@@ -34,6 +34,7 @@ _CLASSES = {
     "tuning": ("tuning", "Tuning"),
     "sequence": ("sequence", "SequenceFiles"),
     "fleet": ("fleet", "Fleet"),
+    "fusion": ("fusion_study", "FusionStudy"),
 }
 _EXPECTED = (
     "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "
