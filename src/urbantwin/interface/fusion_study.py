@@ -43,6 +43,15 @@ class FusionStudy:
             {} if seconds is not None else read_json(self.folder / f"{_KIND}.json", kind=_KIND)
         )
 
+    @classmethod
+    def open(cls, folder: AnyPath) -> FusionStudy:
+        """Return the study in a folder that `fuse` wrote.
+
+        Raises:
+            InputError: there is none.
+        """
+        return cls(folder)
+
     def __fspath__(self) -> str:
         """Return the folder."""
         return str(self.folder)
