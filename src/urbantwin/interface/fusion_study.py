@@ -178,6 +178,7 @@ def fuse(  # noqa: PLR0913 - the options of the command
     settings = settings_of(
         STUDIES if studies is None else studies,
         len(told.nodes),
+        reach_m=reach,
         fails_from_s=float(time_s[len(time_s) // 2]),
         last=told.nodes[-1].number,
     )

@@ -83,7 +83,7 @@ def test_nobody_to_find_is_told() -> None:
 
 
 def test_rows_tell_bits_a_second_and_the_gain_over_the_receiver_alone() -> None:
-    settings = settings_of(["bitrate", "loss"], 3, fails_from_s=5.0, last=2)
+    settings = settings_of(["bitrate", "loss"], 3, reach_m=40.0, fails_from_s=5.0, last=2)
     found = {"alone": detected(0.5), "early": detected(1.0), "middle": detected(0.8),
              "late": detected(0.7)}  # fmt: skip
     outcomes = [
@@ -103,7 +103,7 @@ def test_rows_tell_bits_a_second_and_the_gain_over_the_receiver_alone() -> None:
 
 
 def test_every_study_has_its_settings() -> None:
-    every = settings_of(STUDIES, 4, fails_from_s=5.0, last=3)
+    every = settings_of(STUDIES, 4, reach_m=40.0, fails_from_s=5.0, last=3)
     assert {one.study for one in every} == set(STUDIES)
     for name in STUDIES:
         mine = [one for one in every if one.study == name]
@@ -114,4 +114,4 @@ def test_every_study_has_its_settings() -> None:
     assert {one.aligned for one in every if one.study == "latency"} == {False, True}
     assert {one.nodes for one in every if one.study == "nodes"} == {None, 2, 3, 4}
     with pytest.raises(InputError, match="unknown study 'weather'; expected bitrate, latency"):
-        settings_of(["weather"], 2, fails_from_s=0.0, last=1)
+        settings_of(["weather"], 2, reach_m=40.0, fails_from_s=0.0, last=1)

@@ -227,6 +227,34 @@ def test_channels_with_most_energy_are_sent() -> None:
     assert set(np.flatnonzero(back.any(axis=0))) == set(most)
 
 
+def test_many_channels_of_a_large_grid_come_back() -> None:
+    draw = np.random.default_rng(3)
+    cell = np.array([0, 7, 20_000**2 - 1])
+    values = draw.random((3, 512)).astype(np.float32)
+    told = FeatureMap(b"8 bytes.", -500.0, -500.0, 0.05, 20_000, cell, values)
+    for channels in (512, 300):
+        packets = feature_packets(told, 8, channels, 1400, HEAD)
+        back = [features_of_payload(unpack(one)) for one in packets]
+        assert (np.concatenate([one.cell for one in back]) == cell).all()
+        found = np.concatenate([one.values for one in back])
+        assert (found.any(axis=0)).sum() == channels
+        assert np.abs(found - values)[:, found.any(axis=0)].max() < 2 ** (1 / 16) / 255
+
+
+def test_nothing_seen_is_a_message_too() -> None:
+    none = FeatureMap(b"8 bytes.", 0.0, 0.0, 0.4, 8, np.zeros(0, np.int64),
+                      np.zeros((0, 4), np.float32))  # fmt: skip
+    (packet,) = feature_packets(none, 4, 4, 1400, HEAD)
+    assert features_of_payload(unpack(packet)).values.shape == (0, 4)
+    (packet,) = box_packets(boxes(0), 1400, HEAD)
+    assert len(boxes_of_payload(unpack(packet))) == 0
+    for count in (1, 2):
+        for codec in (PointCodec("voxel"), PointCodec("octree"), PointCodec("draco")):
+            (packet,) = cloud_packets(Points(np.full((count, 3), 3.3)), codec, 1400, HEAD)
+            found = cloud_of_payload(unpack(packet)).place
+            assert np.abs(found - 3.3).max() <= codec.largest_error_m
+
+
 def boxes(count: int = 60) -> Boxes:
     draw = np.random.default_rng(2)
     kind = draw.integers(0, 6, count)

@@ -30,7 +30,7 @@ __all__ = ["FeatureMap", "feature_packets", "features_of_payload", "quantised", 
 #: Model, south-western corner, edge of a cell, cells along a side, bits, channels that are sent and
 #: channels that there are, cells that are sent, bytes of the three compressed parts and of the
 #: levels before compression.
-_HEAD = struct.Struct("<8s3fHBBBHHHHI")
+_HEAD = struct.Struct("<8s3fHBHHIHHHI")
 #: A channel's greatest value is 2 to the power of (code - 128) / 16; code 0: it is zero everywhere.
 _MIDDLE, _STEPS = 128, 16.0
 
@@ -100,21 +100,21 @@ def feature_packets(
     energy = (found.values.astype(np.float64) ** 2).sum(axis=0)
     sent = np.sort(np.argsort(-energy, kind="stable")[:channels])
     level, code = quantised(found.values[:, sent], bits)
-    which = sent.astype(np.uint8).tobytes() if len(sent) < found.values.shape[1] else b""
+    which = sent.astype("<u2").tobytes() if len(sent) < found.values.shape[1] else b""
 
     def encoded(begin: int, end: int) -> bytes:
         some = level[begin:end]
         step = np.diff(found.cell[begin:end], prepend=0).astype(np.uint64)
         there = some.T != 0  # channel by channel: neighbouring cells are alike
         parts = [
-            compressed(byte_planes(step, 3)),
+            compressed(byte_planes(step, 4)),
             compressed(np.packbits(there).tobytes()),
             compressed(some.T[there].tobytes()),
         ]
         sizes = [min(len(one), 65_535) for one in parts]
         head = _HEAD.pack(
             found.model, found.x, found.y, found.cell_m, found.cells, bits, len(sent),
-            found.values.shape[1], min(len(some), 65_535), *sizes, int(there.sum()),
+            found.values.shape[1], len(some), *sizes, int(there.sum()),
         )  # fmt: skip
         return head + which + code.tobytes() + b"".join(parts)
 
@@ -146,7 +146,9 @@ def features_of_payload(message: Message) -> FeatureMap:
         raise bad_payload(f"has {sent} of {channels} channels")
     which = np.arange(sent)
     if sent < channels:
-        which, rest = np.frombuffer(rest[:sent], np.uint8), rest[sent:]
+        if len(rest) < 2 * sent:
+            raise bad_payload("ends within its channels")
+        which, rest = np.frombuffer(rest[: 2 * sent], "<u2"), rest[2 * sent :]
     code, rest = np.frombuffer(rest[:sent], np.uint8), rest[sent:]
     if len(which) < sent or len(code) < sent or (which >= channels).any():
         raise bad_payload("ends within its channels")
@@ -154,7 +156,7 @@ def features_of_payload(message: Message) -> FeatureMap:
         raise bad_payload(f"has {len(rest)} bytes of values where {sum(sizes)} are said")
     ends = np.cumsum(sizes)
     parts = [rest[end - size : end] for size, end in zip(sizes, ends, strict=True)]
-    cell = np.cumsum(of_byte_planes(decompressed(parts[0], 3 * count), 3)).astype(np.int64)
+    cell = np.cumsum(of_byte_planes(decompressed(parts[0], 4 * count), 4)).astype(np.int64)
     if (cell >= cells**2).any():
         raise bad_payload("has a cell outside of its grid")
     there = np.frombuffer(decompressed(parts[1], (count * sent + 7) // 8), np.uint8)

@@ -100,7 +100,9 @@ def cloud_packets(
     if codec.name == "draco":
         half = codec.cube_m / 2
         inside = (np.abs(points.place) < half).all(axis=1)
-        points = _some(points, np.flatnonzero(inside))
+        # Draco's library makes one of points at the very same place.
+        single = np.unique(points.place.astype(np.float32), axis=0, return_index=True)[1]
+        points = _some(points, np.sort(single[inside[single]]))
         step = codec.cube_m / (2**codec.bits - 1)
         ordered = _some(points, morton_order(np.floor((points.place + half) / step)))
     else:

@@ -92,8 +92,8 @@ def in_short(rows: Sequence[Mapping[str, Any]]) -> str:
         if ideal:
             best = max(ideal, key=lambda row: row["map"])
             said.append(f"{way} {_value(best, 'map')} at {best['kbit_s']:.0f} kbit/s")
-    best = "; ".join(said)
-    return f"Mean average precision, %, the best of each way: {best}; n = {alone['objects']}."
+    told = "; ".join(said)
+    return f"Mean average precision, %, the best of each way: {told}; n = {alone['objects']}."
 
 
 def _is_ideal(row: Mapping[str, Any]) -> bool:

@@ -156,13 +156,14 @@ _CLOCK_LATENCY_S = 0.2
 
 
 def settings_of(
-    studies: Sequence[str], nodes: int, *, fails_from_s: float, last: int
+    studies: Sequence[str], nodes: int, *, reach_m: float, fails_from_s: float, last: int
 ) -> list[Setting]:
     """Return the settings of studies, those of every study with the receiver alone first.
 
     Args:
         studies: of `STUDIES`.
         nodes: how many there are.
+        reach_m: how far the detector looks along x and y: Draco counts in a cube that holds it.
         fails_from_s: when a node falls silent, where that is studied.
         last: number of the node that does.
 
@@ -175,7 +176,7 @@ def settings_of(
                 f"unknown study {name!r:.40}", place="--study", expected=", ".join(STUDIES)
             )
     made: dict[str, Callable[[], list[Setting]]] = {
-        "bitrate": _bitrate,
+        "bitrate": lambda: _bitrate(2 * reach_m),
         "latency": lambda: _swept("latency", "s", _LATENCY_S, "latency_s"),
         "clock": _clock,
         "pose": lambda: [
@@ -201,11 +202,11 @@ def settings_of(
     return found
 
 
-def _bitrate() -> list[Setting]:
+def _bitrate(cube_m: float) -> list[Setting]:
     kinds: tuple[Literal["voxel", "octree"], ...] = ("voxel", "octree")
     ways: list[How] = [Early(PointCodec(kind, edge_m=edge))
                        for kind in kinds for edge in (0.05, 0.1, 0.2, 0.4, 0.8)]  # fmt: skip
-    ways += [Early(PointCodec("draco", bits=bits)) for bits in (8, 9, 10, 11, 12)]
+    ways += [Early(PointCodec("draco", bits=k, cube_m=cube_m)) for k in (8, 9, 10, 11, 12)]
     ways += [Middle(cells=cells, bits=4) for cells in (250, 1000, 4000, None)]
     ways += [Middle(cells=4000, bits=bits) for bits in (1, 2, 8)]
     ways += [Middle(cells=4000, bits=4, channels=channels) for channels in (4, 8, 16)]
