@@ -99,7 +99,7 @@ def cloud_packets(
     """
     if codec.name == "draco":
         half = codec.cube_m / 2
-        inside = (np.abs(points.place) < half).all(axis=1)
+        inside = np.asarray((np.abs(points.place) < half).all(axis=1))
         # Draco's library makes one of points at the very same place.
         single = np.unique(points.place.astype(np.float32), axis=0, return_index=True)[1]
         points = _some(points, np.sort(single[inside[single]]))
