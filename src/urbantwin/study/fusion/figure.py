@@ -97,13 +97,14 @@ def draw_curves(rows: Sequence[Row], path: Path) -> bool:
         _curve(axes, name, curves[name], [row for row in rows if row["way"] == "alone"])
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper left", ncols=7, fontsize=9, frameon=False)
-    figure.subplots_adjust(0.05, 0.08, 0.985, 1 - 0.5 / down / 2 - 0.03, 0.16, 0.32)
+    figure.subplots_adjust(0.16 / across, 0.14 / down, 0.985, 1 - 0.19 / down, 0.2, 0.28)
     save(figure, path)
     return True
 
 
 def _curve(axes: Axes, name: str, rows: Sequence[Row], alone: Sequence[Row]) -> None:
-    plain(axes, f"{_TITLES[name]}: mean average precision, %")
+    plain(axes, _TITLES[name])
+    axes.set_ylabel("mean average precision, %", fontsize=8, color=INK)
     for aligned in (False, True):
         for way in ("early", "middle", "late"):
             mine = [row for row in rows if row["way"] == way and row["aligned"] == aligned]
@@ -121,6 +122,8 @@ def _curve(axes: Axes, name: str, rows: Sequence[Row], alone: Sequence[Row]) -> 
                                   lw=0)  # fmt: skip
     if alone:
         axes.axhline(alone[0]["map"], color=WAYS["alone"], ls=":", lw=1.4, label="alone")
+    if name == "nodes":
+        axes.set_xticks(sorted({int(row["value"]) for row in rows if row["value"] is not None}))
     axes.set_ylim(bottom=0)
 
 
