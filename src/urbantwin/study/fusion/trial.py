@@ -49,8 +49,9 @@ from urbantwin.study.fusion.setting import Alone, Early, Late, Middle, Setting
 
 __all__ = ["Outcome", "Trial"]
 
-#: Frames, maps and messages that are kept for what comes next.
-_KEPT = 24
+#: So many are kept of what is made: many of what is small or made of parts.
+_MOST = {"points": 4000, "cells": 4000, "frame": 24, "encoded": 24, "moving": 200, "boxes": 200,
+         "early": 200, "middle": 200, "cloud": 60, "features": 60}  # fmt: skip
 _Made = TypeVar("_Made")
 
 
@@ -380,14 +381,9 @@ class Trial:
         """Return what was made for a key, or make it; what was used longest ago is forgotten."""
         if key not in self._made:
             self._made[key] = make()
-            few = [one for one in self._made if one[0] == key[0]]
-            for old in few[: -_MOST.get(str(key[0]), _KEPT)]:
+            alike = [one for one in self._made if one[0] == key[0]]
+            for old in alike[: -_MOST[str(key[0])]]:
                 del self._made[old]
         else:
             self._made[key] = self._made.pop(key)
         return self._made[key]  # type: ignore[return-value]
-
-
-#: So many are kept of what is made: many of what is small or made of parts.
-_MOST = {"points": 4000, "cells": 4000, "frame": 24, "encoded": 24, "moving": 200, "boxes": 200,
-         "early": 200, "middle": 200, "cloud": 60, "features": 60}  # fmt: skip
