@@ -12,9 +12,12 @@ import urbantwin as ut
 from urbantwin.cli import main
 from urbantwin.dataset import record
 from urbantwin.dataset.fleet import FleetFiles, fused_cloud
+from urbantwin.fidelity.readers import open_recording
 from urbantwin.lidar import place_rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.traffic.motion import MOTION_VERSION
+from urbantwin.web import open_shown
+from urbantwin.web.wanted import Wanted
 
 SENSOR = {"model": "VLP-16", "columns": 900}
 POLE = {"sensors": [{**SENSOR, "name": "p", "east_m": 0.0, "north_m": 0.0, "height_m": 3.0,
@@ -86,11 +89,25 @@ def test_a_node_sees_what_its_rig_sees_alone(fleet, twin, motion, tmp_path, name
 
 
 def test_workers_do_not_matter_and_what_is_there_is_kept(fleet, paths, tmp_path, digests, capsys):
+    """One process, stopped in the middle; then two that go on."""
     file = written(tmp_path, NODES)
+    told = []
+
+    def stop(_share, doing):
+        told.append(doing)
+        if doing.startswith("frame 27 "):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ut.record(*paths, tmp_path / "fleet", nodes=file, seed=5, workers=1, pictures=False,
+                  progress=stop)  # fmt: skip
+    assert told[-1] == f"frame 27 of {3 * FRAMES - FIRST}"
+    assert not (tmp_path / "fleet").exists()
     command = ["record", *paths, "--nodes", file, "-o", tmp_path / "fleet", "--seed", "5", "-q",
                "--workers", "2", "--no-pictures"]  # fmt: skip
     assert main([str(one) for one in command]) == 0
     assert digests(tmp_path / "fleet") == digests(fleet.folder)
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["fleet", "nodes.yaml"]
     assert main(["verify", str(tmp_path / "fleet"), "-q"]) == 0
     assert main(["verify", str(tmp_path / "fleet" / "car"), "-q"]) == 0
     spoilt = tmp_path / "fleet" / "nodes.parquet"
@@ -114,6 +131,37 @@ def test_a_node_that_comes_later_is_marked_absent(fleet):
         _ = fleet.frame(0).node("car").points
 
 
+def test_a_node_that_leaves_and_comes_back(twin, motion_of, tmp_path):
+    """It is there from step 1 to 3 and from 6 to 7; its points are in the site."""
+    here = {"track": 3, "class": "car", "asset": "car-sedan", "y": 6.0, "speed": 5.0}
+    steps = [1, 2, 3, 6, 7]
+    rows = [{**here, "time_s": round(k / 10, 9), "x": 0.5 * k} for k in steps]
+    rows.append({"time_s": 0.9, "track": 7, "class": "car", "asset": "car-sedan", "x": 30.0})
+    comes_back = motion_of(twin, sorted(rows, key=lambda row: row["time_s"]), steps=10)
+    manifest = {"kind": "motion", "version": MOTION_VERSION, **comes_back.manifest}
+    replace(comes_back, manifest=manifest).save(tmp_path / "motion")
+    rig = {**ROOF, "ride": {"track": 3}, "frame": "site"}
+    error = {"bias": {"forward_m": 1.0, "yaw_deg": 90.0}}
+    nodes = [NODES[0], {"name": "car", "rig": rig, "pose_error": error}]
+    made = ut.record(twin.folder, tmp_path / "motion", tmp_path / "fleet", pictures=False,
+                     nodes=written(tmp_path, nodes), workers=1, progress=False)  # fmt: skip
+    assert made.nodes["car"].names == tuple(f"{k:06d}" for k in steps)
+    states = [made.frame(k).node("car").state for k in range(10)]
+    assert [k for k, state in enumerate(states) if state.present] == steps
+    assert "from 0.1 to 0.3 s and 0.6 to 0.7 s" in made.warnings[0].reason
+    assert len(made.nodes["pole"]) == 10
+    for k in steps:
+        state = states[k]
+        np.testing.assert_allclose(state.true.translation, 0.0)
+        assert state.place.translation[:2] == pytest.approx([0.5 * k, 6.0])
+        # It believes to be a metre farther east, and turned to the north about its own middle.
+        assert state.believed.translation[:2] == pytest.approx([0.5 * k + 1.0, 6.0])
+        ahead = state.reported.apply([[0.5 * k + 2.0, 6.0, 0.0]])[0]
+        assert ahead[:2] == pytest.approx([0.5 * k + 1.0, 8.0])
+    made.plot(2)
+    assert made.frame(5).fused().frames == {"pole": "000005", "car": None}
+
+
 def test_clocks_radio_and_poses_in_closed_form(fleet):
     rows = {(one["node"], one["frame"]): one for one in fleet.states.to_pylist()}
     for k in range(FRAMES):
@@ -131,6 +179,7 @@ def test_clocks_radio_and_poses_in_closed_form(fleet):
             # It drives east at 10 m/s from x = -8 on, along y = 8.
             assert car["true_x"] == pytest.approx(-8 + 10 * time_s + 0.5)
             assert [car["true_y"], car["true_yaw"]] == pytest.approx([8.0, 0.0])
+            assert [car["node_x"], car["node_y"]] == pytest.approx([-8 + 10 * time_s, 8.0])
             assert all(car[f"reported_{n}"] == pytest.approx(car[f"true_{n}"]) for n in "xyz")
         # The other looks to -120 degrees: its bias is along that.
         yaw = np.radians(-120)
@@ -140,6 +189,7 @@ def test_clocks_radio_and_poses_in_closed_form(fleet):
         assert other["reported_z"] == pytest.approx(other["true_z"] + 0.1)
         assert other["reported_yaw"] == pytest.approx(yaw + np.radians(3))
         assert [other["true_x"], other["true_y"]] == pytest.approx([20.0, 32.0])
+        assert [other["node_x"], other["node_pitch"]] == pytest.approx([20.0, 0.0])
     rays = fleet.nodes["other"][5].rays["time"]  # by its own clock
     assert rays.min() == pytest.approx(0.05 + 400e-6 * 0.5, abs=1e-4)
 
@@ -243,6 +293,14 @@ def test_points_go_on_as_their_actor_moves(fleet):
     way = np.linalg.norm(moved[on.instance == 12], axis=1)
     assert len(way) > 5
     np.testing.assert_allclose(way, 0.1 * speed, atol=1e-4)
+    # By a clock that is ahead, points of the same moment go back.
+    options = {"frame_of": "pole", "nodes": ["other"]}
+    still, on = (fused_cloud(files, "000004", at=at, **options) for at in
+                 ("nearest", "extrapolated"))  # fmt: skip
+    moved = on.points[:, :3].astype(float) - still.points[:, :3]
+    speed = 10.0 * on.age_s["other"] * (on.instance == 4)
+    np.testing.assert_allclose(np.linalg.norm(moved[on.instance != 12], axis=1),
+                               np.abs(speed[on.instance != 12]), atol=2e-3)  # fmt: skip
 
 
 def test_what_is_asked_of_a_cloud_must_be_there(fleet):
@@ -256,6 +314,28 @@ def test_what_is_asked_of_a_cloud_must_be_there(fleet):
             frame.fused(**options)
     with pytest.raises(ut.InputError, match="has no frame '7'"):
         fleet.frame("7")
+
+
+def test_a_fleet_is_one_recording_in_the_site(fleet, tmp_path, capsys):
+    recording = open_recording(fleet.folder)
+    frame = recording.read(5)
+    cloud = fleet.frame(5).fused(using="true")
+    np.testing.assert_allclose(frame.points, cloud.points[:, :3], atol=1e-5)
+    np.testing.assert_array_equal(frame.sensor, cloud.node)  # each node has one
+    np.testing.assert_allclose(frame.sensor_places[:2], [[0, 0, 3], [20, 32, 3]], atol=1e-6)
+    assert frame.sensor_places[2] == pytest.approx([-8 + 5 + 0.5, 8.0, frame.sensor_places[2, 2]])
+    assert frame.boxes.num_points.tolist() == fleet.frame(5).boxes["num_points"].to_pylist()
+    shown = open_shown(Wanted(fleet.folder))
+    assert [entry.time_s for entry in shown.sides[0].entries] == list(fleet.times_s)
+    assert sum(e.points for e in shown.sides[0].entries) == sum(fleet.states["points"].to_pylist())
+    assert {one["name"] for one in shown.sensors} == {"pole p", "other o"}
+    assert main(["view", str(fleet.folder), "--save", str(tmp_path / "page.html"), "-q"]) == 0
+    assert main(["inspect", str(fleet.folder)]) == 0
+    assert "kind: fleet" in capsys.readouterr().out
+    axes = fleet.plot().axes[0]
+    for place in ([0.0, 0.0], [20.0, 32.0]):  # of both poles a dot, and of the other a cross
+        assert any(np.allclose(line.get_xydata(), [place]) for line in axes.lines)
+    assert any(line.get_marker() == "x" for line in axes.lines)
 
 
 RIDES = {"ride": {"class": "car"}, "sensors": ROOF["sensors"]}
@@ -299,6 +379,11 @@ def test_what_cannot_be_recorded_is_told_in_one_line(paths, tmp_path, capsys, no
     assert code == 2
     assert told.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["nodes.yaml"]
+
+
+def test_what_takes_one_dataset_names_the_nodes(fleet, tmp_path, capsys):
+    assert main(["sequence", str(fleet.folder), "-o", str(tmp_path / "s")]) == 2
+    assert "is a fleet; expected the dataset of one node: car, other" in capsys.readouterr().err
 
 
 def test_options_of_one_rig_are_refused_beside_nodes(paths, tmp_path, capsys):

@@ -32,6 +32,19 @@ _TRAFFIC = {
     "per_hour": {"car": 3000, "pedestrian": 2000},
     **{"duration_s": 1, "warmup_s": 10, "step_s": 0.1, "seed": 1},
 }
+_NODES = {
+    "nodes": [
+        {"name": "pole"},
+        {
+            "name": "roof", "ride": "car", "radio": {"latency_s": 0.02},
+            "rig": {
+                "ride": {"class": "car"}, "rate_hz": 5,
+                "sensors": [{"name": "r", "model": "VLP-16", "columns": 900, "forward_m": 0.0,
+                             "left_m": 0.0, "above_roof_m": 0.4}],
+            },
+        },
+    ]
+}  # fmt: skip
 _QUICK = ("--no-pictures", "--quiet")
 _PROGRAM = """
 import json, sys
@@ -42,7 +55,7 @@ sys.exit(max(map(main, json.load(sys.stdin))))
 
 @cache
 def artefacts() -> Path:
-    """Return a folder with ``twin``, ``motion``, ``dataset`` and ``coverage`` in it."""
+    """Return a folder with ``twin``, ``motion``, ``dataset``, ``fleet`` and ``coverage`` in it."""
     if PLACE in os.environ:
         return Path(os.environ[PLACE])
     folder = Path(tempfile.mkdtemp(prefix="fuzz-artefacts-"))
@@ -52,18 +65,21 @@ def artefacts() -> Path:
 
 
 def make_artefacts(folder: Path) -> None:
-    """Make ``twin``, ``motion``, ``dataset`` and ``coverage`` in an empty folder."""
+    """Make ``twin``, ``motion``, ``dataset``, ``fleet`` and ``coverage`` in an empty folder."""
     site = yaml.safe_load((EXAMPLE / "site.yaml").read_text())
     for name in ("osm", "dem"):
         site[name]["file"] = str(EXAMPLE / site[name]["file"])
     site |= {"region": {"radius_m": 40}, "closed_loop": False, "traffic": _TRAFFIC, "rig": _RIG}
     (folder / "site.yaml").write_text(yaml.safe_dump(site))
+    (folder / "nodes.yaml").write_text(yaml.safe_dump(_NODES))
     twin, motion = folder / "twin", folder / "motion"
     commands = (
         ("build", folder / "site.yaml", "--out", twin, *_QUICK),
         ("traffic", twin, "--out", motion, "--no-pictures", "--quiet"),
         ("record", twin, motion, "--out", folder / "dataset", "--stop", "0.2", "--workers", "1",
          *_QUICK),
+        ("record", twin, motion, "--nodes", folder / "nodes.yaml", "--out", folder / "fleet",
+         "--stop", "0.2", "--workers", "1", *_QUICK),
         ("coverage", twin, "--out", folder / "coverage", "--quiet"),
     )  # fmt: skip
     # Not in this process: its children are forked, and these commands start threads.

@@ -41,6 +41,7 @@ from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.geometry import LabelledMesh
 from urbantwin.interface.dataset import Dataset
+from urbantwin.interface.fleet import Fleet
 from urbantwin.interface.rig import rig_on
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import load_backgrounds, save_backgrounds
@@ -73,6 +74,10 @@ _BESIDE = {
                 "tracks.parquet", "tracklets.parquet", "trajectories.parquet", "poses.parquet",
                 "lanes.parquet", "ImageSets/train.txt", "points/000000.npy", "rays/000000.npy",
                 "semantic/000000.label", "labels/000000.txt"),
+    "fleet": ("fleet.json", "boxes.parquet", "nodes.parquet",
+              *(f"{node}/{name}" for node in ("pole", "roof") for name in
+                ("dataset.json", "boxes.parquet", "sweeps.parquet", "ImageSets/train.txt",
+                 "points/000000.npy", "rays/000000.npy", "semantic/000000.label"))),
 }  # fmt: skip
 
 
@@ -161,6 +166,34 @@ def read_dataset(path: Path) -> None:
             problems.append(error)
     for error in problems:
         raise error
+
+
+def read_fleet(path: Path) -> None:
+    """What people, other readers and pages do with a fleet."""
+    folder = path.parent
+    problems = []
+    for use in (
+        _nodes_used,
+        lambda one: open_recording(one).read(0),
+        _looked_at,
+        lambda one: inspected(one / "fleet.json"),
+    ):
+        try:
+            use(folder)
+        except Exception as error:
+            problems.append(error)
+    for error in sorted(problems, key=lambda one: isinstance(one, InputError)):
+        raise error
+
+
+def _nodes_used(folder: Path) -> None:
+    fleet = Fleet(folder)
+    for frame in list(fleet)[:1]:
+        str(frame)
+        _ = frame.box_array
+        for using, at in (("true", "same"), ("reported", "nearest"), ("true", "extrapolated")):
+            frame.fused(frame_of="pole", using=using, at=at)
+    fleet.summary()
 
 
 def _compared(folder: Path) -> None:
@@ -381,6 +414,11 @@ READERS = [
                beside("dataset"))
         for name in _BESIDE["dataset"]
     ),
+    *(
+        Reader(f"fleet {name}", read_fleet, f"fleet/{name}", _seeds(f"fleet/{name}"),
+               beside("fleet"))
+        for name in ("fleet.json", "boxes.parquet", "nodes.parquet")
+    ),
     Reader("frame in columns", _frame_files, "points/f.parquet", lambda: [_packed(parquet_bytes)]),
     Reader("frame as laz", _frame_files, "points/f.laz", lambda: [_packed(laz_bytes)]),
     Reader("split of datasets", read_split_document, "a.json", lambda: [SPLIT],
@@ -430,3 +468,4 @@ def test_the_sound_files_are_read(tmp_path: Path) -> None:
         use(load_twin(folder / "twin"))
     read_motion(folder / "motion" / "motion.json")
     read_dataset(folder / "dataset" / "dataset.json")
+    read_fleet(folder / "fleet" / "fleet.json")

@@ -32,6 +32,7 @@ from urbantwin.site import (
     read_orthophoto,
 )
 from urbantwin.site.initial_site import init_site
+from urbantwin.site.nodes import load_nodes
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
 from urbantwin.site.yaml_document import Document
 
@@ -150,6 +151,26 @@ def _rigs() -> list[bytes]:
     rigs = [{"rate_hz": 10, "sensors": [pole]}, {"frame": "site", "sensors": [pole | more, pole]}]
     rigs[1]["sensors"][1] = {**pole, "name": "b", "columns": 1024}
     return [yaml.safe_dump(rig, sort_keys=False).encode() for rig in rigs]
+
+
+def _nodes() -> list[bytes]:
+    rig = yaml.safe_load(_rigs()[0])
+    error = {"bias": {"forward_m": 0.3, "yaw_deg": 1}, "walk": {"left_m": 0.1}}
+    radio = {"latency_s": 0.1, "loss": 0.2, "outages": [{"start_s": 1.0, "stop_s": 2}]}
+    first = {"name": "a", "rig": rig, "clock": {"offset_s": 0.1, "drift_ppm": 20}, "seed": 3}
+    second = {"name": "b", "rig": {"ride": {"class": "bus"}, **rig}, "ride": 12,
+              "pose_error": error, "radio": radio}  # fmt: skip
+    second["rig"]["sensors"] = [{"name": "r", "model": "VLP-16", "forward_m": 0.5, "left_m": 0.0,
+                                 "above_roof_m": 0.4}]  # fmt: skip
+    value = {"rate_hz": 5.0, "nodes": [first, second]}
+    return [yaml.safe_dump(value, sort_keys=False).encode()]
+
+
+def read_nodes(path: Path) -> None:
+    nodes = load_nodes(path)
+    for number in range(len(nodes.nodes)):
+        nodes.rig_of(number, FRAME, path.with_name("rig.yaml"))
+    yaml.safe_dump(nodes.written())
 
 
 def _traffic() -> list[bytes]:
@@ -287,6 +308,7 @@ READERS = [
     Reader("region", read_region, "area.geojson", _regions),
     Reader("site", read_site, "site.yaml", _sites, _beside_site),
     Reader("rig", read_rig, "rig.yaml", _rigs),
+    Reader("nodes", read_nodes, "nodes.yaml", _nodes),
     Reader("traffic changes", load_traffic_changes, "traffic.yaml", _traffic),
     Reader("dem", read_dem, "dem.tif", _dems),
     Reader("imagery", read_picture, "picture.tif", _pictures),

@@ -121,6 +121,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         InputError: there is none, or a field is missing or wrong; it is named.
     """
     file = folder / "dataset.json"
+    if not file.is_file() and (folder / "fleet.json").is_file():
+        nodes = sorted(one.parent.name for one in folder.glob("*/dataset.json"))
+        raise InputError(
+            "is a fleet", file=folder, expected=f"the dataset of one node: {', '.join(nodes)}"
+        )
     manifest = read_json(file, kind="dataset")
     kind = manifest.get("kind")
     if kind not in ("dataset", "datasets"):

@@ -20,6 +20,7 @@ from urbantwin.result_warning import ResultWarning, warnings_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from matplotlib.figure import Figure
 
     from urbantwin.dataset.fleet.fused import Alignment, FusedCloud, Knowledge
     from urbantwin.geometry import Pose
@@ -78,6 +79,11 @@ class NodeFrame:
     def reported(self) -> Pose | None:
         """The same as the node believes."""
         return self.state.reported
+
+    @property
+    def place(self) -> Pose | None:
+        """``site_SE3_node``: where its vehicle truly is, or its pole's first sensor, upright."""
+        return self.state.place
 
     @cached_property
     def frame(self) -> Frame:
@@ -237,12 +243,15 @@ class Fleet(Sequence[FleetFrame]):
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
         """What is wrong with it, and with the dataset of each node."""
-        of_nodes = (
-            ResultWarning(f"{name}: {one.about}", one.problem, one.reason, one.remedy)
-            for name, dataset in self.nodes.items()
-            for one in dataset.warnings
-        )
-        return (*warnings_of(self.manifest), *of_nodes)
+        found = list(warnings_of(self.manifest))
+        of_nodes = [(name, one) for name, dataset in self.nodes.items() for one in dataset.warnings]
+        for name, one in of_nodes:
+            if sum(one == other for _, other in of_nodes) == len(self.nodes):  # of all: once
+                found += [one] if one not in found else []
+            else:
+                about = f"{name}: {one.about}"
+                found.append(ResultWarning(about, one.problem, one.reason, one.remedy))
+        return tuple(found)
 
     def frame(self, frame: int | str) -> FleetFrame:
         """Return a frame by its place in the order of time, or by its name.
@@ -264,6 +273,21 @@ class Fleet(Sequence[FleetFrame]):
             raise InputError(
                 f"has no frame {frame}", file=self.folder, expected=f"0 to {len(self) - 1}"
             ) from None
+
+    def plot(self, frame: int | str | None = None) -> Figure:
+        """Draw a frame from above: the points of each node, and who is seen by whom.
+
+        Args:
+            frame: its number or its name; the one in which several nodes see most if not given.
+
+        Raises:
+            InputError: there is no such frame.
+        """
+        from urbantwin.view.fleet import figure_of_fleet
+        from urbantwin.view.pictures import attributions
+
+        name = None if frame is None else self.frame(frame).name
+        return figure_of_fleet(self.files, name, attributions(self.manifest))
 
     def __getitem__(self, frame: int) -> FleetFrame:  # type: ignore[override]
         """Return the frame of a number."""

@@ -21,7 +21,8 @@ __all__ = ["inspect", "summary_of"]
 MANIFESTS = ("twin", "motion", "dataset", "report", "coverage", "sequence", "fleet")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
 EXPECTED = (
-    "a twin, motion, dataset, report, coverage or sequence; a site.yaml, rig.yaml or sensor; an "
+    "a twin, motion, dataset, fleet, report, coverage or sequence; a site.yaml, rig.yaml, "
+    "nodes.yaml or sensor; an "
     "OpenStreetMap extract (.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, "
     "Lanelet2 .osm), a DEM (.tif), a cloud (.npy, .bin, .pcd, .ply), a recording (KITTI, "
     "nuScenes, Argoverse 2 and others, a ROS bag, MCAP, .pcap) or geometry (.glb, .gltf, "
@@ -159,9 +160,10 @@ def _without_path(told: Summary) -> dict[str, Any]:
 def _yaml(path: Path) -> dict[str, Any]:
     from urbantwin.lidar import load_sensor
     from urbantwin.site import load_rig_spec
+    from urbantwin.site.nodes import load_nodes
     from urbantwin.site.yaml_document import read_document
 
-    fields = read_document(path, kind="a site, a rig or a sensor").value
+    fields = read_document(path, kind="a site, a rig, nodes or a sensor").value
     if "anchor" in fields:
         return _without_path(Site(path).summary())
     if "channels" in fields:
@@ -169,10 +171,12 @@ def _yaml(path: Path) -> dict[str, Any]:
         return {"kind": "sensor", "name": sensor.name, "channels": sensor.channels}
     if "sensors" in fields:
         return {"kind": "rig", **load_rig_spec(path).written()}
+    if "nodes" in fields:
+        return {"kind": "nodes", **load_nodes(path).written()}
     raise InputError(
-        "is neither a site, a rig nor a sensor",
+        "is neither a site, a rig, nodes nor a sensor",
         file=path,
-        expected="the field anchor, sensors or channels",
+        expected="the field anchor, sensors, nodes or channels",
     )
 
 

@@ -84,16 +84,17 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
 
     Args:
         path: a folder that a command wrote (or a manifest in it: ``out/twin/twin.json``), one with
-            a twin, a motion and a dataset in it; a ``site.yaml``, a ``rig.yaml`` or a sensor's
-            file; a measured background; a cloud, or real frames in any layout that is known (of
-            a bag or capture with several, one: ``a.bag:/lidar/points``, ``a.pcap:192.168.1.201``).
+            a twin, a motion and a dataset in it; a ``site.yaml``, a ``rig.yaml``, a ``nodes.yaml``
+            or a sensor's file; a measured background; a cloud, or real frames in any layout that is
+            known (of a bag or capture with several, one: ``a.bag:/lidar/points``,
+            ``a.pcap:192.168.1.201``).
 
     Returns:
         A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
         `SequenceFiles`, `Fleet` or `Package`; `Datasets`, of a folder with several or a split by
-        scenario; a `Site`, a `RigSpec` or a `Datasheet`; a `Background`; a `Cloud` or a
-        `Recording`. Where the type matters to a type checker, ``ut.Dataset.open(path)`` and its
-        like say it.
+        scenario; a `Site`, a `RigSpec`, a `NodesFile` or a `Datasheet`; a `Background`; a `Cloud`
+        or a `Recording`. Where the type matters to a type checker, ``ut.Dataset.open(path)`` and
+        its like say it.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
@@ -184,7 +185,7 @@ def _opened_file(path: Path) -> Any:  # noqa: ANN401 - see `open`
 def _opened_yaml(path: Path) -> Any:  # noqa: ANN401 - see `open`
     from urbantwin.site.yaml_document import read_document
 
-    fields = read_document(path, kind="a site, a rig or a sensor").value
+    fields = read_document(path, kind="a site, a rig, nodes or a sensor").value
     if "anchor" in fields:
         from urbantwin.interface.site_file import Site
 
@@ -193,6 +194,10 @@ def _opened_yaml(path: Path) -> Any:  # noqa: ANN401 - see `open`
         from urbantwin.interface.sensor_catalogue import Datasheet
 
         return Datasheet.open(path)
+    if "nodes" in fields:
+        from urbantwin.site.nodes import load_nodes
+
+        return load_nodes(path)
     from urbantwin.site.rig import load_rig_spec
 
     return load_rig_spec(path)

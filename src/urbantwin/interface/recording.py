@@ -309,7 +309,7 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
             storage=storage,
             split=split,
             inputs=inputs,
-            also=_drawing(on, moving) if pictures else None,
+            also=_drawing_nodes(on, moving, tell) if pictures else None,
             progress=tell,
         )
     made = Fleet(place)
@@ -317,15 +317,34 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
     return made
 
 
-def _drawing(on: Twin, moving: Motion, tell: Progress | None = None) -> Callable[[Path], None]:
+def _drawing(on: Twin, moving: Motion, tell: Progress) -> Callable[[Path], None]:
     """Return what draws pictures into the folder of a dataset."""
 
     def draw(folder: Path) -> None:
-        from urbantwin.progress import between, untold
+        from urbantwin.progress import between
         from urbantwin.view.pictures import pictures_of_dataset
 
-        shown = untold if tell is None else between(tell, 0.98, 1.0)
-        pictures_of_dataset(folder, twin=on, motion=moving, progress=shown)
+        pictures_of_dataset(folder, twin=on, motion=moving, progress=between(tell, 0.98, 1.0))
+
+    return draw
+
+
+def _drawing_nodes(on: Twin, moving: Motion, tell: Progress) -> Callable[[Path], None]:
+    """Return what draws pictures into the folder of a fleet, and into those of its nodes."""
+
+    def draw(folder: Path) -> None:
+        from urbantwin.dataset.fleet import FleetFiles
+        from urbantwin.progress import between
+        from urbantwin.view.pictures import picture_of_fleet, pictures_of_dataset
+
+        files = FleetFiles(folder)
+        (folder / "pictures").mkdir(exist_ok=True)
+        picture_of_fleet(files, folder / "pictures" / "nodes.png")
+        for number, name in enumerate(files.names):
+            begin, end = (0.97 + 0.03 * (number + k) / len(files.names) for k in (0, 1))
+            pictures_of_dataset(
+                folder / name, twin=on, motion=moving, progress=between(tell, begin, end)
+            )
 
     return draw
 

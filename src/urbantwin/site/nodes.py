@@ -193,6 +193,12 @@ class NodesFile:
     document: Document
     rate_hz: float | None = None
 
+    def written(self) -> dict[str, Any]:
+        """Return the nodes as a file holds them, defaults filled in."""
+        rate = {} if self.rate_hz is None else {"rate_hz": self.rate_hz}
+        nodes = [one.model_dump(exclude_none=True, by_alias=True) for one in self.nodes]
+        return {**rate, "nodes": nodes}
+
     def rig_of(
         self, number: int, frame: SiteFrame | None, default: Path
     ) -> tuple[RigSpec, Path, str]:

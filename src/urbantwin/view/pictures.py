@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.card import PICTURE_OF_SPLIT, read_statistics
+from urbantwin.dataset.fleet import FleetFiles
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.motion_interpolation import Rows, rows_at
 from urbantwin.dataset.split import image_sets
@@ -27,6 +28,7 @@ from urbantwin.view.birdseye import birdseye_figure
 from urbantwin.view.box_figures import picture_of_split, pictures_of_boxes
 from urbantwin.view.coverage import coverage_figure
 from urbantwin.view.event_picture import event_figure
+from urbantwin.view.fleet import figure_of_fleet
 from urbantwin.view.ground_materials import ground_figure
 from urbantwin.view.histogram import histogram_figure
 from urbantwin.view.labelled_frame import LabelledPoints, read_labelled_points
@@ -45,6 +47,7 @@ __all__ = [
     "figure_of_motion",
     "figure_of_twin",
     "picture_of_coverage",
+    "picture_of_fleet",
     "picture_of_motion",
     "pictures_of_dataset",
     "pictures_of_events",
@@ -237,6 +240,11 @@ def pictures_of_dataset(
         )
     tell(1.0, "drawn")
     return drawn
+
+
+def picture_of_fleet(fleet: FleetFiles, path: Path) -> Path:
+    """Draw what the nodes of a fleet see of one moment into a PNG."""
+    return style.save(figure_of_fleet(fleet, attribution=attributions(fleet.manifest)), path)
 
 
 def figure_of_dataset(dataset: Path, frame: str | None, picture: str) -> Figure:

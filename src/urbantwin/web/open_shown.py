@@ -28,6 +28,7 @@ from urbantwin.web.beside import (
 )
 from urbantwin.web.motion_side import MotionSide
 from urbantwin.web.own_dataset import OwnDataset
+from urbantwin.web.own_fleet import OwnFleet
 from urbantwin.web.recorded_side import RecordedSide
 from urbantwin.web.scene_events import events_of
 from urbantwin.web.sensor_entries import sensors_of_frame, sensors_of_manifest, sensors_of_rig
@@ -62,7 +63,7 @@ class _Opening:
                 raise InputError("has no frames with points", file=paths[0], expected="a dataset")
             return self._of_site(paths[0], kinds[0])
         for path, kind in zip(paths, kinds, strict=True):
-            if kind not in (None, "dataset"):
+            if kind not in (None, "dataset", "fleet"):
                 raise InputError(f"is a {kind}", file=path, expected=EXPECTED)
         return self._of_frames()
 
@@ -156,6 +157,8 @@ class _Opening:
 
     @staticmethod
     def _own(path: Path) -> OwnDataset | None:
+        if kind_of(path) == "fleet":
+            return OwnFleet(path)
         manifest = path / "dataset.json"
         if path.is_dir() and manifest.is_file():
             if b'"kind": "dataset' not in read_bytes(manifest, "a manifest"):

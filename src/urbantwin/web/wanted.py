@@ -19,7 +19,7 @@ __all__ = ["EXPECTED", "Sought", "Wanted", "sought"]
 #: What can be looked at.
 EXPECTED = (
     "a twin, a motion, a dataset, a folder of real frames, detections beside their data, "
-    "a report of compare, or a folder with a twin, a motion and a dataset in it"
+    "a report of compare, a fleet, or a folder with a twin, a motion and a dataset in it"
 )
 #: What a folder of `urbantwin run` holds, what says most first.
 _OF_A_LINE = ("dataset", "motion", "twin")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
-from urbantwin.dataset.fleet.manifest import read_fleet_manifest
+from urbantwin.dataset.fleet.manifest_schema import read_fleet_manifest
 from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.layout import BOX_FIELDS
 from urbantwin.dataset.table_form import read_table
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["FleetFiles", "NodeState"]
 
 _POSE = ("x", "y", "z", "yaw", "pitch", "roll")
+_POSES = ("true", "reported", "node")
 _EXPECTED = "a fleet of urbantwin record --nodes"
 _OF_BOXES = {
     **dict.fromkeys(("frame", "class"), "text"),
@@ -51,6 +52,7 @@ class NodeState:
         arrival_s: when the others have it; ``None`` where it was lost.
         true: ``site_SE3_points``: takes its points to the site.
         reported: the same as it believes.
+        place: ``site_SE3_node``: where its vehicle truly is, or its pole's first sensor, upright.
     """
 
     present: bool
@@ -61,6 +63,14 @@ class NodeState:
     arrival_s: float | None = None
     true: Pose | None = None
     reported: Pose | None = None
+    place: Pose | None = None
+
+    @property
+    def believed(self) -> Pose | None:
+        """Where it believes itself to be: ``place`` as it reports it."""
+        if self.true is None or self.reported is None or self.place is None:
+            return None
+        return self.reported @ self.true.inverse() @ self.place
 
 
 class FleetFiles:
@@ -178,7 +188,7 @@ class FleetFiles:
 def _state(row: dict[str, Any], file: Path) -> NodeState:
     if not row.get("present"):
         return NodeState(present=False)
-    names = ["clock_s", "sent_s", *(f"{k}_{n}" for k in ("true", "reported") for n in _POSE)]
+    names = ["clock_s", "sent_s", *(f"{k}_{n}" for k in _POSES for n in _POSE)]
     values: dict[str, Any] = {name: row.get(name) for name in names}
     late = None if row.get("lost") else row.get("arrival_s", np.nan)
     missing = [name for name, value in values.items() if not _is_number(value)]
@@ -190,10 +200,10 @@ def _state(row: dict[str, Any], file: Path) -> NodeState:
             place=missing[0],
             expected=_EXPECTED,
         )
-    true, reported = (
+    true, reported, place = (
         Pose.from_ypr([values[f"{kind}_{name}"] for name in _POSE[:3]],
                       *(values[f"{kind}_{name}"] for name in _POSE[3:]))
-        for kind in ("true", "reported")
+        for kind in _POSES
     )  # fmt: skip
     return NodeState(
         present=True,
@@ -204,6 +214,7 @@ def _state(row: dict[str, Any], file: Path) -> NodeState:
         arrival_s=late,
         true=true,
         reported=reported,
+        place=place,
     )
 
 

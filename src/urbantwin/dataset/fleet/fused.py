@@ -122,7 +122,7 @@ def fused_cloud(
             _time(fleet, frame, receiver, using) - _time(fleet, taken, state, using)
         )  # fmt: skip
         xyz = files.points[:, :3].astype(np.float64)
-        if at == "extrapolated" and taken != frame:
+        if at == "extrapolated" and name != frame_of:  # by wrong clocks, wrongly
             xyz += _velocities(fleet, name, taken, files.labels) * age_s[name]
         if name != frame_of:
             xyz = (own.inverse() @ _pose(state, using)).apply(xyz)

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from pydantic import Field
-
-from urbantwin.artefact import as_json, read_json, sha256_of
-from urbantwin.artefact.manifest import Part, PlainName, validated
+from urbantwin.artefact import as_json, sha256_of
+from urbantwin.dataset.fleet.manifest_schema import KIND
 from urbantwin.dataset.fleet.node import Node
 from urbantwin.dataset.layout import frame_name
 from urbantwin.result_warning import ResultWarning, rows_of
-from urbantwin.taxonomy import BoxKind
 
-__all__ = ["FORMAT", "KIND", "TABLES", "manifest_of_fleet", "read_fleet_manifest"]
+__all__ = ["FORMAT", "TABLES", "manifest_of_fleet"]
 
-KIND = "fleet"
 #: Changes when the meaning of a fleet's files does.
 FORMAT = 1
 TABLES = ("boxes.parquet", "nodes.parquet")
@@ -112,46 +108,3 @@ def _warnings(
             yield ResultWarning(
                 f"node {node.name}", "none of its frames arrives", "radio: loss or outages"
             )
-
-
-_Count = Annotated[int, Field(ge=0, lt=2**53)]
-_Seconds = Annotated[float, Field(ge=-1e10, le=1e10)]
-
-
-class _Node(Part):
-    name: PlainName
-    rides: bool
-    carrier: _Count | None = None
-    seed: _Count
-    frames: _Count
-    frames_absent: _Count
-    frames_lost: _Count
-    points: _Count
-
-
-class _Frame(Part):
-    name: PlainName
-    time_s: _Seconds
-
-
-class _Fleet(Part):
-    kind: Literal["fleet"]
-    urbantwin: str
-    rate_hz: Annotated[float, Field(gt=0, le=10_000)]
-    boxes: BoxKind = "track"
-    seeds: dict[str, _Count]
-    inputs: list[dict[str, Any]]
-    nodes: Annotated[list[_Node], Field(min_length=1)]
-    frames: Annotated[list[_Frame], Field(min_length=1)]
-
-
-def read_fleet_manifest(folder: Path) -> dict[str, Any]:
-    """Read and check the manifest of a fleet.
-
-    Raises:
-        InputError: there is none, or a field is missing or wrong; it is named.
-    """
-    file = folder / f"{KIND}.json"
-    manifest = read_json(file, kind=KIND)
-    validated(manifest, _Fleet, file=file, expected="a fleet's manifest")
-    return manifest

@@ -24,7 +24,9 @@ __all__ = ["NODE_COLUMNS", "node_rows", "write_nodes"]
 
 _POSE = ("x", "y", "z", "yaw", "pitch", "roll")
 #: Columns and Arrow types. Times are true, seconds from the motion's start, but ``clock_s``, which
-#: is what the node's clock says at ``time_s``. Poses are ``site_SE3_points``, metres and radians.
+#: is what the node's clock says at ``time_s``. Poses are in the site, metres and radians:
+#: ``true_*`` and ``reported_*`` of the frame of its points, ``node_*`` where the vehicle truly is,
+#: or the pole's first sensor, made upright.
 NODE_COLUMNS = {
     "frame": "string",
     "time_s": "float64",
@@ -34,7 +36,7 @@ NODE_COLUMNS = {
     **dict.fromkeys(("clock_s", "sent_s"), "float64"),
     "lost": "bool_",
     "arrival_s": "float64",
-    **{f"{kind}_{name}": "float64" for kind in ("true", "reported") for name in _POSE},
+    **{f"{kind}_{name}": "float64" for kind in ("true", "reported", "node") for name in _POSE},
 }
 
 
@@ -65,9 +67,9 @@ def node_rows(
     for n, index in enumerate(numbers):
         time_s = float(times[n])
         site_SE3_points = _points(node, entries[index])
-        poses = {"true": site_SE3_points, "reported": site_SE3_points}
+        site_SE3_node = _place(node, time_s, motion)
+        poses = {"true": site_SE3_points, "reported": site_SE3_points, "node": site_SE3_node}
         if errors[n].any():
-            site_SE3_node = _place(node, time_s, motion)
             node_SE3_points = site_SE3_node.inverse() @ site_SE3_points
             poses["reported"] = reported_pose(site_SE3_node, errors[n]) @ node_SE3_points
         lost = bool(radio.lost[n])

@@ -27,7 +27,8 @@ from urbantwin.dataset.dataset_writer import (
     write_datasets,
 )
 from urbantwin.dataset.fleet.common_boxes import write_common_boxes
-from urbantwin.dataset.fleet.manifest import KIND, manifest_of_fleet
+from urbantwin.dataset.fleet.manifest import manifest_of_fleet
+from urbantwin.dataset.fleet.manifest_schema import KIND
 from urbantwin.dataset.fleet.node import Node, PlacedRig, placed_nodes
 from urbantwin.dataset.fleet.node_table import node_rows, write_nodes
 from urbantwin.dataset.manifest import hashes_of, recipe_key, recipe_of
@@ -85,7 +86,8 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
         storage: of points, see `recording.record`.
         split: into training, validation and test; the usual one when not given.
         inputs: files and folders besides the twin that ``out`` must not touch.
-        also: called with the folder of each node's dataset before the fleet appears: for pictures.
+        also: called with the folder of the whole fleet before it appears, for what else belongs
+            into it: pictures.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -148,10 +150,10 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
             say(0.96, "common labels")
             seeds = {"record": seed, "traffic": motion.manifest["seed"]}
             _write_common(folder, twin, motion, nodes, times_s, entries, recipes, seeds)
-            for number, node in enumerate(nodes):
-                if also is not None:
-                    say(0.97 + 0.03 * number / len(nodes), f"pictures of {node.name}")
-                    also(folder / node.name)
+            if also is not None:
+                say(0.97, "pictures")
+                also(folder)
+            for node in nodes:
                 write_block_sums(folder / node.name)
                 write_cards(folder / node.name)
             write_index(folder, [folder / node.name for node in nodes], folder)

@@ -18,7 +18,7 @@ from urbantwin.dataset.layout import FOLDERS
 from urbantwin.dataset.manifest import versions_here
 from urbantwin.dataset.reproduction.source_manifest import SourceManifest
 
-__all__ = ["Given", "compared", "given_files", "other_versions"]
+__all__ = ["Given", "compared", "given_files", "is_node", "other_versions"]
 
 PICTURES = "pictures"
 #: Stages in their order, and the fields of a manifest that depend on them.
@@ -133,6 +133,8 @@ def compared(
     if given.alone:
         now = _told_sums(manifest, mine / "dataset.json")
     then = {name: digest for name, digest in given.sums.items() if _is_data(name)}
+    if is_node(source.file.parent):  # How it is split follows from what all nodes saw.
+        then, now = ({k: v for k, v in sums.items() if not _of_split(k)} for sums in (then, now))
     names = sorted(then.keys() | now.keys())
     other = [name for name in names if then.get(name) != now.get(name)]
     data = [name for name in other if not _is_picture(name)]
@@ -215,9 +217,16 @@ def _differs(then: Mapping[str, Any], now: Mapping[str, Any], keys: tuple[str, .
     return any(then.get(key) != now.get(key) for key in keys)
 
 
+def is_node(folder: Path) -> bool:
+    """Return whether a dataset is that of a node, in the folder of its fleet."""
+    return (folder.resolve().parent / "fleet.json").is_file()
+
+
 def _is_part(source: SourceManifest) -> bool:
-    """Return whether a dataset lies in the folder with one for each sensor that it is part of."""
+    """Return whether a dataset lies in the folder with one for each sensor, or in its fleet."""
     folder = source.file.parent
+    if is_node(folder):
+        return (folder.parent / INVENTORY).is_file() and not (folder / INVENTORY).is_file()
     if not source.part or folder.name != source.part or (folder / INVENTORY).is_file():
         return False
     return (folder.parent / INVENTORY).is_file() and (folder.parent / "dataset.json").is_file()
@@ -230,6 +239,10 @@ def _has_pictures(sums: Mapping[str, str]) -> bool:
 def _is_data(name: str) -> bool:
     """Return whether a file is neither made of the others alone nor a card."""
     return name.rpartition("/")[2] not in (INVENTORY, BLOCKS, CARD)
+
+
+def _of_split(name: str) -> bool:
+    return name == "dataset.json" or name.startswith("ImageSets/")
 
 
 def _is_picture(name: str) -> bool:

@@ -15,7 +15,13 @@ import yaml
 from urbantwin.artefact import check_folder, claimed, new_folder, passing_folder
 from urbantwin.dataset.provenance import asked_of
 from urbantwin.dataset.recording import record
-from urbantwin.dataset.reproduction.compare import Given, compared, given_files, other_versions
+from urbantwin.dataset.reproduction.compare import (
+    Given,
+    compared,
+    given_files,
+    is_node,
+    other_versions,
+)
 from urbantwin.dataset.reproduction.inputs import Found, found_inputs, places_to_look
 from urbantwin.dataset.reproduction.named_files import NamedFile, set_at, value_at
 from urbantwin.dataset.reproduction.source_manifest import SourceManifest, read_source_manifest
@@ -273,8 +279,10 @@ def _written(file: Path, value: Mapping[str, Any]) -> Path:
 
 
 def _whole(source: SourceManifest) -> Path:
-    """Return the folder of the whole dataset, of which a sensor's is a part."""
+    """Return the folder of the whole, of which a sensor's dataset or a node's is a part."""
     folder = source.file.parent.resolve()
+    if is_node(folder):
+        return folder.parent
     is_inside = source.part == folder.name and (folder.parent / "dataset.json").is_file()
     return folder.parent if source.part and is_inside else folder
 

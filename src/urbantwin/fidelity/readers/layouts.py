@@ -14,6 +14,7 @@ from urbantwin.fidelity.readers.bags import is_mcap, is_rosbag, open_bag
 from urbantwin.fidelity.readers.captures import CAPTURES, is_capture_of, open_capture
 from urbantwin.fidelity.readers.choice import file_and_choice
 from urbantwin.fidelity.readers.dair_v2x import is_dair, open_dair
+from urbantwin.fidelity.readers.fleet import is_fleet, open_fleet
 from urbantwin.fidelity.readers.ips300 import is_ips300, open_ips300
 from urbantwin.fidelity.readers.kitti import is_kitti, open_kitti
 from urbantwin.fidelity.readers.lumpi import is_lumpi, open_lumpi
@@ -53,6 +54,7 @@ def _open_capture(layout: str, path: Path, columns: int | None) -> Recording:
 #: In the order in which they are tried: what says most about itself first.
 LAYOUTS: dict[str, Layout] = {
     "own": Layout("a dataset of urbantwin", is_own, open_own),
+    "fleet": Layout("a fleet of urbantwin", is_fleet, lambda path, _: open_fleet(path)),
     "argoverse2": Layout("Argoverse 2", is_argoverse, lambda path, _: open_argoverse(path)),
     "waymo2": Layout("Waymo Open Dataset v2", is_waymo, lambda path, _: open_waymo(path)),
     "nuscenes": Layout("nuScenes", is_nuscenes, lambda path, _: open_nuscenes(path)),

@@ -29,7 +29,7 @@ from urbantwin.geometry import Pose
 from urbantwin.reconstruct.recording import RecordedFrames
 from urbantwin.taxonomy import ACTOR_CLASSES
 
-__all__ = ["LABELLING", "is_own", "open_own"]
+__all__ = ["LABELLING", "BoxTable", "SensorPlaces", "fields_of_rays", "is_own", "open_own"]
 
 #: Frames that a model labelled say in this file where their sensors are.
 LABELLING = "labelling.json"
@@ -75,12 +75,12 @@ def open_own(path: Path, columns: int | None) -> Recording:
         raise InputError("holds no points", file=path / "points", expected=_EXPECTED)
     file = path / "dataset.json"
     poses = _poses(validated(manifest, FramePoses, file=file, expected=_EXPECTED))
-    places = _SensorPlaces(path / "sweeps.parquet")
+    places = SensorPlaces(path / "sweeps.parquet")
     discovered = None
     if (path / "discovery.json").is_file():
         discovered = np.array([one.place for one in RecordedFrames(path).sensors])
     labelled = _labelled_places(path / LABELLING)
-    boxes = _BoxTable(path / "boxes.parquet")
+    boxes = BoxTable(path / "boxes.parquet")
 
     def read(index: int) -> Frame:
         file = files[index]
@@ -109,7 +109,7 @@ def _plain(path: Path, file: Path, columns: int | None) -> tuple[Fields, Fields]
     given: Fields = {}
     rays = path / "rays" / file.name
     if rays.is_file():
-        given |= _of_rays(read_rays(rays))
+        given |= fields_of_rays(read_rays(rays))
     labels = path / "semantic" / f"{file.stem}.label"
     if labels.is_file():
         code = read_labels(labels)
@@ -121,10 +121,14 @@ def _in_columns(path: Path, name: str) -> tuple[Fields, Fields]:
     """Return the same of a frame whose file holds all of it."""
     kept = FrameFiles(path, name)
     code = kept.labels
-    return kept.fields, _of_rays(kept.rays) | {"semantic": code & 0xFFFF, "instance": code >> 16}
+    return kept.fields, fields_of_rays(kept.rays) | {
+        "semantic": code & 0xFFFF,
+        "instance": code >> 16,
+    }
 
 
-def _of_rays(table: NDArray[np.void]) -> Fields:
+def fields_of_rays(table: NDArray[np.void]) -> Fields:
+    """Return what rays say of points, by the names of a frame's attributes."""
     return {_RAYS[field]: table[field] for field in table.dtype.names or () if field in _RAYS}
 
 
@@ -205,8 +209,11 @@ class _Table:
             return {column: values[chosen] for column, values in self._columns.items()}
 
 
-class _BoxTable(_Table):
+class BoxTable(_Table):
+    """``boxes.parquet``."""
+
     def of(self, name: str) -> Boxes | None:
+        """Return the boxes of a frame; None where there is no such table."""
         rows = self.rows(name)
         if rows is None:
             return None
@@ -239,7 +246,9 @@ def _kept(
     return rows[name][np.asarray(kept)].astype(kind) if name in rows else None
 
 
-class _SensorPlaces(_Table):
+class SensorPlaces(_Table):
+    """``sweeps.parquet``, as far as it says where sensors are."""
+
     def of(self, name: str, dataset_SE3_site: Pose) -> NDArray[np.float64] | None:
         """Return where each sensor is in the points' frame, (S, 3); None where nothing says."""
         rows = self.rows(name)

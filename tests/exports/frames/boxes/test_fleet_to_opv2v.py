@@ -101,5 +101,9 @@ def test_formats_of_one_ego_name_the_nodes(fleet, tmp_path, capsys):
     for to, words in (("kitti", "one of its nodes (pole, lamp, van), or --to opv2v"),
                       ("carla", "expected of a fleet one of opv2v")):  # fmt: skip
         command = ["export", str(fleet.folder), "--to", to, "-o", str(tmp_path / "out")]
-        node = ["export", str(fleet.folder / "van"), "--to", "pcd", "-o", str(tmp_path / "pcd")]
+        assert main(command) == 2
+        told = capsys.readouterr().err
+        assert words in told
+        assert told.count("\n") == 1
+    node = ["export", str(fleet.folder / "van"), "--to", "pcd", "-o", str(tmp_path / "pcd")]
     assert main(node) == 0
