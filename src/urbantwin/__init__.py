@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
     from urbantwin.interface.fleet import Fleet, FleetFrame, NodeFrame
+    from urbantwin.interface.fusion_study import FusionStudy, fuse
     from urbantwin.interface.improvement import Improved, improve
     from urbantwin.interface.input_check import Findings, check
     from urbantwin.interface.inspection import inspect
@@ -97,6 +98,7 @@ __all__ = [
     "FleetFrame",
     "Frame",
     "Frames",
+    "FusionStudy",
     "Improved",
     "InputError",
     "LabelledRecording",
@@ -149,6 +151,7 @@ __all__ = [
     "explain",
     "export",
     "film",
+    "fuse",
     "improve",
     "init",
     "inspect",

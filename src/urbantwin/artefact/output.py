@@ -39,6 +39,7 @@ KINDS = (
         "observation",
         "detections",
         "evaluation",
+        "fusion",
         "model",
         "labelling",
         "exported",

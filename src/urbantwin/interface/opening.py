@@ -36,6 +36,7 @@ _CLASSES = {
     "fleet": ("fleet", "Fleet"),
     "study": ("study", "Study"),
     "explanation": ("explanation", "Explanation"),
+    "fusion": ("fusion_study", "FusionStudy"),
 }
 _EXPECTED = (
     "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "

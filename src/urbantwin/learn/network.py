@@ -139,14 +139,18 @@ class Detector(nn.Module):
             at: (N,) int64, the cell of each of these.
         """
         fine, half = self.maps(features, points, cell, shape)
-        said = [
-            head(fine if stride == 1 else half)
-            for head, stride in zip(self.heads, self.strides, strict=True)
-        ]
+        said = self.said_of(fine, half)
         if self.of_points is not None and told is not None and at is not None:
             cells = fine.permute(0, 2, 3, 1).reshape(-1, self.channels)
             said.append(self.of_points(torch.cat([cells.index_select(0, at), told], dim=1)))
         return said
+
+    def said_of(self, fine: Tensor, half: Tensor) -> list[Tensor]:
+        """Return (grids, `OUTPUTS`, rows, columns) for each class; see `maps_of_cells`."""
+        return [
+            head(fine if stride == 1 else half)
+            for head, stride in zip(self.heads, self.strides, strict=True)
+        ]
 
     def maps(
         self, features: Tensor, points: Tensor, cell: Tensor, shape: Tensor
@@ -161,6 +165,15 @@ class Detector(nn.Module):
         else:
             canvas = canvas.reshape(grids, rows * columns, -1).transpose(1, 2).contiguous()
             canvas = canvas.reshape(grids, -1, rows, columns)
+        return self.maps_of_cells(canvas)
+
+    def maps_of_cells(self, canvas: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what is known of the cells (grids, channels, rows, columns), and of larger ones.
+
+        Args:
+            canvas: what the encoder says of each pillar, 0 where there is none; pillars of several
+                sensors are merged by their greatest values.
+        """
         fine = self.near(canvas)
         half = self.down2(fine)
         quarter = self.down4(half)

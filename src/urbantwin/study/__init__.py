@@ -1,3 +1,3 @@
-"""Studies with one motion under many rigs: what differs, and how sure that is."""
+"""Studies: one motion under many rigs, channels and conditions, judged with intervals."""
 
 __all__: list[str] = []

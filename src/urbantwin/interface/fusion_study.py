@@ -1,0 +1,293 @@
+"""What nodes gain by telling each other what they see, and what it costs on the air."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import INVENTORY, check_folder, read_json, replaced_folder, sha256_of
+from urbantwin.errors import InputError
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from urbantwin.study.fusion import Nodes
+
+
+__all__ = ["FusionStudy", "fuse"]
+
+_KIND = "fusion"
+#: Packets that fit into an Ethernet frame with UDP and IPv6 around them, bytes.
+_MTU = 1400
+
+
+class FusionStudy:
+    """What became of a study: a table of settings, pictures, a page.
+
+    Attributes:
+        folder: where it is, or would be where only the plan was asked for; ``fusion.html`` in it
+            is the page for people.
+        manifest: ``fusion.json``; empty where only the plan was asked for.
+        seconds: about how long it takes, where the plan was asked for.
+    """
+
+    def __init__(self, folder: AnyPath, seconds: float | None = None) -> None:
+        self.folder, self.seconds = Path(folder), seconds
+        self.manifest: dict[str, Any] = (
+            {} if seconds is not None else read_json(self.folder / f"{_KIND}.json", kind=_KIND)
+        )
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> FusionStudy:
+        """Return the study in a folder that `fuse` wrote.
+
+        Raises:
+            InputError: there is none.
+        """
+        return cls(folder)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return the headline and the folder."""
+        return f"{self.manifest.get('in_short', 'a plan')} ({self.folder})"
+
+    @property
+    def settings(self) -> pa.Table:
+        """``settings.parquet``: a row for each setting."""
+        import pyarrow.parquet as pq
+
+        return pq.read_table(self.folder / "settings.parquet")
+
+    @property
+    def over_time(self) -> pa.Table | None:
+        """``over_time.parquet``: where a node falls silent; None where that was not studied."""
+        import pyarrow.parquet as pq
+
+        file = self.folder / "over_time.parquet"
+        return pq.read_table(file) if file.is_file() else None
+
+    def summary(self) -> Summary:
+        """Return the headline, and what to know of it."""
+        if self.seconds is not None:
+            return Summary(path=str(self.folder), minutes=round(self.seconds / 60, 1))
+        told = self.manifest
+        return Summary(
+            path=str(self.folder),
+            page=str(self.folder / f"{_KIND}.html"),
+            in_short=told["in_short"],
+            doubts=told["doubts"],
+            nodes=[one["name"] for one in told["nodes"]],
+            frames=told["frames"],
+            objects=told["objects"],
+            distinct_objects=told["distinct"],
+            settings=told["settings"],
+        )
+
+
+def fuse(  # noqa: PLR0913 - the options of the command
+    model: AnyPath,
+    data: Sequence[AnyPath] | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    ego: str | None = None,
+    nodes: Sequence[str] | None = None,
+    studies: Sequence[str] | None = None,
+    frames: int = 40,
+    within: float | None = None,
+    mtu: int = _MTU,
+    seed: int = 0,
+    workers: int = 1,
+    plan: bool = False,
+    progress: ShowProgress = True,
+) -> FusionStudy:
+    """Compare how nodes share what they see: clouds, features or boxes; interrupted, it goes on.
+
+    Args:
+        model: a folder that `train` wrote.
+        data: a fleet, a folder of datasets (``record --separate``), or a dataset for each node.
+        out: the folder to write; ``fusion`` beside the first of the data when not given.
+        ego: name of the node that receives; the first one when not given.
+        nodes: names of the nodes that take part, in the order in which they are added; all when
+            not given.
+        studies: of ``bitrate``, ``latency``, ``clock``, ``pose``, ``loss``, ``nodes``,
+            ``failure``; all when not given.
+        frames: of the receiver, evenly spaced, by which everything is judged.
+        within: objects farther from the receiver do not count, metres; the model's range when not
+            given.
+        mtu: bytes of a packet, headers of UDP and IP left out.
+        seed: of lost packets and of errors of poses.
+        workers: processes; every number gives the same bytes.
+        plan: only say how long it takes.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: torch is not installed, or the model or the nodes cannot be used.
+    """
+    from urbantwin.learn.torch_device import check_torch
+
+    check_torch("cpu")
+    import numpy as np
+
+    from urbantwin import __version__
+    from urbantwin.dataset.manifest import recipe_key
+    from urbantwin.learn import read_model
+    from urbantwin.progress import between
+    from urbantwin.study.fusion import (
+        STUDIES,
+        Judge,
+        Plan,
+        chosen_moments,
+        open_nodes,
+        outcomes_of,
+        places_of,
+        results_of,
+        rows_of_failure,
+        seconds_needed,
+        settings_of,
+        write_report,
+    )
+
+    source = Path(model)
+    given = [Path(one) for one in ([data] if isinstance(data, str | os.PathLike) else data)]
+    _check_numbers(frames, mtu, workers, given)
+    target = beside(given[0], _KIND) if out is None else Path(out)
+    inputs = [source, *given]
+    check_folder(target, kind=_KIND, inputs=inputs)
+    detector = read_model(source)
+    if not detector.design.classes:
+        raise InputError("tells no boxes", file=source, expected="a model of `urbantwin train`")
+    reach = detector.design.range_m
+    if within is not None and not 0 < within <= reach:
+        raise InputError(
+            f"{within:g} m is beyond the model's range", place="--within",
+            expected=f"at most {reach:g} m, or a model trained with a greater --range",
+        )  # fmt: skip
+    within = reach if within is None else within
+    told = open_nodes(given, ego, nodes)
+    moments = chosen_moments(told, frames)
+    time_s = np.array([told.ego.looks[one].time_s for one in moments])
+    settings = settings_of(
+        STUDIES if studies is None else studies,
+        len(told.nodes),
+        reach_m=reach,
+        fails_from_s=float(time_s[len(time_s) // 2]),
+        last=told.nodes[-1].number,
+    )
+    todo = Plan(
+        model=source,
+        paths=tuple(given),
+        ego=ego,
+        only=None if nodes is None else tuple(nodes),
+        settings=tuple(settings),
+        moments=moments,
+        mtu=mtu,
+        seed=seed,
+    )
+    if plan:
+        return FusionStudy(target, seconds_needed(todo, workers))
+    judge = Judge(
+        [told.names[one] for one in moments],
+        time_s,
+        [told.labelled(one) for one in moments],
+        places_of(told, moments),
+        within,
+        detector.design.classes,
+    )
+    asked = {
+        "urbantwin": __version__,
+        "model": sha256_of(source / "model.safetensors"),
+        "nodes": [[node.name, *_digests(node.folder)] for node in told.nodes],
+        "settings": [str(one) for one in settings],
+        "moments": list(moments),
+        "mtu": mtu,
+        "seed": seed,
+    }
+    with (
+        shown_stage("fuse", progress) as tell,
+        replaced_folder(target, kind=_KIND, inputs=inputs, key=recipe_key(asked)) as scratch,
+    ):
+        work = scratch / "work"
+        outcomes = outcomes_of(todo, work, workers, between(tell, 0.0, 0.9))
+        tell(0.9, "judging")
+        results = results_of(settings, outcomes, judge)
+        over_time = rows_of_failure(settings, outcomes, judge, time_s)
+        shutil.rmtree(work)
+        write_report(
+            scratch,
+            {
+                "model": source.name,
+                "model_sha256": asked["model"],
+                "trained_on": ", ".join(
+                    str(one.get("name")) for one in detector.trained.get("datasets", [])
+                )
+                or "what nobody told",
+                "nodes": [
+                    {"name": one.name, "frames": len(one.looks), "rides": one.track is not None}
+                    for one in told.nodes
+                ],
+                "frames": len(moments),
+                "frames_together": judge.block,
+                "within_m": within,
+                "mtu": mtu,
+                "seed": seed,
+                "objects": judge.objects,
+                "distinct": judge.distinct,
+                "settings": len(settings),
+                "doubts": [*_learned_from(detector.trained, told), *filter(None, [judge.doubt])],
+            },
+            [one.row() for one in results],
+            over_time,
+        )
+    made = FusionStudy(target)
+    for doubt in made.manifest["doubts"]:
+        tell_line(f"warning: {doubt}", progress)
+    return made
+
+
+def _check_numbers(frames: int, mtu: int, workers: int, given: Sequence[Path]) -> None:
+    """Refuse numbers that none can be.
+
+    Raises:
+        InputError: one is.
+    """
+    from urbantwin.study.fusion.packets import LEAST_MTU, MOST_MTU
+
+    if not given:
+        raise InputError("no data is given", expected="a fleet, or two datasets or more")
+    if frames < 2:
+        raise InputError(f"{frames} frames", place="--frames", expected="2 or more")
+    if not LEAST_MTU <= mtu <= MOST_MTU:
+        raise InputError(
+            f"packets of {mtu} bytes", place="--mtu", expected=f"{LEAST_MTU} to {MOST_MTU}"
+        )
+    if workers < 1:
+        raise InputError(f"{workers} workers", place="--workers", expected="1 or more")
+
+
+def _learned_from(trained: Mapping[str, Any], nodes: Nodes) -> list[str]:
+    """Return what is to be said where the model has learned from frames of a node."""
+    from urbantwin.learn import digest_of
+
+    known = {one.get("sha256") for one in trained.get("datasets", [])}
+    seen = [one.name for one in nodes.nodes if known and digest_of(one.folder) in known]
+    if not seen:
+        return []
+    return [
+        f"The model has learned from frames of {', '.join(seen)}: frames of another drive tell how "
+        "good it is."
+    ]
+
+
+def _digests(folder: Path) -> list[str]:
+    """Return what tells the files of a node's dataset from others."""
+    files = (folder / INVENTORY, folder / "dataset.json")
+    return [sha256_of(one) for one in files if one.is_file()]
