@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -30,6 +30,8 @@ WIDER_M = 0.75
 NARROWEST_M = {"parking": 0.0, "shoulder": 0.0, "bicycle": 0.8, "driving": 2.0, "bus": 2.5}
 #: Differences from the line that widths are drawn with, metres.
 NEAR_M = 0.004
+#: Lanes of a section by their ids.
+Lanes = dict[int, SectionLane]
 
 
 @dataclass
@@ -236,9 +238,9 @@ def _way(
     s, wanted = s[known], wanted[known]
     if len(s) < 2:
         return s, wanted
-    before = _taper(float(s[0]), float(wanted[0]), (road.id, "start", one.side) in ends)
+    before = _taper(float(s[0]), float(wanted[0]), goes_on=(road.id, "start", one.side) in ends)
     after = _taper(
-        road.length - float(s[-1]), float(wanted[-1]), (road.id, "end", one.side) in ends
+        road.length - float(s[-1]), float(wanted[-1]), goes_on=(road.id, "end", one.side) in ends
     )
     whole = np.unique(
         np.concatenate(
@@ -253,7 +255,7 @@ def _way(
     return whole, moved
 
 
-def _taper(room: float, far: float, goes_on: bool) -> tuple[float, float]:
+def _taper(room: float, far: float, *, goes_on: bool) -> tuple[float, float]:
     """Return over how many metres a curb goes back to its place: outside and inside its line."""
     if goes_on and room < 2 * STEP_M:
         return 0.0, 0.0
@@ -284,7 +286,9 @@ def _narrower(
 ) -> ModelRoad:
     """Return a road whose outer lanes give up width, from the outermost inwards."""
 
-    def changed(lanes: list[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]) -> dict:
+    def changed(
+        lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
+    ) -> Lanes:
         left = np.interp(at, s, inwards, left=0.0, right=0.0)
         found = {}
         for lane in reversed(lanes):
@@ -303,7 +307,9 @@ def _wider(
 ) -> ModelRoad:
     """Return a road whose outermost lane of the carriageway is wider."""
 
-    def changed(lanes: list[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]) -> dict:
+    def changed(
+        lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
+    ) -> Lanes:
         lane = lanes[-1]
         width = lane.width.at(ds) + np.interp(at, s, out, left=0.0, right=0.0)
         return {lane.id: replace(lane, width=straight_pieces(ds, width, NEAR_M))}
@@ -311,7 +317,16 @@ def _wider(
     return _with_widths(road, side, s, changed)
 
 
-def _with_widths(road: ModelRoad, side: int, s: NDArray[np.float64], changed) -> ModelRoad:  # noqa: ANN001
+def _with_widths(
+    road: ModelRoad,
+    side: int,
+    s: NDArray[np.float64],
+    changed: Callable[[Sequence[SectionLane], NDArray[np.float64], NDArray[np.float64]], Lanes],
+) -> ModelRoad:
+    """Return a road in whose sections about stations a side's lanes of the carriageway changed.
+
+    ``changed``: of these lanes, outwards, with stations in their section and along the road.
+    """
     sections = []
     for section, end in zip(road.sections, road.section_ends, strict=True):
         lanes = _flat(section, side)
