@@ -158,6 +158,8 @@ def _curb_outcome(one: Correction, move: CurbMove) -> Outcome:
         told = why or "; ".join(filter(None, ["no curb of a street runs along it", near]))
         return Outcome(one, False, told)
     told = f"{move.metres:.1f} m of {drawn:.1f} m drawn, moved by up to {move.farthest_m:.2f} m"
+    if not move.has_curb:
+        told += ", as the edge of a carriageway: nothing raised is beside it"
     return Outcome(one, True, f"{told}; {why}" if why else told)
 
 

@@ -43,12 +43,14 @@ class CurbMove:
         farthest_m: how far they were moved at most, outwards or inwards.
         why_not: why parts of it were left, each once.
         nearest_m: how far the nearest curb is from it.
+        has_curb: whether something raised is beside all of it.
     """
 
     metres: float = 0.0
     farthest_m: float = 0.0
     why_not: list[str] = field(default_factory=list)
     nearest_m: float = float("inf")
+    has_curb: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,12 @@ def _flat(section: LaneSection, side: int) -> list[SectionLane]:
 
 
 def _curb_out(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far out (N,) the curb of a side lies from the reference line; nan without one."""
+    """Return how far out (N,) the curb of a side lies from the reference line; nan without one.
+
+    On the inner side of a road of one direction it is where its lanes begin.
+    """
+    if _is_inner(road, side):
+        return np.asarray(side * road.offset.at(s))
     out = np.full(len(s), np.nan)
     which = np.searchsorted([x.s for x in road.sections], s + 1e-9, side="right") - 1
     for k, section in enumerate(road.sections):
@@ -124,6 +131,13 @@ def _curb_out(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[np.
         if flat and here.any():
             out[here] = side * road.border(section, flat[-1], s[here], outer=True)
     return out
+
+
+def _is_inner(road: ModelRoad, side: int) -> bool:
+    """Whether a side has no lanes of the carriageway, and the other one has them all along."""
+    return not any(_flat(x, side) for x in road.sections) and all(
+        _flat(x, -side) for x in road.sections
+    )
 
 
 def _follows(
@@ -196,14 +210,19 @@ def _moved(
     s, wanted = _way(road, one, ends)
     if len(s) < 2:
         return road, None
+    inner = _is_inner(road, one.side)
     out, inwards = np.maximum(wanted, 0.0), np.maximum(-wanted, 0.0)
-    short = _missing(road, one.side, s, inwards)
+    short = _missing(road, -one.side if inner else one.side, s, inwards, most=1 if inner else None)
     if short > NEAR_M:
         move.why_not.append(f"lanes would be {short:.2f} m too narrow for traffic")
         return road, None
     drawn = (s >= one.s[0]) & (s <= one.s[-1])
     move.metres += float(one.s[-1] - one.s[0])
     move.farthest_m = max(move.farthest_m, float(np.abs(wanted[drawn]).max(initial=0.0)))
+    raised = [x for x in road.section_at(float(one.s.mean())).lanes if x.id * one.side > 0]
+    move.has_curb &= any(x.kind in RAISED_KINDS for x in raised)
+    if inner:
+        return _inner_moved(road, one.side, s, wanted), None
     if inwards.max() > NEAR_M:
         road = _narrower(road, one.side, s, inwards)
     if out.max() <= NEAR_M:
@@ -265,16 +284,23 @@ def _taper(room: float, far: float, *, goes_on: bool) -> tuple[float, float]:
 
 
 def _missing(
-    road: ModelRoad, side: int, s: NDArray[np.float64], inwards: NDArray[np.float64]
+    road: ModelRoad,
+    side: int,
+    s: NDArray[np.float64],
+    inwards: NDArray[np.float64],
+    most: int | None = None,
 ) -> float:
-    """Return by how much lanes would be narrower than they can be, metres."""
+    """Return by how much lanes would be narrower than they can be, metres.
+
+    ``most``: how many lanes give up width, from the reference line outwards.
+    """
     short = 0.0
     for section, end in zip(road.sections, road.section_ends, strict=True):
         here = (s >= section.s) & (s <= end)
         if not here.any():
             continue
         given = np.zeros(int(here.sum()))
-        for lane in _flat(section, side):
+        for lane in _flat(section, side)[:most]:
             usual = lane.width.at(s[here] - section.s)
             given = given + np.maximum(usual - NARROWEST_M.get(lane.kind, usual), 0.0)
         short = max(short, float((inwards[here] - given).max()))
@@ -317,19 +343,55 @@ def _wider(
     return _with_widths(road, side, s, changed)
 
 
+def _inner_moved(
+    road: ModelRoad, side: int, s: NDArray[np.float64], out: NDArray[np.float64]
+) -> ModelRoad:
+    """Return a road of one direction whose lanes begin farther out on its inner side.
+
+    The lane there becomes wider, and what is raised beside it (a median) gives the ground up.
+    """
+    at = np.unique(
+        np.concatenate([np.arange(0.0, road.length, STEP_M), [road.length], s, road.offset.start])
+    )
+    at = at[(at >= 0.0) & (at <= road.length)]
+    offset = road.offset.at(at) + side * np.interp(at, s, out, left=0.0, right=0.0)
+    road = replace(road, offset=straight_pieces(at, offset, NEAR_M))
+
+    def wider(
+        lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
+    ) -> Lanes:
+        lane = lanes[0]
+        width = lane.width.at(ds) + np.interp(at, s, out, left=0.0, right=0.0)
+        return {lane.id: replace(lane, width=straight_pieces(ds, width, NEAR_M))}
+
+    def narrower(
+        lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
+    ) -> Lanes:
+        lane = lanes[0]
+        width = lane.width.at(ds) - np.interp(at, s, out, left=0.0, right=0.0)
+        return {lane.id: replace(lane, width=straight_pieces(ds, np.maximum(width, 0.0), NEAR_M))}
+
+    return _with_widths(_with_widths(road, -side, s, wider), side, s, narrower, raised=True)
+
+
 def _with_widths(
     road: ModelRoad,
     side: int,
     s: NDArray[np.float64],
     changed: Callable[[Sequence[SectionLane], NDArray[np.float64], NDArray[np.float64]], Lanes],
+    *,
+    raised: bool = False,
 ) -> ModelRoad:
     """Return a road in whose sections about stations a side's lanes of the carriageway changed.
 
-    ``changed``: of these lanes, outwards, with stations in their section and along the road.
+    ``changed``: of these lanes, outwards, with stations in their section and along the road;
+    ``raised``: of those beside the carriageway instead.
     """
     sections = []
     for section, end in zip(road.sections, road.section_ends, strict=True):
         lanes = _flat(section, side)
+        if raised:
+            lanes = [x for x in section.lanes if x.id == side]
         if lanes and end > s[0] and section.s < s[-1]:
             knots = [lane.width.start + section.s for lane in lanes]
             steps = np.linspace(section.s, end, max(2, int((end - section.s) / STEP_M) + 2))
