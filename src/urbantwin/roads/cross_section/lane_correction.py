@@ -84,6 +84,7 @@ def with_lane(
             after["parking:" + side + ":orientation"] = "parallel"
         if width_m is not None:
             after[f"{BESIDE[kind]}:{side}:width"] = f"{width_m:.10g}"
+        after = _with_whole(after, _beside_m(street.section(after), side, kind))
     return _in_place(after, before, side, street)
 
 
@@ -109,6 +110,7 @@ def without_lane(tags: Mapping[str, str], side: str, kind: str, street: Street) 
         after[f"{BESIDE[kind]}:{side}"] = "no"
         if kind == "bicycle" and _has(street.section(after), side, kind, street):
             raise ImpossibleLaneError("its cycle lane is in its lists of lanes: tag these")
+        after = _with_whole(after, -_beside_m(before, side, kind))
     return _in_place(after, before, side, street)
 
 
@@ -192,10 +194,7 @@ def _with_motor_lane(
         after[f"{key}:{name}"] = "|".join(row)
     after[f"lanes:{name}"] = str(found.motor + 1)
     _count(after, 1)
-    for key in WHOLE:
-        if (whole := metres(after.get(key))) is not None:
-            after[key] = f"{whole + width:.10g}"
-    return after
+    return _with_whole(after, width)
 
 
 def _without_motor_lane(
@@ -219,10 +218,28 @@ def _without_motor_lane(
         after[f"{key}:{name}"] = "|".join(kept)
     after[f"lanes:{name}"] = str(found.motor - 1)
     _count(after, -1)
-    for key in WHOLE:
-        if (whole := metres(after.get(key))) is not None:
-            after[key] = f"{max(whole - row[own[-1]].width, 0.1):.10g}"
-    return after
+    return _with_whole(after, -row[own[-1]].width)
+
+
+def _with_whole(tags: Tags, more_m: float) -> Tags:
+    """Return tags that say a carriageway is wider or narrower, where they say how wide it is."""
+    known = {key: whole for key in WHOLE if (whole := metres(tags.get(key))) is not None}
+    return tags | {key: f"{max(whole + more_m, 0.1):.10g}" for key, whole in known.items()}
+
+
+def _beside_m(section: CrossSection, side: str, kind: str) -> float:
+    """Return how much of a carriageway a lane beside those of motor traffic takes up, metres."""
+    beside = section.left if side == "left" else section.right
+    if (
+        kind == "parking"
+        and beside.parking is not None
+        and beside.parking.position != "street_side"
+    ):
+        return beside.parking.width
+    lanes = _lanes_of(section, side)
+    if kind == "bicycle" and lanes and lanes[-1].kind == "bicycle" and not lanes[-1].track:
+        return lanes[-1].width
+    return 0.0
 
 
 def _direction(
