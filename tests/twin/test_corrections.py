@@ -202,7 +202,12 @@ def test_another_program_finds_the_lanes_in_opendrive(twin, tmp_path):
     write_opendrive(twin.lane_model, twin.frame, file, version="1.4", name="mended")
     network = tmp_path / "read.net.xml"
     command = [sumo_binary("netconvert"), "--opendrive-files", file, "--output-file", network]
-    command += ["--opendrive.import-all-lanes", "--opendrive.curve-resolution", "0.5", "--no-warnings"]
+    command += [
+        "--opendrive.import-all-lanes",
+        "--opendrive.curve-resolution",
+        "0.5",
+        "--no-warnings",
+    ]
     subprocess.run([*command, "--no-turnarounds"], check=True, capture_output=True)
     beside = [width for _, width in lanes_at(network, 50, -3.9)]
     assert pytest.approx(1.8, abs=0.01) in beside
@@ -243,7 +248,9 @@ def test_an_element_that_is_not_in_the_map_is_refused(site):
     value = json.loads(file.read_text())
     value["features"][0]["properties"]["element"] = "way/6"
     file.write_text(json.dumps(value))
-    with pytest.raises(Exception, match=r"feature 1 \(tag\).*way/6, which is not in map.osm; expected node/6"):
+    with pytest.raises(
+        Exception, match=r"feature 1 \(tag\).*way/6, which is not in map.osm; expected node/6"
+    ):
         build_twin(load_site(site), site.parent / "t")
 
 

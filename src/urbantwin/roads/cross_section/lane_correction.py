@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from urbantwin.roads.cross_section.defaults import standard_of
 from urbantwin.roads.cross_section.direction import DirectionTags, direction_tags, one_way
@@ -23,6 +23,8 @@ BESIDE = {
     "shoulder": "shoulder",
     "sidewalk": "sidewalk",
 }
+#: Beginnings of tags that count bus lanes, where lists may tell which lanes they are.
+BUS_COUNTS = ("lanes:bus", "lanes:psv", "busway")
 #: Most lanes of a direction.
 MOST = 8
 OTHER = {"left": "right", "right": "left"}
@@ -59,8 +61,9 @@ def with_lane(
 ) -> Tags:
     """Return the tags of a way that has one lane more.
 
-    It lies outside of all that traffic follows on its side. Lanes of motor traffic and for bicycles
-    make the carriageway wider on that side; the other side stays where it is.
+    It lies outside of the lanes of motor traffic on its side, within a cycle lane there. Lanes of
+    motor traffic and for bicycles make the carriageway wider on that side; the other side stays
+    where it is.
 
     Args:
         tags: the way's tags.
@@ -185,8 +188,8 @@ def _with_motor_lane(
     lists = dict(found.lists)
     blank = [""] * found.slots
     lists.setdefault("width:lanes", blank)
-    if kind == "bus" or found.buses:
-        lists.setdefault("bus:lanes", _buses(found, street))
+    if kind == "bus":
+        lists.setdefault("bus:lanes", blank)
     new = {"width:lanes": f"{width:.10g}", "bus:lanes": "designated" if kind == "bus" else ""}
     for key, values in lists.items():
         row = [*values]
@@ -211,8 +214,6 @@ def _without_motor_lane(
     # Lists run from left to right in the direction of travel; ``row`` outwards to the side.
     slot = own[-1] if at_end else len(row) - 1 - own[-1]
     lists = dict(found.lists)
-    if found.buses:
-        lists.setdefault("bus:lanes", _buses(found, street))
     for key, values in lists.items():
         kept = [value for k, value in enumerate(values) if k != slot]
         after[f"{key}:{name}"] = "|".join(kept)
@@ -251,37 +252,32 @@ def _direction(
         What the tags say of that direction; tags with lists and counts of that direction alone;
         its name; and whether the side is at the end of its lists.
     """
-    way = one_way(tags)
     forward = _forward(tags, side, street)
-    name = "forward" if forward else "backward"
     ahead, back, shared = direction_tags(tags, street.driving_side)
-    found = ahead if forward else back
-    assert found is not None  # the direction is one that traffic has
-    after = dict(tags)
-    for direction, one in (("forward", ahead), ("backward", back)):
-        if one is None:
-            continue
-        after[f"lanes:{direction}"] = str(one.motor)
-        for key, values in one.lists.items():
-            after[f"{key}:{direction}"] = "|".join(values)
-        for bus in ("lanes:bus", "lanes:psv"):
-            if one is found or way != "both":
-                after.pop(f"{bus}:{direction}", None)
-    for key in {key for one in (ahead, back) if one for key in one.lists}:
+    ways = {
+        name: _with_bus_list(one, street)
+        for name, one in (("forward", ahead), ("backward", back))
+        if one is not None
+    }
+    after = {key: value for key, value in tags.items() if not key.startswith(BUS_COUNTS)}
+    for key in {key for one in ways.values() for key in one.lists}:
         after.pop(key, None)
-    if found.buses:
-        for key in ("lanes:bus", "lanes:psv", "busway", "busway:both", f"busway:{side}"):
-            after.pop(key, None)
-    total = sum(one.motor for one in (ahead, back) if one is not None)
-    after["lanes"] = str(total + shared)
+    for name, one in ways.items():
+        after[f"lanes:{name}"] = str(one.motor)
+        after |= {f"{key}:{name}": "|".join(values) for key, values in one.lists.items()}
+    after["lanes"] = str(sum(one.motor for one in ways.values()) + shared)
+    name = "forward" if forward else "backward"
     # Seen along the traffic, the right of a way that is driven against its line is its left.
-    return found, after, name, (side == "right") == forward
+    return ways[name], after, name, (side == "right") == forward
 
 
-def _buses(found: DirectionTags, street: Street) -> list[str]:
-    """Return ``bus:lanes`` of a direction whose bus lanes are at the curb."""
-    row = [""] * (found.slots - found.buses) + ["designated"] * found.buses
-    return row if street.driving_side == "right" else row[::-1]
+def _with_bus_list(one: DirectionTags, street: Street) -> DirectionTags:
+    """Return a direction whose bus lanes at the curb are in a list, where a count tells of them."""
+    if not one.buses:
+        return one
+    row = [""] * (one.slots - one.buses) + ["designated"] * one.buses
+    row = row if street.driving_side == "right" else row[::-1]
+    return replace(one, lists={"bus:lanes": row, **one.lists}, buses=0)
 
 
 def _count(tags: Tags, more: int) -> None:

@@ -249,7 +249,11 @@ def _way(
     road: ModelRoad, one: _Follow, ends: set[tuple[int, str, int]]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return stations (N,) and how far out (N,) the curb moves there, with its tapers."""
-    first, last = max(one.s[0], 0.0), min(one.s[-1], road.length)
+    first, last = max(float(one.s[0]), 0.0), min(float(one.s[-1]), road.length)
+    if (road.id, "start", one.side) in ends and first < 2 * STEP_M:
+        first = 0.0
+    if (road.id, "end", one.side) in ends and last > road.length - 2 * STEP_M:
+        last = road.length
     s = np.unique(np.concatenate([np.arange(first, last, STEP_M), [last]]))
     curb = _curb_out(road, one.side, s)
     wanted = np.interp(s, one.s, one.out_m) - curb
