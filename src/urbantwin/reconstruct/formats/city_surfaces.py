@@ -74,12 +74,16 @@ class CitySurfaces:
         self._semantic.append(semantic_number(kind, surface))
         self._colour.append(colour)
 
-    def mesh(self, path: Path, expected: str) -> tuple[TriangleMesh, int]:
+    def mesh(
+        self, path: Path, expected: str, unit_m: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    ) -> tuple[TriangleMesh, int]:
         """Return all surfaces as triangles, and how many had no area.
 
         Args:
             path: the file, for errors.
             expected: what it should be: ``CityJSON``.
+            unit_m: about how long the units of the three coordinates are, by which surfaces are
+                cut into triangles: degrees are no metres.
 
         Raises:
             InputError: there is no surface, none with an area, or one that is nowhere.
@@ -89,7 +93,9 @@ class CitySurfaces:
         points = np.concatenate(self._points)
         check_coordinates(points, path)
         count_within(len(points), MOST_TRIANGLES, "corners of surfaces", path)
-        triangles, owner = triangulated(points, np.concatenate(self._ring), np.array(self._polygon))
+        triangles, owner = triangulated(
+            points * np.array(unit_m), np.concatenate(self._ring), np.array(self._polygon)
+        )
         vertices, index = np.unique(points + 0.0, axis=0, return_inverse=True)
         faces, kept = valid_faces(index.ravel()[triangles], len(vertices), path)
         if not len(faces):
