@@ -237,6 +237,14 @@ def test_the_plan_shows_and_lists_each(twin):
     assert {str(k) for k in range(1, 11)} <= numbers
 
 
+def test_the_plan_writes_whatever_a_tag_says(twin, tmp_path):
+    strange = [{**one.model_dump(), "told": "name=$\\frac{$ \x1b[31m\n \u6f22" + 200 * "x"}
+               for one in 5 * twin.corrections]  # fmt: skip
+    notes = {**twin.manifest["notes"], "corrections": {"each": strange}}
+    other = type(twin)(twin.folder, {**twin.manifest, "notes": notes})
+    figure_of_twin(other, "plan").savefig(tmp_path / "plan.png")
+
+
 def test_the_same_corrections_give_the_same_twin(twin, site, tmp_path):
     again = build_twin(load_site(site), tmp_path / "again")
     assert again.manifest["files"] == twin.manifest["files"]

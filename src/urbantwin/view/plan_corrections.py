@@ -120,7 +120,7 @@ def list_corrections(
     rows = -(-len(texts) // COLUMNS)
     for k, text in enumerate(texts):
         column, row = divmod(k, rows)
-        short = style.legible(text)
+        short = style.legible(" ".join(text.split()))
         short = short if len(short) <= LONGEST else short[: LONGEST - 3] + "..."
         figure.text(
             (left + column * (width - 2 * left) / COLUMNS) / width,
@@ -129,4 +129,5 @@ def list_corrections(
             color=look.correction if k >= len(corrections) or corrections[k].applied else look.ink,
             fontsize=TEXT,
             va="top",
+            parse_math=False,  # tags are a stranger's text
         )
