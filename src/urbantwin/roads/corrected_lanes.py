@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.ops import substring
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.build import NETWORK_CLASSES
@@ -196,7 +197,7 @@ def _corrected(
     for stretch in stretches:
         way = edited.ways[stretch.way]
         line = edited.line(way)
-        where = shapely.ops.substring(shapely.LineString(line), stretch.first, stretch.last)
+        where = substring(shapely.LineString(line), stretch.first, stretch.last)
         if shapely.distance(where, region) > 0:
             why.append(f"way/{way.id} lies outside the region")
             continue
