@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,8 +22,9 @@ FARTHEST_M, ALONG = 6.0, 0.8
 STEP_M = 0.25
 #: A curb returns to its place over so many times what it was moved, within limits, metres.
 SLANT, SHORTEST_TAPER_M, LONGEST_TAPER_M = 3.0, 1.0, 12.0
-#: The shortest stretch of a curb that is moved, metres.
-SHORTEST_M = 1.0
+#: The shortest stretch of a curb that is moved; longest gap within one that is nearer to another
+#: road, metres.
+SHORTEST_M, BETWEEN_M = 1.0, 4.0
 #: A driving lane is made wider by no more than this: beyond it there is a shoulder, metres.
 WIDER_M = 0.75
 #: How narrow lanes may become, metres (RASt 06: 2.0 m at bottlenecks of side streets).
@@ -166,8 +167,8 @@ def _follows(
         gap[better], owner[better] = away[better], k
         stations[k] = s, side * t
     found = []
-    for k in np.unique(owner[owner >= 0]).tolist():
-        s, out = (value[owner == k] for value in stations[k])
+    for k, mine in _runs(owner):
+        s, out = (value[mine] for value in stations[k])
         order = np.argsort(s, kind="stable")
         s, out = s[order], out[order]
         keep = np.concatenate([[True], np.diff(s) > 1e-6])
@@ -175,6 +176,15 @@ def _follows(
         if s[-1] - s[0] >= min(SHORTEST_M, line.length / 2):
             found.append(_Follow(road.id, side, s[keep], out[keep], number))
     return found
+
+
+def _runs(owner: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield which points in a row have one owner, and the owner; another's are few between them."""
+    for k in np.unique(owner[owner >= 0]).tolist():
+        mine = np.flatnonzero(owner == k)
+        apart = np.flatnonzero(np.diff(mine) > BETWEEN_M / STEP_M) + 1
+        for run in np.split(mine, apart):
+            yield k, run
 
 
 def _shared_ends(model: LaneModel, follows: Sequence[_Follow]) -> set[tuple[int, str, int]]:
