@@ -1,5 +1,6 @@
 """Bad files of geometry: meshes, clouds, city models, tiles, and what stands beside them."""
 
+import gzip
 import json
 import struct
 import zipfile
@@ -11,6 +12,7 @@ import DracoPy
 import laspy
 import meshopt
 import numpy as np
+import pye57
 import pytest
 import shapely
 
@@ -22,6 +24,7 @@ from urbantwin.reconstruct.georeference.control_points import fit, read_control_
 from urbantwin.site.geometry import GeometrySource, GeometrySpec, SimilaritySpec
 from urbantwin.site.yaml_document import Document
 
+from ..reconstruct.city_gml import block, city, house
 from ..reconstruct.model_files import BOX, BOX_QUADS
 from ..reconstruct.tile_bytes import Gltf, b3dm, cmpt, i3dm, pnts
 from .harness import NUMBERS
@@ -367,6 +370,28 @@ Connections:  {{
     return [text.encode()]
 
 
+def _citygml() -> list[bytes]:
+    """A house by reference and a block, of two versions."""
+    return [
+        city(version, house(version), block(version, "b", (20, 0, 0), (22, 3, 4)), srs=srs).encode()
+        for version, srs in (("2.0", "urn:ogc:def:crs:EPSG::7415"), ("3.0", ""))
+    ]
+
+
+def _e57() -> list[bytes]:
+    rng = np.random.default_rng(1)
+    data = {f"cartesian{axis}": rng.uniform(-9, 9, 40) for axis in "XYZ"}
+    data |= {f"color{name}": np.arange(40, dtype=np.uint8) for name in ("Red", "Green", "Blue")}
+    data["cartesianInvalidState"] = (np.arange(40) % 2).astype(np.int8)
+
+    def write(path: Path) -> None:
+        with pye57.E57(str(path), mode="w") as file:
+            for number in range(2):
+                file.write_scan_raw(data, translation=np.array([number, 0.0, 0.0]))
+
+    return [made("a.e57", write)]
+
+
 XYZ = b"// x y z r g b\n1.5 2.5 3.5 10 20 30\n4 5 6 1 2 3\n7 8 9 1 2 3\n"
 PTS = b"3\n1.5 2.5 3.5 -5 10 20 30\n4 5 6 1 1 2 3\n7 8 9 1 1 2 3\n"
 METADATA = (
@@ -465,6 +490,10 @@ READERS = [
            lambda: {"tileset.json": json.dumps(_tileset()).encode()}, real=True),
     Reader("control points", control_points, "points.csv", _points_csv),
     Reader("fbx", read_around, "a.fbx", _fbx),
+    Reader("citygml", read_around, "a.gml", _citygml),
+    Reader("citygml.gz", read_around, "a.gml.gz",
+           lambda: [gzip.compress(one, mtime=0) for one in _citygml()]),
+    Reader("e57", read_around, "a.e57", _e57),
 ]  # fmt: skip
 
 

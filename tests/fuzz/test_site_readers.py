@@ -31,6 +31,7 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
+from urbantwin.site.corrections import read_corrections
 from urbantwin.site.initial_site import init_site
 from urbantwin.site.nodes import load_nodes
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
@@ -101,6 +102,25 @@ def _regions() -> list[bytes]:
     many = {"type": "FeatureCollection", "features": [feature]}
     multi = {"type": "MultiPolygon", "coordinates": [[RING]]}
     return [json.dumps(value).encode() for value in (polygon, many, multi)]
+
+
+def _corrections() -> list[bytes]:
+    """One of every kind that is read differently."""
+    line = {"type": "LineString", "coordinates": RING[:3]}
+    area = {"type": "Polygon", "coordinates": [RING]}
+    point = {"type": "Point", "coordinates": RING[0]}
+    lane = {"what": "lane", "side": "right", "kind": "bicycle", "width_m": 1.8}
+    drawn = (
+        ({"action": "tag", "element": "way/1", "tags": {"lanes": "3", "maxspeed": None}}, None),
+        ({"action": "add", "what": "pole", "height_m": 8, "kind": "lamp"}, point),
+        ({"action": "add", "what": "wall", "height_m": "2", "material": "stone"}, line),
+        ({"action": "add", **lane, "element": "way/1"}, line),
+        ({"action": "remove", "what": "tree"}, area),
+        ({"action": "remove", "element": "node/3"}, None),
+        ({"action": "move", "what": "curb"}, line),
+    )
+    features = [{"type": "Feature", "properties": one, "geometry": shape} for one, shape in drawn]
+    return [json.dumps({"type": "FeatureCollection", "features": features}).encode()]
 
 
 def read_site(path: Path) -> None:
@@ -342,6 +362,8 @@ READERS = [
     Reader("osm.pbf", read_map, "map.osm.pbf", lambda: [_pbf("map.osm.pbf")]),
     Reader("region", read_region, "area.geojson", _regions),
     Reader("site", read_site, "site.yaml", _sites, _beside_site),
+    Reader("corrections", lambda path: read_corrections(path, FRAME, AREA), "corrections.geojson",
+           _corrections),
     Reader("rig", read_rig, "rig.yaml", _rigs),
     Reader("nodes", read_nodes, "nodes.yaml", _nodes),
     Reader("study", load_study, "grid.yaml", lambda: [STUDY], lambda: {"twin": b"", "m": b""}),

@@ -37,6 +37,7 @@ def write_plan(twin: Twin, path: Path) -> None:
         model=twin.lane_model,
         mesh=twin.mesh,
         sensors=twin.rig_spec().standing(),
+        corrections=twin.corrections,
         title=title_of(twin),
         attribution=attributions(twin.manifest),
         look=PAPER,

@@ -26,10 +26,12 @@ EXPECTED = (
     "OpenStreetMap extract (.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, "
     "Lanelet2 .osm), a DEM (.tif), a cloud (.npy, .bin, .pcd, .ply), a recording (KITTI, "
     "nuScenes, Argoverse 2 and others, a ROS bag, MCAP, .pcap) or geometry (.glb, .gltf, "
-    ".obj, .ply, .stl, .fbx, .las, .laz, CityJSON, tileset.json, .3tz, a folder of photogrammetry)"
+    ".obj, .ply, .stl, .fbx, .las, .laz, .e57, CityJSON, CityGML, tileset.json, .3tz, a folder of "
+    "photogrammetry)"
 )
 GEOMETRY = (
     *(".glb", ".gltf", ".obj", ".stl", ".fbx", ".las", ".laz", ".json", ".jsonl", ".cityjson"),
+    *(".gml", ".citygml", ".gml.gz", ".citygml.gz", ".e57"),
     *(".3tz", ".b3dm", ".i3dm", ".pnts", ".cmpt", ".xyz", ".pts"),
 )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import compress
 from pathlib import Path
@@ -43,12 +43,14 @@ from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.rails import add_rails, with_trams
 from urbantwin.roads.region_pieces import region_pieces
 from urbantwin.roads.side_lanes import (
+    CurbMove,
     add_side_lanes,
     before_buildings,
     corners_before_buildings,
     is_island,
     with_curbs,
     with_island_areas,
+    with_moved_curbs,
 )
 from urbantwin.roads.signals.country_practice import practice_of
 from urbantwin.roads.signals.default_programs import set_default_programs
@@ -90,6 +92,7 @@ class BuiltRoads:
         surface: height of its roads everywhere.
         notes: counts, and what was left out.
         warnings: what is wrong with them.
+        curbs: number of a correction -> what became of the curb that was drawn.
     """
 
     model: LaneModel
@@ -97,6 +100,7 @@ class BuiltRoads:
     surface: RoadSurface
     notes: dict[str, object]
     warnings: tuple[ResultWarning, ...] = ()
+    curbs: Mapping[int, CurbMove] = field(default_factory=dict)
 
 
 def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
@@ -110,6 +114,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     plans: Sequence[SignalPlan] = (),
     closed_loop: bool = False,
     per_hour: Mapping[str, float] | None = None,
+    curbs: Mapping[int, Sequence[shapely.LineString]] | None = None,
     tell: Progress = untold,
 ) -> BuiltRoads:
     """Build the lane network of a region and write SUMO's network beside it.
@@ -125,6 +130,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         closed_loop: whether outer roads beyond the region lead every way out back to a way in.
         per_hour: who comes into the region, by class of actors: assumed programs serve them where
             the loop is closed.
+        curbs: number of a correction -> lines where a person saw curbs, site frame.
         tell: called with the share done (0..1) and the current task.
 
     Raises:
@@ -240,7 +246,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         crossings=_crossings(extract, frame, pieces),
         islands=_crossings(extract, frame, pieces, only=is_island),
     )
-    model = before_buildings(with_curbs(model), buildings)
+    model, moved = with_moved_curbs(with_curbs(model), curbs or {})
+    model = before_buildings(model, buildings)
     tell(0.6, "heights")
     model, surface = with_heights(model, elevation, lift)
     model = with_banked_widths(model)
@@ -283,7 +290,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         "left_out": [item.as_note() for item in found.left_out],
         "netconvert_warnings": len(warnings),
     }
-    return BuiltRoads(model, network, surface, notes)
+    return BuiltRoads(model, network, surface, notes, curbs=moved)
 
 
 def _serve(

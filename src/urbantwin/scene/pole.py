@@ -22,6 +22,7 @@ from urbantwin.scene.placement import (
 from urbantwin.scene.sign_plate import add_plates, stack_m
 from urbantwin.scene.solids import Assembly, GroundHeight, box, columns
 from urbantwin.scene.tag_values import length_m_of, yaw_of_direction
+from urbantwin.site.corrections import REMOVED
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["bollards", "pole_mesh"]
@@ -139,6 +140,8 @@ def bollards(assembly: Assembly, feet: NDArray[np.float64], heights: NDArray[np.
 
 def _kind(tags: dict[str, str]) -> str | None:
     """Return the name of what a node's tags say stands there."""
+    if REMOVED in tags:
+        return None
     highway, man_made = tags.get("highway"), tags.get("man_made")
     mounts = {tags.get(k) for k in ("lamp_mount", "support", "light:mount")}
     tests = {

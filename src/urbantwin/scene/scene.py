@@ -19,6 +19,7 @@ from urbantwin.roads.signals import Head
 from urbantwin.scene.bending_ground import bending_ground
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.clutter import assumed_features
+from urbantwin.scene.corrections import added_things, without_barriers, without_things
 from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.map_objects import map_objects
@@ -28,6 +29,7 @@ from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
 from urbantwin.scene.zones import Zone, ground_zones
 from urbantwin.site import Clutter, OsmFeature
+from urbantwin.site.corrections import Correction, Outcome
 from urbantwin.taxonomy import semantic_id
 
 __all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
@@ -51,11 +53,13 @@ class Scene:
         mesh: its triangles.
         notes: counts and assumptions of its build.
         colours: of its buildings.
+        corrected: what became of corrections of what stands.
     """
 
     mesh: LabelledMesh
     notes: dict[str, object]
     colours: PartColours
+    corrected: tuple[Outcome, ...] = ()
 
     def save(self, folder: Path) -> None:
         """Write the mesh and the colours into a twin's folder."""
@@ -76,6 +80,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     country: str = "",
     clutter: Clutter = "mapped",
     sensors: Sequence[tuple[float, float]] = (),
+    corrections: Sequence[Correction] = (),
     tell: Progress = untold,
 ) -> Scene:
     """Build ground, decks, buildings and street furniture.
@@ -93,6 +98,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         clutter: what stands beside the streets: barriers and furniture as ``mapped``, with what is
             ``typical`` where the map is silent, or ``none``.
         sensors: east and north of sensors, around which nothing is assumed, metres.
+        corrections: what a person added and removed; those of other kinds are left alone.
         tell: called with the share done (0..1) and the current task.
     """
     covers = imported.covers if imported else {}
@@ -129,6 +135,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         beside, assumed = assumed_features(
             features, zones, _kept_free(network), region, country, sensors
         )
+    beside, outcomes = without_barriers(beside, corrections)
     buildings = building_mesh(
         features,
         region=region,
@@ -139,6 +146,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         street=_paved(zones) if clutter == "typical" else None,
         tell=between(tell, SURFACE, BUILDINGS, "buildings"),
     )
+    deck_heights = deck_height(network, surface, ground_height)
     objects: dict[str, tuple[LabelledMesh, dict[str, int]]] = {
         "buildings": (buildings.mesh, buildings.notes),
         **map_objects(
@@ -149,7 +157,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
             carriageway=carriageway,
             covers=covers,
             lane_decks=deck_area(network),
-            deck_height=deck_height(network, surface, ground_height),
+            deck_height=deck_heights,
             leave_out=("barriers", "furniture") if clutter == "none" else (),
             tell=between(tell, BUILDINGS, 0.95, "furniture"),
         ),
@@ -164,6 +172,17 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         objects["surveyed trees"] = surveyed_tree_mesh(
             imported.trees, ground_height, region=region, carriageway=carriageway
         )
+    objects, removed = without_things(objects, corrections)
+    added, built = added_things(
+        corrections,
+        region=region,
+        ground_height=ground_height,
+        deck_height=deck_heights,
+        carriageway=carriageway,
+        lane_decks=deck_area(network),
+    )
+    if len(added.faces):
+        objects["corrections"] = added, {"triangles": len(added.faces)}
     meshes, first = [ground, decks], FIRST_OBJECT
     notes: dict[str, object] = {
         "surface": _ground_notes(ground, network),
@@ -175,7 +194,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         notes[name] = counts
     # Buildings come first.
     colours = buildings.colours.moved(FIRST_OBJECT)
-    return Scene(LabelledMesh.concatenate(meshes), notes, colours)
+    return Scene(LabelledMesh.concatenate(meshes), notes, colours, (*outcomes, *removed, *built))
 
 
 def _not_seen(heads: Sequence[Head], measured: shapely.Geometry) -> list[Head]:

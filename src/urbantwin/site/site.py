@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from urbantwin.artefact import sha256_of
 from urbantwin.geometry import SiteFrame
+from urbantwin.site.corrections import CORRECTIONS, read_corrections
 from urbantwin.site.dem import check_dem
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import check_roads
@@ -123,6 +124,7 @@ class _SiteFile(_Strict):
     osm: _OsmFile | None = None
     sketch: _File | None = None
     dem: _File | None = None
+    corrections: _File | None = None
     roads: _Roads = _Roads()
     geometry: list[GeometrySpec] = []
     imagery: list[ImagerySpec] = []
@@ -178,6 +180,7 @@ class Site:
         outline: the region's ring as it was given, longitude and latitude; empty for a circle.
         clutter: what stands beside the streets: ``typical``, ``mapped`` or ``none``.
         sketch: a sketch by hand that stands for the extract.
+        corrections: what a person corrected of the map and the twin.
     """
 
     file: Path
@@ -201,6 +204,7 @@ class Site:
     outline: tuple[tuple[float, float], ...] = ()
     clutter: Clutter = "typical"
     sketch: InputFile | None = None
+    corrections: InputFile | None = None
 
     @cached_property
     def frame(self) -> SiteFrame:
@@ -222,7 +226,12 @@ class Site:
             "anchor": {"latitude": self.latitude, "longitude": self.longitude},
             "region": region,
         }
-        for kind, item in (("osm", self.osm), ("sketch", self.sketch), ("dem", self.dem)):
+        for kind, item in (
+            ("osm", self.osm),
+            ("sketch", self.sketch),
+            ("dem", self.dem),
+            ("corrections", self.corrections),
+        ):
             if item:
                 value[kind] = _file_entry(item)
         roads: dict[str, Any] = _file_entry(self.roads) if self.roads else {}
@@ -282,7 +291,8 @@ class Site:
 
     def files(self) -> list[Path]:
         """Return every file and folder that the site names, and its own."""
-        given = (self.osm, self.sketch, self.roads, self.dem, *self.geometry, *self.imagery)
+        maps = (self.osm, self.sketch, self.roads, self.dem, self.corrections)
+        given = (*maps, *self.geometry, *self.imagery)
         named = [one.path for one in given if one is not None and one.path is not None]
         return [self.file, self.rig_file, *named, *(path for _, path in self.own_assets)]
 
@@ -293,6 +303,7 @@ class Site:
             ("sketch", self.sketch),
             ("roads", self.roads),
             ("dem", self.dem),
+            ("corrections", self.corrections),
         )
         sources = [
             {
@@ -365,6 +376,9 @@ def load_site(path: Path) -> Site:
     dem = _input_file(document, "dem", raw.dem, "a DEM as GeoTIFF") if raw.dem else None
     if dem:
         check_dem(dem.path, frame, region)
+    corrections = _corrections(document, raw)
+    if corrections:
+        read_corrections(corrections.path, frame, region)
     if isinstance(raw.rig, str):
         rig_file = path.parent / raw.rig
         _must_exist(document, ("rig",), rig_file, "a rig as YAML")
@@ -397,6 +411,7 @@ def load_site(path: Path) -> Site:
         outline=outline,
         clutter=raw.scene.clutter,
         sketch=sketch,
+        corrections=corrections,
     )
 
 
@@ -444,6 +459,17 @@ def _region(
     lonlat = polygon_from_geojson(geojson, file=file, place=place)
     ring = tuple((float(x), float(y)) for x, y in shapely.get_coordinates(lonlat))
     return polygon_in_site(lonlat, frame, file=file, place=place), ring
+
+
+def _corrections(document: Document, raw: _SiteFile) -> InputFile | None:
+    """Return the file of corrections: the one that is named, else the one beside the site."""
+    if raw.corrections is not None:
+        return _input_file(document, "corrections", raw.corrections, "corrections as GeoJSON")
+    beside = document.file.parent / CORRECTIONS
+    if "corrections" in raw.model_fields_set or not beside.is_file():
+        return None
+    terms = _File(file=CORRECTIONS)
+    return InputFile(beside, terms.licence, terms.attribution)
 
 
 def _input_file(document: Document, field: str, raw: _File, kind: str) -> InputFile:

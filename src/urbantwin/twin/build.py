@@ -39,6 +39,7 @@ from urbantwin.site import (
 )
 from urbantwin.site.conditional_tags import at_time
 from urbantwin.site.sketch import read_sketch
+from urbantwin.twin.corrections import Corrections
 from urbantwin.twin.found_of_mapped import found_of_mapped, share_known
 from urbantwin.twin.ground import SurveyedSite, survey_ground
 from urbantwin.twin.own_meshes import write_own_meshes
@@ -93,12 +94,14 @@ def build_twin(  # noqa: PLR0915 - stage by stage
     whole = progress or untold
     extract, tell = _read(site, between(whole, 0.0, 1.0 if also is None else BUILT))
     imported = read_map(site.roads.path, site.frame, site.anchor_m) if site.roads else None
+    side = _driving_side(site, imported)
+    corrections = Corrections.of_site(site)
+    extract = corrections.map_corrected(extract, site, side)
     if extract is not None:
         extract, open_at_times = at_time(extract, site.traffic.time_of_day)
     else:
         open_at_times = []
     features = _features(site, extract)
-    side = _driving_side(site, imported)
     photo = _photo(site)
     # Imported geometry takes as long as all the rest.
     surveying = 0.4 if site.geometry else 0.02
@@ -140,8 +143,10 @@ def build_twin(  # noqa: PLR0915 - stage by stage
                 plans=site.signals,
                 closed_loop=site.closed_loop,
                 per_hour=site.traffic.per_hour,
+                curbs=corrections.curbs(),
                 tell=between(tell, 0.0, ROADS, "roads"),
             )
+        corrections.keep_curbs(roads.curbs, site)
         tell(ROADS, "writing the roads")
         elevation.save(folder / "elevation.npz")
         roads.model.save(folder / "lane_model.json")
@@ -161,10 +166,12 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             country=country_of(site.latitude, site.longitude),
             clutter=site.clutter,
             sensors=[(east, north) for _, east, north in site.rig.standing()],
+            corrections=corrections.of_scene,
             tell=between(tell, ROADS_WRITTEN, SCENE, "scene"),
         )
         tell(SCENE, "writing the scene")
         scene.save(folder)
+        corrections.keep(scene.corrected)
         tell(SCENE_WRITTEN, "materials")
         material = ground_materials(
             roads.model,
@@ -200,6 +207,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
                 "reflectivity": street_reflectivity(site.latitude, site.longitude),
             },
             **({"sensors": stood.notes} if stood.notes else {}),
+            **corrections.notes(),
         }
         _write_documents(
             folder,
@@ -220,6 +228,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
                             known=share_known(extract, site.frame, site.region),
                             open_at_times=open_at_times,
                         ),
+                        *corrections.warnings(),
                         *stood.warnings,
                     ]
                 ),

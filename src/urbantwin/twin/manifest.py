@@ -13,7 +13,7 @@ from urbantwin.errors import InputError
 from urbantwin.site.calibration import Reflectivities
 from urbantwin.site.traffic import TrafficSpec
 
-__all__ = ["KeptSite", "TwinManifest", "check_region", "file_inside"]
+__all__ = ["Corrected", "KeptSite", "TwinManifest", "check_region", "file_inside"]
 
 #: No region reaches further from its anchor, metres.
 _FURTHEST_M = 1e5
@@ -50,11 +50,26 @@ class _Sensors(Part):
     seen: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
+class Corrected(Part):
+    """What became of a correction: ``at_m``, lines and points of the site frame."""
+
+    number: _Count
+    what: str
+    applied: bool
+    told: str
+    at_m: list[list[_Place]]
+
+
+class _Corrections(Part):
+    each: list[Corrected] = Field(default_factory=list)
+
+
 class _Notes(Part):
     ground: _Ground | None = None
     mapped: dict[str, _Mapped] = Field(default_factory=dict)
     materials: _Materials = _Materials()
     sensors: _Sensors = _Sensors()
+    corrections: _Corrections = _Corrections()
 
 
 class TwinManifest(Part):

@@ -21,7 +21,7 @@ from urbantwin.roads.sumo_check import check_sumo_network
 from urbantwin.site import RigSpec, load_rig_spec
 from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
-from urbantwin.twin.manifest import KeptSite, TwinManifest, check_region, file_inside
+from urbantwin.twin.manifest import Corrected, KeptSite, TwinManifest, check_region, file_inside
 from urbantwin.twin.own_meshes import OWN_MESHES, read_own_meshes
 
 __all__ = ["GROUND_CLASSES", "Twin", "load_twin"]
@@ -123,6 +123,12 @@ class Twin:
         path = self._file("network.net.xml")
         check_sumo_network(path)
         return path
+
+    @property
+    def corrections(self) -> list[Corrected]:
+        """What became of each correction of the site."""
+        told = self.manifest["notes"].get("corrections", {}).get("each", [])
+        return [Corrected.model_validate(one) for one in told]
 
     @property
     def rig_path(self) -> Path:

@@ -103,6 +103,7 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
             model=twin.lane_model,
             mesh=twin.mesh,
             sensors=twin.rig_spec().standing(),
+            corrections=twin.corrections,
             title=name,
             attribution=sources,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,9 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.marking import stop_lines
 from urbantwin.roads.model import LaneModel
+from urbantwin.twin import Corrected
 from urbantwin.view import style
+from urbantwin.view.plan_corrections import draw_corrections, list_corrections, list_height
 from urbantwin.view.plan_ground import draw_ground, draw_surfaces, fill
 from urbantwin.view.plan_labels import draw_labels, street_labels
 from urbantwin.view.plan_marks import draw_marks, draw_signals
@@ -76,22 +78,24 @@ def plan(
     return style.save(figure, path)
 
 
-def plan_figure(
+def plan_figure(  # noqa: PLR0913 - all that a plan shows
     network: RoadNetwork,
     region: shapely.Polygon,
     *,
     model: LaneModel | None = None,
     mesh: LabelledMesh | None = None,
     sensors: Iterable[tuple[str, float, float]] = (),
+    corrections: Sequence[Corrected] = (),
     title: str = "Lane network",
     attribution: str | Iterable[str] = (),
     look: Look = DARK,
 ) -> Figure:
     """Return a plan as a figure, in colours for a screen or for print; see ``plan``."""
     side = WIDTH - 2 * MARGIN
-    height = TITLE + side + LEGEND
+    below = LEGEND + list_height(corrections)
+    height = TITLE + side + below
     figure = style.new_figure(WIDTH, height, dpi=150, colour=look.page)
-    box = (MARGIN / WIDTH, LEGEND / height, side / WIDTH, side / height)
+    box = (MARGIN / WIDTH, below / height, side / WIDTH, side / height)
     axes = figure.add_axes(box)
     axes.set_facecolor(look.page)
     axes.set_xticks([])
@@ -114,6 +118,7 @@ def plan_figure(
     taken += _north_and_scale(axes, look, metre_per_point)
     sensors = list(sensors)
     taken += _sensors(axes, sensors, look, metre_per_point)
+    taken += draw_corrections(axes, corrections, look, metre_per_point)
     labels = street_labels(
         network,
         shapely.box(*_bounds(axes)).buffer(-2 * metre_per_point),
@@ -140,7 +145,9 @@ def plan_figure(
         fontsize=10,
         va="top",
     )
-    _legend(figure, axes, network, model, look, sensors=bool(sensors))
+    _legend(figure, axes, network, model, look, below=below, sensors=bool(sensors))
+    if corrections:
+        list_corrections(figure, corrections, look, left=MARGIN, top=below - LEGEND + 0.3)
     figure.text(
         1 - MARGIN / WIDTH,
         0.1 / height,
@@ -263,6 +270,7 @@ def _legend(
     model: LaneModel | None,
     look: Look,
     *,
+    below: float,
     sensors: bool,
 ) -> None:
     """Explain what is on this plan, below the map."""
@@ -295,7 +303,7 @@ def _legend(
         handles=[handle for handle, _ in rows],
         labels=[name for _, name in rows],
         loc="upper left",
-        bbox_to_anchor=(MARGIN / WIDTH, (LEGEND - 0.08) / height),
+        bbox_to_anchor=(MARGIN / WIDTH, (below - 0.08) / height),
         borderaxespad=0.0,
         borderpad=0.0,
         ncols=len(rows),

@@ -39,6 +39,7 @@ class Look:
         direction: arrows that only say which way a lane runs.
         signal: heads of signals.
         sensor: sensors.
+        correction: what a person corrected.
     """
 
     page: str
@@ -55,6 +56,7 @@ class Look:
     direction: str
     signal: str
     sensor: str
+    correction: str
 
 
 DARK = Look(
@@ -82,6 +84,7 @@ DARK = Look(
     direction="#aab3bd",
     signal="#ff5a4f",
     sensor=style.ACCENT,
+    correction="#5fd7ff",
 )
 
 PAPER = Look(
@@ -109,4 +112,5 @@ PAPER = Look(
     direction="#a9afb6",
     signal="#d3281c",
     sensor="#c47f00",
+    correction="#7a1fa2",
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,36 +11,17 @@ from numpy.typing import NDArray
 from pyproj import CRS
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.formats.cityjson_geometry import Surface, surfaces_of
-from urbantwin.reconstruct.formats.cityjson_semantics import semantic_number
+from urbantwin.reconstruct.formats.city_surfaces import CitySurfaces
+from urbantwin.reconstruct.formats.cityjson_geometry import surfaces_of
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
-from urbantwin.reconstruct.formats.triangulation import triangulated
-from urbantwin.reconstruct.formats.validity import check_coordinates, content_of, valid_faces
-from urbantwin.reconstruct.model import ImportedModel, TriangleMesh
+from urbantwin.reconstruct.formats.validity import check_coordinates, content_of
+from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.strict_json import parse_json
 
 __all__ = ["read_cityjson"]
 
 #: A text longer than this does not fit into memory as objects, bytes.
 LONGEST = 400_000_000
-_GREY = 128
-
-
-@dataclass
-class _Gathered:
-    """Rings of all surfaces so far."""
-
-    points: list[NDArray[np.float64]] = field(default_factory=list)
-    ring: list[NDArray[np.int64]] = field(default_factory=list)
-    polygon: list[int] = field(default_factory=list)
-    number: list[int] = field(default_factory=list)
-    semantic: list[int] = field(default_factory=list)
-    colour: list[tuple[int, int, int] | None] = field(default_factory=list)
-    names: dict[str, int] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
-    objects: int = 0
-    lods: dict[str, int] = field(default_factory=dict)
-    polygons: int = 0
 
 
 def read_cityjson(path: Path) -> ImportedModel:
@@ -57,13 +37,11 @@ def read_cityjson(path: Path) -> ImportedModel:
     documents = list(_documents(path))
     head = documents[0]
     crs = _system(head, path)
-    found = _Gathered()
+    found = CitySurfaces()
     for document in documents:
         vertices = _vertices(document, head, path)
         _take(document, vertices, _templates(head, path), head, found)
-    if not found.polygon:
-        raise InputError("holds no surface", file=path, expected="CityJSON with geometry")
-    mesh, dropped = _mesh(found, path)
+    mesh, dropped = found.mesh(path, "CityJSON")
     notes: dict[str, object] = {
         "triangles": len(mesh.faces),
         "faces_without_area_dropped": dropped,
@@ -165,7 +143,7 @@ def _take(
     vertices: NDArray[np.float64],
     templates: tuple[list[Any], NDArray[np.float64]],
     head: dict[str, Any],
-    found: _Gathered,
+    found: CitySurfaces,
 ) -> None:
     objects = document.get("CityObjects")
     if not isinstance(objects, dict):
@@ -187,7 +165,10 @@ def _take(
             lod = str(geometry.get("lod", "?"))
             found.lods[lod] = found.lods.get(lod, 0) + 1
             for surface in surfaces:
-                _add(surface, name, str(one.get("type", "")), colours, found)
+                kind = str(one.get("type", ""))
+                known = surface.material is not None and 0 <= surface.material < len(colours)
+                colour = colours[surface.material or 0] if known else None
+                found.add(surface.rings, f"{kind} {name}", kind, surface.semantic, colour)
 
 
 def _finest(one: dict[str, Any]) -> list[dict[str, Any]]:
@@ -227,25 +208,6 @@ def _left_to_parts(
     return bool(levels) and max(levels) >= _level(geometries[0])
 
 
-def _add(
-    surface: Surface,
-    name: str,
-    kind: str,
-    colours: list[tuple[int, int, int] | None],
-    found: _Gathered,
-) -> None:
-    label = f"{kind} {name}" + (f" / {surface.semantic}" if surface.semantic else "")
-    for ring in surface.rings:
-        found.points.append(ring)
-        found.ring.append(np.full(len(ring), len(found.polygon), np.int64))
-        found.polygon.append(found.polygons)
-    found.polygons += 1
-    found.number.append(found.names.setdefault(label, len(found.names)))
-    found.semantic.append(semantic_number(kind, surface.semantic))
-    known = surface.material is not None and 0 <= surface.material < len(colours)
-    found.colour.append(colours[surface.material or 0] if known else None)
-
-
 def _material_colours(document: dict[str, Any]) -> list[tuple[int, int, int] | None]:
     appearance = document.get("appearance")
     listed = appearance.get("materials") if isinstance(appearance, dict) else None
@@ -258,21 +220,3 @@ def _material_colours(document: dict[str, Any]) -> list[tuple[int, int, int] | N
         except (KeyError, TypeError, ValueError):
             found.append(None)
     return found
-
-
-def _mesh(found: _Gathered, path: Path) -> tuple[TriangleMesh, int]:
-    points = np.concatenate(found.points)
-    triangles, owner = triangulated(points, np.concatenate(found.ring), np.array(found.polygon))
-    vertices, index = np.unique(points + 0.0, axis=0, return_inverse=True)
-    faces, kept = valid_faces(index.ravel()[triangles], len(vertices), path)
-    if not len(faces):
-        raise InputError("holds no surface with an area", file=path, expected="CityJSON surfaces")
-    owner = owner[kept]
-    colour = None
-    if any(one is not None for one in found.colour):
-        table = np.array([one or (_GREY,) * 3 for one in found.colour], np.uint8)
-        colour = table[owner]
-    number = np.array(found.number, np.int32)[owner]
-    semantic = np.array(found.semantic, np.uint16)[owner]
-    mesh = TriangleMesh(vertices, faces, colour, number, tuple(found.names), semantic)
-    return mesh, int((~kept).sum())

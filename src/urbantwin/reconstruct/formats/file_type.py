@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from urbantwin.errors import InputError
+from urbantwin.reconstruct.formats.citygml.file import within_archive
 from urbantwin.reconstruct.formats.photogrammetry import CLOSED, MODELS
 from urbantwin.strict_json import parse_json
 
@@ -19,6 +20,7 @@ _BEGINNINGS = (
     (b"; FBX", "fbx"),
     (b"ply\n", "ply"),
     (b"ply\r", "ply"),
+    (b"ASTM-E57", "e57"),
 )
 _ENDINGS = {
     ".glb": "gltf",
@@ -38,7 +40,12 @@ _ENDINGS = {
     ".asc": "points",
     ".txt": "points",
     ".csv": "points",
+    ".gml": "citygml",
+    ".citygml": "citygml",
+    ".e57": "e57",
 }
+#: Endings of files of CityGML that gzip packed.
+_PACKED = (".gml.gz", ".citygml.gz", ".xml.gz")
 _TILE = (b"b3dm", b"i3dm", b"pnts", b"cmpt")
 _PEEK = 1 << 16
 
@@ -46,8 +53,8 @@ _PEEK = 1 << 16
 def kind_of(path: Path) -> str:
     """Return what a file is.
 
-    One of ``gltf``, ``obj``, ``ply``, ``stl``, ``fbx``, ``cityjson``, ``las``, ``points`` and
-    ``tiles``.
+    One of ``gltf``, ``obj``, ``ply``, ``stl``, ``fbx``, ``cityjson``, ``citygml``, ``las``,
+    ``e57``, ``points`` and ``tiles``.
 
     Raises:
         InputError: it is of another type, missing or empty.
@@ -70,19 +77,35 @@ def kind_of(path: Path) -> str:
             return kind
     if start[:4] in _TILE or ending == ".3tz":
         return "tiles"
+    if _is_packed_citygml(path, start):
+        return "citygml"
     if start.startswith(b"PK\x03\x04") or ending in CLOSED:
         known = CLOSED.get(ending, CLOSED[".zip"])
         raise InputError(f"is {known}", file=path, expected="a model that others can read")
-    text = start.lstrip(b"\xef\xbb\xbf \t\r\n")
-    if text[:1] == b"{":
-        return _json_kind(path, start)
-    if ending in _ENDINGS and ending != ".json":
-        return _ENDINGS[ending]
+    found = _text_kind(path, start, ending)
+    if found is not None:
+        return found
     raise InputError(
         f"ends in {ending or 'nothing'} and holds nothing known",
         file=path,
         expected=f"a tileset.json or {', '.join(MODELS)}",
     )
+
+
+def _is_packed_citygml(path: Path, start: bytes) -> bool:
+    if start.startswith(b"\x1f\x8b"):
+        return path.name.lower().endswith(_PACKED)
+    return start.startswith(b"PK\x03\x04") and within_archive(path) is not None
+
+
+def _text_kind(path: Path, start: bytes, ending: str) -> str | None:
+    """Return what a text is, else what its ending says, else ``None``."""
+    text = start.lstrip(b"\xef\xbb\xbf \t\r\n")
+    if text[:1] == b"{":
+        return _json_kind(path, start)
+    if text[:1] == b"<" and re.search(rb"<(?:[\w.-]+:)?CityModel\b", text):
+        return "citygml"
+    return _ENDINGS.get(ending) if ending != ".json" else None
 
 
 def _json_kind(path: Path, start: bytes) -> str:

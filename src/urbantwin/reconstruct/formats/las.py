@@ -17,7 +17,7 @@ from urbantwin.reconstruct.formats.las_sizes import checked_sizes
 from urbantwin.reconstruct.formats.validity import FARTHEST, MOST_POINTS, content_of, count_within
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 
-__all__ = ["read_las"]
+__all__ = ["bounds_in", "read_las"]
 
 #: Points that are read together, and bytes that they may take.
 PIECE, _PIECE_BYTES = 1_000_000, 1 << 28

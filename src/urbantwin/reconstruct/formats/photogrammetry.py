@@ -21,8 +21,11 @@ MODELS = (
     ".stl",
     ".json",
     ".jsonl",
+    ".gml",
+    ".citygml",
     ".laz",
     ".las",
+    ".e57",
     ".pts",
     ".xyz",
 )
@@ -34,7 +37,6 @@ CLOSED = {
     ".rcproj": "RealityCapture's project; export the model as OBJ, FBX, GLB, PLY or LAS",
     ".rsproj": "RealityScan's project; export the model as OBJ, FBX, GLB, PLY or LAS",
     ".psx": "Metashape's project; export the model as OBJ, FBX, GLB, PLY or LAS",
-    ".e57": "E57; export it as LAS, LAZ or PTS",
     ".zip": "an archive; unpack it first",
     ".7z": "an archive; unpack it first",
     ".skp": "SketchUp's; export it as OBJ or glTF",
@@ -43,7 +45,6 @@ CLOSED = {
     ".dae": "COLLADA; export it as OBJ, FBX or glTF",
     ".ifc": "IFC; export it as OBJ or glTF",
     ".osgb": "OSGB; export it as OBJ or 3D Tiles",
-    ".gml": "CityGML; convert it to CityJSON (citygml-tools)",
 }
 #: COLMAP's dense results, meshes first.
 _COLMAP = (

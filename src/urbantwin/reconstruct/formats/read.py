@@ -15,9 +15,11 @@ from pyproj import CRS
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress, between, untold
+from urbantwin.reconstruct.formats.citygml import read_citygml
 from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.colmap import camera_centres, read_sparse_points, sparse_folder
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
+from urbantwin.reconstruct.formats.e57 import read_e57
 from urbantwin.reconstruct.formats.fbx import read_fbx
 from urbantwin.reconstruct.formats.file_type import kind_of
 from urbantwin.reconstruct.formats.geotagged_images import fitted_places, image_places
@@ -99,12 +101,14 @@ def _file(
         "stl": read_stl,
         "fbx": read_fbx,
         "cityjson": read_cityjson,
+        "citygml": read_citygml,
         "points": read_text_points,
         "gltf": _gltf,
     }
-    if kind == "las":
+    if kind in ("las", "e57"):
+        read_cloud = read_las if kind == "las" else read_e57
         crop = not _placed_by_hand(source)
-        return read_las(path, frame, region, _said_system(source), crop=crop)
+        return read_cloud(path, frame, region, _said_system(source), crop=crop)
     if kind not in readers:
         raise InputError("is a tileset", file=path, expected="a model")
     return readers[kind](path)

@@ -7,8 +7,12 @@ from collections.abc import Mapping, Sequence
 
 from urbantwin.roads.cross_section.section import CarriagewayLane
 
-__all__ = ["centred_middle", "middle_of_road"]
+__all__ = ["MIDDLE", "centred_middle", "middle_of_road"]
 
+#: Tag of a way whose lanes a person corrected: how far the middle lies to the left of the line at
+#: its start and end, metres. No other tag keeps one curb in place while the other one moves.
+MIDDLE = "urbantwin:middle"
+TWO_NUMBERS = re.compile(r"(-?\d{1,3}(?:\.\d{1,4})?);(-?\d{1,3}(?:\.\d{1,4})?)")
 PLACE = re.compile(r"(left_of|middle_of|right_of):(\d+)")
 
 
@@ -33,6 +37,8 @@ def middle_of_road(
     Returns:
         metres; ``None`` where ``placement=transition`` leaves it to the ways before and after.
     """
+    if (known := TWO_NUMBERS.fullmatch(tags.get(MIDDLE, ""))) is not None:
+        return float(known[1]), float(known[2])
     usual = centred_middle(forward, backward, outward)
     ends = []
     for end in ("start", "end"):

@@ -15,7 +15,7 @@ from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, Profile, Se
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.side_lanes.clearance import cells_between, footprint
 
-__all__ = ["before_buildings", "corners_before_buildings"]
+__all__ = ["before_buildings", "corners_before_buildings", "straight_pieces"]
 
 #: Spacing of the cross sections that are looked at, metres.
 STEP_M = 0.5
@@ -128,7 +128,7 @@ def _fitted(
                 width = _tapered(width, float(s[1] - s[0]) * TAPER)
                 width[width < np.minimum(NARROWEST_M, usual)] = 0.0
             room = room - width
-            changed[lane.id] = replace(lane, width=_straight_pieces(s - section.s, width))
+            changed[lane.id] = replace(lane, width=straight_pieces(s - section.s, width, SIMPLER_M))
     if not changed:
         return section
     return replace(section, lanes=tuple(changed.get(x.id, x) for x in section.lanes))
@@ -168,9 +168,11 @@ def _tapered(width: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     return np.asarray(np.minimum(ahead, back))
 
 
-def _straight_pieces(s: NDArray[np.float64], width: NDArray[np.float64]) -> Profile:
-    """Return a profile of straight pieces along widths."""
-    line = shapely.simplify(shapely.LineString(np.column_stack([s, width])), SIMPLER_M)
+def straight_pieces(
+    s: NDArray[np.float64], width: NDArray[np.float64], tolerance: float
+) -> Profile:
+    """Return a profile of straight pieces along widths (N,) at ascending stations (N,), metres."""
+    line = shapely.simplify(shapely.LineString(np.column_stack([s, width])), tolerance)
     knots, values = shapely.get_coordinates(line).T
     slope = np.diff(values) / np.maximum(np.diff(knots), 1e-9)
     rows = np.column_stack([values[:-1], slope, np.zeros((len(slope), 2))])

@@ -20,6 +20,7 @@ from urbantwin.scene.tag_values import length_m_of
 from urbantwin.scene.tree.growth import GrownTree, grow
 from urbantwin.scene.tree.shrub import bushes
 from urbantwin.scene.tree.size import mapped_size
+from urbantwin.site.corrections import REMOVED
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["tree_mesh"]
@@ -89,6 +90,8 @@ def tree_mesh(
     trees = _mapped_trees(mine, region, carriageway, notes)
     trees += _row_trees(mine, region, taken, trees, notes)
     trees += _wood_trees(mine, region, taken, carriageway, notes)
+    # A removed one has kept its place free of those of its row.
+    trees = [tree for tree in trees if REMOVED not in tree.tags]
     assembly = Assembly()
     grown = [
         GrownTree(t.x, t.y, mapped_size(t.tags, Generator(Philox(key=abs(t.seed)))), t.seed)

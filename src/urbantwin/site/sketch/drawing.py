@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import shapely
-from numpy.typing import NDArray
-from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.site.region import FARTHEST_M, read_geojson
+from urbantwin.site.drawn_geojson import EDITORS, ToSite, shapes_in_site, to_site
+from urbantwin.site.region import read_geojson
 from urbantwin.site.sketch.kinds import KINDS, POINTS_LINES_AREAS, THINGS, Drawn
 from urbantwin.site.yaml_document import Document, nearest
 
 __all__ = ["Feature", "read_drawing"]
 
-#: Properties that editors add for their own use.
-EDITORS = re.compile(r"(stroke|fill|marker)([-_].*)?|_.*|ogc_fid|fid|id|OBJECTID|note|source|\$.*")
-#: What is written of metres of the site frame, and of degrees.
-SITE, DEGREES = "site", ("CRS84", "4326")
 #: Tags that a feature of any kind may have besides: ``osm:parking:right``.
 AS_TAG = "osm:"
 
@@ -71,53 +63,18 @@ def read_drawing(path: Path, frame: SiteFrame) -> list[Feature]:
         raise InputError(
             "is no FeatureCollection", file=path, expected="features, drawn as GeoJSON"
         )
-    to_site = _to_site(path, value.get("crs"), frame)
+    to_metres = to_site(path, value.get("crs"), frame)
     found = [
         feature
         for number, one in enumerate(features)
-        for feature in _features(path, number, one, to_site)
+        for feature in _features(path, number, one, to_metres)
     ]
     if not found:
         raise InputError("holds nothing drawn", file=path, expected="streets (kind: street)")
     return found
 
 
-class _ToSite:
-    """Coordinates of the file to the site frame."""
-
-    def __init__(self, frame: SiteFrame, crs: CRS | None, *, metres: bool) -> None:
-        self._frame, self.metres, self.degrees = frame, metres, crs is None and not metres
-        self._change = (
-            None if crs is None else Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
-        )
-
-    def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (N, 2) site metres."""
-        if self.metres:
-            return points
-        if self._change is not None:
-            points = np.column_stack(self._change.transform(points[:, 0], points[:, 1]))
-        return self._frame.site_from_lonlat(points)
-
-
-def _to_site(path: Path, crs: Any, frame: SiteFrame) -> _ToSite:  # noqa: ANN401
-    if isinstance(crs, Mapping):
-        properties = crs.get("properties")
-        crs = properties.get("name") if isinstance(properties, Mapping) else None
-    if crs is None or any(name in str(crs) for name in DEGREES):
-        return _ToSite(frame, None, metres=False)
-    if crs == SITE:
-        return _ToSite(frame, None, metres=True)
-    try:
-        return _ToSite(frame, CRS.from_user_input(crs), metres=False)
-    except (CRSError, TypeError):
-        problem = f"is {str(crs)[:80]!r}, which nobody knows"
-        raise InputError(
-            problem, file=path, place="crs", expected="site, or a CRS such as EPSG:25832"
-        ) from None
-
-
-def _features(path: Path, number: int, value: Any, to_site: _ToSite) -> Iterator[Feature]:  # noqa: ANN401
+def _features(path: Path, number: int, value: Any, to_metres: ToSite) -> Iterator[Feature]:  # noqa: ANN401
     place = f"features[{number}]"
     geometry = value.get("geometry") if isinstance(value, Mapping) else None
     properties = value.get("properties") if isinstance(value, Mapping) else None
@@ -146,62 +103,5 @@ def _features(path: Path, number: int, value: Any, to_site: _ToSite) -> Iterator
         drawn = Document(path, own, None, (place,)).validated(model)
         types = THINGS[kind][0] if kind in THINGS else model.drawn_as()
     named = f"{place} ({kind})"
-    for shape in _shapes(path, named, geometry, types, to_site):
+    for shape in shapes_in_site(path, named, geometry, types, to_metres):
         yield Feature(number, drawn, further, shape, named)
-
-
-def _shapes(
-    path: Path,
-    place: str,
-    geometry: Mapping[str, Any],
-    types: tuple[str, ...],
-    to_site: _ToSite,
-) -> Iterator[shapely.Geometry]:
-    """Yield the parts of a geometry in the site frame."""
-
-    def error(problem: str, expected: str) -> InputError:
-        return InputError(problem, file=path, place=place, expected=expected)
-
-    kind = str(geometry.get("type"))
-    parts = geometry.get("coordinates")
-    if kind.startswith("Multi"):
-        kind = kind.removeprefix("Multi")
-    else:
-        parts = [parts]
-    if kind not in types:
-        raise error(f"is drawn as {kind}", " or ".join(types))
-    if not isinstance(parts, list) or not parts:
-        raise error("has no coordinates", f"a {kind}")
-    for part in parts:
-        rings = part if kind == "Polygon" else [[part] if kind == "Point" else part]
-        try:
-            points = np.array([point[:2] for point in rings[0]], dtype=np.float64).reshape(-1, 2)
-        except (TypeError, ValueError, IndexError, KeyError):
-            raise error("has a point that is not two numbers", f"a {kind}") from None
-        if not len(points):
-            raise error("has no coordinates", f"a {kind}")
-        if to_site.degrees and (np.abs(points) > [180.0, 90.0]).any():
-            bad = points[(np.abs(points) > [180.0, 90.0]).any(axis=1)][0]
-            raise error(
-                f"has a point at {bad[0]:g}, {bad[1]:g}, which is not in degrees",
-                'longitude, latitude; or "crs": "site" for metres in the site frame',
-            )
-        xy = to_site(points)
-        if not np.isfinite(xy).all() or np.abs(xy).max() > FARTHEST_M:
-            raise error("is not near the anchor", f"at most {FARTHEST_M:g} m from it")
-        yield _shape(kind, xy, error)
-
-
-def _shape(kind: str, xy: NDArray[np.float64], error: Any) -> shapely.Geometry:  # noqa: ANN401
-    if kind == "Point":
-        return shapely.Point(xy[0])
-    kept = np.concatenate([[True], np.linalg.norm(np.diff(xy, axis=0), axis=1) > 0.01])
-    xy = xy[kept]
-    if len(xy) < (2 if kind == "LineString" else 3):
-        raise error(f"has {len(xy)} different points", "two at least; three of an area")
-    if kind == "LineString":
-        return shapely.LineString(xy)
-    area = shapely.Polygon(xy)
-    if not area.is_valid or area.area < 0.01:
-        raise error("crosses itself or has no area", "an outline")
-    return area

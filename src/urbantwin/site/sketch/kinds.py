@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from urbantwin.site.drawn_values import Count, Metres, Text, Truth, number_of
 from urbantwin.site.yaml_document import nearest, wrong
 
 __all__ = [
@@ -34,35 +35,6 @@ STREETS = (
     "motorway", "trunk", "primary", "secondary", "tertiary", "unclassified", "residential",
     "living_street", "service",
 )  # fmt: skip
-
-
-def _number(value: Any) -> Any:  # noqa: ANN401
-    """Take the text of a number for the number: tables of attributes often hold text only."""
-    if isinstance(value, str):
-        try:
-            number = float(value)
-        except ValueError:
-            return value
-        return int(number) if number.is_integer() else number
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
-def _truth(value: Any) -> Any:  # noqa: ANN401
-    words = {"yes": True, "true": True, "1": True, "no": False, "false": False, "0": False}
-    if isinstance(value, str):
-        return words.get(value.strip().lower(), value)
-    return bool(value) if value in (0, 1) else value
-
-
-def _text(value: Any) -> Any:  # noqa: ANN401
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return f"{value:g}" if is_number else value
-
-
-Count = Annotated[int, BeforeValidator(_number), Field(ge=0, le=9)]
-Metres = Annotated[float, BeforeValidator(_number), Field(gt=0, le=200, allow_inf_nan=False)]
-Truth = Annotated[bool, BeforeValidator(_truth)]
-Text = Annotated[str, BeforeValidator(_text)]
 
 
 class Drawn(BaseModel):
@@ -99,11 +71,11 @@ class Street(Drawn):
     lane_width_back_m: Text = ""
     turns: Text = ""
     turns_back: Text = ""
-    speed_kmh: Annotated[float, BeforeValidator(_number), Field(gt=0, le=250)] | None = None
+    speed_kmh: Annotated[float, BeforeValidator(number_of), Field(gt=0, le=250)] | None = None
     road_class: Text = Field("secondary", alias="class")
     sidewalk: Literal["left", "right", "both", "none"] | None = None
     cycle_lane: Literal["left", "right", "both", "none"] | None = None
-    layer: Annotated[int, BeforeValidator(_number), Field(ge=-5, le=5)] = 0
+    layer: Annotated[int, BeforeValidator(number_of), Field(ge=-5, le=5)] = 0
     surface: Text | None = None
 
     @model_validator(mode="after")
@@ -165,7 +137,7 @@ def _lane_tags(lanes: int, width: str, turns: str, way: str) -> dict[str, str]:
 
 
 def _is_lane_width(text: str) -> bool:
-    value = _number(text)
+    value = number_of(text)
     return isinstance(value, int | float) and 2.0 <= value <= 8.0
 
 

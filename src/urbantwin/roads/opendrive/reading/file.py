@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from xml.parsers import expat
 
 from lxml import etree
 
 from urbantwin.errors import InputError
+from urbantwin.strict_xml import root_name
 
 __all__ = ["top_elements"]
 
@@ -16,12 +16,6 @@ __all__ = ["top_elements"]
 LARGEST = 200_000_000
 #: The elements that are yielded.
 _TOP = ("header", "road", "junction", "controller", "junctionGroup", "station")
-#: How much of a file is looked at for its first element at a time, bytes.
-CHUNK = 65536
-
-
-class _RootSeen(Exception):  # noqa: N818 - it ends a search and is not an error
-    pass
 
 
 def top_elements(path: Path) -> Iterator[etree._Element]:
@@ -72,22 +66,6 @@ def _whole_elements(parser: etree.iterparse) -> Iterator[etree._Element]:
 
 def _root_name(path: Path) -> str:
     """Return the name of the first element, and refuse what comes before it."""
-    found: list[str] = []
-
-    def begin(name: str, _: object) -> None:
-        found.append(name.rpartition(":")[2])
-        raise _RootSeen
-
-    def doctype(*_: object) -> None:
-        raise InputError(
-            "has a document type (<!DOCTYPE>), which may hold entities: it is not read",
-            file=path,
-            expected="OpenDRIVE without one",
-        )
-
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = begin
-    parser.StartDoctypeDeclHandler = doctype
     try:
         size = path.stat().st_size
         if size > LARGEST:
@@ -97,15 +75,6 @@ def _root_name(path: Path) -> str:
                 expected=f"{LARGEST / 1e6:.0f} MB or less",
             )
         with path.open("rb") as stream:
-            while chunk := stream.read(CHUNK):
-                parser.Parse(chunk)
-        parser.Parse(b"", True)
-    except _RootSeen:
-        return found[0]
-    except expat.ExpatError as error:
-        raise InputError(f"is not XML ({error})", file=path, expected="OpenDRIVE") from None
-    except (ValueError, LookupError) as error:
-        raise InputError(f"is not XML that can be read ({error})", file=path) from None
+            return root_name(stream, path, "OpenDRIVE")
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", file=path) from None
-    raise InputError("is not XML: it has no element", file=path, expected="OpenDRIVE")

@@ -1,0 +1,304 @@
+"""Lanes that a person adds to a way or removes from it, as tags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from urbantwin.roads.cross_section.defaults import standard_of
+from urbantwin.roads.cross_section.direction import DirectionTags, direction_tags, one_way
+from urbantwin.roads.cross_section.from_tags import cross_section
+from urbantwin.roads.cross_section.lane_tags import metres
+from urbantwin.roads.cross_section.placement import MIDDLE
+from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
+
+__all__ = ["ImpossibleLaneError", "Street", "with_lane", "without_lane"]
+
+#: Tags that say how wide the whole carriageway is.
+WHOLE = ("width", "width:carriageway", "est_width")
+#: Kinds of lanes that lie beside the lanes of motor traffic: their tags.
+BESIDE = {
+    "bicycle": "cycleway",
+    "parking": "parking",
+    "shoulder": "shoulder",
+    "sidewalk": "sidewalk",
+}
+#: Beginnings of tags that count bus lanes, where lists may tell which lanes they are.
+BUS_COUNTS = ("lanes:bus", "lanes:psv", "busway")
+#: Most lanes of a direction.
+MOST = 8
+OTHER = {"left": "right", "right": "left"}
+Tags = dict[str, str]
+
+
+class ImpossibleLaneError(ValueError):
+    """A lane that cannot be there, or is not there to be removed; its text says why."""
+
+
+@dataclass(frozen=True)
+class Street:
+    """What is known of a way beside its tags.
+
+    Attributes:
+        driving_side: ``right`` or ``left``.
+        sidewalks: its sides with a sidewalk, see `roads.sidewalk.sidewalk_sides`.
+        country: ISO 3166-1 alpha-2; empty if unknown.
+    """
+
+    driving_side: str
+    sidewalks: str
+    country: str = ""
+
+    def section(self, tags: Mapping[str, str]) -> CrossSection:
+        """Return the cross section that tags describe here."""
+        return cross_section(
+            tags, driving_side=self.driving_side, sidewalks=self.sidewalks, country=self.country
+        )
+
+
+def with_lane(
+    tags: Mapping[str, str], side: str, kind: str, width_m: float | None, street: Street
+) -> Tags:
+    """Return the tags of a way that has one lane more.
+
+    It lies outside of the lanes of motor traffic on its side, within a cycle lane there. Lanes of
+    motor traffic and for bicycles make the carriageway wider on that side; the other side stays
+    where it is.
+
+    Args:
+        tags: the way's tags.
+        side: ``left`` or ``right``, as seen along the way.
+        kind: driving, bus, bicycle, parking, shoulder or sidewalk.
+        width_m: its width; ``None``: what is usual there.
+        street: what else is known of the way.
+
+    Raises:
+        ImpossibleLaneError: there is one already, or there are as many as there can be.
+    """
+    before = street.section(tags)
+    if kind in ("driving", "bus"):
+        after = _with_motor_lane(tags, side, kind, width_m, street)
+    else:
+        if _has(before, side, kind, street):
+            raise ImpossibleLaneError(f"it has a lane of kind {kind} on its {side} already")
+        after = _sided(tags, kind, street)
+        after[f"{BESIDE[kind]}:{side}"] = "yes" if kind in ("shoulder", "sidewalk") else "lane"
+        if kind == "parking":
+            after["parking:" + side + ":orientation"] = "parallel"
+        if width_m is not None:
+            after[f"{BESIDE[kind]}:{side}:width"] = f"{width_m:.10g}"
+        after = _with_whole(after, _beside_m(street.section(after), side, kind))
+    return _in_place(after, before, side, street)
+
+
+def without_lane(tags: Mapping[str, str], side: str, kind: str, street: Street) -> Tags:
+    """Return the tags of a way that has one lane less: the outermost one of its kind and side.
+
+    Args:
+        tags: the way's tags.
+        side: ``left`` or ``right``, as seen along the way.
+        kind: driving, bus, bicycle, parking, shoulder or sidewalk.
+        street: what else is known of the way.
+
+    Raises:
+        ImpossibleLaneError: there is none, or nothing would be left of the direction.
+    """
+    before = street.section(tags)
+    if kind in ("driving", "bus"):
+        after = _without_motor_lane(tags, side, kind, before, street)
+    else:
+        if not _has(before, side, kind, street):
+            raise ImpossibleLaneError(f"it has no lane of kind {kind} on its {side}")
+        after = _sided(tags, kind, street)
+        after[f"{BESIDE[kind]}:{side}"] = "no"
+        if kind == "bicycle" and _has(street.section(after), side, kind, street):
+            raise ImpossibleLaneError("its cycle lane is in its lists of lanes: tag these")
+        after = _with_whole(after, -_beside_m(before, side, kind))
+    return _in_place(after, before, side, street)
+
+
+def _forward(tags: Mapping[str, str], side: str, street: Street) -> bool:
+    """Return whether the lanes of a side run along the way."""
+    way = one_way(tags)
+    return side == street.driving_side if way == "both" else way == "forward"
+
+
+def _lanes_of(section: CrossSection, side: str) -> tuple[CarriagewayLane, ...]:
+    """Return the lanes whose outer border is on a side of the way, outwards."""
+    if not section.backward:
+        ahead = section.forward
+        return ahead if side == section.driving_side else ahead[::-1]
+    if not section.forward:
+        return section.backward[::-1] if side == section.driving_side else section.backward
+    return section.lanes(forward=side == section.driving_side)
+
+
+def _has(section: CrossSection, side: str, kind: str, street: Street) -> bool:
+    beside = section.left if side == "left" else section.right
+    if kind == "parking":
+        return beside.parking is not None
+    if kind == "shoulder":
+        return beside.shoulder > 0
+    if kind == "sidewalk":
+        return street.sidewalks in (side, "both")
+    lanes = _lanes_of(section, side)
+    return bool(lanes) and lanes[-1].kind == "bicycle"
+
+
+def _sided(tags: Mapping[str, str], kind: str, street: Street) -> Tags:
+    """Return tags in which what is said of both sides is said of each."""
+    key = BESIDE[kind]
+    section = street.section(tags)
+    after = {name: value for name, value in tags.items() if name not in (key, f"{key}:both")}
+    if kind == "parking":
+        former = ("parking:lane", "parking:condition")
+        after = {name: value for name, value in after.items() if not name.startswith(former)}
+    for side in ("left", "right"):
+        if not _has(section, side, kind, street):
+            after[f"{key}:{side}"] = "no"
+            continue
+        lane = _lanes_of(section, side)[-1:]
+        beside = section.left if side == "left" else section.right
+        if kind == "bicycle" and lane and lane[0].listed:
+            continue  # said by a list of lanes
+        if kind == "bicycle":
+            after[f"{key}:{side}"] = "track" if lane[0].track else "lane"
+            width = lane[0].width
+        elif kind == "parking" and beside.parking is not None:
+            after[f"{key}:{side}"] = beside.parking.position
+            after[f"{key}:{side}:orientation"] = beside.parking.orientation
+            continue  # its width is said of the side, or is usual
+        else:
+            after[f"{key}:{side}"] = "yes"
+            width = beside.shoulder if kind == "shoulder" else beside.sidewalk
+        if width > 0:
+            after[f"{key}:{side}:width"] = f"{width:.10g}"
+    return after
+
+
+def _with_motor_lane(
+    tags: Mapping[str, str], side: str, kind: str, width_m: float | None, street: Street
+) -> Tags:
+    standard = standard_of(street.country)
+    usual = standard.bus if kind == "bus" else standard.lane(tags.get("highway", ""))
+    width = usual if width_m is None else width_m
+    found, after, name, at_end = _direction(tags, side, street)
+    if found.motor >= MOST:
+        raise ImpossibleLaneError(f"it has {found.motor} lanes on that side already")
+    lists = dict(found.lists)
+    blank = [""] * found.slots
+    lists.setdefault("width:lanes", blank)
+    if kind == "bus":
+        lists.setdefault("bus:lanes", blank)
+    new = {"width:lanes": f"{width:.10g}", "bus:lanes": "designated" if kind == "bus" else ""}
+    for key, values in lists.items():
+        row = [*values]
+        row.insert(len(row) if at_end else 0, new.get(key, ""))
+        after[f"{key}:{name}"] = "|".join(row)
+    after[f"lanes:{name}"] = str(found.motor + 1)
+    _count(after, 1)
+    return _with_whole(after, width)
+
+
+def _without_motor_lane(
+    tags: Mapping[str, str], side: str, kind: str, before: CrossSection, street: Street
+) -> Tags:
+    found, after, name, at_end = _direction(tags, side, street)
+    row = [lane for lane in _lanes_of(before, side) if lane.listed]
+    own = [k for k, lane in enumerate(row) if lane.kind == kind]
+    if not own:
+        raise ImpossibleLaneError(f"it has no lane of kind {kind} on its {side}")
+    motor = sum(lane.kind in ("driving", "bus") for lane in row)
+    if motor < 2:
+        raise ImpossibleLaneError("it is the only lane of its direction: tag the way (oneway)")
+    # Lists run from left to right in the direction of travel; ``row`` outwards to the side.
+    slot = own[-1] if at_end else len(row) - 1 - own[-1]
+    lists = dict(found.lists)
+    for key, values in lists.items():
+        kept = [value for k, value in enumerate(values) if k != slot]
+        after[f"{key}:{name}"] = "|".join(kept)
+    after[f"lanes:{name}"] = str(found.motor - 1)
+    _count(after, -1)
+    return _with_whole(after, -row[own[-1]].width)
+
+
+def _with_whole(tags: Tags, more_m: float) -> Tags:
+    """Return tags that say a carriageway is wider or narrower, where they say how wide it is."""
+    known = {key: whole for key in WHOLE if (whole := metres(tags.get(key))) is not None}
+    return tags | {key: f"{max(whole + more_m, 0.1):.10g}" for key, whole in known.items()}
+
+
+def _beside_m(section: CrossSection, side: str, kind: str) -> float:
+    """Return how much of a carriageway a lane beside those of motor traffic takes up, metres."""
+    beside = section.left if side == "left" else section.right
+    if (
+        kind == "parking"
+        and beside.parking is not None
+        and beside.parking.position != "street_side"
+    ):
+        return beside.parking.width
+    lanes = _lanes_of(section, side)
+    if kind == "bicycle" and lanes and lanes[-1].kind == "bicycle" and not lanes[-1].track:
+        return lanes[-1].width
+    return 0.0
+
+
+def _direction(
+    tags: Mapping[str, str], side: str, street: Street
+) -> tuple[DirectionTags, Tags, str, bool]:
+    """Return the direction of a side's lanes, tags that say it by itself, and where the side is.
+
+    Returns:
+        What the tags say of that direction; tags with lists and counts of that direction alone;
+        its name; and whether the side is at the end of its lists.
+    """
+    forward = _forward(tags, side, street)
+    ahead, back, shared = direction_tags(tags, street.driving_side)
+    ways = {
+        name: _with_bus_list(one, street)
+        for name, one in (("forward", ahead), ("backward", back))
+        if one is not None
+    }
+    after = {key: value for key, value in tags.items() if not key.startswith(BUS_COUNTS)}
+    for key in {key for one in ways.values() for key in one.lists}:
+        after.pop(key, None)
+    for name, one in ways.items():
+        after[f"lanes:{name}"] = str(one.motor)
+        after |= {f"{key}:{name}": "|".join(values) for key, values in one.lists.items()}
+    after["lanes"] = str(sum(one.motor for one in ways.values()) + shared)
+    name = "forward" if forward else "backward"
+    # Seen along the traffic, the right of a way that is driven against its line is its left.
+    return ways[name], after, name, (side == "right") == forward
+
+
+def _with_bus_list(one: DirectionTags, street: Street) -> DirectionTags:
+    """Return a direction whose bus lanes at the curb are in a list, where a count tells of them."""
+    if not one.buses:
+        return one
+    row = [""] * (one.slots - one.buses) + ["designated"] * one.buses
+    row = row if street.driving_side == "right" else row[::-1]
+    return replace(one, lists={"bus:lanes": row, **one.lists}, buses=0)
+
+
+def _count(tags: Tags, more: int) -> None:
+    tags["lanes"] = str(int(tags["lanes"]) + more)
+
+
+def _in_place(after: Tags, before: CrossSection, side: str, street: Street) -> Tags:
+    """Return tags that keep the border of the other side where it was."""
+    then = street.section(after)
+    (was, now) = (
+        [sum(lane.width for lane in lanes if not lane.track) for lanes in (x.forward, x.backward)]
+        for x in (before, then)
+    )
+    start, end = before.middle
+    if was == now or start is None or end is None:
+        return after
+    moved = 0.0
+    inner = OTHER[street.driving_side] if then.forward else street.driving_side
+    if side == inner and not (then.forward and then.backward):
+        # The middle of a road of one direction is the inner border of its lanes.
+        moved = (sum(now) - sum(was)) * (-then.outward if then.forward else then.outward)
+    kept = {key: value for key, value in after.items() if not key.startswith("placement")}
+    kept[MIDDLE] = f"{start + moved:.4f};{end + moved:.4f}"
+    return kept

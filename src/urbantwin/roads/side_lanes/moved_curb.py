@@ -1,0 +1,419 @@
+"""Curbs where a person drew them: the lanes beside them become wider or narrower."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.model import RAISED_KINDS, LaneModel, LaneSection, ModelRoad, SectionLane
+from urbantwin.roads.side_lanes.frontage import straight_pieces
+from urbantwin.roads.side_lanes.lane_insertion import Insertion, Renumbering, relinked, with_lanes
+
+__all__ = ["CurbMove", "with_moved_curbs"]
+
+#: A curb is moved no farther than this, metres, to a line that runs along it within this angle, as
+#: a cosine.
+FARTHEST_M, ALONG = 6.0, 0.8
+#: Spacing of what is looked at along a line and along a road, metres.
+STEP_M = 0.25
+#: A curb returns to its place over so many times what it was moved, within limits, metres.
+SLANT, SHORTEST_TAPER_M, LONGEST_TAPER_M = 3.0, 1.0, 12.0
+#: The shortest stretch of a curb that is moved; longest gap within one that is nearer to another
+#: road, metres.
+SHORTEST_M, BETWEEN_M = 1.0, 4.0
+#: A driving lane is made wider by no more than this: beyond it there is a shoulder, metres.
+WIDER_M = 0.75
+#: How narrow lanes may become, metres (RASt 06: 2.0 m at bottlenecks of side streets).
+NARROWEST_M = {"parking": 0.0, "shoulder": 0.0, "bicycle": 0.8, "driving": 2.0, "bus": 2.5}
+#: Differences from the line that widths are drawn with, metres.
+NEAR_M = 0.004
+#: Lanes of a section by their ids.
+Lanes = dict[int, SectionLane]
+
+
+@dataclass
+class CurbMove:
+    """What became of one line that was drawn where a curb is.
+
+    Attributes:
+        metres: length of curbs that were moved to it.
+        farthest_m: how far they were moved at most, outwards or inwards.
+        why_not: why parts of it were left, each once.
+        nearest_m: how far the nearest curb is from it.
+        has_curb: whether something raised is beside all of it.
+    """
+
+    metres: float = 0.0
+    farthest_m: float = 0.0
+    why_not: list[str] = field(default_factory=list)
+    nearest_m: float = float("inf")
+    has_curb: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class _Follow:
+    """Where a curb goes: stations of a road's side, ascending, and how far out it is to lie."""
+
+    road: int
+    side: int
+    s: NDArray[np.float64]
+    out_m: NDArray[np.float64]
+    number: int
+
+
+def with_moved_curbs(
+    model: LaneModel, lines: Mapping[int, Sequence[shapely.LineString]]
+) -> tuple[LaneModel, dict[int, CurbMove]]:
+    """Return the model with curbs on the lines that were drawn for them.
+
+    The curb of a street is the outer border of its carriageway. Where it moves outwards, the
+    parking lane or shoulder beside it becomes wider, or there is a shoulder; where it moves
+    inwards, they and then the outermost lane become narrower. What lies beyond it moves along. It
+    goes back to its place before a junction, and over some metres beyond both ends of a line.
+
+    Args:
+        model: roads in plan, with their side lanes and curbs.
+        lines: number of a correction -> where the curb is, site frame.
+    """
+    moves = {number: CurbMove() for number in lines}
+    streets = [road for road in model.roads if road.junction < 0 and any(road.ways)]
+    follows = [
+        one
+        for number, parts in lines.items()
+        for line in parts
+        for one in _follows(streets, line, number, moves[number])
+    ]
+    ends = _shared_ends(model, follows)
+    roads = model.road_by_id
+    edited: dict[int, ModelRoad] = {}
+    changed: dict[int, Renumbering] = {}
+    for one in follows:
+        road = edited.get(one.road, roads[one.road])
+        moved, renumbering = _moved(road, one, ends, moves[one.number])
+        if renumbering is not None:
+            before = changed.get(road.id)
+            changed[road.id] = renumbering if before is None else _both(before, renumbering)
+        edited[road.id] = moved
+    if not edited:
+        return model, moves
+    whole = replace(model, roads=tuple(edited.get(road.id, road) for road in model.roads))
+    return relinked(whole, changed), moves
+
+
+def _both(first: Renumbering, second: Renumbering) -> Renumbering:
+    return Renumbering(
+        {old: second.start.get(new, new) for old, new in first.start.items()},
+        {old: second.end.get(new, new) for old, new in first.end.items()},
+    )
+
+
+def _flat(section: LaneSection, side: int) -> list[SectionLane]:
+    """Return the lanes of a side of the carriageway, outwards."""
+    lanes = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))
+    raised = next((k for k, x in enumerate(lanes) if x.kind in RAISED_KINDS), len(lanes))
+    return lanes[:raised]
+
+
+def _curb_out(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far out (N,) the curb of a side lies from the reference line; nan without one.
+
+    On the inner side of a road of one direction it is where its lanes begin.
+    """
+    if _is_inner(road, side):
+        return np.asarray(side * road.offset.at(s))
+    out = np.full(len(s), np.nan)
+    which = np.searchsorted([x.s for x in road.sections], s + 1e-9, side="right") - 1
+    for k, section in enumerate(road.sections):
+        here, flat = which == k, _flat(section, side)
+        if flat and here.any():
+            out[here] = side * road.border(section, flat[-1], s[here], outer=True)
+    return out
+
+
+def _is_inner(road: ModelRoad, side: int) -> bool:
+    """Whether a side has no lanes of the carriageway, and the other one has them all along."""
+    return not any(_flat(x, side) for x in road.sections) and all(
+        _flat(x, -side) for x in road.sections
+    )
+
+
+def _follows(
+    streets: Sequence[ModelRoad], line: shapely.LineString, number: int, move: CurbMove
+) -> list[_Follow]:
+    """Return which curbs follow a line: of every piece of it the nearest one along it."""
+    points = shapely.get_coordinates(shapely.segmentize(line, STEP_M))
+    ahead = np.gradient(points, axis=0)
+    heading = np.arctan2(ahead[:, 1], ahead[:, 0])
+    gap = np.full(len(points), np.inf)
+    owner = np.full(len(points), -1)
+    sides = [(road, side) for road in streets for side in (1, -1)]
+    stations: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
+    for k, (road, side) in enumerate(sides):
+        reach = 30.0 + FARTHEST_M
+        if shapely.distance(road.curve.line, line) > reach:
+            continue
+        s, t = road.curve.locate(points)
+        out = _curb_out(road, side, np.clip(s, 0.0, road.length))
+        away = np.abs(side * t - out)
+        along = np.abs(np.cos(road.curve.at(np.clip(s, 0, road.length))[:, 2] - heading)) > ALONG
+        within = (s >= -STEP_M) & (s <= road.length + STEP_M) & along & np.isfinite(out)
+        near = away[within].min(initial=np.inf)
+        move.nearest_m = min(move.nearest_m, float(near))
+        better = within & (away < gap) & (away <= FARTHEST_M)
+        gap[better], owner[better] = away[better], k
+        stations[k] = s, side * t
+    found = []
+    for k, mine in _runs(owner):
+        s, out = (value[mine] for value in stations[k])
+        order = np.argsort(s, kind="stable")
+        s, out = s[order], out[order]
+        keep = np.concatenate([[True], np.diff(s) > 1e-6])
+        road, side = sides[k]
+        if s[-1] - s[0] >= min(SHORTEST_M, line.length / 2):
+            found.append(_Follow(road.id, side, s[keep], out[keep], number))
+    return found
+
+
+def _runs(owner: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield which points in a row have one owner, and the owner; another's are few between them."""
+    for k in np.unique(owner[owner >= 0]).tolist():
+        mine = np.flatnonzero(owner == k)
+        apart = np.flatnonzero(np.diff(mine) > BETWEEN_M / STEP_M) + 1
+        for run in np.split(mine, apart):
+            yield k, run
+
+
+def _shared_ends(model: LaneModel, follows: Sequence[_Follow]) -> set[tuple[int, str, int]]:
+    """Return ends (road, start or end, side) of roads beyond which the next one's curb moves too.
+
+    There a curb need not go back to its place.
+    """
+    roads = model.road_by_id
+    reached: set[tuple[int, str, int]] = set()
+    for one in follows:
+        road = roads[one.road]
+        for end, touches in (
+            ("start", one.s[0] < 2 * STEP_M),
+            ("end", one.s[-1] > road.length - 2 * STEP_M),
+        ):
+            if touches:
+                reached.add((one.road, end, one.side))
+    found = set()
+    for number, end, side in reached:
+        link = roads[number].predecessor if end == "start" else roads[number].successor
+        if link is None or link.element != "road":
+            continue
+        other = side if link.contact != end else -side
+        if (link.id, link.contact, other) in reached:
+            found.add((number, end, side))
+    return found
+
+
+def _moved(
+    road: ModelRoad, one: _Follow, ends: set[tuple[int, str, int]], move: CurbMove
+) -> tuple[ModelRoad, Renumbering | None]:
+    """Return a road with one curb on its line."""
+    s, wanted = _way(road, one, ends)
+    if len(s) < 2:
+        return road, None
+    inner = _is_inner(road, one.side)
+    out, inwards = np.maximum(wanted, 0.0), np.maximum(-wanted, 0.0)
+    short = _missing(road, -one.side if inner else one.side, s, inwards, most=1 if inner else None)
+    if short > NEAR_M:
+        move.why_not.append(f"lanes would be {short:.2f} m too narrow for traffic")
+        return road, None
+    drawn = (s >= one.s[0]) & (s <= one.s[-1])
+    move.metres += float(one.s[-1] - one.s[0])
+    move.farthest_m = max(move.farthest_m, float(np.abs(wanted[drawn]).max(initial=0.0)))
+    raised = [x for x in road.section_at(float(one.s.mean())).lanes if x.id * one.side > 0]
+    move.has_curb &= any(x.kind in RAISED_KINDS for x in raised)
+    if inner:
+        return _inner_moved(road, one.side, s, wanted), None
+    if inwards.max() > NEAR_M:
+        road = _narrower(road, one.side, s, inwards)
+    if out.max() <= NEAR_M:
+        return road, None
+    beside = {
+        flat[-1].kind
+        for section, end in zip(road.sections, road.section_ends, strict=True)
+        if end > s[0] and section.s < s[-1] and (flat := _flat(section, one.side))
+    }
+    if beside <= {"parking", "shoulder"} or out.max() <= WIDER_M:
+        return _wider(road, one.side, s, out), None
+    shoulder = Insertion(
+        one.side,
+        "outer",
+        "shoulder",
+        float(s[0]),
+        float(s[-1]),
+        straight_pieces(s - s[0], out, NEAR_M),
+    )
+    return with_lanes(road, [shoulder])
+
+
+def _way(
+    road: ModelRoad, one: _Follow, ends: set[tuple[int, str, int]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return stations (N,) and how far out (N,) the curb moves there, with its tapers."""
+    first, last = max(float(one.s[0]), 0.0), min(float(one.s[-1]), road.length)
+    if (road.id, "start", one.side) in ends and first < 2 * STEP_M:
+        first = 0.0
+    if (road.id, "end", one.side) in ends and last > road.length - 2 * STEP_M:
+        last = road.length
+    s = np.unique(np.concatenate([np.arange(first, last, STEP_M), [last]]))
+    curb = _curb_out(road, one.side, s)
+    wanted = np.interp(s, one.s, one.out_m) - curb
+    known = np.isfinite(wanted)
+    s, wanted = s[known], wanted[known]
+    if len(s) < 2:
+        return s, wanted
+    before = _taper(float(s[0]), float(wanted[0]), goes_on=(road.id, "start", one.side) in ends)
+    after = _taper(
+        road.length - float(s[-1]), float(wanted[-1]), goes_on=(road.id, "end", one.side) in ends
+    )
+    whole = np.unique(
+        np.concatenate(
+            [s, s[0] - np.linspace(0, before[0], 12), s[-1] + np.linspace(0, after[0], 12)]
+        )
+    )
+    moved = np.interp(whole, s, wanted)
+    for (outside, inside), end, way in ((before, s[0], 1.0), (after, s[-1], -1.0)):
+        if outside + inside > 0:
+            u = np.clip((way * (whole - end) + outside) / (outside + inside), 0.0, 1.0)
+            moved = moved * u * u * (3 - 2 * u)
+    return whole, moved
+
+
+def _taper(room: float, far: float, *, goes_on: bool) -> tuple[float, float]:
+    """Return over how many metres a curb goes back to its place: outside and inside its line."""
+    if goes_on and room < 2 * STEP_M:
+        return 0.0, 0.0
+    length = float(np.clip(SLANT * abs(far), SHORTEST_TAPER_M, LONGEST_TAPER_M))
+    outside = min(room, length)
+    return outside, max(0.0, min(length, 2 * abs(far) + SHORTEST_TAPER_M) - outside)
+
+
+def _missing(
+    road: ModelRoad,
+    side: int,
+    s: NDArray[np.float64],
+    inwards: NDArray[np.float64],
+    most: int | None = None,
+) -> float:
+    """Return by how much lanes would be narrower than they can be, metres.
+
+    ``most``: how many lanes give up width, from the reference line outwards.
+    """
+    short = 0.0
+    for section, end in zip(road.sections, road.section_ends, strict=True):
+        here = (s >= section.s) & (s <= end)
+        if not here.any():
+            continue
+        given = np.zeros(int(here.sum()))
+        for lane in _flat(section, side)[:most]:
+            usual = lane.width.at(s[here] - section.s)
+            given = given + np.maximum(usual - NARROWEST_M.get(lane.kind, usual), 0.0)
+        short = max(short, float((inwards[here] - given).max()))
+    return short
+
+
+def _narrower(
+    road: ModelRoad, side: int, s: NDArray[np.float64], inwards: NDArray[np.float64]
+) -> ModelRoad:
+    """Return a road whose outer lanes give up width, from the outermost inwards."""
+
+    def changed(
+        lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
+    ) -> Lanes:
+        left = np.interp(at, s, inwards, left=0.0, right=0.0)
+        found = {}
+        for lane in reversed(lanes):
+            usual = lane.width.at(ds)
+            given = np.clip(usual - NARROWEST_M.get(lane.kind, usual), 0.0, left)
+            if given.max(initial=0.0) > 0:
+                found[lane.id] = replace(lane, width=straight_pieces(ds, usual - given, NEAR_M))
+            left = left - given
+        return found
+
+    return _with_widths(road, side, s, changed)
+
+
+def _wider(
+    road: ModelRoad, side: int, s: NDArray[np.float64], out: NDArray[np.float64]
+) -> ModelRoad:
+    """Return a road whose outermost lane of the carriageway is wider."""
+
+    def changed(
+        lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
+    ) -> Lanes:
+        lane = lanes[-1]
+        width = lane.width.at(ds) + np.interp(at, s, out, left=0.0, right=0.0)
+        return {lane.id: replace(lane, width=straight_pieces(ds, width, NEAR_M))}
+
+    return _with_widths(road, side, s, changed)
+
+
+def _inner_moved(
+    road: ModelRoad, side: int, s: NDArray[np.float64], out: NDArray[np.float64]
+) -> ModelRoad:
+    """Return a road of one direction whose lanes begin farther out on its inner side.
+
+    The lane there becomes wider, and what is raised beside it (a median) gives the ground up.
+    """
+    at = np.unique(
+        np.concatenate([np.arange(0.0, road.length, STEP_M), [road.length], s, road.offset.start])
+    )
+    at = at[(at >= 0.0) & (at <= road.length)]
+    offset = road.offset.at(at) + side * np.interp(at, s, out, left=0.0, right=0.0)
+    road = replace(road, offset=straight_pieces(at, offset, NEAR_M))
+
+    def wider(
+        lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
+    ) -> Lanes:
+        lane = lanes[0]
+        width = lane.width.at(ds) + np.interp(at, s, out, left=0.0, right=0.0)
+        return {lane.id: replace(lane, width=straight_pieces(ds, width, NEAR_M))}
+
+    def narrower(
+        lanes: Sequence[SectionLane], ds: NDArray[np.float64], at: NDArray[np.float64]
+    ) -> Lanes:
+        lane = lanes[0]
+        width = lane.width.at(ds) - np.interp(at, s, out, left=0.0, right=0.0)
+        return {lane.id: replace(lane, width=straight_pieces(ds, np.maximum(width, 0.0), NEAR_M))}
+
+    return _with_widths(_with_widths(road, -side, s, wider), side, s, narrower, raised=True)
+
+
+def _with_widths(
+    road: ModelRoad,
+    side: int,
+    s: NDArray[np.float64],
+    changed: Callable[[Sequence[SectionLane], NDArray[np.float64], NDArray[np.float64]], Lanes],
+    *,
+    raised: bool = False,
+) -> ModelRoad:
+    """Return a road in whose sections about stations a side's lanes of the carriageway changed.
+
+    ``changed``: of these lanes, outwards, with stations in their section and along the road;
+    ``raised``: of those beside the carriageway instead.
+    """
+    sections = []
+    for section, end in zip(road.sections, road.section_ends, strict=True):
+        lanes = _flat(section, side)
+        if raised:
+            lanes = [x for x in section.lanes if x.id == side]
+        if lanes and end > s[0] and section.s < s[-1]:
+            knots = [lane.width.start + section.s for lane in lanes]
+            steps = np.linspace(section.s, end, max(2, int((end - section.s) / STEP_M) + 2))
+            at = np.unique(np.concatenate([steps, s, *knots]))
+            at = at[(at >= section.s) & (at <= end)]
+            new = changed(lanes, at - section.s, at)
+            section = replace(  # noqa: PLW2901
+                section, lanes=tuple(new.get(lane.id, lane) for lane in section.lanes)
+            )
+        sections.append(section)
+    return replace(road, sections=tuple(sections))

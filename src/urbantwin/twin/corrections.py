@@ -1,0 +1,178 @@
+"""Corrections of a site carried through the stages of a build, and what became of each."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import shapely
+
+from urbantwin.result_warning import ResultWarning
+from urbantwin.roads.corrected_lanes import with_lanes_corrected
+from urbantwin.roads.driving_side import country_of
+from urbantwin.roads.side_lanes import CurbMove
+from urbantwin.site import Extract, Site
+from urbantwin.site.corrections import (
+    AddLane,
+    AddPole,
+    AddTree,
+    AddWall,
+    Correction,
+    MoveCurb,
+    Outcome,
+    RemoveElement,
+    RemoveLane,
+    RemoveThing,
+    SetTags,
+    read_corrections,
+    with_elements,
+)
+
+__all__ = ["Corrections"]
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """The corrections of a site.
+
+    Attributes:
+        each: in the order of their file.
+        outcomes: number of a correction -> what became of it; filled stage by stage.
+    """
+
+    each: tuple[Correction, ...]
+    outcomes: dict[int, Outcome] = field(default_factory=dict)
+
+    @classmethod
+    def of_site(cls, site: Site) -> Corrections:
+        """Read the corrections of a site, if it has any.
+
+        Raises:
+            InputError: something in the file is wrong.
+        """
+        if site.corrections is None:
+            return cls(())
+        return cls(tuple(read_corrections(site.corrections.path, site.frame, site.region)))
+
+    @property
+    def of_scene(self) -> list[Correction]:
+        """Those of what stands."""
+        kinds = (AddPole, AddTree, AddWall, RemoveThing)
+        return [one for one in self.each if isinstance(one.asked, kinds)]
+
+    def map_corrected(
+        self, extract: Extract | None, site: Site, driving_side: str
+    ) -> Extract | None:
+        """Return the map as it was corrected: elements, then lanes.
+
+        Raises:
+            InputError: a correction is of an element that the map does not have.
+        """
+        if extract is None:
+            kinds = (SetTags, RemoveElement, AddLane, RemoveLane)
+            for one in self.each:
+                if isinstance(one.asked, kinds):
+                    self.keep([Outcome(one, False, "the site has no map (osm) to correct")])
+            return None
+        if not self.each:
+            return extract
+        extract, told = with_elements(extract, self.each, site.frame, site.region)
+        self.keep(told)
+        if site.roads is not None:
+            self._not_of_roads(site, (AddLane, RemoveLane))
+            return extract
+        extract, told = with_lanes_corrected(
+            extract,
+            self.each,
+            site.frame,
+            site.region,
+            driving_side=driving_side,
+            country=country_of(site.latitude, site.longitude),
+        )
+        self.keep(told)
+        return extract
+
+    def curbs(self) -> dict[int, list[shapely.LineString]]:
+        """Return the lines that were drawn where curbs are, by the number of their correction."""
+        return {
+            one.number: [shape for shape in one.shapes if isinstance(shape, shapely.LineString)]
+            for one in self.each
+            if isinstance(one.asked, MoveCurb)
+        }
+
+    def keep_curbs(self, moves: Mapping[int, CurbMove], site: Site) -> None:
+        """Keep what became of curbs."""
+        if site.roads is not None or (site.osm is None and site.sketch is None):
+            self._not_of_roads(site, (MoveCurb,))
+            return
+        by_number = {one.number: one for one in self.each}
+        self.keep(_curb_outcome(by_number[number], move) for number, move in moves.items())
+
+    def keep(self, outcomes: Iterable[Outcome]) -> None:
+        """Keep what a stage tells."""
+        self.outcomes.update({one.correction.number: one for one in outcomes})
+
+    def _not_of_roads(self, site: Site, kinds: tuple[type, ...]) -> None:
+        told = "the site has no map of roads"
+        if site.roads is not None:
+            told = f"the roads are those of {site.roads.path.name}: they are corrected there"
+        for one in self.each:
+            if isinstance(one.asked, kinds):
+                self.keep([Outcome(one, False, told)])
+
+    def notes(self) -> dict[str, Any]:
+        """Return what ``twin.json`` keeps: counts, and each with where it is, site metres."""
+        if not self.each:
+            return {}
+        told = [self.outcomes[one.number] for one in self.each]
+        applied = Counter(one.applied for one in told)
+        return {
+            "corrections": {
+                "applied": applied[True],
+                "not_applied": applied[False],
+                "each": [_note(one) for one in told],
+            }
+        }
+
+    def warnings(self) -> Iterator[ResultWarning]:
+        """Yield what was not done."""
+        for one in self.each:
+            outcome = self.outcomes[one.number]
+            if not outcome.applied:
+                yield ResultWarning(
+                    "corrections",
+                    f"{one.place} is not applied",
+                    outcome.told,
+                    "plan.png shows what is there, by the same number",
+                )
+
+
+def _curb_outcome(one: Correction, move: CurbMove) -> Outcome:
+    drawn = sum(shape.length for shape in one.shapes)
+    why = "; ".join(dict.fromkeys(move.why_not))
+    if not move.metres:
+        near = f"the nearest is {move.nearest_m:.1f} m away" if np.isfinite(move.nearest_m) else ""
+        told = why or "; ".join(filter(None, ["no curb of a street runs along it", near]))
+        return Outcome(one, False, told)
+    told = f"{move.metres:.1f} m of {drawn:.1f} m drawn, moved by up to {move.farthest_m:.2f} m"
+    if not move.has_curb:
+        told += ", as the edge of a carriageway: nothing raised is beside it"
+    return Outcome(one, True, f"{told}; {why}" if why else told)
+
+
+def _note(one: Outcome) -> dict[str, Any]:
+    asked = one.correction.asked
+    return {
+        "number": one.correction.number,
+        "what": f"{asked.action} {asked.what}".strip(),
+        "applied": one.applied,
+        "told": one.told,
+        "at_m": [
+            np.round(shapely.get_coordinates(part), 3).tolist()
+            for shape in one.shapes
+            for part in shapely.get_parts(shape)
+        ],
+    }
