@@ -13,6 +13,7 @@ INPUT_KINDS = {
     "sketch": "sketch of the streets",
     "roads": "map of the roads",
     "dem": "elevation model",
+    "buildings": "footprints of buildings with heights",
     "geometry": "geometry (mesh, point cloud or 3D Tiles)",
     "recording": "real LiDAR frames of the static world",
     "imagery": "picture of the ground",

@@ -15,6 +15,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.site.dem import check_dem
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import check_roads
+from urbantwin.site.fetched import FetchedSpec, check_fetched
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.region import (
@@ -84,6 +85,7 @@ class _File(_Strict):
     file: Annotated[str, Field(min_length=1, description="the name of a file")]
     licence: str = "not stated"
     attribution: str = "not stated"
+    fetched: FetchedSpec | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -123,6 +125,7 @@ class _SiteFile(_Strict):
     osm: _OsmFile | None = None
     sketch: _File | None = None
     dem: _File | None = None
+    buildings: _File | None = None
     roads: _Roads = _Roads()
     geometry: list[GeometrySpec] = []
     imagery: list[ImagerySpec] = []
@@ -178,6 +181,7 @@ class Site:
         outline: the region's ring as it was given, longitude and latitude; empty for a circle.
         clutter: what stands beside the streets: ``typical``, ``mapped`` or ``none``.
         sketch: a sketch by hand that stands for the extract.
+        buildings: footprints with heights, which complete those of the extract.
     """
 
     file: Path
@@ -201,6 +205,7 @@ class Site:
     outline: tuple[tuple[float, float], ...] = ()
     clutter: Clutter = "typical"
     sketch: InputFile | None = None
+    buildings: InputFile | None = None
 
     @cached_property
     def frame(self) -> SiteFrame:
@@ -222,7 +227,12 @@ class Site:
             "anchor": {"latitude": self.latitude, "longitude": self.longitude},
             "region": region,
         }
-        for kind, item in (("osm", self.osm), ("sketch", self.sketch), ("dem", self.dem)):
+        for kind, item in (
+            ("osm", self.osm),
+            ("sketch", self.sketch),
+            ("dem", self.dem),
+            ("buildings", self.buildings),
+        ):
             if item:
                 value[kind] = _file_entry(item)
         roads: dict[str, Any] = _file_entry(self.roads) if self.roads else {}
@@ -258,7 +268,9 @@ class Site:
     def _geometry(self) -> dict[str, Any]:
         sources = []
         for source in self.geometry:
-            spec = source.spec.model_dump(exclude_none=True, exclude_defaults=True, by_alias=True)
+            spec = source.spec.model_dump(
+                exclude_none=True, exclude_defaults=True, exclude={"fetched"}, by_alias=True
+            )
             for name in ("file", "footprints", "control_points"):
                 if isinstance(spec.get(name), str):
                     spec[name] = Path(spec[name]).name
@@ -268,7 +280,9 @@ class Site:
     def _imagery(self) -> dict[str, Any]:
         pictures = []
         for source in self.imagery:
-            spec = source.spec.model_dump(exclude_none=True, exclude_defaults=True)
+            spec = source.spec.model_dump(
+                exclude_none=True, exclude_defaults=True, exclude={"fetched"}
+            )
             if source.path is not None:
                 spec["file"] = source.path.name
             else:
@@ -282,7 +296,8 @@ class Site:
 
     def files(self) -> list[Path]:
         """Return every file and folder that the site names, and its own."""
-        given = (self.osm, self.sketch, self.roads, self.dem, *self.geometry, *self.imagery)
+        files = (self.osm, self.sketch, self.roads, self.dem, self.buildings)
+        given = (*files, *self.geometry, *self.imagery)
         named = [one.path for one in given if one is not None and one.path is not None]
         return [self.file, self.rig_file, *named, *(path for _, path in self.own_assets)]
 
@@ -293,6 +308,7 @@ class Site:
             ("sketch", self.sketch),
             ("roads", self.roads),
             ("dem", self.dem),
+            ("buildings", self.buildings),
         )
         sources = [
             {
@@ -365,6 +381,13 @@ def load_site(path: Path) -> Site:
     dem = _input_file(document, "dem", raw.dem, "a DEM as GeoTIFF") if raw.dem else None
     if dem:
         check_dem(dem.path, frame, region)
+    buildings = None
+    if raw.buildings is not None:
+        if raw.osm is None:
+            raise document.error(
+                "stands without an extract (osm)", ("buildings",), "a map that it completes"
+            )
+        buildings = _input_file(document, "buildings", raw.buildings, "footprints as GeoJSON")
     if isinstance(raw.rig, str):
         rig_file = path.parent / raw.rig
         _must_exist(document, ("rig",), rig_file, "a rig as YAML")
@@ -397,6 +420,7 @@ def load_site(path: Path) -> Site:
         outline=outline,
         clutter=raw.scene.clutter,
         sketch=sketch,
+        buildings=buildings,
     )
 
 
@@ -407,6 +431,7 @@ def _geometry_sources(document: Document, specs: list[GeometrySpec]) -> tuple[Ge
         if source.path is not None:
             kind = "a mesh, a tileset.json, a point cloud or a folder of photogrammetry"
             _must_exist(document, (*where, "file"), source.path, kind, folders=True)
+            check_fetched(document, where, source.path, source.spec.fetched)
         if source.footprints is not None:
             kind = "outlines of buildings (GeoPackage, GeoJSON, SpatiaLite)"
             _must_exist(document, (*where, "footprints"), source.footprints, kind)
@@ -417,8 +442,9 @@ def _imagery_sources(document: Document, specs: list[ImagerySpec]) -> tuple[Imag
     sources = tuple(ImagerySource(spec, document, k) for k, spec in enumerate(specs))
     for source in sources:
         if source.path is not None:
-            where = ("imagery", source.number, "file")
-            _must_exist(document, where, source.path, "a picture as GeoTIFF")
+            where = ("imagery", source.number)
+            _must_exist(document, (*where, "file"), source.path, "a picture as GeoTIFF")
+            check_fetched(document, where, source.path, source.spec.fetched)
     return sources
 
 
@@ -449,6 +475,7 @@ def _region(
 def _input_file(document: Document, field: str, raw: _File, kind: str) -> InputFile:
     path = document.file.parent / raw.file
     _must_exist(document, (field, "file"), path, kind)
+    check_fetched(document, (field,), path, raw.fetched)
     return InputFile(path, raw.licence, raw.attribution)
 
 

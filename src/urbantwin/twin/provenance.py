@@ -43,6 +43,7 @@ def made_from(
             ("osm", site.osm),
             ("sketch", site.sketch),
             ("dem", site.dem),
+            ("buildings", site.buildings),
             ("roads", site.roads),
         )
         if one is not None
