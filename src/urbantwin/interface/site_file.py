@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
+from urbantwin.progress import between
 
 if TYPE_CHECKING:
     from urbantwin.site import Site as CheckedSite
@@ -25,10 +27,13 @@ class Site:
 
     Attributes:
         path: the file.
+        sources: where its inputs were fetched from just now: ``kind``, ``source``, ``outcome`` and
+            what is ``told`` of each source that was asked; empty where nothing was fetched.
     """
 
-    def __init__(self, path: AnyPath) -> None:
+    def __init__(self, path: AnyPath, sources: Sequence[Mapping[str, str]] = ()) -> None:
         self.path = Path(path)
+        self.sources = [dict(one) for one in sources]
 
     @classmethod
     def open(cls, path: AnyPath) -> Site:
@@ -83,6 +88,7 @@ class Site:
             region={"area_m2": round(site.region.area, 1)},
             traffic_per_hour={name: n for name, n in site.traffic.per_hour.items() if n},
             sensors=sensors,
+            **({"sources": self.sources} if self.sources else {}),
             next=f"urbantwin run {shlex.quote(str(self.path))}",
         )
 
@@ -98,10 +104,20 @@ def init(  # noqa: PLR0913 - the options of the command
     at_junction: bool = False,
     radius: float | None = None,
     region: AnyPath | None = None,
+    at: str | tuple[float, float] | None = None,
+    place: str | None = None,
+    use: str | Sequence[str] | None = None,
+    also: str | Sequence[str] | None = None,
+    sources: AnyPath | None = None,
+    cache: AnyPath | None = None,
+    offline: bool = False,
     force: bool = False,
     progress: ShowProgress = True,
 ) -> Site:
-    """Write a commented ``site.yaml`` for a place on a map.
+    """Write a commented ``site.yaml`` for a place on a map, or for any place on earth.
+
+    With ``at`` or ``place`` its inputs are fetched from public sources and kept in ``inputs``
+    beside it, with where each came from, when, and on which terms.
 
     Args:
         folder: the folder to write it in; with ``out``, the map instead.
@@ -114,15 +130,25 @@ def init(  # noqa: PLR0913 - the options of the command
             without coordinates.
         radius: region of interest: metres around the anchor.
         region: region of interest: a GeoJSON polygon.
+        at: latitude and longitude of a place whose inputs are fetched; ``"48.1374,11.5755"``.
+        place: its name instead: ``"street and street, town"``, or any name.
+        use: names of sources, also as one text with commas between; only these are asked.
+        also: names of sources that are asked beside the usual ones.
+        sources: a table of further sources, as docs/acquire.md tells.
+        cache: where answers are kept; the user's cache when not given.
+        offline: ask nobody: what the cache holds has to do.
         force: replace a ``site.yaml``.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
-        InputError: no map, half a place, or a map that cannot be used.
+        InputError: no map, half a place, a map that cannot be used; a place in the sea, without
+            streets, or of a name that several have; no network.
 
     Example:
         >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
+        >>> site = ut.init("mysite", at=(48.1374, 11.5755), radius=120)
     """
+    from urbantwin.interface.fetched_inputs import FetchOptions, fetched_inputs
     from urbantwin.lidar.siting import place_in_sight, warnings_of_place
     from urbantwin.roads.imported import init_site_of_map
     from urbantwin.site.initial_site import init_site
@@ -133,8 +159,14 @@ def init(  # noqa: PLR0913 - the options of the command
     area = None if region is None else Path(region)
     if out is not None:
         target, extract, streets = _map_first(target, Path(out), extract, streets)
-    if extract is None and streets is None:
-        raise InputError("no map is given", place="--osm", expected="--osm or --roads with a file")
+    options = FetchOptions(at, place, use, also, sources, cache, offline)
+    options.check_alone(roads=streets, lat=lat, lon=lon, at_junction=at_junction)
+    if extract is None and streets is None and not options.is_asked:
+        raise InputError(
+            "no map is given",
+            place="--osm",
+            expected="--osm or --roads with a file, or --at LAT,LON to fetch one",
+        )
     if (lat is None) != (lon is None):
         given, lacking = ("--lat", "--lon") if lon is None else ("--lon", "--lat")
         raise InputError("is alone", place=given, expected=f"{lacking} beside it")
@@ -148,7 +180,14 @@ def init(  # noqa: PLR0913 - the options of the command
         chosen.append(place_in_sight(ground))
         return chosen[-1]
 
+    found = None
     with new_folder(target), shown_stage("init", progress) as tell:
+        if options.is_asked:
+            found = fetched_inputs(
+                target, options, extract, area, radius, force=force, tell=between(tell, 0.0, 0.8)
+            )
+            extract, (lat, lon) = found.extract, found.point
+            tell = between(tell, 0.8, 1.0)  # noqa: PLW2901 - of what follows
         if streets is not None:
             path = init_site_of_map(
                 target,
@@ -172,11 +211,12 @@ def init(  # noqa: PLR0913 - the options of the command
                 radius_m=radius,
                 force=force,
                 choose_pole=choose_pole,
+                fetched=found.inputs if found else (),
                 progress=tell,
             )
     told = [warning for pole in chosen for warning in warnings_of_place(pole)]
-    tell_result("init", target, told, progress)
-    return Site(path)
+    tell_result("init", target, [*(found.warnings if found else ()), *told], progress)
+    return Site(path, found.rows if found else ())
 
 
 def _map_first(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -11,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from urbantwin.artefact import sha256_of
 from urbantwin.site.yaml_document import Document, wrong
 
-__all__ = ["FetchedSpec", "check_fetched"]
+__all__ = ["FetchedInput", "FetchedSpec", "check_fetched"]
 
 
 class FetchedSpec(BaseModel):
@@ -61,3 +63,24 @@ def check_fetched(
             (*location, "fetched", "sha256"),
             "the file as it was fetched, or no `fetched` where you changed it",
         )
+
+
+@dataclass(frozen=True)
+class FetchedInput:
+    """An input that was fetched, as a first ``site.yaml`` names it.
+
+    Attributes:
+        kind: ``map``, ``elevation``, ``airborne``, ``buildings``, ``imagery`` or ``tiles``.
+        path: its file; ``None`` for what is asked for during a build.
+        licence: on what terms it may be used.
+        attribution: whom to name.
+        fetched: what is noted of the file.
+        fields: what else is said of it: ``crs``, ``url``, ``key_env``.
+    """
+
+    kind: str
+    path: Path | None
+    licence: str
+    attribution: str
+    fetched: FetchedSpec | None
+    fields: Mapping[str, str] = field(default_factory=dict)
