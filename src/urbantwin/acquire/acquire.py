@@ -19,7 +19,7 @@ from urbantwin.acquire.tileset import name_tileset
 from urbantwin.acquire.web import NotAcquiredError, Web
 from urbantwin.artefact import sha256_of
 from urbantwin.download import DownloadError
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, readable
 from urbantwin.progress import Progress, between, untold
 from urbantwin.result_warning import ResultWarning
 from urbantwin.site.extract_coverage import check_roads
@@ -138,7 +138,11 @@ def acquire_inputs(
             check_streets(found.path or folder, area)
         if found is not None:
             inputs.append(found)
-    return Acquired(tuple(inputs), tuple(attempts), (*web.warnings, *_warnings(attempts)))
+    cautions = [
+        ResultWarning(one.source.name, one.source.caution) for one in inputs if one.source.caution
+    ]
+    warnings = (*web.warnings, *_warnings(attempts), *cautions)
+    return Acquired(tuple(inputs), tuple(attempts), warnings)
 
 
 def check_streets(path: Path, area: Area) -> None:
@@ -175,8 +179,9 @@ def _first(
         name, kind = one.spec.name, one.spec.kind
         try:
             found = one.fetch(area, web, folder, progress)
+            _check_keyless(found, web)
         except (NotAcquiredError, DownloadError) as error:
-            told = str(error)
+            told = web.secrets.hidden(readable(str(error)))
             gone = isinstance(error, DownloadError) and error.status in (404, 410)
             outcome = "failed"
             if "needs a key" in told:
@@ -190,6 +195,17 @@ def _first(
     return None, asked
 
 
+def _check_keyless(found: AcquiredInput, web: Web) -> None:
+    """Refuse a file that a server wrote a key into, which may then be passed on with it.
+
+    Raises:
+        NotAcquiredError: it did.
+    """
+    if found.path is not None and web.secrets.held_by(found.path.read_bytes()):
+        found.path.unlink()
+        raise NotAcquiredError("is refused: the key stands in what it answers")
+
+
 def _noted(one: AcquiredInput) -> FetchedInput:
     fetched = None
     if one.path is not None:
@@ -197,7 +213,13 @@ def _noted(one: AcquiredInput) -> FetchedInput:
             source=one.source.name, url=one.url, at=one.at, sha256=sha256_of(one.path)
         )
     return FetchedInput(
-        one.kind, one.path, one.source.licence, one.source.attribution, fetched, dict(one.fields)
+        one.kind,
+        one.path,
+        one.source.licence,
+        one.source.attribution,
+        fetched,
+        dict(one.fields),
+        one.source.caution or "",
     )
 
 

@@ -113,7 +113,7 @@ def _files(server: Server, spec: SourceSpec, box: LonLatBox) -> list[str]:
                     r"https://\1-\2.s3.\2.amazonaws.com/",
                     one,
                 )
-                for one in addresses_of(row.get("assets"), re.compile(r"(https|s3)://.*\.parquet"))
+                for one in addresses_of(row.get("assets"), re.compile(r"(https?|s3)://.*\.parquet"))
             ]
             found += [one for one in addresses if pattern.fullmatch(one)][:1]
     if len(found) > MOST_FILES:

@@ -17,6 +17,7 @@ from urbantwin.download import (
     Client,
     DownloadError,
     Limits,
+    Secrets,
     Span,
     parse_address,
     parse_origin,
@@ -81,6 +82,7 @@ class Web:
         self.environment = os.environ if environment is None else environment
         self.limits = limits
         self.warnings: list[ResultWarning] = []
+        self._keys: set[str] = set()
         self._asked: dict[str, float] = {}
         self._lock = threading.Lock()
 
@@ -95,7 +97,13 @@ class Web:
         value = self.environment.get(source.key_env, "").strip()
         if not value:
             raise NotAcquiredError(f"needs a key in the environment variable {source.key_env}")
+        self._keys.add(value)
         return value
+
+    @property
+    def secrets(self) -> Secrets:
+        """All keys that were used."""
+        return Secrets(sorted(self._keys))
 
     def server(self, source: SourceSpec, address: str | None = None) -> Server:
         """Return a source's server.

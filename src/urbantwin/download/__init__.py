@@ -6,6 +6,7 @@ from urbantwin.download.client import Client, Limits
 from urbantwin.download.failure import DownloadError
 from urbantwin.download.kept_files import keep_bytes, kept_bytes
 from urbantwin.download.origin import Address, Origin, parse_address, parse_origin
+from urbantwin.download.redaction import Secrets
 from urbantwin.download.response_body import Answer, Span
 
 __all__ = [
@@ -15,6 +16,7 @@ __all__ = [
     "DownloadError",
     "Limits",
     "Origin",
+    "Secrets",
     "Span",
     "keep_bytes",
     "kept_bytes",

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from urbantwin.errors import readable
 from urbantwin.site.fetched import FetchedInput
 
 __all__ = ["fetched_lines", "fetched_of_kind", "map_lines", "quoted"]
@@ -51,7 +52,8 @@ def fetched_lines(inputs: Sequence[FetchedInput], named: Callable[[Path], str], 
         section, head = _HEADS[one.kind]
         is_list = section in _LISTS
         new = f"\n{section}:\n" not in f"\n{text}"
-        text += f"# {head}\n" + (f"{section}:\n" if new else "")
+        mind = f"# Mind: {readable(one.caution)}.\n" if one.caution else ""
+        text += f"# {head}\n{mind}" + (f"{section}:\n" if new else "")
         rows = _rows(one, named)
         first, *others = rows
         text += f"  - {first}\n" if is_list else f"  {first}\n"

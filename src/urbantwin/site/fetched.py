@@ -76,6 +76,7 @@ class FetchedInput:
         attribution: whom to name.
         fetched: what is noted of the file.
         fields: what else is said of it: ``crs``, ``url``, ``key_env``.
+        caution: what to know of its data, a sentence.
     """
 
     kind: str
@@ -84,3 +85,4 @@ class FetchedInput:
     attribution: str
     fetched: FetchedSpec | None
     fields: Mapping[str, str] = field(default_factory=dict)
+    caution: str = ""
