@@ -1,4 +1,4 @@
-"""Servers on this machine that speak what public ones speak: ranges, Overpass, Nominatim, faults."""
+"""Servers on this machine that speak what public ones do: ranges, Overpass, Nominatim, faults."""
 
 import contextlib
 import hashlib
@@ -38,7 +38,7 @@ class Web:
             def log_message(self, *_: object) -> None:
                 pass
 
-            def do_GET(self) -> None:  # noqa: N802 - the name that http.server calls
+            def do_GET(self) -> None:
                 web.asked.append((self.path, self.headers))
                 path = urlsplit(self.path).path
                 with contextlib.suppress(ConnectionError):

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import rasterio
+import rasterio.shutil
 import shapely
 import yaml
 from affine import Affine
@@ -41,8 +42,14 @@ def cog(west: float, south: float, side: float, cells: int, fine: float = 0.0) -
     across = west + (np.arange(cells) + 0.5) * step
     down = south + side - (np.arange(cells) + 0.5) * step
     values = (height(*np.meshgrid(across, down)) + fine).astype(np.float32)
-    profile = {"driver": "GTiff", "dtype": "float32", "count": 1, "width": cells, "height": cells,
-               "crs": "EPSG:4326", "transform": Affine(step, 0, west, 0, -step, south + side)}  # fmt: skip
+    # Noise in the last bits, which no packing takes away: blocks are large, as real ones.
+    noise = np.random.default_rng(1).integers(0, 64, values.shape, np.uint32)
+    values.view(np.uint32)[...] += noise
+    profile = {
+        "driver": "GTiff", "dtype": "float32", "count": 1, "width": cells, "height": cells,
+        "crs": "EPSG:4326", "transform": Affine(step, 0, west, 0, -step, south + side),
+        "nodata": -9999.0,
+    }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         plain, tiled = Path(folder) / "plain.tif", Path(folder) / "cog.tif"
         with rasterio.open(plain, "w", **profile) as out:

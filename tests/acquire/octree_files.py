@@ -1,4 +1,4 @@
-"""Surveys as COPC (https://copc.io) and as EPT, written for the tests: no library here writes them."""
+"""Surveys as COPC (https://copc.io) and as EPT, which no library here writes."""
 
 import io
 import json
@@ -16,7 +16,7 @@ DEPTH = 3
 
 
 def octree(points: np.ndarray) -> tuple[np.ndarray, float, dict[tuple, np.ndarray]]:
-    """The cube, and which of (N, 3) points each node (depth, x, y, z) holds: each point one node."""
+    """The cube, and which points the nodes (depth, x, y, z) hold: each is in one."""
     low = np.floor(points.min(axis=0))
     side = float(np.ceil((points.max(axis=0) - low).max())) + 1.0
     level = np.minimum(np.arange(len(points)) % 9, DEPTH)  # a ninth each above the leaves

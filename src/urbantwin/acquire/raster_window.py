@@ -153,27 +153,21 @@ def write_heights(
         NotAcquiredError: they do not cover the area, or are of several systems.
     """
     import rasterio
-    from rasterio.io import MemoryFile
-    from rasterio.merge import merge
 
     if not windows:
         raise NotAcquiredError("has nothing there")
     own = CRS(windows[0].crs)
     if any(CRS(one.crs) != own for one in windows):
         raise NotAcquiredError("has files of several reference systems there")
-    heights, transform = windows[0].heights, windows[0].transform
-    if len(windows) > 1:
-        with ExitStack() as stack:
-            parts = []
-            for one in windows:
-                memory = stack.enter_context(MemoryFile())
-                with memory.open(**_profile(one.heights, one.transform, one.crs)) as written:
-                    written.write(one.heights, 1)
-                parts.append(stack.enter_context(memory.open()))
-            joined, transform = merge(parts, nodata=np.nan)
-        heights = joined[0]
+    whole = windows[0] if len(windows) == 1 else _side_by_side(windows)
+    heights = whole.heights
     system = _with_datum(own, crs)
-    with rasterio.open(path, "w", **_profile(heights, transform, system)) as written:
+    profile = {
+        "driver": "GTiff", "dtype": "float32", "count": 1, "height": heights.shape[0],
+        "width": heights.shape[1], "transform": whole.transform, "crs": system, "nodata": np.nan,
+        "compress": "deflate", "predictor": 3,
+    }  # fmt: skip
+    with rasterio.open(path, "w", **profile) as written:
         written.write(heights, 1)
     try:
         check_dem(path, area.frame, area.circle)
@@ -182,19 +176,38 @@ def write_heights(
     return float(np.isnan(heights).mean())
 
 
-def _profile(heights: NDArray[np.float32], transform: Any, crs: str) -> dict[str, Any]:  # noqa: ANN401
-    return {
-        "driver": "GTiff",
-        "dtype": "float32",
-        "count": 1,
-        "height": heights.shape[0],
-        "width": heights.shape[1],
-        "transform": transform,
-        "crs": crs,
-        "nodata": np.nan,
-        "compress": "deflate",
-        "predictor": 3,
-    }
+def _side_by_side(windows: Sequence[HeightWindow]) -> HeightWindow:
+    """Return windows of one CRS as one, on the grid of the first; the first known height counts."""
+    from affine import Affine
+    from rasterio.warp import Resampling, reproject
+
+    first = windows[0]
+    corners = []
+    for one in windows:
+        rows, columns = one.heights.shape
+        ends = [one.transform @ end for end in ((0, 0), (columns, rows))]
+        corners += [~first.transform @ end for end in ends]
+    low = np.floor(np.min(corners, axis=0) + 1e-6).astype(int)
+    width, height = (int(n) for n in np.ceil(np.max(corners, axis=0) - 1e-6).astype(int) - low)
+    if width * height > MOST_CELLS:
+        raise NotAcquiredError(f"has {width} x {height} cells there, more than a site needs")
+    transform = first.transform @ Affine.translation(int(low[0]), int(low[1]))
+    joined = np.full((height, width), np.nan, np.float32)
+    for one in windows:
+        part = np.full_like(joined, np.nan)
+        reproject(
+            one.heights,
+            part,
+            src_transform=one.transform,
+            src_crs=one.crs,
+            src_nodata=np.nan,
+            dst_transform=transform,
+            dst_crs=one.crs,
+            dst_nodata=np.nan,
+            resampling=Resampling.bilinear,
+        )
+        joined = np.where(np.isnan(joined), part, joined)
+    return HeightWindow(joined, transform, first.crs)
 
 
 def _with_datum(own: CRS, stated: str | None) -> str:
