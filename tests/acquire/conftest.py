@@ -50,7 +50,7 @@ def area() -> Area:
 
 @pytest.fixture
 def fetch(server: Server, area: Area, tmp_path: Path) -> Callable[..., Any]:
-    """``fetch(rows)``: what is had of the place from the map and further rows of a table."""
+    """``fetch(rows)``: what is had of the place from rows of a table, the map's if none is told."""
 
     def fetched(
         *rows: dict,
@@ -60,7 +60,9 @@ def fetch(server: Server, area: Area, tmp_path: Path) -> Callable[..., Any]:
         folder: str = "inputs",
         **more: Any,
     ) -> Any:
-        table = [row(server, "osm", "map", "overpass", "/api/interpreter"), *rows]
+        table = list(rows)
+        if not any(one["kind"] == "map" for one in rows):
+            table.append(row(server, "osm", "map", "overpass", "/api/interpreter"))
         specs = [SourceSpec.model_validate(one) for one in table]
         kept = AnswerCache(cache or tmp_path / "cache")
         web = Web(kept, offline=offline, environment=environment or {}, **more)

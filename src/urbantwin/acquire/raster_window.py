@@ -18,6 +18,7 @@ from urbantwin.acquire.area import Area
 from urbantwin.acquire.remote_file import RemoteFile
 from urbantwin.acquire.source import MARGIN_M
 from urbantwin.acquire.web import NotAcquiredError
+from urbantwin.download import DownloadError
 from urbantwin.errors import InputError, readable
 from urbantwin.site.dem import HIGHEST_M, LOWEST_M, check_dem
 
@@ -70,6 +71,8 @@ def remote_raster(file: RemoteFile) -> Iterator[Any]:
                 rasterio.Env(GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR", GTIFF_REPORT_COMPD_CS=True)
             )
             yield stack.enter_context(rasterio.open("remote.tif", driver="GTiff", opener=opened))
+            if file.failure is not None:
+                raise file.failure
     except (RasterioError, CPLE_BaseError, ProjError) as error:
         if file.failure is not None:
             raise file.failure from None
@@ -79,10 +82,20 @@ def remote_raster(file: RemoteFile) -> Iterator[Any]:
 
 
 class _Unclosed:
-    """A file that its reader may close, and that stays open for the next reader."""
+    """A file as GDAL reads it: closed without effect, and short where it cannot be had.
+
+    An exception would be printed, for GDAL is called in between; `RemoteFile.failure` keeps it.
+    """
 
     def __init__(self, file: RemoteFile) -> None:
         self._file = file
+
+    def read(self, size: int = -1) -> bytes:
+        """Return up to so many bytes from the position on."""
+        try:
+            return self._file.read(size) or b""
+        except DownloadError:
+            return b""
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401
         return getattr(self._file, name)
