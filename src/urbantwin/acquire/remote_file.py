@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from typing import Any
 
-from urbantwin.acquire.web import Server
+from urbantwin.acquire.web import ChangedError, Server
 from urbantwin.download import DownloadError
 
 __all__ = ["RemoteFile"]
@@ -93,7 +93,7 @@ class RemoteFile(io.RawIOBase):
             start, stop = missing[0] * BLOCK, min((missing[0] + run) * BLOCK, self.size)
             try:
                 told = self._server.get_span(self._address, (start, stop), self._version)
-            except DownloadError:
+            except ChangedError:
                 self._server.forget(self._address, (0, BLOCK))
                 raise
             if told.whole:

@@ -24,10 +24,14 @@ from urbantwin.download import (
 )
 from urbantwin.result_warning import ResultWarning
 
-__all__ = ["Fetched", "NotAcquiredError", "Server", "Web"]
+__all__ = ["ChangedError", "Fetched", "NotAcquiredError", "Server", "Web"]
 
 #: Of one answer, of all of a source, and how long a source may take.
 LIMITS = Limits(256 << 20, 2 << 30, 1800.0)
+
+
+class ChangedError(DownloadError):
+    """A file is another than the one whose parts came before."""
 
 
 class NotAcquiredError(Exception):
@@ -202,7 +206,7 @@ class Server:
             raise DownloadError("is refused: the server does not say how large the file is")
         its = answer.version or f"{total} bytes"
         if version is not None and its != version:
-            raise DownloadError("has changed while it was read")
+            raise ChangedError("has changed while it was read")
         if answer.first == span[0] and len(answer.body) <= span[1] - span[0]:
             told = self._kept(request, answer, its)
             return Fetched(told.data, told.at, told.kind, its, total, total == len(answer.body))
