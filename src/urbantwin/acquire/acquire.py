@@ -67,9 +67,9 @@ class Attempt:
     told: str = ""
 
     def row(self) -> dict[str, str]:
-        """Return it as a row of a table."""
-        return {"kind": self.kind, "source": self.source, "outcome": self.outcome,
-                "told": self.told}  # fmt: skip
+        """Return it as a row of a table, without what is empty."""
+        row = {"kind": str(self.kind), "source": self.source, "outcome": self.outcome}
+        return {name: text for name, text in (row | {"told": self.told}).items() if text}
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def acquire_inputs(
         those = [one for one in sources if one.spec.kind == kind and one.covers(area)]
         found, asked = _first(those, area, web, folder, tell)
         attempts += asked
-        if not those:
+        if not those and kind != "tiles":  # which nobody misses who did not ask for them
             attempts.append(Attempt(kind, "", "no source", "no source covers the place"))
         if kind == "map":
             if found is None:

@@ -1,4 +1,4 @@
-"""Where an input of ``site.yaml`` was fetched from, and that it still is what was fetched."""
+"""Files that others made: on which terms, where fetched from, and whether they still are that."""
 
 from __future__ import annotations
 
@@ -13,7 +13,16 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from urbantwin.artefact import sha256_of
 from urbantwin.site.yaml_document import Document, wrong
 
-__all__ = ["FetchedInput", "FetchedSpec", "check_fetched"]
+__all__ = ["FetchedInput", "FetchedSpec", "InputFile", "check_fetched"]
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that others made: where it is, and on what terms it may be used."""
+
+    path: Path
+    licence: str
+    attribution: str
 
 
 class FetchedSpec(BaseModel):

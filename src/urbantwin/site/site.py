@@ -15,7 +15,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.site.dem import check_dem
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import check_roads
-from urbantwin.site.fetched import FetchedSpec, check_fetched
+from urbantwin.site.fetched import FetchedSpec, InputFile, check_fetched
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.region import (
@@ -141,15 +141,6 @@ class _SiteFile(_Strict):
         if not isinstance(value, str | dict):
             raise wrong("is neither", "a mapping with sensors, or the name of a rig's file")
         return value
-
-
-@dataclass(frozen=True)
-class InputFile:
-    """A file that others made: where it is, and on what terms it may be used."""
-
-    path: Path
-    licence: str
-    attribution: str
 
 
 @dataclass(frozen=True)
@@ -355,10 +346,15 @@ def _file_entry(item: InputFile) -> dict[str, str]:
 def load_site(path: Path) -> Site:
     """Read and check a ``site.yaml``. Paths in it are relative to it.
 
+    Args:
+        path: the file, or the folder that it is in.
+
     Raises:
         InputError: the file is missing or something in it is wrong; it names the file, the field
             and the line. What only the map can tell is left to `check_extract`.
     """
+    if path.is_dir() and (path / "site.yaml").is_file():
+        path = path / "site.yaml"
     document = read_document(path, kind="a site")
     raw = document.validated(_SiteFile)
     frame = SiteFrame(raw.anchor.latitude, raw.anchor.longitude)
