@@ -5,6 +5,7 @@ The format is told at https://copc.io; laspy reads it, here from range requests.
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,11 @@ __all__ = ["fetch_copc"]
 NAME = "airborne.laz"
 #: Bytes that all nodes of a place may have, packed.
 _MOST_BYTES = 1 << 30
+#: Of a header of LAS 1.4; all before the points; of records there, of a point, of pages.
+_HEADER, _MOST_BEFORE, _MOST_RECORDS, _LONGEST, _MOST_PAGES = 375, 1 << 24, 1000, 400, 10_000
+_DEEPEST = 30
+#: More points than this a packed byte does not hold.
+_DENSEST = 1000
 
 
 def fetch_copc(
@@ -65,8 +71,9 @@ def _points(file: RemoteFile, area: Area, stated: str | None) -> tuple[Any, CRS]
     """
     from laspy.copc import Bounds, CopcReader, load_octree_for_query
 
+    _check_header(file)
     try:
-        # Pages of the hierarchy and nodes are of any length: the reader asks for what it was told.
+        file.seek(0)
         reader = CopcReader(file, close_fd=False)
         crs = CRS.from_user_input(stated) if stated else reader.header.parse_crs()
         if crs is None:
@@ -75,19 +82,75 @@ def _points(file: RemoteFile, area: Area, stated: str | None) -> tuple[Any, CRS]
         bounds = Bounds(np.array(box[:2]), np.array(box[2:])).ensure_3d(
             reader.header.mins, reader.header.maxs
         )
+        _read_pages(file, reader, bounds)
         nodes = load_octree_for_query(file, reader.copc_info, reader.root_page, query_bounds=bounds)
-        counts = [node.point_count for node in nodes]
-        sizes = [node.byte_size for node in nodes]
-        if min([0, *counts, *sizes]) < 0 or sum(sizes) > min(file.size, _MOST_BYTES):
+        counts = np.array([node.point_count for node in nodes], np.int64)
+        sizes = np.array([node.byte_size for node in nodes], np.int64)
+        if (counts < 0).any() or (sizes < 0).any() or (counts > _DENSEST * sizes).any():
+            raise NotAcquiredError("is damaged: its nodes are none")
+        if sizes.sum() > min(file.size, _MOST_BYTES):
             raise NotAcquiredError("is damaged: its nodes are larger than the file")
-        # Nodes reach beyond the box: about four times as many points as there are in it.
-        if sum(counts) > 4 * MOST_POINTS:
-            raise NotAcquiredError(f"has {sum(counts):,} points there")
+        if counts.sum() > MOST_POINTS:
+            raise NotAcquiredError(f"has {counts.sum():,} points there")
         points = reader.query(bounds=bounds)
         return points[inside_box(points, box)], crs
-    except (NotAcquiredError, DownloadError, MemoryError):
+    except (NotAcquiredError, DownloadError, MemoryError, KeyboardInterrupt, SystemExit):
         raise
     except CRSError:
         raise NotAcquiredError("has a reference system that is unknown") from None
-    except Exception:
+    except BaseException:  # laspy, and its decompressor, whose panics are no Exception
         raise file.failure or NotAcquiredError("cannot be read as COPC") from None
+
+
+def _check_header(file: RemoteFile) -> None:
+    """Refuse a file whose header cannot be believed: what reads it takes room as it says.
+
+    Raises:
+        NotAcquiredError: it is no COPC (LAS 1.4 R15, table 3; COPC 1.0).
+    """
+    file.seek(0)
+    head = file.read(_HEADER + 54)
+    if len(head) < _HEADER + 54 or not head.startswith(b"LASF") or head[377:381] != b"copc":
+        raise NotAcquiredError("is no COPC")
+    size, first_point, records = struct.unpack_from("<HII", head, 94)
+    kind, record = struct.unpack_from("<BH", head, 104)
+    if (
+        size != _HEADER
+        or not _HEADER < first_point < min(file.size, _MOST_BEFORE)
+        or records > _MOST_RECORDS
+        or kind & 0x3F not in (6, 7, 8)
+        or record > _LONGEST
+    ):
+        raise NotAcquiredError("is no COPC: its header is damaged")
+
+
+def _read_pages(file: RemoteFile, reader: Any, bounds: Any) -> None:  # noqa: ANN401 - laspy's
+    """Read the pages of the hierarchy that a place needs; one may lead to another, not to itself.
+
+    Raises:
+        NotAcquiredError: they lead in circles, or are not in the file.
+    """
+    from laspy.copc import Bounds, HierarchyPage
+
+    info, entries = reader.copc_info, reader.root_page.entries
+    cube = Bounds(info.center - info.halfsize, info.center + info.halfsize)
+    seen: set[int] = set()
+    while True:
+        waiting = [
+            (key, entry)
+            for key, entry in entries.items()
+            if entry.point_count == -1
+            and 0 <= key.level <= _DEEPEST
+            and key.bounds(cube).overlaps(bounds)
+        ]
+        if not waiting:
+            return
+        for key, entry in waiting:
+            if entries[key].point_count != -1:  # a page before had it
+                continue
+            there = entry.byte_size > 0 and entry.offset + entry.byte_size <= file.size
+            if entry.offset in seen or not there or len(seen) > _MOST_PAGES:
+                raise NotAcquiredError("has a hierarchy that leads in circles")
+            seen.add(entry.offset)
+            file.seek(entry.offset)
+            entries.update(HierarchyPage.from_bytes(file.read(entry.byte_size)).entries)

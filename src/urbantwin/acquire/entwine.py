@@ -5,7 +5,6 @@ The format is told at https://entwine.io/en/latest/entwine-point-tile.html.
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,8 +21,9 @@ from urbantwin.acquire.file_index import located_files
 from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec
 from urbantwin.acquire.web import NotAcquiredError, Server, Web
-from urbantwin.download import DownloadError
+from urbantwin.errors import InputError
 from urbantwin.progress import Progress
+from urbantwin.reconstruct.formats.las_sizes import checked_sizes
 from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["fetch_ept"]
@@ -72,7 +72,7 @@ def _octree(
         name = "-".join(map(str, key))
         tile = server.get(f"{folder_url}/ept-data/{name}.laz")
         times.append(tile.at)
-        points = _points(tile.data)
+        points = _points(tile.data, folder / ".tile.laz")
         parts.append(points[inside_box(points, box)])
     total = write_cloud(parts, crs, folder / NAME)
     return AcquiredInput(
@@ -162,16 +162,21 @@ def _crs(srs: object, stated: str | None) -> CRS:
     raise NotAcquiredError("has no reference system that is known")
 
 
-def _points(data: bytes) -> Any:  # noqa: ANN401 - laspy's records
-    """Return the points of a LAZ file."""
+def _points(data: bytes, scratch: Path) -> Any:  # noqa: ANN401 - laspy's records
+    """Return the points of a LAZ file, which is written to a scratch file meanwhile."""
     import laspy
 
     try:
-        with laspy.open(io.BytesIO(data)) as reader:
-            if reader.header.point_count > MOST_POINTS:
-                raise NotAcquiredError("has a tile with too many points")
-            return reader.read().points
-    except (NotAcquiredError, DownloadError, MemoryError):
+        scratch.write_bytes(data)
+        sizes = checked_sizes(scratch)
+        if sizes is None or sizes.points > MOST_POINTS:
+            raise NotAcquiredError("has a tile that is no LAZ")
+        return laspy.read(scratch).points
+    except InputError as error:
+        raise NotAcquiredError(f"has a tile that {error.problem}") from None
+    except (NotAcquiredError, MemoryError, KeyboardInterrupt, SystemExit):
         raise
-    except Exception:
+    except BaseException:  # laspy, and its decompressor, whose panics are no Exception
         raise NotAcquiredError("has a tile that cannot be read as LAZ") from None
+    finally:
+        scratch.unlink(missing_ok=True)

@@ -93,7 +93,7 @@ class _Unclosed:
     def read(self, size: int = -1) -> bytes:
         """Return up to so many bytes from the position on."""
         try:
-            return self._file.read(size) or b""
+            return self._file.read(size)
         except DownloadError:
             return b""
 

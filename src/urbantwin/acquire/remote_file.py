@@ -62,6 +62,12 @@ class RemoteFile(io.RawIOBase):
         self._position = base + offset
         return self._position
 
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return up to so many bytes from the position on: no more room is taken than there are."""
+        left = max(0, self.size - self._position)
+        buffer = bytearray(left if size is None or size < 0 else min(size, left))
+        return bytes(buffer[: self.readinto(buffer)])
+
     def readinto(self, buffer: Any) -> int:  # noqa: ANN401 - any buffer of bytes
         """Fill a buffer from the position on; return how many bytes there were."""
         view = memoryview(buffer).cast("B")
