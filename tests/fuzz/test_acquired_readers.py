@@ -45,25 +45,30 @@ class Folder:
         return Answer(data[first:stop], first, len(data), "", "1")
 
 
+def answered(folder: Path) -> Web:
+    """A web whose servers are a folder."""
+    web = Web(AnswerCache(folder / "cache"), environment={})
+    server = web.server
+
+    def here(*arguments: Any) -> Any:
+        made = server(*arguments)
+        secrets = made._client.secrets
+        made._client = SimpleNamespace(fetch=Folder(folder).fetch, secrets=secrets)
+        return made
+
+    web.server = here
+    return web
+
+
 def fetched(**row: Any) -> Callable[[Path], None]:
     """What a source does with the files of a folder."""
 
     def read(path: Path) -> None:
-        web = Web(AnswerCache(path.parent / "cache"), environment={})
-        server = web.server
-
-        def here(*arguments: Any) -> Any:
-            made = server(*arguments)
-            made._client = SimpleNamespace(fetch=Folder(path.parent).fetch,
-                                           secrets=made._client.secrets)  # fmt: skip
-            return made
-
-        web.server = here
         out = path.parent / "out"
         out.mkdir(exist_ok=True)
         (source,) = sources_of([SourceSpec.model_validate(ROW | row)])
         try:
-            source.fetch(AREA, web, out, lambda *_: None)
+            source.fetch(AREA, answered(path.parent), out, lambda *_: None)
         except (NotAcquiredError, DownloadError) as error:
             raise InputError(str(error)) from None
         finally:
@@ -83,21 +88,13 @@ def read_outlines(path: Path) -> None:
 
 
 def read_names(path: Path) -> None:
-    web = Web(AnswerCache(path.parent / "cache"), environment={})
-    server = web.server
-
-    def here(*arguments: Any) -> Any:
-        made = server(*arguments)
-        made._client = SimpleNamespace(fetch=Folder(path.parent).fetch,
-                                       secrets=made._client.secrets)  # fmt: skip
-        return made
-
-    web.server = here
-    rows = [{"kind": "names", "access": "nominatim", "url": "http://127.0.0.1/names.json"},
-            {"kind": "map", "access": "overpass", "url": "http://127.0.0.1/meet.json"}]  # fmt: skip
+    rows = [
+        {"kind": "names", "access": "nominatim", "url": "http://127.0.0.1/names.json"},
+        {"kind": "map", "access": "overpass", "url": "http://127.0.0.1/meet.json"},
+    ]
     specs = [SourceSpec.model_validate(ROW | row) for row in rows]
     try:
-        find_place("Long Avenue and Cross Street, Stuttgart", specs, web)
+        find_place("Long Avenue and Cross Street, Stuttgart", specs, answered(path.parent))
     finally:
         shutil.rmtree(path.parent / "cache", ignore_errors=True)
 
@@ -151,7 +148,8 @@ READERS = [
     Reader("fetched cog", fetched(kind="elevation", access="cog", url="http://127.0.0.1/a.tif"),
            "a.tif", _cog),
     Reader("fetched geotiff",
-           fetched(kind="elevation", access="geotiff", url="http://127.0.0.1/a.tif"), "a.tif", _cog),
+           fetched(kind="elevation", access="geotiff", url="http://127.0.0.1/a.tif"), "a.tif",
+           _cog),
     Reader("fetched copc", fetched(kind="airborne", access="copc", url="http://127.0.0.1/a.laz"),
            "a.laz", lambda: [as_copc(*_survey(), made_world.RD)]),
     Reader("fetched ept", fetched(**EPT), "ept.json", _ept("ept.json"),

@@ -22,6 +22,7 @@ from urbantwin.acquire.source_table import SourceSpec
 from urbantwin.acquire.web import NotAcquiredError, Web
 from urbantwin.download import DownloadError
 from urbantwin.progress import Progress
+from urbantwin.reconstruct.formats.las_sizes import layers_fit
 
 __all__ = ["fetch_copc"]
 
@@ -90,9 +91,9 @@ def _points(file: RemoteFile, area: Area, stated: str | None) -> tuple[Any, CRS]
             raise NotAcquiredError("is damaged: its nodes are none")
         if sizes.sum() > min(file.size, _MOST_BYTES):
             raise NotAcquiredError("is damaged: its nodes are larger than the file")
-        if counts.sum() > MOST_POINTS:
+        if counts.sum() * max(reader.header.point_format.size, 100) > MOST_POINTS * 100:
             raise NotAcquiredError(f"has {counts.sum():,} points there")
-        points = reader.query(bounds=bounds)
+        points = _unpacked(file, reader, nodes)
         return points[inside_box(points, box)], crs
     except (NotAcquiredError, DownloadError, MemoryError, KeyboardInterrupt, SystemExit):
         raise
@@ -100,6 +101,34 @@ def _points(file: RemoteFile, area: Area, stated: str | None) -> tuple[Any, CRS]
         raise NotAcquiredError("has a reference system that is unknown") from None
     except BaseException:  # laspy, and its decompressor, whose panics are no Exception
         raise file.failure or NotAcquiredError("cannot be read as COPC") from None
+
+
+def _unpacked(file: RemoteFile, reader: Any, nodes: list[Any]) -> Any:  # noqa: ANN401 - laspy's
+    """Return the points of nodes, each of which is a chunk of LAZ.
+
+    Raises:
+        NotAcquiredError: a chunk is damaged in a way that would take all memory.
+    """
+    import lazrs
+    from laspy import PackedPointRecord, ScaleAwarePointRecord
+
+    header, how = reader.header, bytes(reader.laszip_vlr.record_data)
+    packed, table = bytearray(), []
+    for node in sorted(nodes, key=lambda one: int(one.offset)):
+        if not node.point_count:
+            continue
+        file.seek(node.offset)
+        chunk = file.read(node.byte_size)
+        if len(chunk) != node.byte_size or not layers_fit(chunk, len(chunk), how):
+            raise NotAcquiredError("is damaged: a chunk of its points is none")
+        packed += chunk
+        table.append((node.point_count, node.byte_size))
+    total = sum(count for count, _ in table)
+    unpacked = np.zeros(total * header.point_format.size, np.uint8)
+    if table:
+        lazrs.decompress_points_with_chunk_table(packed, how, unpacked, table)
+    record = PackedPointRecord.from_buffer(unpacked, header.point_format)
+    return ScaleAwarePointRecord(record.array, record.point_format, header.scales, header.offsets)
 
 
 def _check_header(file: RemoteFile) -> None:
