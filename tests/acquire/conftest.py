@@ -26,7 +26,7 @@ def here_and_now(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name.upper(), raising=False)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def made() -> Iterator[Server]:
     """The server of the made place; tests that change it use `server`."""
     with serving() as web:

@@ -148,7 +148,7 @@ def test_the_site_says_of_each_input_where_it_came_from(site, tmp_path):
     told = json.loads(out)
     assert {(one["kind"], one["outcome"]) for one in told["sources"]} == {
         ("map", "fetched"), ("elevation", "fetched"), ("buildings", "fetched"),
-        ("airborne", "no source"), ("imagery", "no source"), ("tiles", "no source"),
+        ("airborne", "no source"), ("imagery", "no source"),
     }  # fmt: skip
     assert "warning: airborne LiDAR: none was found for this place" in err
     assert "warning: dem: made up" in err

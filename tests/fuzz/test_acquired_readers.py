@@ -100,7 +100,7 @@ def read_names(path: Path) -> None:
 
 
 def _survey() -> tuple[np.ndarray, np.ndarray]:
-    return made_world.survey(150.0, 12.0)
+    return made_world.survey(60.0, 20.0)
 
 
 def _footprints() -> list[bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,9 @@ def write_cloud(parts: Sequence[Any], crs: CRS, path: Path) -> int:
     for name in (*_FIELDS, *(_COLOURS if has_colours else ())):
         values = [_field(one, name, has) for one, has in zip(parts, names, strict=True)]
         cloud[name] = np.concatenate(values)
-    cloud.write(path, do_compress=True, laz_backend=laspy.LazBackend.Lazrs)
+    packed = io.BytesIO()
+    cloud.write(packed, do_compress=True, laz_backend=laspy.LazBackend.Lazrs)
+    path.write_bytes(packed.getvalue())
     return total
 
 

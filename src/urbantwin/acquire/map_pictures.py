@@ -24,8 +24,8 @@ def fetch_pictures(
     spec: SourceSpec, area: Area, web: Web, folder: Path, progress: Progress
 ) -> AcquiredInput:
     """Write the picture of the ground around an area, as one GeoTIFF of its tiles."""
-    import rasterio
     from affine import Affine
+    from rasterio.io import MemoryFile
 
     mosaic, server, at = tile_mosaic(spec, area, web, progress)
     path = folder / "imagery.tif"
@@ -36,8 +36,10 @@ def fetch_pictures(
         "crs": "EPSG:3857", "compress": "deflate", "predictor": 2, "photometric": "RGB",
         "alpha": "unassociated", "tiled": True,
     }  # fmt: skip
-    with rasterio.open(path, "w", **profile) as written:
-        written.write(mosaic.pixels)
+    with MemoryFile() as file:
+        with file.open(**profile) as written:
+            written.write(mosaic.pixels)
+        path.write_bytes(file.read())
     return AcquiredInput(
         "imagery", spec, path, server.shown(spec.address), at, told=f"{columns} x {rows} pixels"
     )

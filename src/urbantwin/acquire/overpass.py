@@ -24,7 +24,7 @@ from urbantwin.site.region import circle
 __all__ = ["fetch_map", "overpass_answer"]
 
 #: How long a server may think, seconds, and how much it may hold, bytes.
-_TIME_S, _MEMORY = 90, 512 << 20
+_TIME_S, _MEMORY = 90, 128 << 20
 #: What of a map is asked for: ways in the box with all their nodes, nodes in it, and relations;
 #: members outside only of buildings, which are whole or wrong.
 _MAP = """[out:xml][timeout:{time}][maxsize:{memory}];

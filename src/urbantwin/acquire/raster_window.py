@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -123,6 +124,8 @@ def cut_heights(raster: Any, area: Area) -> HeightWindow | None:  # noqa: ANN401
         raise NotAcquiredError("has no coordinate reference system")
     if raster.count != 1:
         raise NotAcquiredError(f"has {raster.count} bands, where one of heights was expected")
+    if not math.isfinite(raster.transform.determinant) or raster.transform.is_degenerate:
+        raise NotAcquiredError("has cells without a size")
     try:
         west, south, east, north = area.box_in(raster.crs.to_wkt(), MARGIN_M)
     except (CRSError, ProjError, ValueError):
@@ -165,7 +168,7 @@ def write_heights(
     Raises:
         NotAcquiredError: they do not cover the area, or are of several systems.
     """
-    import rasterio
+    from rasterio.io import MemoryFile
 
     if not windows:
         raise NotAcquiredError("has nothing there")
@@ -180,8 +183,10 @@ def write_heights(
         "width": heights.shape[1], "transform": whole.transform, "crs": system, "nodata": np.nan,
         "compress": "deflate", "predictor": 3,
     }  # fmt: skip
-    with rasterio.open(path, "w", **profile) as written:
-        written.write(heights, 1)
+    with MemoryFile() as file:
+        with file.open(**profile) as written:
+            written.write(heights, 1)
+        path.write_bytes(file.read())  # which says in Python's words where there is no room
     try:
         check_dem(path, area.frame, area.circle)
     except InputError as error:

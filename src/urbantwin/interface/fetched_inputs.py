@@ -122,6 +122,7 @@ def fetched_inputs(
         usual_cache,
     )
     from urbantwin.artefact import claimed
+    from urbantwin.artefact.disk_space import says_no_room
     from urbantwin.site.draft import check_target
 
     check_target(folder, force=force)
@@ -132,7 +133,10 @@ def fetched_inputs(
     area = _area(options, table, web, region, radius_m, between(tell, 0.0, 0.1))
     if extract is not None:
         check_streets(extract, area)
-    with claimed(folder / INPUTS) as scratch:
+    with (
+        claimed(folder / INPUTS) as scratch,
+        says_no_room(folder / INPUTS, scratch.folder),
+    ):
         found = acquire_inputs(
             area,
             scratch.folder,
