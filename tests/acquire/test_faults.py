@@ -19,6 +19,7 @@ from urbantwin.download import client as client_module
 from urbantwin.download import connection as connection_module
 from urbantwin.errors import InputError
 
+from . import made_world
 from .local_web import send, send_file, serving
 from .made_world import EXTRACT, cog, footprint, parquet, row
 
@@ -217,6 +218,16 @@ def test_tiles_that_are_no_pictures_are_named(server, fetch):
     }  # fmt: skip
     table = row(server, "dem", "imagery", "xyz", "/t/{z}/{x}/{y}.png", zoom=12)
     assert "not an image" in why(fetch(table))
+
+
+def test_a_picture_of_one_colour_is_none(server, fetch):
+    blank = made_world.picture(7, 7)
+    server.answers |= {
+        f"/t/17/{x}/{y}.png": answers(200, body=blank) for x in range(68870, 68885)
+        for y in range(45170, 45190)
+    }  # fmt: skip
+    table = row(server, "dem", "imagery", "xyz", "/t/{z}/{x}/{y}.png", zoom=17)
+    assert "shows one colour" in why(fetch(table))
 
 
 def test_a_key_is_told_to_its_server_and_to_nobody_else(server, fetch, tmp_path):

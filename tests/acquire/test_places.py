@@ -4,7 +4,16 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
-from urbantwin.acquire import AnswerCache, Area, SourceSpec, Web, find_place, parse_place
+from urbantwin.acquire import (
+    AnswerCache,
+    Area,
+    SourceSpec,
+    Web,
+    chosen_sources,
+    find_place,
+    parse_place,
+    sources_of,
+)
 from urbantwin.errors import InputError
 
 from .local_web import known_place, nominatim, send
@@ -137,3 +146,20 @@ def test_names_are_asked_for_once(look_up, server):
     asked = len(server.asked)
     look_up("Long Avenue and Cross Street, Stuttgart")
     assert len(server.asked) == asked == 2
+
+
+@pytest.mark.parametrize(
+    ("place", "countries"),
+    [((48.137, 11.575), set()), ((47.80, 13.04), {"basemap-at-orthofoto"}),
+     ((47.55, 9.68), set()), ((47.56, 7.59), {"swissimage", "swissalti3d"}),
+     ((52.0, 4.36), {"ahn", "pdok-luchtfoto"}), ((50.775, 6.08), {"nrw-dgm"}),
+     ((48.57, 7.75), {"ign-ortho", "ign-lidar-hd"}), ((48.57, 7.82), set()),
+     ((42.335, -83.045), {"usgs-3dep", "usgs-3dep-10m", "usgs-3dep-lidar"}),
+     ((42.30, -83.03), set()), ((-33.86, 151.2), set())],
+)  # fmt: skip
+def test_national_sources_are_asked_in_their_country_alone(place, countries):
+    """On both sides of borders that run through towns."""
+    area = Area.checked(*place, 150.0)
+    asked = {one.spec.name for one in sources_of(chosen_sources()) if one.covers(area)}
+    world = {"openstreetmap", "overture-buildings", "copernicus-glo-30", "terrain-tiles"}
+    assert asked == world | countries

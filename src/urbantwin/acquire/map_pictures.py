@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from urbantwin.acquire.area import Area
 from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec
@@ -28,6 +30,8 @@ def fetch_pictures(
     from rasterio.io import MemoryFile
 
     mosaic, server, at = tile_mosaic(spec, area, web, progress)
+    if np.ptp(mosaic.pixels[:3].reshape(3, -1), axis=1).max() == 0:
+        raise NotAcquiredError("shows one colour there, and no ground")
     path = folder / "imagery.tif"
     bands, rows, columns = mosaic.pixels.shape
     profile = {

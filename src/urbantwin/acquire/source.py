@@ -11,6 +11,7 @@ from urbantwin.acquire.area import Area
 from urbantwin.acquire.source_table import Kind, SourceSpec
 from urbantwin.acquire.web import Web
 from urbantwin.progress import Progress
+from urbantwin.site.country import country_of
 
 __all__ = ["MARGIN_M", "AcquiredInput", "Fetch", "Source"]
 
@@ -80,8 +81,8 @@ class ListedSource:
     how: Fetch
 
     def covers(self, area: Area) -> bool:
-        """Return whether its boxes meet the area."""
-        return self.spec.covers(area.box(MARGIN_M))
+        """Return whether its boxes meet the area, and the area's middle is in its countries."""
+        return self.spec.covers(area.box(MARGIN_M), country_of(area.latitude, area.longitude))
 
     def fetch(self, area: Area, web: Web, folder: Path, progress: Progress) -> AcquiredInput:
         """Write what it has of an area into a folder."""

@@ -89,6 +89,7 @@ class SourceSpec(BaseModel):
         origins: other origins that it leads to; they are not told the key.
         coverage: west, south, east, north of the boxes that it covers, degrees; all of the earth
             without.
+        countries: in which it has something (ISO 3166-1 alpha-2); boxes reach into neighbours.
         resolution_m: between its heights, points or pixels; the finest is asked first.
         crs: of its files where they do not say, or say less: with the vertical datum.
         zoom: of tiles.
@@ -116,6 +117,7 @@ class SourceSpec(BaseModel):
     index: IndexSpec | None = None
     origins: list[OriginText] = []
     coverage: list[Annotated[list[Degrees], Field(min_length=4, max_length=4)]] | None = None
+    countries: list[Annotated[str, Field(pattern="^[A-Z]{2}$", description="AT")]] | None = None
     resolution_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     crs: Annotated[str, Field(min_length=1)] | None = None
     zoom: Annotated[int, Field(ge=10, le=22)] | None = None
@@ -153,8 +155,10 @@ class SourceSpec(BaseModel):
         """The address that is asked first."""
         return self.index.url if self.index else self.url or ""
 
-    def covers(self, box: tuple[float, float, float, float]) -> bool:
-        """Return whether the source may have something in a box of degrees."""
+    def covers(self, box: tuple[float, float, float, float], country: str) -> bool:
+        """Return whether the source may have something in a box of degrees in a country."""
+        if self.countries is not None and country not in self.countries:
+            return False
         if self.coverage is None:
             return True
         west, south, east, north = box
