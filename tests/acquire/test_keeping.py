@@ -116,10 +116,10 @@ def test_a_file_that_was_half_read_is_read_on(server, fetch, monkeypatch):
 
 def test_a_cache_of_damaged_records_is_none(tmp_path):
     cache = AnswerCache(tmp_path)
-    cache.keep("request", b"data", "", "", 4)
+    cache.keep("request", b"data", "", 4)
     assert cache.find("request")[1] == b"data"
     (record,) = (tmp_path / "requests").rglob("*.json")
-    for text in (b"", b"[]", b'{"sha256": 3}', b'{"sha256": "..", "at": "x", "kind": "", '
+    for text in (b"", b"[]", b'{"sha256": 3}', b'{"sha256": "..", "at": "x", '
                  b'"version": "", "total": 4}'):  # fmt: skip
         record.write_bytes(text)
         assert cache.find("request") is None
@@ -232,6 +232,16 @@ def test_of_a_map_that_is_there_the_rest_is_fetched(server, own_table, tmp_path)
     assert set(server.paths()) == {DEM}
     inputs = {one["kind"]: one["name"] for one in made.checked.inputs()}
     assert inputs == {"osm": EXTRACT.name, "dem": "elevation.tif"}
+
+
+def test_a_map_of_elsewhere_is_told_before_anybody_is_asked(server, own_table, tmp_path):
+    options = {"sources": own_table(*table_of(server)), "progress": False, "use": "dem"}
+    with pytest.raises(InputError, match=r"none\.osm: not found"):
+        ut.init(tmp_path / "x", osm=tmp_path / "none.osm", at=(48.7, 9.18), **options)
+    with pytest.raises(InputError, match=r"has no road within the region: the nearest is .* km"):
+        ut.init(tmp_path / "x", osm=EXTRACT, at=(48.9, 9.18), **options)
+    assert not server.asked
+    assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,18 @@ def test_a_model_with_holes_gives_way_to_the_next(server, fetch, area):
     assert np.abs(off_plane(got.inputs["elevation"].path, area)[0]).max() < 0.01
 
 
+def test_heights_in_feet_become_metres(server, fetch, area):
+    with rasterio.io.MemoryFile(cog(9.1, 48.6, 0.2, 256)) as file, file.open() as raster:
+        values, profile = raster.read(1) / 0.3048, raster.profile
+    with rasterio.io.MemoryFile() as file:
+        with file.open(**profile) as out:
+            out.write(values.astype(np.float32), 1)
+            out.units = ["ft"]
+        server.files["/feet.tif"] = file.read()
+    got = fetch(dem(server, path="/feet.tif"))
+    assert np.abs(off_plane(got.inputs["elevation"].path, area)[0]).max() < 0.01
+
+
 def test_a_service_is_asked_for_the_box_in_its_own_metres(server, fetch, area):
     def cut_out(handler):
         asked = parse_qs(urlsplit(handler.path).query)

@@ -42,7 +42,7 @@ class Folder:
         except (OSError, ValueError):
             raise DownloadError("not found (404)", status=404) from None
         first, stop = span or (0, len(data))
-        return Answer(data[first:stop], first, len(data), "", "1")
+        return Answer(data[first:stop], first, len(data), "1")
 
 
 def answered(folder: Path) -> Web:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from urbantwin.acquire.acquire import Acquired, Attempt, acquire_inputs, check_streets, sources_of
+from urbantwin.acquire.acquire import Acquired, Attempt, acquire_inputs, sources_of
 from urbantwin.acquire.answer_cache import AnswerCache, usual_cache
 from urbantwin.acquire.area import Area, parse_place
 from urbantwin.acquire.place_name import NamedPlace, find_place
@@ -22,7 +22,6 @@ __all__ = [
     "SourceSpec",
     "Web",
     "acquire_inputs",
-    "check_streets",
     "chosen_sources",
     "find_place",
     "known_sources",

@@ -16,7 +16,7 @@ from urbantwin.acquire.overture import fetch_footprints
 from urbantwin.acquire.source import AcquiredInput, Fetch, ListedSource, Source
 from urbantwin.acquire.source_table import KINDS, Kind, SourceSpec
 from urbantwin.acquire.tileset import name_tileset
-from urbantwin.acquire.web import NotAcquiredError, Web
+from urbantwin.acquire.web import NoKeyError, NotAcquiredError, NothingThereError, Web
 from urbantwin.artefact import sha256_of
 from urbantwin.download import DownloadError
 from urbantwin.errors import InputError, readable
@@ -184,9 +184,9 @@ def _first(
             told = web.secrets.hidden(readable(str(error)))
             gone = isinstance(error, DownloadError) and error.status in (404, 410)
             outcome = "failed"
-            if "needs a key" in told:
+            if isinstance(error, NoKeyError):
                 outcome = "no key"
-            elif gone or told == "has nothing there":
+            elif gone or isinstance(error, NothingThereError):
                 outcome, told = "nothing there", ""
             asked.append(Attempt(kind, name, outcome, told))
         else:

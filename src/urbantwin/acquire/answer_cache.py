@@ -33,14 +33,12 @@ class KeptAnswer:
     Attributes:
         sha256: of what was answered.
         at: when, UTC, ISO 8601.
-        kind: its media type; empty where the server did not say.
         version: what is the same as long as the file is; empty where the server did not say.
         total: bytes of the file that it is, or is a part of.
     """
 
     sha256: str
     at: str
-    kind: str
     version: str
     total: int
 
@@ -79,14 +77,14 @@ class AnswerCache:
             return None
         return told, data
 
-    def keep(self, request: str, data: bytes, kind: str, version: str, total: int) -> KeptAnswer:
+    def keep(self, request: str, data: bytes, version: str, total: int) -> KeptAnswer:
         """Keep an answer, and return what is noted of it.
 
         Raises:
             InputError: the folder cannot be written.
         """
         digest = hashlib.sha256(data).hexdigest()
-        told = KeptAnswer(digest, now(), kind, version, total)
+        told = KeptAnswer(digest, now(), version, total)
         keep_bytes(self._object(digest), data, _EXPECTED)
         text = json.dumps(asdict(told), sort_keys=True)
         keep_bytes(self._record(request), text.encode(), _EXPECTED)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import CRS
 
-from urbantwin.acquire.web import NotAcquiredError
+from urbantwin.acquire.web import NotAcquiredError, NothingThereError
 
 __all__ = ["MOST_POINTS", "inside_box", "write_cloud"]
 
@@ -53,7 +53,7 @@ def write_cloud(parts: Sequence[Any], crs: CRS, path: Path) -> int:
     parts = [one for one in parts if len(one)]
     total = sum(len(one) for one in parts)
     if not total:
-        raise NotAcquiredError("has no points there")
+        raise NothingThereError("has no points there")
     if total > MOST_POINTS:
         raise NotAcquiredError(f"has {total:,} points there, more than {MOST_POINTS:,}")
     names = [set(one.point_format.dimension_names) for one in parts]

@@ -19,7 +19,7 @@ from urbantwin.acquire.file_index import located_files
 from urbantwin.acquire.remote_file import RemoteFile
 from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec
-from urbantwin.acquire.web import NotAcquiredError, Web
+from urbantwin.acquire.web import NotAcquiredError, NothingThereError, Web
 from urbantwin.download import DownloadError
 from urbantwin.progress import Progress
 from urbantwin.reconstruct.formats.las_sizes import layers_fit
@@ -56,7 +56,7 @@ def fetch_copc(
             times.append(file.at)
             read.append(server.shown(address))
     if crs is None:
-        raise NotAcquiredError("has nothing there")
+        raise NothingThereError()
     total = write_cloud(parts, crs, folder / NAME)
     return AcquiredInput(
         "airborne", spec, folder / NAME, read[0], min(times), told=f"{total:,} points"
@@ -76,6 +76,9 @@ def _points(file: RemoteFile, area: Area, stated: str | None) -> tuple[Any, CRS]
     try:
         file.seek(0)
         reader = CopcReader(file, close_fd=False)
+        info = reader.copc_info
+        if info.hierarchy_root_offset + info.hierarchy_root_size > file.size:
+            raise NotAcquiredError("ends early")
         crs = CRS.from_user_input(stated) if stated else reader.header.parse_crs()
         if crs is None:
             raise NotAcquiredError("has no coordinate reference system")

@@ -18,7 +18,7 @@ from urbantwin.acquire.raster_window import (
 from urbantwin.acquire.remote_file import RemoteFile
 from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec
-from urbantwin.acquire.web import NotAcquiredError, Web
+from urbantwin.acquire.web import NotAcquiredError, NothingThereError, Web
 from urbantwin.download import DownloadError
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress
@@ -58,7 +58,7 @@ def fetch_cog(
         if spec.index is not None and windows and _is_full(windows[-1], area):
             break
     if not windows:
-        raise missing or NotAcquiredError("has nothing there")
+        raise missing or NothingThereError()
     write_heights(windows, folder / NAME, area, spec.crs)
     return AcquiredInput("elevation", spec, folder / NAME, read[0], min(times), told=_told(spec))
 
@@ -125,7 +125,7 @@ def _box_values(spec: SourceSpec, area: Area) -> dict[str, object]:
         try:
             x0, y0, x1, y1 = (round(one) for one in area.box_in(spec.crs, MARGIN_M))
         except ValueError:
-            raise NotAcquiredError("has nothing there") from None
+            raise NothingThereError() from None
         step = spec.resolution_m or 1.0
         values |= {
             "xmin": x0, "ymin": y0, "xmax": x1, "ymax": y1,

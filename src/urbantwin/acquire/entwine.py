@@ -20,7 +20,7 @@ from urbantwin.acquire.copc import NAME
 from urbantwin.acquire.file_index import located_files
 from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec
-from urbantwin.acquire.web import NotAcquiredError, Server, Web
+from urbantwin.acquire.web import NotAcquiredError, NothingThereError, Server, Web
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress
 from urbantwin.reconstruct.formats.las_sizes import checked_sizes
@@ -44,7 +44,7 @@ def fetch_ept(
             return _octree(spec, server, root, area, folder, progress)
         except NotAcquiredError as error:
             problem = problem or error
-    raise problem or NotAcquiredError("has nothing there")
+    raise problem or NothingThereError()
 
 
 def _octree(

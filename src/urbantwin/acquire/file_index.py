@@ -16,7 +16,7 @@ import shapely.geometry
 from urbantwin.acquire.area import Area
 from urbantwin.acquire.source import MARGIN_M
 from urbantwin.acquire.source_table import SourceSpec
-from urbantwin.acquire.web import NotAcquiredError, Server
+from urbantwin.acquire.web import NotAcquiredError, NothingThereError, Server
 from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["addresses_of", "filled", "located_files"]
@@ -76,7 +76,7 @@ def located_files(server: Server, spec: SourceSpec, area: Area) -> list[str]:
         share = shapely.intersection(shape, place).area / place.area
         meeting.append((str(age), share, addresses))
     if not meeting:
-        raise NotAcquiredError("has nothing there")
+        raise NothingThereError()
     meeting.sort(key=lambda one: (one[0], one[1]), reverse=True)
     found = list(dict.fromkeys(address for *_, listed in meeting for address in listed))
     if len(found) > MOST_FILES:

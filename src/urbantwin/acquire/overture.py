@@ -23,7 +23,7 @@ from urbantwin.acquire.file_index import MOST_FILES, addresses_of
 from urbantwin.acquire.remote_file import RemoteFile
 from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec
-from urbantwin.acquire.web import NotAcquiredError, Server, Web
+from urbantwin.acquire.web import NotAcquiredError, NothingThereError, Server, Web
 from urbantwin.download import DownloadError
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress
@@ -74,7 +74,7 @@ def fetch_footprints(
             times.append(file.at)
             read.append(server.shown(address))
     if not features:
-        raise NotAcquiredError("has no buildings there")
+        raise NothingThereError("has no buildings there")
     features.sort(key=lambda one: (str(one["id"]), json.dumps(one["geometry"])))
     path = folder / NAME
     document = {"type": "FeatureCollection", "features": features}
@@ -119,7 +119,7 @@ def _files(server: Server, spec: SourceSpec, box: LonLatBox) -> list[str]:
     if len(found) > MOST_FILES:
         raise NotAcquiredError(f"has {len(found)} files there")
     if not found:
-        raise NotAcquiredError("has nothing there")
+        raise NothingThereError()
     return sorted(set(found))
 
 

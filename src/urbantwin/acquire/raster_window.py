@@ -18,10 +18,10 @@ from pyproj.exceptions import CRSError, ProjError
 from urbantwin.acquire.area import Area
 from urbantwin.acquire.remote_file import RemoteFile
 from urbantwin.acquire.source import MARGIN_M
-from urbantwin.acquire.web import NotAcquiredError
+from urbantwin.acquire.web import NotAcquiredError, NothingThereError
 from urbantwin.download import DownloadError
 from urbantwin.errors import InputError, readable
-from urbantwin.site.dem import HIGHEST_M, LOWEST_M, check_dem
+from urbantwin.site.dem import HIGHEST_M, LOWEST_M, check_dem, metres_per_unit
 
 __all__ = ["HeightWindow", "cut_heights", "remote_raster", "write_heights"]
 
@@ -36,7 +36,8 @@ class HeightWindow:
     """A part of a raster.
 
     Attributes:
-        heights: (H, W) float32, metres in the file's vertical datum; NaN where there are none.
+        heights: (H, W) float32 in the file's vertical datum, metres unless the CRS has another
+            unit; NaN where there are none.
         transform: affine, from columns and rows to the CRS.
         crs: as WKT.
     """
@@ -146,6 +147,8 @@ def cut_heights(raster: Any, area: Area) -> HeightWindow | None:  # noqa: ANN401
     masked = raster.read(1, window=window, masked=True)
     heights = np.ma.filled(masked.astype(np.float64), np.nan)
     heights = heights * raster.scales[0] + raster.offsets[0]
+    if len(CRS(raster.crs.to_wkt()).axis_info) != 3:  # else the CRS that is kept tells the unit
+        heights *= metres_per_unit(raster)
     heights[~((heights > LOWEST_M) & (heights < HIGHEST_M))] = np.nan
     transform = raster.transform @ Affine.translation(int(low[0]), int(low[1]))
     return HeightWindow(heights.astype(np.float32), transform, raster.crs.to_wkt())
@@ -171,7 +174,7 @@ def write_heights(
     from rasterio.io import MemoryFile
 
     if not windows:
-        raise NotAcquiredError("has nothing there")
+        raise NothingThereError()
     own = CRS(windows[0].crs)
     if any(CRS(one.crs) != own for one in windows):
         raise NotAcquiredError("has files of several reference systems there")

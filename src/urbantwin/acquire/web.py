@@ -24,7 +24,15 @@ from urbantwin.download import (
 )
 from urbantwin.result_warning import ResultWarning
 
-__all__ = ["ChangedError", "Fetched", "NotAcquiredError", "Server", "Web"]
+__all__ = [
+    "ChangedError",
+    "Fetched",
+    "NoKeyError",
+    "NotAcquiredError",
+    "NothingThereError",
+    "Server",
+    "Web",
+]
 
 #: Of one answer, of all of a source, and how long a source may take.
 LIMITS = Limits(256 << 20, 2 << 30, 1800.0)
@@ -38,6 +46,17 @@ class NotAcquiredError(Exception):
     """A source does not give what it was asked for; the text is one line, without any key."""
 
 
+class NoKeyError(NotAcquiredError):
+    """A source needs a key, and there is none."""
+
+
+class NothingThereError(NotAcquiredError):
+    """A source has nothing at the place."""
+
+    def __init__(self, problem: str = "has nothing there") -> None:
+        super().__init__(problem)
+
+
 @dataclass(frozen=True)
 class Fetched:
     """What was answered.
@@ -45,7 +64,6 @@ class Fetched:
     Attributes:
         data: the bytes.
         at: when it was answered, UTC, ISO 8601.
-        kind: the media type.
         version: of the file, as `download.Answer` has it.
         total: bytes of the whole file.
         whole: whether ``data`` is all of the file though a part was asked for.
@@ -53,7 +71,6 @@ class Fetched:
 
     data: bytes
     at: str
-    kind: str
     version: str
     total: int
     whole: bool = True
@@ -94,13 +111,13 @@ class Web:
         """Return a source's key; empty where it needs none.
 
         Raises:
-            NotAcquiredError: it needs one, and there is none.
+            NoKeyError: it needs one, and there is none.
         """
         if source.key_env is None:
             return ""
         value = self.environment.get(source.key_env, "").strip()
         if not value:
-            raise NotAcquiredError(f"needs a key in the environment variable {source.key_env}")
+            raise NoKeyError(f"needs a key in the environment variable {source.key_env}")
         self._keys.add(value)
         return value
 
@@ -117,7 +134,7 @@ class Web:
             address: of a mirror.
 
         Raises:
-            NotAcquiredError: there is no key.
+            NoKeyError: there is none.
         """
         return Server(self, source, address or source.address, self.key_of(source))
 
@@ -209,8 +226,8 @@ class Server:
             raise ChangedError("has changed while it was read")
         if answer.first == span[0] and len(answer.body) <= span[1] - span[0]:
             told = self._kept(request, answer, its)
-            return Fetched(told.data, told.at, told.kind, its, total, total == len(answer.body))
-        return Fetched(answer.body, now(), answer.kind, its, total)
+            return Fetched(told.data, told.at, its, total, total == len(answer.body))
+        return Fetched(answer.body, now(), its, total)
 
     def forget(self, address: str, span: Span) -> None:
         """Forget the first part of a file that is another by now."""
@@ -227,11 +244,11 @@ class Server:
         """Return an answer after keeping it, unless it holds a key."""
         data, total = answer.body, answer.total or len(answer.body)
         if self._client.secrets.held_by(data):
-            return Fetched(data, now(), answer.kind, version, total)
-        told = self.web.cache.keep(request, data, answer.kind, version, total)
-        return Fetched(data, told.at, answer.kind, version, total)
+            return Fetched(data, now(), version, total)
+        told = self.web.cache.keep(request, data, version, total)
+        return Fetched(data, told.at, version, total)
 
 
 def _of_kept(kept: tuple[KeptAnswer, bytes], *, whole: bool = True) -> Fetched:
     told, data = kept
-    return Fetched(data, told.at, told.kind, told.version, told.total, whole)
+    return Fetched(data, told.at, told.version, told.total, whole)

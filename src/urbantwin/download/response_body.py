@@ -30,14 +30,12 @@ class Answer:
         body: the bytes, unpacked.
         first: of which byte of the file they begin with: 0, but for a range.
         total: of how many bytes the file is; of a range whose server does not say, ``None``.
-        kind: its media type without parameters, lower case; empty where the server does not say.
         version: what is the same as long as the file is: its ETag, else when it was changed.
     """
 
     body: bytes
     first: int
     total: int | None
-    kind: str
     version: str
 
 
@@ -47,11 +45,10 @@ def read_answer(response: http.client.HTTPResponse, most_bytes: int, span: Span 
     Raises:
         DownloadError: as `read_body`, or what comes is another range.
     """
-    kind = (response.getheader("Content-Type") or "").partition(";")[0].strip().lower()
     version = response.getheader("ETag") or response.getheader("Last-Modified") or ""
     if span is None or response.status != 206:
         body = read_body(response, most_bytes)
-        return Answer(body, 0, len(body), kind, version)
+        return Answer(body, 0, len(body), version)
     told = re.fullmatch(
         r"bytes ([0-9]{1,18})-([0-9]{1,18})/([0-9]{1,18}|\*)",
         (response.getheader("Content-Range") or "").strip(),
@@ -66,7 +63,7 @@ def read_answer(response: http.client.HTTPResponse, most_bytes: int, span: Span 
     body = read_body(response, most_bytes)
     if len(body) != after - first:
         raise DownloadError("ends early", unanswered=True, may_pass=True)
-    return Answer(body, first, total, kind, version)
+    return Answer(body, first, total, version)
 
 
 def waits_s(response: http.client.HTTPResponse) -> float | None:

@@ -116,7 +116,6 @@ def fetched_inputs(
         AnswerCache,
         Web,
         acquire_inputs,
-        check_streets,
         chosen_sources,
         sources_of,
         usual_cache,
@@ -124,6 +123,8 @@ def fetched_inputs(
     from urbantwin.artefact import claimed
     from urbantwin.artefact.disk_space import says_no_room
     from urbantwin.site.draft import check_target
+    from urbantwin.site.extract_coverage import check_roads
+    from urbantwin.site.extract_file import box_around, read_extract
 
     check_target(folder, force=force)
     own = None if options.sources is None else Path(options.sources)
@@ -132,7 +133,8 @@ def fetched_inputs(
     web = Web(AnswerCache(cache), offline=options.offline)
     area = _area(options, table, web, region, radius_m, between(tell, 0.0, 0.1))
     if extract is not None:
-        check_streets(extract, area)
+        near = read_extract(extract, box_around(area.frame, area.circle))
+        check_roads(near, area.frame, area.circle, "the region")
     with (
         claimed(folder / INPUTS) as scratch,
         says_no_room(folder / INPUTS, scratch.folder),
