@@ -236,3 +236,18 @@ def test_an_index_of_features_leads_to_the_newest_file_there(server, fetch, area
     got = fetch(row(server, "stac", "elevation", "cog", index=index, crs="EPSG:4326+3855"))
     assert off_plane(got.inputs["elevation"].path, area)[0] == pytest.approx(2.0, abs=0.01)
     assert not {"/trap.tif", "/old.tif"} & set(server.paths())
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_a_model_of_another_datum_is_not_used_beside_a_survey(server, fetch, same):
+    """The survey is above DHHN92; between it and EGM2008 PROJ knows no way without grids."""
+    survey = row(server, "survey", "airborne", "copc", "/survey.copc.laz")
+    crs = "EPSG:4326+5783" if same else "EPSG:4326+3855"
+    got = fetch(row(server, "dem", "elevation", "cog", DEM["path"], crs=crs), survey)
+    assert ("elevation" in got.inputs) == same
+    assert got.outcome["dem"].outcome == ("fetched" if same else "not used")
+    if not same:
+        assert got.outcome["dem"].told == (
+            "its heights are above EGM2008 height, those of survey above DHHN92 height"
+        )
+        assert any("is not used beside the survey" in str(one) for one in got.found.warnings)

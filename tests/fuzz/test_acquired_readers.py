@@ -11,8 +11,15 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
-from urbantwin.acquire import AnswerCache, Area, NotAcquiredError, SourceSpec, Web, find_place
-from urbantwin.acquire.acquire import check_streets, sources_of
+from urbantwin.acquire import (
+    AnswerCache,
+    Area,
+    NotAcquiredError,
+    SourceSpec,
+    Web,
+    find_place,
+    sources_of,
+)
 from urbantwin.acquire.source_table import read_sources
 from urbantwin.download import Answer, DownloadError
 from urbantwin.errors import InputError
@@ -78,10 +85,6 @@ def fetched(**row: Any) -> Callable[[Path], None]:
     return read
 
 
-def read_map(path: Path) -> None:
-    check_streets(path, AREA)
-
-
 def read_outlines(path: Path) -> None:
     extract = read_extract(made_world.EXTRACT)
     with_buildings(extract, read_buildings(path), AREA.frame, AREA.circle)
@@ -141,7 +144,6 @@ def _table() -> list[bytes]:
 
 
 READERS = [
-    Reader("fetched map", read_map, "map.osm", lambda: [made_world.EXTRACT.read_bytes()]),
     Reader("fetched names", read_names, "names.json", _names, lambda: {"meet.json": _meet()}),
     Reader("fetched meetings", read_names, "meet.json", lambda: [_meet()],
            lambda: {"names.json": _names()[0]}),

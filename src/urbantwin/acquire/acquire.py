@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pyproj import CRS
+
 from urbantwin.acquire.area import Area, swapped_hint
 from urbantwin.acquire.copc import fetch_copc
 from urbantwin.acquire.elevation import fetch_cog, fetch_geotiff, fetch_terrain_tiles
@@ -21,6 +23,7 @@ from urbantwin.artefact import sha256_of
 from urbantwin.download import DownloadError
 from urbantwin.errors import InputError, readable
 from urbantwin.progress import Progress, between, untold
+from urbantwin.reconstruct.georeference.height_system import HeightSystem
 from urbantwin.result_warning import ResultWarning
 from urbantwin.site.extract_coverage import check_roads
 from urbantwin.site.extract_file import read_extract
@@ -57,7 +60,8 @@ class Attempt:
     Attributes:
         kind: of input.
         source: the source's name; empty where none covers the place.
-        outcome: ``fetched``, ``failed``, ``nothing there``, ``no key`` or ``no source``.
+        outcome: ``fetched``, ``not used``, ``failed``, ``nothing there``, ``no key`` or
+            ``no source``.
         told: what it had, or why it failed.
     """
 
@@ -138,6 +142,7 @@ def acquire_inputs(
             check_streets(found.path or folder, area)
         if found is not None:
             inputs.append(found)
+    _keep_one_datum(inputs, attempts)
     cautions = [
         ResultWarning(one.source.name, one.source.caution) for one in inputs if one.source.caution
     ]
@@ -195,6 +200,25 @@ def _first(
     return None, asked
 
 
+def _keep_one_datum(inputs: list[AcquiredInput], attempts: list[Attempt]) -> None:
+    """Leave a model of heights out that cannot be compared with a survey, which has the ground too.
+
+    Between two vertical datums PROJ needs grids, which few machines have: a build would refuse.
+    """
+    by_kind = {one.kind: one for one in inputs}
+    survey, model = by_kind.get("airborne"), by_kind.get("elevation")
+    if survey is None or model is None:
+        return
+    a, b = (HeightSystem.of(CRS(one.crs)) for one in (survey, model))
+    if a is not None and b is not None and a.same_datum(b):
+        return
+    inputs.remove(model)
+    names = [one.name if one else "a datum that is not stated" for one in (b, a)]
+    told = f"its heights are above {names[0]}, those of {survey.source.name} above {names[1]}"
+    at = next(k for k, one in enumerate(attempts) if one.source == model.source.name)
+    attempts[at] = Attempt("elevation", model.source.name, "not used", told)
+
+
 def _check_keyless(found: AcquiredInput, web: Web) -> None:
     """Refuse a file that a server wrote a key into, which may then be passed on with it.
 
@@ -239,11 +263,15 @@ def _no_map(asked: Sequence[Attempt], web: Web) -> InputError:
 
 def _warnings(attempts: Sequence[Attempt]) -> list[ResultWarning]:
     """Return what failed, and which kinds nobody has."""
-    had = {one.kind for one in attempts if one.outcome == "fetched"}
+    had = {one.kind for one in attempts if one.outcome in ("fetched", "not used")}
     found = [
         ResultWarning(one.source, f"{_WORDS[one.kind]} could not be fetched", one.told)
         for one in attempts
         if one.outcome == "failed"
+    ] + [
+        ResultWarning(one.source, "is not used beside the survey, which has the ground", one.told)
+        for one in attempts
+        if one.outcome == "not used"
     ]
     return found + [
         ResultWarning(_WORDS[kind], "none was found for this place")

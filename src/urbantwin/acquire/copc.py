@@ -59,7 +59,13 @@ def fetch_copc(
         raise NothingThereError()
     total = write_cloud(parts, crs, folder / NAME)
     return AcquiredInput(
-        "airborne", spec, folder / NAME, read[0], min(times), told=f"{total:,} points"
+        "airborne",
+        spec,
+        folder / NAME,
+        read[0],
+        min(times),
+        told=f"{total:,} points",
+        crs=crs.to_wkt(),
     )
 
 

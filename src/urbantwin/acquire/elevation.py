@@ -59,8 +59,8 @@ def fetch_cog(
             break
     if not windows:
         raise missing or NothingThereError()
-    write_heights(windows, folder / NAME, area, spec.crs)
-    return AcquiredInput("elevation", spec, folder / NAME, read[0], min(times), told=_told(spec))
+    crs = write_heights(windows, folder / NAME, area, spec.crs)
+    return _input(spec, folder, read[0], min(times), crs)
 
 
 def fetch_geotiff(
@@ -81,9 +81,8 @@ def fetch_geotiff(
         raise NotAcquiredError(f"answers what {error.problem}") from None
     finally:
         scratch.unlink(missing_ok=True)
-    write_heights([window] if window else [], folder / NAME, area, spec.crs)
-    url = server.shown(address)
-    return AcquiredInput("elevation", spec, folder / NAME, url, told.at, told=_told(spec))
+    crs = write_heights([window] if window else [], folder / NAME, area, spec.crs)
+    return _input(spec, folder, server.shown(address), told.at, crs)
 
 
 def fetch_terrain_tiles(
@@ -99,9 +98,8 @@ def fetch_terrain_tiles(
     cell = mosaic.cell_m
     transform = Affine(cell, 0, mosaic.west, 0, -cell, mosaic.north)
     window = HeightWindow(heights, transform, _web_mercator())
-    write_heights([window], folder / NAME, area, spec.crs)
-    url = server.shown(spec.address)
-    return AcquiredInput("elevation", spec, folder / NAME, url, at, told=_told(spec))
+    crs = write_heights([window], folder / NAME, area, spec.crs)
+    return _input(spec, folder, server.shown(spec.address), at, crs)
 
 
 def _is_full(window: HeightWindow, area: Area) -> bool:
@@ -135,8 +133,9 @@ def _box_values(spec: SourceSpec, area: Area) -> dict[str, object]:
     return values
 
 
-def _told(spec: SourceSpec) -> str:
-    return f"{spec.resolution_m:g} m" if spec.resolution_m else ""
+def _input(spec: SourceSpec, folder: Path, url: str, at: str, crs: str) -> AcquiredInput:
+    told = f"{spec.resolution_m:g} m" if spec.resolution_m else ""
+    return AcquiredInput("elevation", spec, folder / NAME, url, at, told=told, crs=crs)
 
 
 def _web_mercator() -> str:

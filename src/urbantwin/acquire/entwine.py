@@ -77,7 +77,7 @@ def _octree(
     total = write_cloud(parts, crs, folder / NAME)
     return AcquiredInput(
         "airborne", spec, folder / NAME, server.shown(root), min([told.at, *times]),
-        told=f"{total:,} points",
+        told=f"{total:,} points", crs=crs.to_wkt(),
     )  # fmt: skip
 
 

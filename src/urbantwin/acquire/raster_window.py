@@ -156,17 +156,14 @@ def cut_heights(raster: Any, area: Area) -> HeightWindow | None:  # noqa: ANN401
 
 def write_heights(
     windows: Sequence[HeightWindow], path: Path, area: Area, crs: str | None = None
-) -> float:
-    """Write parts of rasters as one GeoTIFF, and check that it covers the area.
+) -> str:
+    """Write parts of rasters as one GeoTIFF, check that it covers the area, and return its CRS.
 
     Args:
         windows: of one CRS, side by side; the first that knows a height counts.
         path: the file.
         area: what it must cover.
         crs: the CRS with its vertical datum, where the rasters do not say it.
-
-    Returns:
-        The share of cells without a height.
 
     Raises:
         NotAcquiredError: they do not cover the area, or are of several systems.
@@ -194,7 +191,7 @@ def write_heights(
         check_dem(path, area.frame, area.circle)
     except InputError as error:
         raise NotAcquiredError(error.problem) from None
-    return float(np.isnan(heights).mean())
+    return system
 
 
 def _side_by_side(windows: Sequence[HeightWindow]) -> HeightWindow:

@@ -30,7 +30,8 @@ class AcquiredInput:
         url: who was asked, without a key and without what was asked for.
         at: when the answers came, UTC, ISO 8601: the oldest of them.
         fields: what else ``site.yaml`` says of it: ``crs``, ``url``, ``key_env``.
-        told: what it is, in words: ``2 of 3 tiles, 0.5 m``.
+        told: what it is, in words: ``11,025 points``.
+        crs: of its heights, as WKT; empty where it has none.
     """
 
     kind: Kind
@@ -40,6 +41,7 @@ class AcquiredInput:
     at: str
     fields: Mapping[str, str] = field(default_factory=dict)
     told: str = ""
+    crs: str = ""
 
 
 class Source(Protocol):
