@@ -162,6 +162,22 @@ def test_a_server_that_stalls_is_given_up(server, fetch, monkeypatch):
     assert time.monotonic() - began < 10
 
 
+def test_a_server_may_think_as_long_as_its_row_says(server, fetch, monkeypatch, tmp_path):
+    monkeypatch.setattr(connection_module, "QUIET_S", 0.2)
+    monkeypatch.setattr(connection_module, "GRACE_S", 0.3)
+    at_once = server.answers[MAP]
+
+    def thinking(handler):
+        time.sleep(0.6)
+        at_once(handler)
+
+    server.answers[MAP] = thinking
+    table = row(server, "osm", "map", "overpass", MAP)
+    assert "map" in fetch({**table, "think_s": 20.0}).inputs
+    with pytest.raises(InputError, match="TimeoutError"):
+        fetch(table, cache=tmp_path / "another", folder="again")
+
+
 def test_a_server_without_ranges_sends_the_whole_file(server, fetch):
     data = cog(9.1, 48.6, 0.2, 340)
     assert len(data) > 2 * BLOCK

@@ -100,6 +100,7 @@ class SourceSpec(BaseModel):
         default: whether it is asked unless it is named.
         fresh_days: how old an answer in the cache may be.
         pause_s: between two requests.
+        think_s: how long its server may think before it answers; the usual 20 s without.
         caution: what to know of its data.
     """
 
@@ -128,6 +129,7 @@ class SourceSpec(BaseModel):
     default: bool = True
     fresh_days: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 90.0
     pause_s: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] = 0.0
+    think_s: Annotated[float, Field(ge=0, le=600, allow_inf_nan=False)] = 0.0
     caution: str | None = None
 
     @model_validator(mode="after")

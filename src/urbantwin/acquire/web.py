@@ -7,7 +7,7 @@ import re
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from urllib.parse import quote
 
 from urbantwin.acquire.answer_cache import AnswerCache, KeptAnswer, now
@@ -164,7 +164,7 @@ class Server:
         self._key = key
         self._client = Client(
             re.sub(r"\{[^}]*\}", "0", root),
-            web.limits,
+            replace(web.limits, think_s=source.think_s),
             origins=[parse_origin(text) for text in source.origins],
             key=None if inside or not key else key,
             secrets=[key] if inside and key else [],

@@ -49,11 +49,13 @@ class Limits:
         one_bytes: of one answer, unpacked.
         all_bytes: of all answers together.
         all_s: how long all of it may take.
+        think_s: how long a server may think before it answers, where that is longer than usual.
     """
 
     one_bytes: int
     all_bytes: int
     all_s: float
+    think_s: float = 0.0
 
 
 class Client:
@@ -201,7 +203,7 @@ class Client:
         """Ask once, and return an answer or a location."""
         proxy = proxy_for(address.origin)
         places = self._places(address.origin, looked_up=proxy is None)
-        pace = Pace(self._limits.one_bytes)
+        pace = Pace(self._limits.one_bytes, self._limits.think_s)
         context = self._context if address.origin.scheme == "https" else None
         connection, target, headers = open_connection(address, places, pace, context, proxy)
         headers |= {
