@@ -32,7 +32,7 @@ def table_of(server):
     index = {"url": f"{server.url}/stac/catalog.json", "kind": "overture"}
     return [
         row(server, "osm", "map", "overpass", "/api/interpreter"),
-        row(server, "dem", "elevation", "cog", DEM, crs="EPSG:4326+3855"),
+        row(server, "dem", "elevation", "cog", DEM, crs="EPSG:4326+5783"),
         row(server, "survey", "airborne", "copc", "/survey.copc.laz"),
         row(server, "overture", "buildings", "geoparquet", index=index),
     ]
