@@ -13,6 +13,8 @@ from urbantwin.cli.console import Console
 __all__ = ["EXAMPLES", "init"]
 
 EXAMPLES = """
+urbantwin init mysite/ --at 48.1374,11.5755
+urbantwin init mysite/ --place "Marienplatz and Weinstraße, München" --radius 120
 urbantwin init mysite/ --osm map.osm.pbf
 urbantwin init mysite/ --osm map.osm --lat 60.1699 --lon 24.9384 --radius 120
 urbantwin init mysite/ --osm map.osm --at-junction --region area.geojson
@@ -89,6 +91,35 @@ def init(
         bool,
         typer.Option("--list-presets", callback=_list_presets, help="List them, and no more."),
     ] = False,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAT,LON",
+            help="Fetch the inputs of this place from public sources (docs/acquire.md).",
+        ),
+    ] = None,
+    place: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Or of this one: 'street and street, town'."),
+    ] = None,
+    use: Annotated[
+        str | None,
+        typer.Option(metavar="NAMES", help="Ask only these sources: names, with commas between."),
+    ] = None,
+    also: Annotated[
+        str | None,
+        typer.Option(metavar="NAMES", help="Ask these sources beside the usual ones."),
+    ] = None,
+    sources: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A table of sources of your own.")
+    ] = None,
+    cache: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where answers are kept; your own cache without it."),
+    ] = None,
+    offline: Annotated[
+        bool, typer.Option("--offline", help="Ask nobody: take what the cache holds.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a site.yaml.")] = False,
     # First of all, since the list is printed before the others are looked at.
     quiet: Annotated[
@@ -103,7 +134,7 @@ def init(
         ),
     ] = False,
 ) -> None:
-    """Write a commented site.yaml for a place on a map."""
+    """Write a commented site.yaml for a place on a map, or for any place on earth."""
     made = ut.init(
         folder,
         osm=osm,
@@ -115,6 +146,13 @@ def init(
         radius=radius,
         region=region,
         preset=preset,
+        at=at,
+        place=place,
+        use=use,
+        also=also,
+        sources=sources,
+        cache=cache,
+        offline=offline,
         force=force,
         progress=not quiet,
     )

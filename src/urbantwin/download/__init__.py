@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from urbantwin.download.client import Client, Limits
 from urbantwin.download.failure import DownloadError
+from urbantwin.download.kept_files import keep_bytes, kept_bytes
 from urbantwin.download.origin import Address, Origin, parse_address, parse_origin
+from urbantwin.download.redaction import Secrets
+from urbantwin.download.response_body import Answer, Span
 
 __all__ = [
     "Address",
+    "Answer",
     "Client",
     "DownloadError",
     "Limits",
     "Origin",
+    "Secrets",
+    "Span",
+    "keep_bytes",
+    "kept_bytes",
     "parse_address",
     "parse_origin",
 ]

@@ -24,7 +24,7 @@ from urbantwin.download.failure import DownloadError
 from urbantwin.download.host_addresses import Place, is_public, literal_address, located
 from urbantwin.download.origin import Address, Origin, parse_address
 from urbantwin.download.redaction import Secrets
-from urbantwin.download.response_body import read_body
+from urbantwin.download.response_body import Answer, Span, read_answer, waits_s
 
 __all__ = ["Client", "Limits"]
 
@@ -33,6 +33,8 @@ TRIES = 4
 PAUSE_S = 0.25
 #: Nothing is tried again later than this, seconds.
 LAST_TRY_S = 30.0
+#: A server that asks for a longer pause (``Retry-After``) is not asked again, seconds.
+LONGEST_WAIT_S = 60.0
 #: Tries in a row without any answer after which a server is given up.
 PATIENCE = 64
 MOST_REDIRECTS = 5
@@ -47,11 +49,13 @@ class Limits:
         one_bytes: of one answer, unpacked.
         all_bytes: of all answers together.
         all_s: how long all of it may take.
+        think_s: how long a server may think before it answers, where that is longer than usual.
     """
 
     one_bytes: int
     all_bytes: int
     all_s: float
+    think_s: float = 0.0
 
 
 class Client:
@@ -123,24 +127,38 @@ class Client:
         Raises:
             DownloadError: it cannot be had.
         """
+        return self.fetch(address).body
+
+    def fetch(self, address: str, span: Span | None = None) -> Answer:
+        """Return what is at an address with what the server says of it, as `get` does.
+
+        Args:
+            address: what is asked for.
+            span: the first byte and the one after the last, of which a server that knows no
+                ranges sends more (`Answer.first`).
+
+        Raises:
+            DownloadError: it cannot be had, or the server asks to wait for long.
+        """
         first = parse_address(address)
         attempt, begun = 0, time.monotonic()
         while True:
             try:
-                return self._followed(first)
+                return self._followed(first, span)
             except DownloadError as error:
                 attempt += 1
                 late = time.monotonic() - begun > LAST_TRY_S
-                if attempt == TRIES or late or not error.may_pass:
+                told_s = error.after_s or 0.0
+                if attempt == TRIES or late or not error.may_pass or told_s > LONGEST_WAIT_S:
                     raise
-            time.sleep(PAUSE_S * 4 ** (attempt - 1))
+            time.sleep(max(PAUSE_S * 4 ** (attempt - 1), told_s))
 
-    def _followed(self, here: Address) -> bytes:
+    def _followed(self, here: Address, span: Span | None) -> Answer:
         """Return what is at an address, or where redirects from it lead."""
         for _ in range(MOST_REDIRECTS + 1):
             self.check(here)
-            answer = self._asked(here)
-            if isinstance(answer, bytes):
+            answer = self._asked(here, span)
+            if isinstance(answer, Answer):
                 return answer
             here = self._moved(here, answer)
         raise DownloadError(f"is redirected more than {MOST_REDIRECTS} times")
@@ -156,14 +174,14 @@ class Client:
         self.check(there, "it redirects to")
         return there
 
-    def _asked(self, address: Address) -> bytes | str:
+    def _asked(self, address: Address, span: Span | None) -> Answer | str:
         """Return the body of one answer, or the location that it redirects to."""
         self._spend(0)
         origin = address.origin
         if self._unanswered[origin] >= PATIENCE:
             raise DownloadError("is not asked for: the server has stopped to answer")
         try:
-            answer = self._answer(self._with_key(address))
+            answer = self._answer(self._with_key(address), span)
         except DownloadError as error:
             failure = error
         except (http.client.HTTPException, OSError, ValueError) as error:
@@ -173,7 +191,7 @@ class Client:
         else:
             with self._lock:
                 self._unanswered[origin] = 0
-            self._spend(len(answer))
+            self._spend(len(answer.body if isinstance(answer, Answer) else answer))
             return answer
         with self._lock:
             self._unanswered[origin] += 1
@@ -181,18 +199,20 @@ class Client:
                 self._unanswered[origin] = 0
         raise failure from None
 
-    def _answer(self, address: Address) -> bytes | str:
-        """Ask once, and return a body or a location."""
+    def _answer(self, address: Address, span: Span | None) -> Answer | str:
+        """Ask once, and return an answer or a location."""
         proxy = proxy_for(address.origin)
         places = self._places(address.origin, looked_up=proxy is None)
-        pace = Pace(self._limits.one_bytes)
+        pace = Pace(self._limits.one_bytes, self._limits.think_s)
         context = self._context if address.origin.scheme == "https" else None
         connection, target, headers = open_connection(address, places, pace, context, proxy)
         headers |= {
             "User-Agent": f"urbantwin/{__version__}",
-            "Accept-Encoding": "gzip",
+            "Accept-Encoding": "gzip" if span is None else "identity",
             "Connection": "close",
         }
+        if span is not None:
+            headers["Range"] = f"bytes={span[0]}-{span[1] - 1}"
         if self._bearer is not None and address.origin == self.root:
             headers["Authorization"] = f"Bearer {self._bearer}"
         with contextlib.closing(connection):
@@ -202,8 +222,8 @@ class Client:
                 if response.status in _MOVED and location:
                     return location
                 if not 200 <= response.status < 300:
-                    raise _refusal(response.status)
-                return read_body(response, self._limits.one_bytes)
+                    raise _refusal(response.status, waits_s(response))
+                return read_answer(response, self._limits.one_bytes, span)
 
     @cached_property
     def _context(self) -> ssl.SSLContext:
@@ -286,13 +306,15 @@ def _private(origin: Origin) -> DownloadError:
     return DownloadError(f"is refused: {origin} is a private address, and the root's is not")
 
 
-def _refusal(status: int) -> DownloadError:
-    """Return what a status of HTTP means here."""
+def _refusal(status: int, after_s: float | None) -> DownloadError:
+    """Return what a status of HTTP means here, and when the server wants to be asked again."""
     if status in (401, 403):
         problem = f"is refused by the server ({status}): is the key right?"
     elif status in (404, 410):
         problem = f"not found ({status})"
     else:
         problem = f"cannot be fetched (the server answers {status})"
+    if after_s is not None and after_s > LONGEST_WAIT_S:
+        problem += f", and asks to wait {after_s:.0f} s"
     may_pass = status in (408, 425, 429) or status >= 500
-    return DownloadError(problem, status=status, may_pass=may_pass)
+    return DownloadError(problem, status=status, may_pass=may_pass, after_s=after_s)

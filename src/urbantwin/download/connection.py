@@ -32,10 +32,13 @@ class Pace:
     Args:
         most_bytes: what may come over the wire; 1 MiB and as much again are for headers and the
             lengths of chunks.
+        think_s: how long the first byte may take, where that is longer than usual: a server that
+            searches has its time from there on.
     """
 
-    def __init__(self, most_bytes: int) -> None:
+    def __init__(self, most_bytes: int, think_s: float = 0.0) -> None:
         self._most = 2 * most_bytes + (1 << 20)
+        self._think_s = think_s
         self._start = time.monotonic()
         self._received = 0
 
@@ -46,13 +49,18 @@ class Pace:
             DownloadError: no longer at all.
         """
         allowed = min(GRACE_S + self._received / SLOWEST, DEADLINE_S)
+        quiet_s = QUIET_S
+        if not self._received:
+            allowed, quiet_s = max(allowed, self._think_s), max(quiet_s, self._think_s)
         left = self._start + allowed - time.monotonic()
         if left <= 0:
             raise DownloadError("cannot be fetched: it comes too slowly", unanswered=True)
-        return min(left, QUIET_S)
+        return min(left, quiet_s)
 
     def count(self, received: int) -> None:
         """Count bytes that came."""
+        if self._think_s and not self._received:
+            self._start = time.monotonic()
         self._received += received
         if self._received > self._most:
             raise DownloadError("is refused: the server sends more than it was asked for")

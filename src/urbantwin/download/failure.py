@@ -13,6 +13,7 @@ class DownloadError(Exception):
         status: the server's status, if it answered with one that is not good.
         unanswered: the server could not be reached, or broke off.
         may_pass: the same request may do better a moment later.
+        after_s: how long the server asks to wait before it is asked again, seconds.
         spent: what may be downloaded altogether has been: asking for more is of no use.
     """
 
@@ -24,9 +25,11 @@ class DownloadError(Exception):
         unanswered: bool = False,
         may_pass: bool = False,
         spent: bool = False,
+        after_s: float | None = None,
     ) -> None:
         super().__init__(problem)
         self.status = status
         self.unanswered = unanswered
         self.may_pass = may_pass
         self.spent = spent
+        self.after_s = after_s

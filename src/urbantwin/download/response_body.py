@@ -1,16 +1,80 @@
-"""The body of an HTTP response: complete, decompressed, and within a limit of size."""
+"""The body of an HTTP response: complete, decompressed, and within a limit of size.
+
+Ranges and validators are those of RFC 9110 (sections 8.8, 10.2.3 and 14).
+"""
 
 from __future__ import annotations
 
+import email.utils
 import http.client
 import re
+import time
 import zlib
+from dataclasses import dataclass
 
 from urbantwin.download.failure import DownloadError
 
-__all__ = ["read_body"]
+__all__ = ["Answer", "Span", "read_answer", "read_body", "waits_s"]
+
+#: The first byte and the one after the last.
+Span = tuple[int, int]
 
 _CHUNK = 1 << 18
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a server answered.
+
+    Attributes:
+        body: the bytes, unpacked.
+        first: of which byte of the file they begin with: 0, but for a range.
+        total: of how many bytes the file is; of a range whose server does not say, ``None``.
+        version: what is the same as long as the file is: its ETag, else when it was changed.
+    """
+
+    body: bytes
+    first: int
+    total: int | None
+    version: str
+
+
+def read_answer(response: http.client.HTTPResponse, most_bytes: int, span: Span | None) -> Answer:
+    """Return an answer, of which only the range that was asked for is taken.
+
+    Raises:
+        DownloadError: as `read_body`, or what comes is another range.
+    """
+    version = response.getheader("ETag") or response.getheader("Last-Modified") or ""
+    if span is None or response.status != 206:
+        body = read_body(response, most_bytes)
+        return Answer(body, 0, len(body), version)
+    told = re.fullmatch(
+        r"bytes ([0-9]{1,18})-([0-9]{1,18})/([0-9]{1,18}|\*)",
+        (response.getheader("Content-Range") or "").strip(),
+        re.ASCII,
+    )
+    if told is None or int(told[1]) != span[0]:
+        raise DownloadError("is refused: another range comes than was asked for")
+    first, after = int(told[1]), int(told[2]) + 1
+    total = None if told[3] == "*" else int(told[3])
+    if after != (span[1] if total is None else min(span[1], total)):
+        raise DownloadError("ends early", unanswered=True, may_pass=True)
+    body = read_body(response, most_bytes)
+    if len(body) != after - first:
+        raise DownloadError("ends early", unanswered=True, may_pass=True)
+    return Answer(body, first, total, version)
+
+
+def waits_s(response: http.client.HTTPResponse) -> float | None:
+    """Return how long a server asks to wait (``Retry-After``: seconds or a date)."""
+    told = (response.getheader("Retry-After") or "").strip()
+    if re.fullmatch(r"[0-9]{1,9}", told, re.ASCII):
+        return float(told)
+    try:
+        return max(0.0, email.utils.parsedate_to_datetime(told).timestamp() - time.time())
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def read_body(response: http.client.HTTPResponse, most_bytes: int) -> bytes:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import new_folder
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
+from urbantwin.progress import between
 
 if TYPE_CHECKING:
+    from urbantwin.interface.fetched_inputs import FetchOptions
     from urbantwin.site import SensorSpec
     from urbantwin.site import Site as CheckedSite
     from urbantwin.site.pole_site import PoleGround, PolePosition
+    from urbantwin.site.presets import Preset
 
 __all__ = ["Site", "init"]
 
@@ -26,10 +30,13 @@ class Site:
 
     Attributes:
         path: the file.
+        sources: where its inputs were fetched from just now: ``kind``, ``source``, ``outcome`` and
+            what is ``told`` of each source that was asked; empty where nothing was fetched.
     """
 
-    def __init__(self, path: AnyPath) -> None:
+    def __init__(self, path: AnyPath, sources: Sequence[Mapping[str, str]] = ()) -> None:
         self.path = Path(path)
+        self.sources = [dict(one) for one in sources]
 
     @classmethod
     def open(cls, path: AnyPath) -> Site:
@@ -81,6 +88,7 @@ class Site:
             region={"area_m2": round(site.region.area, 1)},
             traffic_per_hour={name: n for name, n in site.traffic.per_hour.items() if n},
             sensors=sensors,
+            **({"sources": self.sources} if self.sources else {}),
             next=f"urbantwin run {shlex.quote(str(self.path))}",
         )
 
@@ -103,10 +111,20 @@ def init(  # noqa: PLR0913 - the options of the command
     radius: float | None = None,
     region: AnyPath | None = None,
     preset: str | None = None,
+    at: str | tuple[float, float] | None = None,
+    place: str | None = None,
+    use: str | Sequence[str] | None = None,
+    also: str | Sequence[str] | None = None,
+    sources: AnyPath | None = None,
+    cache: AnyPath | None = None,
+    offline: bool = False,
     force: bool = False,
     progress: ShowProgress = True,
 ) -> Site:
-    """Write a commented ``site.yaml`` for a place on a map.
+    """Write a commented ``site.yaml`` for a place on a map, or for any place on earth.
+
+    With ``at`` or ``place`` its inputs are fetched from public sources and kept in ``inputs``
+    beside it, with where each came from, when, and on which terms.
 
     Args:
         folder: the folder to write it in; with ``out``, the map instead.
@@ -121,22 +139,31 @@ def init(  # noqa: PLR0913 - the options of the command
         region: region of interest: a GeoJSON polygon.
         preset: a place at which a dataset was recorded, of `presets`: anchor, region, sensors and
             traffic as far as they are published.
+        at: latitude and longitude of a place whose inputs are fetched; ``"48.1374,11.5755"``.
+        place: its name instead: ``"street and street, town"``, or any name.
+        use: names of sources, also as one text with commas between; only these are asked.
+        also: names of sources that are asked beside the usual ones.
+        sources: a table of further sources, as docs/acquire.md tells.
+        cache: where answers are kept; the user's cache when not given.
+        offline: ask nobody: what the cache holds has to do.
         force: replace a ``site.yaml``.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
-        InputError: no map, half a place, or a map that cannot be used.
+        InputError: no map, half a place, a map that cannot be used; a place in the sea, without
+            streets, or of a name that several have; no network.
 
     Example:
         >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
         >>> site = ut.init("s110", osm="garching.osm.pbf", preset="tumtraf-s110")
+        >>> site = ut.init("mysite", at=(48.1374, 11.5755), radius=120)
     """
+    from urbantwin.interface.fetched_inputs import FetchOptions, fetched_inputs
     from urbantwin.lidar.siting import place_in_sight, warnings_of_place
     from urbantwin.roads.imported import init_site_of_map
     from urbantwin.site.initial_site import init_site
     from urbantwin.site.presets import init_preset_site
     from urbantwin.site.presets import preset as preset_of
-    from urbantwin.site.presets.preset_site import needs_extract
 
     target = Path(folder)
     extract = None if osm is None else Path(osm)
@@ -145,14 +172,78 @@ def init(  # noqa: PLR0913 - the options of the command
     if out is not None:
         target, extract, streets = _map_first(target, Path(out), extract, streets)
     chosen_place = None if preset is None else preset_of(preset)
-    if chosen_place is not None and streets is not None:
+    options = FetchOptions(at, place, use, also, sources, cache, offline)
+    if chosen_place is not None and extract is None and lat is None and lon is None:
+        options = options.of_preset(chosen_place, at_junction=at_junction)
+    _check_choice(options, chosen_place, extract, streets, lat, lon, at_junction=at_junction)
+    chosen: list[PolePosition] = []
+
+    def choose_pole(ground: PoleGround) -> PolePosition:
+        chosen.append(place_in_sight(ground))
+        return chosen[-1]
+
+    found = None
+    with new_folder(target), shown_stage("init", progress) as tell:
+        if options.is_asked:
+            reach = radius
+            if chosen_place is not None and area is None:
+                reach = options.within_m + (radius or chosen_place.region.radius_m)
+            found = fetched_inputs(
+                target, options, extract, area, reach, force=force, tell=between(tell, 0.0, 0.8)
+            )
+            extract = found.extract
+            if not options.within_m:
+                lat, lon = found.point
+            tell = between(tell, 0.8, 1.0)  # noqa: PLW2901 - of what follows
+        how: dict[str, Any] = {
+            "latitude": lat, "longitude": lon, "region": area, "radius_m": radius,
+            "force": force, "choose_pole": choose_pole, "progress": tell,
+        }  # fmt: skip
+        inputs = found.inputs if found else ()
+        if streets is not None:
+            path = init_site_of_map(target, streets, osm=extract, **how)
+        elif chosen_place is not None and extract is not None:
+            path = init_preset_site(
+                target, extract, chosen_place, at_junction=at_junction, fetched=inputs,
+                **how,
+            )  # fmt: skip
+        elif extract is not None:
+            path = init_site(target, extract, fetched=inputs, **how)
+    told = [warning for pole in chosen for warning in warnings_of_place(pole)]
+    tell_result("init", target, [*(found.warnings if found else ()), *told], progress)
+    return Site(path, found.rows if found else ())
+
+
+def _check_choice(
+    options: FetchOptions,
+    preset: Preset | None,
+    extract: Path | None,
+    streets: Path | None,
+    lat: float | None,
+    lon: float | None,
+    *,
+    at_junction: bool,
+) -> None:
+    """Check that what names the map and the place goes together.
+
+    Raises:
+        InputError: it does not, or there is no map.
+    """
+    from urbantwin.site.presets.preset_site import needs_extract
+
+    if preset is not None and streets is not None:
         raise InputError(
             "is given with a map of the roads", place="--preset", expected="an extract (--osm)"
         )
-    if chosen_place is not None and extract is None:
-        raise needs_extract(chosen_place)
-    if extract is None and streets is None:
-        raise InputError("no map is given", place="--osm", expected="--osm or --roads with a file")
+    options.check_alone(roads=streets, lat=lat, lon=lon, at_junction=at_junction)
+    if extract is None and streets is None and not options.is_asked:
+        if preset is not None:
+            raise needs_extract(preset)
+        raise InputError(
+            "no map is given",
+            place="--osm",
+            expected="--osm or --roads with a file, or --at LAT,LON to fetch one",
+        )
     if (lat is None) != (lon is None):
         given, lacking = ("--lat", "--lon") if lon is None else ("--lon", "--lat")
         raise InputError("is alone", place=given, expected=f"{lacking} beside it")
@@ -160,55 +251,6 @@ def init(  # noqa: PLR0913 - the options of the command
         raise InputError(
             "is given with coordinates", place="--at-junction", expected="one of the two"
         )
-    chosen: list[PolePosition] = []
-
-    def choose_pole(ground: PoleGround) -> PolePosition:
-        chosen.append(place_in_sight(ground))
-        return chosen[-1]
-
-    with new_folder(target), shown_stage("init", progress) as tell:
-        if streets is not None:
-            path = init_site_of_map(
-                target,
-                streets,
-                osm=extract,
-                latitude=lat,
-                longitude=lon,
-                region=area,
-                radius_m=radius,
-                force=force,
-                choose_pole=choose_pole,
-                progress=tell,
-            )
-        elif extract is not None and chosen_place is not None:
-            path = init_preset_site(
-                target,
-                extract,
-                chosen_place,
-                latitude=lat,
-                longitude=lon,
-                at_junction=at_junction,
-                region=area,
-                radius_m=radius,
-                force=force,
-                choose_pole=choose_pole,
-                progress=tell,
-            )
-        elif extract is not None:
-            path = init_site(
-                target,
-                extract,
-                latitude=lat,
-                longitude=lon,
-                region=area,
-                radius_m=radius,
-                force=force,
-                choose_pole=choose_pole,
-                progress=tell,
-            )
-    told = [warning for pole in chosen for warning in warnings_of_place(pole)]
-    tell_result("init", target, told, progress)
-    return Site(path)
 
 
 def _map_first(

@@ -126,7 +126,7 @@ def build(
     """Build a site's twin: ground, roads and labelled scene.
 
     Args:
-        site: the ``site.yaml``.
+        site: the ``site.yaml``, or its folder.
         out: the folder to write, in which an older twin is replaced; ``NAME/twin`` beside the site
             when not given, where NAME is the site's name.
         pictures: draw pictures into the twin's folder, which takes a while.
@@ -140,7 +140,7 @@ def build(
         >>> twin = ut.build("examples/two-avenues/site.yaml")
     """
     checked = site_with_known_sensors(Path(site))
-    folder = folder_of_site(site, checked.name) / "twin" if out is None else Path(out)
+    folder = folder_of_site(checked.file, checked.name) / "twin" if out is None else Path(out)
     return build_of(checked, folder, pictures=pictures, progress=progress)
 
 

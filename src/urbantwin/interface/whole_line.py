@@ -127,7 +127,7 @@ def run(
         StageError: a stage failed.
     """
     checked = site_with_known_sensors(Path(site))
-    place = folder_of_site(site, checked.name, out)
+    place = folder_of_site(checked.file, checked.name, out)
     return _run_of(checked, place, workers=workers, pictures=pictures, progress=progress)
 
 

@@ -24,7 +24,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.geotiff import opened_geotiff
 
-__all__ = ["DemGrid", "check_dem", "grid_step_m", "read_heights"]
+__all__ = ["DemGrid", "check_dem", "grid_step_m", "metres_per_unit", "read_heights"]
 
 _EXPECTED = "a DEM as GeoTIFF: one band of heights with a CRS"
 #: A larger share of the region without heights is refused, not filled in.
@@ -247,7 +247,7 @@ def _window(
         1, window=window, out_shape=shape, masked=True, resampling=Resampling.average
     )
     heights = np.ma.filled(masked.astype(np.float64), np.nan)
-    heights = (heights * raster.scales[0] + raster.offsets[0]) * _metres_per_unit(raster)
+    heights = (heights * raster.scales[0] + raster.offsets[0]) * metres_per_unit(raster)
     heights[~((heights > LOWEST_M) & (heights < HIGHEST_M))] = np.nan
     t, across, down = raster.transform, width / shape[1], height / shape[0]
     corner = (t.a * low[0] + t.b * low[1] + t.c, t.d * low[0] + t.e * low[1] + t.f)
@@ -268,7 +268,7 @@ def _vertical(crs: CRS) -> str:
     return crs.to_wkt() if len(crs.axis_info) == 3 else ""
 
 
-def _metres_per_unit(raster: Any) -> float:  # noqa: ANN401
+def metres_per_unit(raster: Any) -> float:  # noqa: ANN401
     """Return the unit of height: the vertical CRS's, else the band's, else a metre."""
     axes = CRS(raster.crs.to_wkt()).axis_info
     if len(axes) == 3:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -14,6 +13,8 @@ import shapely
 from urbantwin.artefact import check_file, replaced_file, sha256_of
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.site.draft_inputs import fetched_lines, fetched_of_kind, map_lines, quoted
+from urbantwin.site.fetched import FetchedInput
 from urbantwin.site.pole_site import PolePosition
 from urbantwin.site.region import (
     FARTHEST_M,
@@ -69,6 +70,7 @@ class SiteDraft:
         traffic_remark: where ``per_hour`` is from, if it is no guess of the map.
         guessed: whether ``per_hour`` is a guess.
         rig: text of the mapping ``rig``, set in, instead of one sensor on ``pole``.
+        fetched: inputs that were fetched, the map among them.
     """
 
     title: str
@@ -85,6 +87,7 @@ class SiteDraft:
     traffic_remark: str = ""
     guessed: bool = True
     rig: str | None = None
+    fetched: tuple[FetchedInput, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -195,22 +198,24 @@ def _brought_in(file: Path, folder: Path, force: bool) -> str:
     return file.name
 
 
-def _quoted(text: str) -> str:
-    # A JSON string is a YAML string, whatever is in it.
-    return json.dumps(text, ensure_ascii=not text.isprintable())
+#: The terms of every extract of OpenStreetMap.
+_OSM_TERMS = """\
+  licence: ODbL-1.0
+  attribution: "© OpenStreetMap contributors"
+"""
 
 
 def _inputs(folder: Path, draft: SiteDraft, force: bool) -> str:
     """Return the lines that name the maps."""
     text = ""
     if draft.osm is not None:
+        maps = fetched_of_kind(draft.fetched, "map")
+        terms = map_lines(maps[0]) if maps else _OSM_TERMS
         text += f"""\
 # The map: .osm, .osm.bz2, .osm.gz or .osm.pbf. Whoever gets the twin is told its terms.
 osm:
-  file: {_quoted(_brought_in(draft.osm, folder, force))}
-  licence: ODbL-1.0
-  attribution: "© OpenStreetMap contributors"
-
+  file: {quoted(_brought_in(draft.osm, folder, force))}
+{terms}
 """
     elif draft.roads is not None:
         text += """\
@@ -228,7 +233,7 @@ osm:
         text += f"""\
 # The roads: OpenDRIVE (.xodr) or Lanelet2 (.osm). Whoever gets the twin is told its terms.
 roads:
-  file: {_quoted(_brought_in(draft.roads, folder, force))}
+  file: {quoted(_brought_in(draft.roads, folder, force))}
   licence: not stated
   attribution: not stated{anchor}
   driving_side: auto    # auto: as in the map
@@ -237,16 +242,58 @@ roads:
     return text
 
 
+def _beside(folder: Path, draft: SiteDraft, force: bool) -> str:
+    """Return the lines that name what else a site is made from, or show how."""
+
+    def lines(*kinds: str) -> str:
+        return fetched_lines(draft.fetched, lambda file: _brought_in(file, folder, force), *kinds)
+
+    flat = " Flat without it." if draft.roads is None else ""
+    elevation = f"""\
+# Elevation, if you have it: a GeoTIFF of the bare earth that covers the region.{flat}
+# dem:
+#   file: dem.tif
+#   licence: CC-BY-4.0
+#   attribution: "who made it"
+
+"""
+    geometry = """\
+# Geometry that somebody surveyed or reconstructed, if you have it: 3D Tiles, meshes, airborne
+# LiDAR, CityJSON. It takes the place of the map's buildings and trees where it reaches.
+# geometry:
+#   - file: tiles/tileset.json
+#   - file: survey.laz
+#     footprints: buildings.gpkg    # outlines of buildings; the map's without it
+#     licence: CC-BY-4.0
+#     attribution: "who made it"
+
+"""
+    imagery = """\
+# Pictures of the ground from above, if you have them: they tell paint, asphalt, grass and soil.
+# imagery:
+#   - file: ortho.tif               # GeoTIFF of red, green and blue
+#   - xyz: "https://host/tiles/{z}/{x}/{y}.png"
+#     zoom: 19
+#     key_env: TILES_KEY            # the environment variable that holds the address's key
+#     origins: ["https://host2"]    # who else than the address's own host may be asked
+"""
+    return (
+        (lines("elevation") or elevation)
+        + lines("buildings")
+        + (lines("airborne", "tiles") or geometry)
+        + (lines("imagery").removesuffix("\n") or imagery)
+    )
+
+
 def _text(folder: Path, draft: SiteDraft, force: bool) -> str:
     region, pole = draft.region, draft.pole
     outline = (
-        f"polygon: {_quoted(_brought_in(region, folder, force))}"
+        f"polygon: {quoted(_brought_in(region, folder, force))}"
         if isinstance(region, Path)
         else f"radius_m: {region:g}"
     )
-    inputs = _inputs(folder, draft, force)
+    inputs, beside = _inputs(folder, draft, force), _beside(folder, draft, force)
     roads = ""
-    flat = " Flat without it." if draft.roads is None else ""
     if draft.roads is None:
         roads = """
 # The roads are made from the map. An OpenDRIVE or Lanelet2 map can take their place: file: map.xodr
@@ -272,7 +319,7 @@ scene:
 # A site for UrbanTwin. It runs as it is: urbantwin run site.yaml -o out/
 # File names are relative to this file. Lengths in metres, angles in degrees, times in seconds.
 {about}
-name: {_quoted(draft.title)}
+name: {quoted(draft.title)}
 
 # The anchor: the origin of the site frame (x east, y north, z above the ground there), WGS84.
 # {draft.why}
@@ -285,29 +332,7 @@ anchor:
 region:
   {outline}
 
-{inputs}# Elevation, if you have it: a GeoTIFF of the bare earth that covers the region.{flat}
-# dem:
-#   file: dem.tif
-#   licence: CC-BY-4.0
-#   attribution: "who made it"
-
-# Geometry that somebody surveyed or reconstructed, if you have it: 3D Tiles, meshes, airborne
-# LiDAR, CityJSON. It takes the place of the map's buildings and trees where it reaches.
-# geometry:
-#   - file: tiles/tileset.json
-#   - file: survey.laz
-#     footprints: buildings.gpkg    # outlines of buildings; the map's without it
-#     licence: CC-BY-4.0
-#     attribution: "who made it"
-
-# Pictures of the ground from above, if you have them: they tell paint, asphalt, grass and soil.
-# imagery:
-#   - file: ortho.tif               # GeoTIFF of red, green and blue
-#   - xyz: "https://host/tiles/{{z}}/{{x}}/{{y}}.png"
-#     zoom: 19
-#     key_env: TILES_KEY            # the environment variable that holds the address's key
-#     origins: ["https://host2"]    # who else than the address's own host may be asked
-{roads}
+{inputs}{beside}{roads}
 # Programs of signals, if you know them; else they are assumed. `urbantwin inspect` of the twin
 # lists its junctions with their streets, approaches and phases.
 # signals:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from urbantwin.site.fetched import FetchedSpec
 from urbantwin.site.web_source import OriginText, check_origins
 from urbantwin.site.yaml_document import Document, nearest, wrong
 from urbantwin.taxonomy import material_id, semantic_classes
@@ -175,6 +176,7 @@ class GeometrySpec(_Strict):
         clean: how it is cleaned.
         licence: on what terms it may be used.
         attribution: who made it.
+        fetched: where its file was fetched from, which `init` notes.
     """
 
     file: Annotated[str, Field(min_length=1)] | None = None
@@ -200,6 +202,7 @@ class GeometrySpec(_Strict):
     clean: CleanSpec = CleanSpec()
     licence: str = "not stated"
     attribution: str = "not stated"
+    fetched: FetchedSpec | None = None
 
     #: Names that files use for fields (the keys of error messages).
     also_written_as: ClassVar[tuple[str, ...]] = ("register",)

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from urbantwin.download import DownloadError, parse_address
+from urbantwin.site.fetched import FetchedSpec
 from urbantwin.site.web_source import OriginText, check_origins
 from urbantwin.site.yaml_document import Document, wrong
 
@@ -38,6 +39,7 @@ class ImagerySpec(BaseModel):
             get the key.
         licence: on what terms it may be used.
         attribution: who made it.
+        fetched: where its file was fetched from, which `init` notes.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
@@ -50,6 +52,7 @@ class ImagerySpec(BaseModel):
     origins: list[OriginText] = []
     licence: str = "not stated"
     attribution: str = "not stated"
+    fetched: FetchedSpec | None = None
 
     @model_validator(mode="before")
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from urbantwin.site.draft import (
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import check_roads, mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
+from urbantwin.site.fetched import FetchedInput
 from urbantwin.site.junction_proposal import STREETS, propose_junction, streets_near
 from urbantwin.site.pole_site import PoleChoice, PoleGround, ground_around, nearest_place
 from urbantwin.site.region import circle
@@ -63,6 +64,7 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
     force: bool = False,
     choose_pole: PoleChoice = nearest_place,
     furnish: Furnishing | None = None,
+    fetched: Sequence[FetchedInput] = (),
     progress: Progress | None = None,
 ) -> Path:
     """Write a commented ``site.yaml`` for an OpenStreetMap extract and return its path.
@@ -80,6 +82,7 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
         force: replace a ``site.yaml`` that is there.
         choose_pole: where the sensor stands on the ground of the junction.
         furnish: puts what is known of the place into what the map proposes.
+        fetched: inputs that were fetched for the place, the extract among them.
         progress: called with the share done (0..1) and the current task.
 
     Raises:
@@ -112,6 +115,7 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
         anchor_m=None,
         per_hour=per_hour_around(extract, frame, shape),
         pole=choose_pole(ground),
+        fetched=tuple(fetched),
     )
     if furnish is not None:
         draft = furnish(draft, ground)

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from urllib.parse import quote
 
 import numpy as np
@@ -68,6 +69,7 @@ def read_tiles(
     source: ImagerySource,
     lonlat: NDArray[np.float64],
     environment: Mapping[str, str] | None = None,
+    fetch: Callable[[str], bytes] | None = None,
 ) -> Mosaic:
     """Read the tiles that cover some points.
 
@@ -75,6 +77,8 @@ def read_tiles(
         source: where they are.
         lonlat: (N, 2) points around the area, degrees, WGS84.
         environment: where the key is; the process's own when not given.
+        fetch: what asks for a tile's address in the source's place, ``{key}`` in it as it stands;
+            it raises DownloadError.
 
     Raises:
         InputError: the key is not set, there would be too many tiles, or none can be read.
@@ -90,15 +94,18 @@ def read_tiles(
             ("imagery", source.number, "zoom"),
             f"a lower one, of at most {MOST_PIXELS // SIDES[0] ** 2} tiles",
         )
-    fetch = _from_web(source, _key(source, environment)) if source.is_web else _from_files(source)
+    if fetch is None:
+        is_web = source.is_web
+        fetch = _from_web(source, _key(source, environment)) if is_web else _from_files(source)
     places = [(x, y) for y in range(low[1], high[1]) for x in range(low[0], high[0])]
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
-        found = [_tile(source, place, fetch) for place in places[:TRIED_FIRST]]
+        tile = partial(_tile, source, fetch)
+        found = [tile(place) for place in places[:TRIED_FIRST]]
         if any(not isinstance(one, str) or UNREACHED not in one for one in found):
             with ThreadPoolExecutor(AT_ONCE) as pool:
                 rest = places[TRIED_FIRST:]
-                found += pool.map(lambda place: _tile(source, place, fetch), rest)
+                found += pool.map(tile, rest)
         else:  # The server does not answer: it would take minutes to time out for every tile.
             found += [f"{UNREACHED} either"] * (len(places) - len(found))
     pictures = [one for one in found if not isinstance(one, str)]
@@ -150,7 +157,7 @@ def _key(source: ImagerySource, environment: Mapping[str, str] | None) -> str:
 
 
 def _tile(
-    source: ImagerySource, place: tuple[int, int], fetch: Callable[[str], bytes]
+    source: ImagerySource, fetch: Callable[[str], bytes], place: tuple[int, int]
 ) -> NDArray[np.uint8] | str:
     """Return a tile's pixels (S, S, 4), or its problem.
 

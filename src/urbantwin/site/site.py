@@ -16,6 +16,7 @@ from urbantwin.site.corrections import CORRECTIONS, read_corrections
 from urbantwin.site.dem import check_dem
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import check_roads
+from urbantwin.site.fetched import FetchedSpec, InputFile, check_fetched
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.region import (
@@ -29,7 +30,7 @@ from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
 from urbantwin.site.scene_options import Clutter, SceneSpec
 from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import OwnAssetSpec, TrafficSpec
-from urbantwin.site.yaml_document import Document, read_document, wrong
+from urbantwin.site.yaml_document import Document, must_exist, read_document, wrong
 
 __all__ = ["InputFile", "Site", "check_extract", "load_site"]
 
@@ -85,6 +86,7 @@ class _File(_Strict):
     file: Annotated[str, Field(min_length=1, description="the name of a file")]
     licence: str = "not stated"
     attribution: str = "not stated"
+    fetched: FetchedSpec | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -125,6 +127,7 @@ class _SiteFile(_Strict):
     sketch: _File | None = None
     dem: _File | None = None
     corrections: _File | None = None
+    buildings: _File | None = None
     roads: _Roads = _Roads()
     geometry: list[GeometrySpec] = []
     imagery: list[ImagerySpec] = []
@@ -140,15 +143,6 @@ class _SiteFile(_Strict):
         if not isinstance(value, str | dict):
             raise wrong("is neither", "a mapping with sensors, or the name of a rig's file")
         return value
-
-
-@dataclass(frozen=True)
-class InputFile:
-    """A file that others made: where it is, and on what terms it may be used."""
-
-    path: Path
-    licence: str
-    attribution: str
 
 
 @dataclass(frozen=True)
@@ -181,6 +175,7 @@ class Site:
         clutter: what stands beside the streets: ``typical``, ``mapped`` or ``none``.
         sketch: a sketch by hand that stands for the extract.
         corrections: what a person corrected of the map and the twin.
+        buildings: footprints with heights, which complete those of the extract.
     """
 
     file: Path
@@ -205,6 +200,7 @@ class Site:
     clutter: Clutter = "typical"
     sketch: InputFile | None = None
     corrections: InputFile | None = None
+    buildings: InputFile | None = None
 
     @cached_property
     def frame(self) -> SiteFrame:
@@ -231,6 +227,7 @@ class Site:
             ("sketch", self.sketch),
             ("dem", self.dem),
             ("corrections", self.corrections),
+            ("buildings", self.buildings),
         ):
             if item:
                 value[kind] = _file_entry(item)
@@ -267,7 +264,9 @@ class Site:
     def _geometry(self) -> dict[str, Any]:
         sources = []
         for source in self.geometry:
-            spec = source.spec.model_dump(exclude_none=True, exclude_defaults=True, by_alias=True)
+            spec = source.spec.model_dump(
+                exclude_none=True, exclude_defaults=True, exclude={"fetched"}, by_alias=True
+            )
             for name in ("file", "footprints", "control_points"):
                 if isinstance(spec.get(name), str):
                     spec[name] = Path(spec[name]).name
@@ -277,7 +276,9 @@ class Site:
     def _imagery(self) -> dict[str, Any]:
         pictures = []
         for source in self.imagery:
-            spec = source.spec.model_dump(exclude_none=True, exclude_defaults=True)
+            spec = source.spec.model_dump(
+                exclude_none=True, exclude_defaults=True, exclude={"fetched"}
+            )
             if source.path is not None:
                 spec["file"] = source.path.name
             else:
@@ -291,7 +292,7 @@ class Site:
 
     def files(self) -> list[Path]:
         """Return every file and folder that the site names, and its own."""
-        maps = (self.osm, self.sketch, self.roads, self.dem, self.corrections)
+        maps = (self.osm, self.sketch, self.roads, self.dem, self.buildings, self.corrections)
         given = (*maps, *self.geometry, *self.imagery)
         named = [one.path for one in given if one is not None and one.path is not None]
         return [self.file, self.rig_file, *named, *(path for _, path in self.own_assets)]
@@ -304,6 +305,7 @@ class Site:
             ("roads", self.roads),
             ("dem", self.dem),
             ("corrections", self.corrections),
+            ("buildings", self.buildings),
         )
         sources = [
             {
@@ -350,10 +352,15 @@ def _file_entry(item: InputFile) -> dict[str, str]:
 def load_site(path: Path) -> Site:
     """Read and check a ``site.yaml``. Paths in it are relative to it.
 
+    Args:
+        path: the file, or the folder that it is in.
+
     Raises:
         InputError: the file is missing or something in it is wrong; it names the file, the field
             and the line. What only the map can tell is left to `check_extract`.
     """
+    if path.is_dir() and (path / "site.yaml").is_file():
+        path = path / "site.yaml"
     document = read_document(path, kind="a site")
     raw = document.validated(_SiteFile)
     frame = SiteFrame(raw.anchor.latitude, raw.anchor.longitude)
@@ -379,16 +386,23 @@ def load_site(path: Path) -> Site:
     corrections = _corrections(document, raw)
     if corrections:
         read_corrections(corrections.path, frame, region)
+    buildings = None
+    if raw.buildings is not None:
+        if raw.osm is None:
+            raise document.error(
+                "stands without an extract (osm)", ("buildings",), "a map that it completes"
+            )
+        buildings = _input_file(document, "buildings", raw.buildings, "footprints as GeoJSON")
     if isinstance(raw.rig, str):
         rig_file = path.parent / raw.rig
-        _must_exist(document, ("rig",), rig_file, "a rig as YAML")
+        must_exist(document, ("rig",), rig_file, "a rig as YAML")
         rig = load_rig_spec(rig_file, frame)
     else:
         rig_file = path
         rig = rig_spec_from(document.part("rig"), frame)
     for number, one in enumerate(raw.traffic.assets):
         where = ("traffic", "assets", number, "file")
-        _must_exist(document, where, path.parent / one.file, "a mesh as glTF")
+        must_exist(document, where, path.parent / one.file, "a mesh as glTF")
     return Site(
         file=path,
         name=raw.name,
@@ -412,6 +426,7 @@ def load_site(path: Path) -> Site:
         clutter=raw.scene.clutter,
         sketch=sketch,
         corrections=corrections,
+        buildings=buildings,
     )
 
 
@@ -421,10 +436,11 @@ def _geometry_sources(document: Document, specs: list[GeometrySpec]) -> tuple[Ge
         where = ("geometry", source.number)
         if source.path is not None:
             kind = "a mesh, a tileset.json, a point cloud or a folder of photogrammetry"
-            _must_exist(document, (*where, "file"), source.path, kind, folders=True)
+            must_exist(document, (*where, "file"), source.path, kind, folders=True)
+            check_fetched(document, where, source.path, source.spec.fetched)
         if source.footprints is not None:
             kind = "outlines of buildings (GeoPackage, GeoJSON, SpatiaLite)"
-            _must_exist(document, (*where, "footprints"), source.footprints, kind)
+            must_exist(document, (*where, "footprints"), source.footprints, kind)
     return sources
 
 
@@ -432,8 +448,9 @@ def _imagery_sources(document: Document, specs: list[ImagerySpec]) -> tuple[Imag
     sources = tuple(ImagerySource(spec, document, k) for k, spec in enumerate(specs))
     for source in sources:
         if source.path is not None:
-            where = ("imagery", source.number, "file")
-            _must_exist(document, where, source.path, "a picture as GeoTIFF")
+            where = ("imagery", source.number)
+            must_exist(document, (*where, "file"), source.path, "a picture as GeoTIFF")
+            check_fetched(document, where, source.path, source.spec.fetched)
     return sources
 
 
@@ -451,7 +468,7 @@ def _region(
     file, place = document.file, None
     if isinstance(raw.polygon, str):
         file = document.file.parent / raw.polygon
-        _must_exist(document, ("region", "polygon"), file, "a GeoJSON file")
+        must_exist(document, ("region", "polygon"), file, "a GeoJSON file")
         geojson = read_geojson(file)
     else:
         place = document.place(("region", "polygon"))
@@ -474,23 +491,6 @@ def _corrections(document: Document, raw: _SiteFile) -> InputFile | None:
 
 def _input_file(document: Document, field: str, raw: _File, kind: str) -> InputFile:
     path = document.file.parent / raw.file
-    _must_exist(document, (field, "file"), path, kind)
+    must_exist(document, (field, "file"), path, kind)
+    check_fetched(document, (field,), path, raw.fetched)
     return InputFile(path, raw.licence, raw.attribution)
-
-
-def _must_exist(
-    document: Document,
-    location: tuple[int | str, ...],
-    path: Path,
-    kind: str,
-    *,
-    folders: bool = False,
-) -> None:
-    try:
-        found, folder = path.exists(), path.is_dir()
-    except (OSError, ValueError):  # a name too long, or with a null byte
-        found, folder = False, False
-    if not found:
-        raise document.error(f"{str(path)!r} is not found", location, kind)
-    if folder and not folders:
-        raise document.error(f"{str(path)!r} is a folder", location, kind)

@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from urbantwin.errors import InputError
 
-__all__ = ["Document", "field_path", "nearest", "read_document", "wrong"]
+__all__ = ["Document", "field_path", "must_exist", "nearest", "read_document", "wrong"]
 
 Model = TypeVar("Model", bound=BaseModel)
 Location = Sequence[int | str]
@@ -299,3 +299,26 @@ def _shown(value: object) -> str:
         return "empty"
     text = repr(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def must_exist(
+    document: Document,
+    location: tuple[int | str, ...],
+    path: Path,
+    kind: str,
+    *,
+    folders: bool = False,
+) -> None:
+    """Check that a file that a document names is there.
+
+    Raises:
+        InputError: it is not, or is a folder where none is allowed.
+    """
+    try:
+        found, folder = path.exists(), path.is_dir()
+    except (OSError, ValueError):  # a name too long, or with a null byte
+        found, folder = False, False
+    if not found:
+        raise document.error(f"{str(path)!r} is not found", location, kind)
+    if folder and not folders:
+        raise document.error(f"{str(path)!r} is a folder", location, kind)

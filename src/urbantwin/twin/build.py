@@ -37,6 +37,7 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
+from urbantwin.site.building_file import read_buildings, with_buildings
 from urbantwin.site.conditional_tags import at_time
 from urbantwin.site.sketch import read_sketch
 from urbantwin.twin.corrections import Corrections
@@ -93,6 +94,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
     check_folder(out, kind="twin", inputs=site.files())
     whole = progress or untold
     extract, tell = _read(site, between(whole, 0.0, 1.0 if also is None else BUILT))
+    extract, completed = _completed(site, extract)
     imported = read_map(site.roads.path, site.frame, site.anchor_m) if site.roads else None
     side = _driving_side(site, imported)
     corrections = Corrections.of_site(site)
@@ -201,6 +203,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             "roads": roads.notes,
             "mapped": {kind: counts.as_note() for kind, counts in mapped.items()},
             **({"geometry": of_sources} if found else {}),
+            **({"buildings_file": completed} if completed else {}),
             **scene.notes,
             "materials": {
                 **material.notes,
@@ -274,6 +277,15 @@ def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
     near = box_around(site.frame, site.region)
     extract = read_extract(site.osm.path, near, progress=between(tell, 0.0, read))
     return extract, between(tell, read, 1.0)
+
+
+def _completed(site: Site, extract: Extract | None) -> tuple[Extract | None, dict[str, str | int]]:
+    """Return the map with what the site's file of buildings knows, and what that was."""
+    if extract is None or site.buildings is None:
+        return extract, {}
+    footprints = read_buildings(site.buildings.path)
+    more, counts = with_buildings(extract, footprints, site.frame, site.region)
+    return more, {"source": site.buildings.path.name, **counts}
 
 
 def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:

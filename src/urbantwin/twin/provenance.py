@@ -44,6 +44,7 @@ def made_from(
             ("sketch", site.sketch),
             ("dem", site.dem),
             ("corrections", site.corrections),
+            ("buildings", site.buildings),
             ("roads", site.roads),
         )
         if one is not None

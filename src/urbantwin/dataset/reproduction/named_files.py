@@ -135,7 +135,7 @@ def _is_plain(one: NamedFile) -> bool:
 
 def _naming(document: Mapping[str, Any]) -> Iterator[At]:
     """Yield where a site or a rig names a file."""
-    for name in ("osm", "sketch", "dem", "roads", "corrections"):
+    for name in ("osm", "sketch", "dem", "buildings", "roads", "corrections"):
         entry = document.get(name)
         if isinstance(entry, str):
             yield (name,)

@@ -2,7 +2,8 @@
 
 laspy and its decompressor believe them: a few bytes changed in a small file ask for gigabytes, and
 the decompressor ends the process when it does not get them. Sources: LAS 1.4 R15, tables 3, 5 and
-29; LASzip 2.2, "laszip.hpp" and the chunk table of "lasreadpoint.cpp".
+29; LASzip 2.2, "laszip.hpp" and the chunk table of "lasreadpoint.cpp"; the layers of a chunk,
+LASzip 3, "lasreaditemcompressed_v3.cpp".
 """
 
 from __future__ import annotations
@@ -16,13 +17,16 @@ import lazrs
 
 from urbantwin.errors import InputError
 
-__all__ = ["LasSizes", "checked_sizes"]
+__all__ = ["LasSizes", "checked_sizes", "layers_fit"]
 
 #: Of a header of version 1.0 to 1.3, and of 1.4.
 _SHORT, _LONG = 227, 375
 _VLR, _EVLR = 54, 60
 _LASZIP = (b"laszip encoded", 22204)
 _VARIABLE = 2**32 - 1
+#: Layers of a chunk by the type of item (LASzip 3): point, colours, colours with infrared, waves;
+#: of extra bytes (14) there are as many as bytes.
+_LAYERED, _LAYERS = 3, {10: 9, 11: 1, 12: 2, 13: 1}
 #: A point takes this at least, bytes.
 _SMALLEST = 20
 
@@ -125,9 +129,43 @@ def _packed(
         raise _wrong(path, "is cut short or damaged: its table of chunks is not whole") from None
     if sum(bytes_ for _, bytes_ in table) > size:
         raise _wrong(path, "its table of chunks names more bytes than it has")
+    at = first_point + 8
+    for _, length in table:
+        if not layers_fit(_bytes_at(stream, at, min(length, 1 << 16)), length, record):
+            raise _wrong(path, "a chunk of its points is damaged")
+        at += length
     if chunk == _VARIABLE:
         chunk = max((points for points, _ in table), default=0)
     return LasSizes(said.points, said.record, chunk)
+
+
+def layers_fit(chunk: bytes, size: int, record: bytes) -> bool:
+    """Return whether the layers of a packed chunk can be believed.
+
+    Args:
+        chunk: its first bytes, 64 KiB or all of it.
+        size: how many it has.
+        record: what says how points are packed (LASzip's record).
+    """
+    if struct.unpack_from("<H", record, 0)[0] != _LAYERED or not size:
+        return True  # points one after the other, of which no sizes are told
+    items = struct.unpack_from("<H", record, 32)[0]
+    layers = point = 0
+    for k in range(items):
+        kind, length = struct.unpack_from("<HH", record, 34 + 6 * k)
+        layers += length if kind == 14 else _LAYERS.get(kind, 1)
+        point += length
+    # The first point as it is, how many points there are, and the size of every layer.
+    before = point + 4 + 4 * layers
+    if len(chunk) < before:
+        return False
+    sizes = struct.unpack_from(f"<{layers}I", chunk, point + 4)
+    return bool(before + sum(sizes) <= size)
+
+
+def _bytes_at(stream: BinaryIO, at: int, length: int) -> bytes:
+    stream.seek(at)
+    return stream.read(length)
 
 
 def _chunk_count(stream: BinaryIO, first_point: int, size: int) -> int:

@@ -1,60 +1,10 @@
-"""The cache of fetched tiles: a folder shared by all runs that name it."""
+"""Where fetched tiles are kept: a folder shared by all runs that name it."""
 
 from __future__ import annotations
 
-import os
-import threading
-import time
-from pathlib import Path
-
-from urbantwin.errors import InputError
-
-__all__ = ["CACHE", "keep_bytes", "kept_bytes"]
+__all__ = ["CACHE", "USABLE"]
 
 #: Environment variable that names the folder.
 CACHE = "URBANTWIN_TILE_CACHE"
-#: A file that is still being written after so long is a killed run's, seconds.
-_FORGOTTEN_S = 3600.0
-
-
-def kept_bytes(path: Path) -> bytes | None:
-    """Return what was kept at a path of the folder, or ``None``.
-
-    Raises:
-        InputError: it cannot be read.
-    """
-    try:
-        return path.read_bytes()
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except OSError as error:
-        raise _useless("read", path, error) from None
-
-
-def keep_bytes(path: Path, data: bytes) -> None:
-    """Keep bytes at a path of the folder, whole or not at all.
-
-    Raises:
-        InputError: there is no room, or it may not be written.
-    """
-    scratch = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        for old in path.parent.glob("*.part"):
-            if time.time() - old.stat().st_mtime > _FORGOTTEN_S:
-                old.unlink(missing_ok=True)
-        try:
-            scratch.write_bytes(data)
-            scratch.replace(path)
-        finally:
-            scratch.unlink(missing_ok=True)
-    except OSError as error:
-        raise _useless("written", path, error) from None
-
-
-def _useless(what: str, path: Path, error: OSError) -> InputError:
-    return InputError(
-        f"cannot be {what} ({error.strerror})",
-        file=path,
-        expected=f"a folder of your own with room, or no {CACHE}",
-    )
+#: What it has to name.
+USABLE = f"a folder of your own with room, or no {CACHE}"

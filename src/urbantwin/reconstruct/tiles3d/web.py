@@ -8,10 +8,19 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from urllib.parse import parse_qsl, quote, urlencode, urljoin, urlsplit, urlunsplit
 
-from urbantwin.download import Client, DownloadError, Limits, Origin, parse_address, parse_origin
+from urbantwin.download import (
+    Client,
+    DownloadError,
+    Limits,
+    Origin,
+    keep_bytes,
+    kept_bytes,
+    parse_address,
+    parse_origin,
+)
 from urbantwin.errors import InputError
 from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
-from urbantwin.reconstruct.tiles3d.cache import CACHE, keep_bytes, kept_bytes
+from urbantwin.reconstruct.tiles3d.cache import CACHE, USABLE
 from urbantwin.reconstruct.tiles3d.store import LARGEST_TILE
 from urbantwin.site.geometry import GeometrySource
 
@@ -135,7 +144,7 @@ class Web:
     def fetch(self, address: str) -> bytes:
         """Return the bytes at an address; failures that may pass are tried again."""
         kept = self._kept(address)
-        if kept is not None and (known := kept_bytes(kept)) is not None:
+        if kept is not None and (known := kept_bytes(kept, USABLE)) is not None:
             return known
         try:
             data = self._client.get(address)
@@ -148,7 +157,7 @@ class Web:
                 ) from None
             raise MalformedError(str(error)) from None
         if kept is not None and not self._client.secrets.held_by(data):
-            keep_bytes(kept, data)
+            keep_bytes(kept, data, USABLE)
         return data
 
     def name(self, address: str) -> str:

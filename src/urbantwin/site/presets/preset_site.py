@@ -13,6 +13,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site.draft import SiteDraft
 from urbantwin.site.extract_file import box_around, read_extract
+from urbantwin.site.fetched import FetchedInput
 from urbantwin.site.initial_site import init_site
 from urbantwin.site.pole_site import PoleChoice, PoleGround, nearest_place
 from urbantwin.site.presets.mix import per_hour_of_presence
@@ -37,6 +38,7 @@ def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
     radius_m: float | None = None,
     force: bool = False,
     choose_pole: PoleChoice = nearest_place,
+    fetched: Sequence[FetchedInput] = (),
     progress: Progress | None = None,
 ) -> Path:
     """Write the ``site.yaml`` of a preset for an OpenStreetMap extract and return its path.
@@ -54,6 +56,7 @@ def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
         radius_m: of a circle, instead of the preset's.
         force: replace a ``site.yaml`` that is there.
         choose_pole: where a sensor of unknown place stands on the ground of the junction.
+        fetched: inputs that were fetched for the place, the extract among them.
         progress: called with the share done (0..1) and the current task.
 
     Raises:
@@ -80,6 +83,7 @@ def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
         force=force,
         choose_pole=nearest_place,
         furnish=furnished,
+        fetched=fetched,
         progress=between(tell, 0.4, 1.0),
     )
 
@@ -153,7 +157,7 @@ def needs_extract(preset: Preset) -> InputError:
     return InputError(
         "needs a map of the place",
         place=f"--preset {preset.name}",
-        expected=f"--osm with an extract: {get}",
+        expected=f"--at LAT,LON of a junction to fetch one, or --osm with an extract: {get}",
     )
 
 

@@ -1,0 +1,194 @@
+"""Airborne LiDAR as COPC: a LAZ file whose points are an octree, of which the nodes there are read.
+
+The format is told at https://copc.io; laspy reads it, here from range requests.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
+from urbantwin.acquire.area import Area
+from urbantwin.acquire.cloud_file import MOST_POINTS, inside_box, write_cloud
+from urbantwin.acquire.file_index import located_files
+from urbantwin.acquire.remote_file import RemoteFile
+from urbantwin.acquire.source import MARGIN_M, AcquiredInput
+from urbantwin.acquire.source_table import SourceSpec
+from urbantwin.acquire.web import NotAcquiredError, NothingThereError, Web
+from urbantwin.download import DownloadError
+from urbantwin.progress import Progress
+from urbantwin.reconstruct.formats.las_sizes import layers_fit
+
+__all__ = ["fetch_copc"]
+
+NAME = "airborne.laz"
+#: Bytes that all nodes of a place may have, packed.
+_MOST_BYTES = 1 << 30
+#: Of a header of LAS 1.4; all before the points; of records there, of a point, of pages.
+_HEADER, _MOST_BEFORE, _MOST_RECORDS, _LONGEST, _MOST_PAGES = 375, 1 << 24, 1000, 400, 10_000
+_DEEPEST = 30
+#: More points than this a packed byte does not hold.
+_DENSEST = 1000
+
+
+def fetch_copc(
+    spec: SourceSpec, area: Area, web: Web, folder: Path, progress: Progress
+) -> AcquiredInput:
+    """Write the points of COPC files around an area."""
+    server = web.server(spec)
+    addresses = located_files(server, spec, area)
+    parts, times, read = [], [], []
+    crs: CRS | None = None
+    for number, address in enumerate(addresses):
+        progress(number / len(addresses), f"{spec.name}: {address.rpartition('/')[2]:.60}")
+        file = RemoteFile(server, address)
+        points, own = _points(file, area, spec.crs)
+        if crs is not None and own != crs:
+            raise NotAcquiredError("has files of several reference systems there")
+        crs = own
+        if len(points):
+            parts.append(points)
+            times.append(file.at)
+            read.append(server.shown(address))
+    if crs is None:
+        raise NothingThereError()
+    total = write_cloud(parts, crs, folder / NAME)
+    return AcquiredInput(
+        "airborne",
+        spec,
+        folder / NAME,
+        read[0],
+        min(times),
+        told=f"{total:,} points",
+        crs=crs.to_wkt(),
+    )
+
+
+def _points(file: RemoteFile, area: Area, stated: str | None) -> tuple[Any, CRS]:
+    """Return the points of a file around an area, and their CRS.
+
+    Raises:
+        NotAcquiredError: it is no COPC, is damaged, has no CRS, or too many points there.
+        DownloadError: it cannot be had.
+    """
+    from laspy.copc import Bounds, CopcReader, load_octree_for_query
+
+    _check_header(file)
+    try:
+        file.seek(0)
+        reader = CopcReader(file, close_fd=False)
+        info = reader.copc_info
+        if info.hierarchy_root_offset + info.hierarchy_root_size > file.size:
+            raise NotAcquiredError("ends early")
+        crs = CRS.from_user_input(stated) if stated else reader.header.parse_crs()
+        if crs is None:
+            raise NotAcquiredError("has no coordinate reference system")
+        box = area.box_in(crs.to_wkt(), MARGIN_M)
+        bounds = Bounds(np.array(box[:2]), np.array(box[2:])).ensure_3d(
+            reader.header.mins, reader.header.maxs
+        )
+        _read_pages(file, reader, bounds)
+        nodes = load_octree_for_query(file, reader.copc_info, reader.root_page, query_bounds=bounds)
+        counts = np.array([node.point_count for node in nodes], np.int64)
+        sizes = np.array([node.byte_size for node in nodes], np.int64)
+        if (counts < 0).any() or (sizes < 0).any() or (counts > _DENSEST * sizes).any():
+            raise NotAcquiredError("is damaged: its nodes are none")
+        if sizes.sum() > min(file.size, _MOST_BYTES):
+            raise NotAcquiredError("is damaged: its nodes are larger than the file")
+        if counts.sum() * max(reader.header.point_format.size, 100) > MOST_POINTS * 100:
+            raise NotAcquiredError(f"has {counts.sum():,} points there")
+        points = _unpacked(file, reader, nodes)
+        return points[inside_box(points, box)], crs
+    except (NotAcquiredError, DownloadError, MemoryError, KeyboardInterrupt, SystemExit):
+        raise
+    except CRSError:
+        raise NotAcquiredError("has a reference system that is unknown") from None
+    except BaseException:  # laspy, and its decompressor, whose panics are no Exception
+        raise file.failure or NotAcquiredError("cannot be read as COPC") from None
+
+
+def _unpacked(file: RemoteFile, reader: Any, nodes: list[Any]) -> Any:  # noqa: ANN401 - laspy's
+    """Return the points of nodes, each of which is a chunk of LAZ.
+
+    Raises:
+        NotAcquiredError: a chunk is damaged in a way that would take all memory.
+    """
+    import lazrs
+    from laspy import PackedPointRecord, ScaleAwarePointRecord
+
+    header, how = reader.header, bytes(reader.laszip_vlr.record_data)
+    packed, table = bytearray(), []
+    for node in sorted(nodes, key=lambda one: int(one.offset)):
+        if not node.point_count:
+            continue
+        file.seek(node.offset)
+        chunk = file.read(node.byte_size)
+        if len(chunk) != node.byte_size or not layers_fit(chunk, len(chunk), how):
+            raise NotAcquiredError("is damaged: a chunk of its points is none")
+        packed += chunk
+        table.append((node.point_count, node.byte_size))
+    total = sum(count for count, _ in table)
+    unpacked = np.zeros(total * header.point_format.size, np.uint8)
+    if table:
+        lazrs.decompress_points_with_chunk_table(packed, how, unpacked, table)
+    record = PackedPointRecord.from_buffer(unpacked, header.point_format)
+    return ScaleAwarePointRecord(record.array, record.point_format, header.scales, header.offsets)
+
+
+def _check_header(file: RemoteFile) -> None:
+    """Refuse a file whose header cannot be believed: what reads it takes room as it says.
+
+    Raises:
+        NotAcquiredError: it is no COPC (LAS 1.4 R15, table 3; COPC 1.0).
+    """
+    file.seek(0)
+    head = file.read(_HEADER + 54)
+    if len(head) < _HEADER + 54 or not head.startswith(b"LASF") or head[377:381] != b"copc":
+        raise NotAcquiredError("is no COPC")
+    size, first_point, records = struct.unpack_from("<HII", head, 94)
+    kind, record = struct.unpack_from("<BH", head, 104)
+    if (
+        size != _HEADER
+        or not _HEADER < first_point < min(file.size, _MOST_BEFORE)
+        or records > _MOST_RECORDS
+        or kind & 0x3F not in (6, 7, 8)
+        or record > _LONGEST
+    ):
+        raise NotAcquiredError("is no COPC: its header is damaged")
+
+
+def _read_pages(file: RemoteFile, reader: Any, bounds: Any) -> None:  # noqa: ANN401 - laspy's
+    """Read the pages of the hierarchy that a place needs; one may lead to another, not to itself.
+
+    Raises:
+        NotAcquiredError: they lead in circles, or are not in the file.
+    """
+    from laspy.copc import Bounds, HierarchyPage
+
+    info, entries = reader.copc_info, reader.root_page.entries
+    cube = Bounds(info.center - info.halfsize, info.center + info.halfsize)
+    seen: set[int] = set()
+    while True:
+        waiting = [
+            (key, entry)
+            for key, entry in entries.items()
+            if entry.point_count == -1
+            and 0 <= key.level <= _DEEPEST
+            and key.bounds(cube).overlaps(bounds)
+        ]
+        if not waiting:
+            return
+        for key, entry in waiting:
+            if entries[key].point_count != -1:  # a page before had it
+                continue
+            there = entry.byte_size > 0 and entry.offset + entry.byte_size <= file.size
+            if entry.offset in seen or not there or len(seen) > _MOST_PAGES:
+                raise NotAcquiredError("has a hierarchy that leads in circles")
+            seen.add(entry.offset)
+            file.seek(entry.offset)
+            entries.update(HierarchyPage.from_bytes(file.read(entry.byte_size)).entries)

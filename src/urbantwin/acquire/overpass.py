@@ -1,0 +1,118 @@
+"""OpenStreetMap by the Overpass API: the map around a place, and where named streets meet.
+
+The language is told at https://wiki.openstreetmap.org/wiki/Overpass_API/Overpass_QL. A server that
+gives up in the middle answers with status 200 and a remark, which is looked for.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from urllib.parse import urlencode
+
+from urbantwin.acquire.area import Area
+from urbantwin.acquire.source import AcquiredInput
+from urbantwin.acquire.source_table import SourceSpec
+from urbantwin.acquire.web import Fetched, NotAcquiredError, Server, Web
+from urbantwin.download import DownloadError
+from urbantwin.errors import readable
+from urbantwin.geometry import SiteFrame
+from urbantwin.progress import Progress
+from urbantwin.site.extract_file import LonLatBox, box_around
+from urbantwin.site.region import circle
+
+__all__ = ["fetch_map", "overpass_answer"]
+
+#: How long a server may think, seconds, and how much it may hold, bytes.
+_TIME_S, _MEMORY = 90, 128 << 20
+#: What of a map is asked for: ways in the box with all their nodes, nodes in it, and relations;
+#: members outside only of buildings, which are whole or wrong.
+_MAP = """[out:xml][timeout:{time}][maxsize:{memory}];
+way({box})->.near;
+rel({box})->.groups;
+rel.groups[building]->.built;
+way(r.built)->.parts;
+(node({box}); node(w.near); node(w.parts); .near; .parts; .groups;);
+out body;
+"""
+
+
+def fetch_map(
+    spec: SourceSpec, area: Area, web: Web, folder: Path, progress: Progress
+) -> AcquiredInput:
+    """Write the map around an area: what affects it, so that no way is cut within it."""
+    box = box_around(SiteFrame(area.latitude, area.longitude), circle(area.radius_m))
+    south_west = f"{box[1]:.5f},{box[0]:.5f},{box[3]:.5f},{box[2]:.5f}"
+    query = _MAP.format(box=south_west, time=_TIME_S, memory=_MEMORY)
+    server, told_by, told = overpass_answer(spec, query, web, b"osm", progress)
+    path = folder / "map.osm"
+    path.write_bytes(_with_bounds(told.data, box))
+    return AcquiredInput("map", spec, path, server.shown(told_by), told.at)
+
+
+def overpass_answer(
+    spec: SourceSpec, query: str, web: Web, kind: bytes, progress: Progress
+) -> tuple[Server, str, Fetched]:
+    """Return the first server that answers a query, its address, and what it says.
+
+    Args:
+        spec: the source, with its mirrors.
+        query: in Overpass QL.
+        web: who is asked.
+        kind: ``osm`` for an answer in XML, ``json`` for one in JSON.
+        progress: told who is asked.
+
+    Raises:
+        DownloadError: none of them answers.
+        NotAcquiredError: none of their answers is one.
+    """
+    problems: list[str] = []
+    for number, address in enumerate((spec.address, *spec.mirrors)):
+        server = web.server(spec, address)
+        host = server.shown(address).split("/")[2]
+        progress(number / (1 + len(spec.mirrors)), f"asking {host}")
+        request = f"{address}?{urlencode({'data': query})}"
+        try:
+            told = server.get(request)
+            _check_answer(told.data, kind)
+        except DownloadError as error:
+            problems.append(f"{host}: {error}")
+        except NotAcquiredError as error:
+            web.cache.forget(request)
+            problems.append(f"{host}: {error}")
+        else:
+            return server, address, told
+    raise NotAcquiredError("; ".join(problems))
+
+
+def _check_answer(data: bytes, kind: bytes) -> None:
+    """Refuse what is no whole answer.
+
+    Raises:
+        NotAcquiredError: it is a page, is cut, or the server gave up.
+    """
+    head = data[:2000].lstrip()
+    begins = head.startswith(b"{") if kind == b"json" else b"<osm" in head
+    if not begins:
+        raise NotAcquiredError("the answer is not of OpenStreetMap")
+    remark = re.search(
+        rb"<remark>\s*(.*?error.*?)\s*</remark>|\"remark\":\s*\"(.*?error.*?)\"", data, re.DOTALL
+    )
+    if remark:
+        text = (remark[1] or remark[2]).decode(errors="replace")
+        raise NotAcquiredError(f"the server gave up ({readable(text, 100)})")
+    if not data.rstrip().endswith(b"}" if kind == b"json" else b"</osm>"):
+        raise NotAcquiredError("the answer ends early")
+
+
+def _with_bounds(data: bytes, box: LonLatBox) -> bytes:
+    """Return a map that says which box it is complete in."""
+    if b"<bounds" in data[:4000]:
+        return data
+    west, south, east, north = box
+    bounds = (
+        f'\n  <bounds minlat="{south:.7f}" minlon="{west:.7f}" '
+        f'maxlat="{north:.7f}" maxlon="{east:.7f}"/>'
+    )
+    at = data.index(b">", data.index(b"<osm")) + 1
+    return data[:at] + bounds.encode() + data[at:]
