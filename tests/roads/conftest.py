@@ -1,13 +1,22 @@
 """Fixtures: a reader of OpenDRIVE of its own, from the standard's formulas, as a ruler."""
 
 import math
+import pickle
 import runpy
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import shapely
 from scipy.integrate import quad
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads import build_roads, driving_side
+from urbantwin.site import read_extract
+from urbantwin.site.junction_proposal import propose_junction
 
 
 def cubic(records, s, key="s"):
@@ -140,3 +149,38 @@ def ruler():
         return root, {road.get("id"): Road(road) for road in root.findall("road")}
 
     return read
+
+
+@pytest.fixture(scope="session")
+def real_roads(shared_data, made_once):
+    """Return a function: name of a real extract -> its roads around the junction that is proposed.
+
+    ``extract`` (the file), ``frame``, ``region`` (130 m around), ``net`` (SUMO's), ``built``.
+    """
+
+    def roads_of(name):
+        extract = shared_data / "osm" / f"{name}.osm"
+
+        def make(folder):
+            content = read_extract(extract)
+            place = propose_junction(content)
+            frame = SiteFrame(place.latitude, place.longitude)
+            region = shapely.Point(0, 0).buffer(130)
+            side = driving_side(place.latitude, place.longitude)
+            built = build_roads(
+                content,
+                frame,
+                region,
+                Elevation.flat(),
+                driving_side=side,
+                out=folder / "n.net.xml",
+            )
+            (folder / "roads.pickle").write_bytes(pickle.dumps((frame, region, built)))
+
+        folder = made_once(f"roads-{name}", make)
+        frame, region, built = pickle.loads((folder / "roads.pickle").read_bytes())
+        return SimpleNamespace(
+            extract=extract, frame=frame, region=region, built=built, net=folder / "n.net.xml"
+        )
+
+    return roads_of

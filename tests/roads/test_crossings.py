@@ -7,7 +7,7 @@ from lxml import etree
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
-from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads import build_roads
 from urbantwin.roads.build import NETWORK_CLASSES
 from urbantwin.roads.marking import painted
 from urbantwin.site import read_extract
@@ -169,29 +169,14 @@ def test_who_crosses_a_bare_road_has_a_place_to_stand(build):
 
 @pytest.mark.real
 @pytest.mark.parametrize(
-    ("name", "place", "least"),
-    [
-        ("manchester-kingsway", (53.4460268, -2.3069784), 15),
-        ("london-borough", (51.501, -0.0925), 10),
-        ("taipei", (25.052396, 121.522635), 15),
-        ("munich", (48.1860, 11.5510), 8),
-    ],
+    ("name", "least"),
+    [("manchester-kingsway", 15), ("london-borough", 10), ("taipei", 15), ("munich", 8)],
 )
-def test_mapped_crossings_of_real_places_are_there_and_no_others(
-    name, place, least, shared_data, tmp_path
-):
+def test_mapped_crossings_of_real_places_are_there_and_no_others(name, least, real_roads):
     """Of the map's nodes on streets, parsed here: nearly all within 3 m, and none without."""
-    path, frame = shared_data / "osm" / f"{name}.osm", SiteFrame(*place)
-    region = shapely.Point(0, 0).buffer(110)
-    built = build_roads(
-        read_extract(path),
-        frame,
-        region,
-        Elevation.flat(),
-        driving_side=driving_side(*place),
-        out=tmp_path / "n.net.xml",
-    )
-    root = etree.parse(path).getroot()
+    place = real_roads(name)
+    frame, region, built = place.frame, place.region, place.built
+    root = etree.parse(place.extract).getroot()
     driven = built.network.carriageway(0).buffer(3.0)
     lines = [line_of(lane) for lane in crossings(built)]
     mapped, walked = [], []

@@ -15,13 +15,11 @@ from hypothesis import strategies as st
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary, sumo_environment
-from urbantwin.roads.driving_side import driving_side
 from urbantwin.roads.signals import heads_of
 from urbantwin.roads.signals.default_programs import set_default_programs
 from urbantwin.roads.signals.green_times import capped, cycle_s, green_seconds
 from urbantwin.scene.signal_pole import signal_mesh
-from urbantwin.site import load_site, read_extract
-from urbantwin.site.initial_site import init_site
+from urbantwin.site import read_extract
 
 from .controllers import signalised_junctions
 
@@ -335,17 +333,11 @@ def test_a_street_far_above_capacity_leaves_the_other_what_it_needs(built):
 @pytest.mark.parametrize(
     "name", ["manchester-kingsway", "london-borough", "higashimurayama", "chennai", "taipei"]
 )
-def test_real_junctions_have_sound_programs_and_a_place_for_every_head(name, shared_data, tmp_path):
-    extract = shared_data / "osm" / f"{name}.osm"
-    init_site(tmp_path / "site", osm=extract)
-    site = load_site(tmp_path / "site" / "site.yaml")
-    out = tmp_path / "n.net.xml"
-    side = driving_side(site.latitude, site.longitude)
-    built = build_roads(
-        read_extract(extract), site.frame, site.region, Elevation.flat(), driving_side=side, out=out
-    )
-    assert check(out) > 10
-    assert signalised_junctions(out) >= 1
+def test_real_junctions_have_sound_programs_and_a_place_for_every_head(name, real_roads):
+    place = real_roads(name)
+    built = place.built
+    assert check(place.net) > 10
+    assert signalised_junctions(place.net) >= 1
     heads = [head for head in heads_of(built.model) if head.signal.dynamic]
     seen = {(h.signal.program, link) for h in heads for link in h.signal.links}
     assert seen == {(s.program, link) for s in built.network.signals for link in s.links}

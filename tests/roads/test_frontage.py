@@ -13,12 +13,7 @@ from urbantwin.site import read_extract
 
 HERE = SiteFrame(48.7, 9.18)
 STREET = {"highway": "residential", "lanes": "2", "width": "6", "sidewalk": "both"}
-#: Where the real places are that were proposed as sites, and the region's radius, metres.
-REAL = {
-    "higashimurayama": (35.7614195, 139.4672812),
-    "taipei": (25.052396, 121.522635),
-    "london-borough": (51.5014, -0.0930),
-}
+REAL = ["higashimurayama", "taipei", "london-borough"]
 
 
 def built(path, frame, region, folder):
@@ -145,12 +140,11 @@ def test_an_arcade_is_walked_through(street_with_house):
 
 @pytest.mark.real
 @pytest.mark.parametrize("name", REAL)
-def test_no_real_sidewalk_runs_under_a_building(name, shared_data, tmp_path):
+def test_no_real_sidewalk_runs_under_a_building(name, real_roads):
     """Footprints read from the map by another reader: its ways that are tagged as buildings."""
-    path, frame = shared_data / "osm" / f"{name}.osm", SiteFrame(*REAL[name])
-    region = shapely.Point(0, 0).buffer(130)
-    network = built(path, frame, region, tmp_path)[0].network
-    root = ElementTree.parse(path).getroot()
+    place = real_roads(name)
+    frame, network = place.frame, place.built.network
+    root = ElementTree.parse(place.extract).getroot()
     place = {n.get("id"): (float(n.get("lon")), float(n.get("lat"))) for n in root.iter("node")}
     houses = []
     for way in root.iter("way"):

@@ -14,7 +14,6 @@ from urbantwin.roads import build_roads
 from urbantwin.roads.marking import arrow_at, guide_lines, lines_through, turn_arrow
 from urbantwin.roads.marking.turn_arrow import arrow_on
 from urbantwin.site import read_extract
-from urbantwin.site.junction_proposal import propose_junction
 
 HERE = SiteFrame(48.7, 9.18)
 SIGNAL = {"highway": "traffic_signals"}
@@ -209,15 +208,11 @@ def test_opposed_turns_pass_in_front_of_each_other(build):
 
 @pytest.mark.real
 @pytest.mark.parametrize("name", ["manchester-kingsway", "london-borough", "munich", "taipei"])
-def test_nothing_floats_in_real_junctions(name, shared_data, tmp_path):
+def test_nothing_floats_in_real_junctions(name, real_roads):
     """Roads end at the border of a junction: none lies within one, and no stop line does."""
-    extract = read_extract(shared_data / "osm" / f"{name}.osm")
-    place = propose_junction(extract)
-    frame = SiteFrame(place.latitude, place.longitude)
-    side = "left" if name in ("manchester-kingsway", "london-borough") else "right"
-    region = shapely.Point(0, 0).buffer(110)
-    built = build_roads(
-        extract, frame, region, Elevation.flat(), driving_side=side, out=tmp_path / "n.net.xml"
+    built, out = real_roads(name).built, real_roads(name).net
+    assert built.network.driving_side == (
+        "left" if name in ("manchester-kingsway", "london-borough") else "right"
     )
     wide = [j for j in built.network.junctions if j.id.startswith("cluster_")]
     assert wide
@@ -230,7 +225,7 @@ def test_nothing_floats_in_real_junctions(name, shared_data, tmp_path):
             if built.network.lane_by_id[head.lane].kind != "crossing":
                 assert not inside.contains(shapely.Point(head.x, head.y))
     # Who goes ahead from one lane does not cross who goes ahead from the lane beside it.
-    net = sumolib.net.readNet(str(tmp_path / "n.net.xml"), withInternal=True)
+    net = sumolib.net.readNet(str(out), withInternal=True)
     for edge in net.getEdges(withInternal=False):
         ahead = [
             (lane, item.getTo(), shapely.LineString(net.getLane(item.getViaLaneID()).getShape()))
