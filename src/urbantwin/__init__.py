@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.objects_report import ObjectsReport
     from urbantwin.interface.observed_traffic import ObservedTraffic, observe
     from urbantwin.interface.opening import Package, open
+    from urbantwin.interface.placement import Placement, place
     from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
     from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.report import Report, compare
@@ -94,6 +95,7 @@ __all__ = [
     "ObjectsReport",
     "ObservedTraffic",
     "Package",
+    "Placement",
     "Recording",
     "Report",
     "Reproduction",
@@ -141,6 +143,7 @@ __all__ = [
     "look",
     "observe",
     "open",
+    "place",
     "pretrain",
     "record",
     "replay",

@@ -19,7 +19,7 @@ from urbantwin import __version__
 Run = Callable[..., Any]
 COMMANDS = tuple(
     "actors align background build calibrate card carla compare coverage curriculum demo detect "
-    "discover evaluate export film improve init inspect label observe pretrain record replay "
+    "discover evaluate export film improve init inspect label observe place pretrain record replay "
     "reproduce run sensors sequence split suite teach track traffic train tune vary verify "
     "view".split()
 )

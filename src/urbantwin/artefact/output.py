@@ -44,6 +44,7 @@ KINDS = (
         "exported",
         "sequence",
         "card",
+        "placement",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

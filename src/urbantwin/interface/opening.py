@@ -33,6 +33,7 @@ _CLASSES = {
     "coverage": ("coverage_map", "Coverage"),
     "tuning": ("tuning", "Tuning"),
     "sequence": ("sequence", "SequenceFiles"),
+    "placement": ("placement", "Placement"),
 }
 _EXPECTED = (
     "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "
