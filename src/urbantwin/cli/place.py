@@ -16,6 +16,7 @@ __all__ = ["EXAMPLES", "place"]
 EXAMPLES = """
 urbantwin place twin/ motion/ -o placement/
 urbantwin place twin/ motion/ -o placement/ --wish place.yaml --layouts 1000
+urbantwin place twin/ motion/ -o placement/ --train 5 --steps 2000
 urbantwin record twin/ motion/ --rig placement/rigs/layout-0042.yaml -o dataset/
 """
 
@@ -31,6 +32,15 @@ def place(
         ),
     ] = None,
     layouts: Annotated[int, typer.Option(min=1, help="How many are judged.")] = 500,
+    train: Annotated[
+        int,
+        typer.Option(
+            min=0, metavar="N", help="Layouts of the front that a detector is trained for."
+        ),
+    ] = 0,
+    steps: Annotated[
+        int, typer.Option(min=1, help="Of training on all of them, and a quarter more on each.")
+    ] = 1000,
     seed: Annotated[
         int, typer.Option(min=0, help="The number that everything random follows from.")
     ] = 0,
@@ -45,6 +55,8 @@ def place(
         out,
         wish=wish,
         layouts=layouts,
+        train=train,
+        steps=steps,
         seed=seed,
         workers=workers,
         progress=not quiet,

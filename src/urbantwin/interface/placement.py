@@ -62,6 +62,12 @@ class Placement:
         """Who is not seen by the layouts of the front, and what hides them from each sensor."""
         return read_parquet(self.folder / "hidden.parquet", "a table of the placement")
 
+    @cached_property
+    def trained(self) -> pa.Table | None:
+        """Precision and tracking of the layouts that detectors were trained for."""
+        path = self.folder / "trained.parquet"
+        return read_parquet(path, "a table of the placement") if path.is_file() else None
+
     @property
     def rigs(self) -> list[Path]:
         """The ``rig.yaml`` of every layout of the front, the cheapest first."""
@@ -96,6 +102,7 @@ class Placement:
             report=str(self.folder / "report.html"),
             **kept,
             front=rows,
+            trained=[] if self.trained is None else self.trained.to_pylist(),
             warnings=[str(one) for one in self.warnings],
         )
 
@@ -106,13 +113,15 @@ class Placement:
         return figure_of_picture(self.folder / "pictures" / "front.png")
 
 
-def place(
+def place(  # noqa: PLR0913 - the options of the command
     twin: Twin | AnyPath,
     motion: Motion | AnyPath,
     out: AnyPath | None = None,
     *,
     wish: AnyPath | None = None,
     layouts: int = 500,
+    train: int = 0,
+    steps: int = 1000,
     seed: int = 0,
     workers: int | None = None,
     progress: ShowProgress = True,
@@ -129,6 +138,9 @@ def place(
         wish: a ``place.yaml``: where sensors may hang, models with their prices, objectives; poles,
             signals, facades and new poles, and three models, when not given.
         layouts: how many are judged.
+        train: so many of the front are also recorded with traffic of another seed, to train a
+            detector for each, which is judged by this motion: average precision and tracking.
+        steps: of training on all of them together; each then has a quarter more of its own.
         seed: of the search.
         workers: processes to work with; every number gives the same bytes.
         progress: show how far it is; or a function that is told (share, doing).
@@ -142,14 +154,27 @@ def place(
     from urbantwin.dataset.manifest import recipe_key, recipe_of_rig
     from urbantwin.errors import InputError
     from urbantwin.interface.motion import Motion
+    from urbantwin.interface.trained_layouts import (
+        LayoutTraining,
+        shortlist,
+        trained_layouts,
+        training_words,
+    )
     from urbantwin.interface.twin import Twin
     from urbantwin.processes import usable_processors
+    from urbantwin.progress import between
     from urbantwin.study.placement.place import ask
     from urbantwin.study.placement.place import place as search
-    from urbantwin.study.placement.written import write_placement
+    from urbantwin.study.placement.written import layout_name, write_placement, write_rig
 
-    if layouts < 1:
-        raise InputError(f"{layouts} layouts", place="layouts", expected="1 or more")
+    for name, number, least in (("layouts", layouts, 1), ("train", train, 0), ("steps", steps, 1)):
+        if number < least:
+            raise InputError(f"{number} {name}", place=name, expected=f"{least} or more")
+    if train:
+        from urbantwin.learn.torch_device import check_torch
+
+        check_torch("cpu")
+    usable = workers or usable_processors()
     target = beside(twin, _KIND, out)
     file = None if wish is None else Path(wish)
     spec = _spec_of(file)
@@ -166,17 +191,31 @@ def place(
         }
         models = recipe_of_rig(question.models)
         asked = {"spec": spec.written(), "models": models, "layouts": layouts, "seed": seed}
-        key = recipe_key({**told, **asked})
+        key = recipe_key({**told, **asked, "train": train, "steps": steps})
         with replaced_folder(target, kind=_KIND, inputs=inputs, key=key) as folder:
             casts = folder / "casts"
             found = search(
                 question,
                 casts,
-                workers=workers or usable_processors(),
-                tell=tell,
+                workers=usable,
+                tell=between(tell, 0.0, 0.4 if train else 1.0),
                 say=lambda _, words: tell_line(f"place: {words}", progress),
             )
-            write_placement(folder, found, told)
+            trained = None
+            if train:
+                how = LayoutTraining(steps, seed=seed, workers=usable)
+                numbers = shortlist(found.front, train)
+                tell_line(f"place: {training_words(len(numbers), how)}", progress)
+                rigs = {}
+                for number in numbers:
+                    rigs[number] = folder / "training" / "rigs" / f"{layout_name(number)}.yaml"
+                    rigs[number].parent.mkdir(parents=True, exist_ok=True)
+                    write_rig(found, found.found[number].layout, rigs[number])
+                trained = trained_layouts(
+                    rigs, on, moving, folder / "training", how, between(tell, 0.4, 1.0)
+                )
+                shutil.rmtree(folder / "training")
+            write_placement(folder, found, told, trained)
             shutil.rmtree(casts)
     made = Placement(target)
     tell_result("place", target, made.warnings, progress)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.lidar.siting.surroundings import Surroundings
 from urbantwin.taxonomy import semantic_id
 
 __all__ = ["FacadePlace", "facade_places"]
@@ -18,8 +19,8 @@ _UPRIGHT, _FACES = 0.1, 0.3
 _NARROWEST_M, _LOWEST_M = 0.6, 3.0
 #: Along a wall it is looked every so many metres.
 _STEP_M = 2.0
-#: In front of it nothing of its building stands for so far, metres.
-_FREE_M = 2.0
+#: In front of it nothing stands for so far, metres, from so far off the wall.
+_FREE_M, _OFF_WALL_M = 2.0, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,11 @@ class FacadePlace:
 
 
 def facade_places(
-    mesh: LabelledMesh, middle: NDArray[np.float64], within_m: float, spacing_m: float
+    mesh: LabelledMesh,
+    middle: NDArray[np.float64],
+    within_m: float,
+    spacing_m: float,
+    around: Surroundings,
 ) -> list[FacadePlace]:
     """Return places on walls that face a point, the nearest to it first.
 
@@ -47,6 +52,7 @@ def facade_places(
         middle: (2,) of the junction.
         within_m: of it.
         spacing_m: between places at least.
+        around: lines of sight there.
     """
     face = np.flatnonzero(mesh.semantic == semantic_id("building"))
     normals = mesh.normals()[face]
@@ -60,47 +66,33 @@ def facade_places(
     low, high = station.min(axis=1), station.max(axis=1)
     near = np.linalg.norm(corners[:, :, :2] - middle, axis=2).min(axis=1) <= within_m + 20.0
     wide = high - low >= _NARROWEST_M
-    found: list[FacadePlace] = []
+    found: list[tuple[FacadePlace, float]] = []
     for one in np.flatnonzero(near & wide).tolist():
         count = max(1, int((high[one] - low[one]) / _STEP_M))
-        for k in range(count):
-            at = low[one] + (k + 0.5) * (high[one] - low[one]) / count
-            foot = offset[one] * normals[one] + at * along[one]
-            away = middle - foot
-            distance = float(np.linalg.norm(away))
-            if distance > within_m or distance < 1.0:
-                continue
-            if float(away @ normals[one]) < _FACES * distance:
-                continue
-            # The wall here: triangles of the same plane around this station.
-            same = (np.abs(offset - offset[one]) < 0.05) & (normals @ normals[one] > 0.999)
-            here = same & (low <= at) & (high >= at)
+        at = low[one] + (np.arange(count) + 0.5) * (high[one] - low[one]) / count
+        feet = offset[one] * normals[one] + at[:, None] * along[one]
+        away = middle - feet
+        distance = np.linalg.norm(away, axis=1)
+        fits = (distance <= within_m) & (away @ normals[one] >= _FACES * distance)
+        # The wall here: triangles of the same plane around each station.
+        same = (np.abs(offset - offset[one]) < 0.05) & (normals @ normals[one] > 0.999)
+        for k in np.flatnonzero(fits).tolist():
+            here = same & (low <= at[k]) & (high >= at[k])
             base, top = corners[here, :, 2].min(), corners[here, :, 2].max()
-            if top - base < _LOWEST_M or not _is_free(foot, normals[one], corners, base, top):
-                continue
-            found.append(FacadePlace(foot, normals[one], float(top) - 0.5))
-    found.sort(key=lambda one: round(float(np.linalg.norm(one.foot - middle)), 6))
+            if top - base >= _LOWEST_M:
+                found.append((FacadePlace(feet[k], normals[one], float(top) - 0.5), float(base)))
+    found.sort(key=lambda one: round(float(np.linalg.norm(one[0].foot - middle)), 6))
     kept: list[FacadePlace] = []
-    for place in found:
-        if all(np.linalg.norm(place.foot - one.foot) >= spacing_m for one in kept):
+    for place, base in found:
+        apart = all(np.linalg.norm(place.foot - one.foot) >= spacing_m for one in kept)
+        if apart and _is_free(place, base, around):
             kept.append(place)
     return kept
 
 
-def _is_free(
-    foot: NDArray[np.float64],
-    normal: NDArray[np.float64],
-    corners: NDArray[np.float64],
-    base_m: float,
-    top_m: float,
-) -> bool:
-    """Return whether no other wall of a building stands right in front of a place."""
-    across = np.array([-normal[1], normal[0]])
-    ahead = (corners[:, :, :2] - foot) @ normal
-    aside = (corners[:, :, :2] - foot) @ across
-    before = (ahead.max(axis=1) > 0.05) & (ahead.min(axis=1) < _FREE_M)
-    beside = (aside.max(axis=1) > -0.5) & (aside.min(axis=1) < 0.5)
-    level = (corners[:, :, 2].max(axis=1) > base_m + _LOWEST_M) & (
-        corners[:, :, 2].min(axis=1) < top_m
-    )
-    return not bool((before & beside & level).any())
+def _is_free(place: FacadePlace, base_m: float, around: Surroundings) -> bool:
+    """Return whether nothing stands right in front of a place, from its base to its top."""
+    out = np.array([*place.normal, 0.0])
+    heights = np.linspace(base_m + _LOWEST_M, max(place.top_m, base_m + _LOWEST_M), 3)
+    starts = np.column_stack([np.tile(place.foot, (3, 1)), heights]) + _OFF_WALL_M * out
+    return bool((around.cast(starts, out[None, :]).range_m >= _FREE_M).all())

@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.geometry import DownwardProbe, LabelledMesh
+from urbantwin.geometry import DownwardProbe
 from urbantwin.lidar.enclosure import enclosing
 from urbantwin.lidar.placement import GROUND_CLASSES
 from urbantwin.lidar.siting.junction import Junction
@@ -116,8 +116,11 @@ class _Finder:
         self._spec, self._twin, self._junction, self._file = spec, twin, junction, file
         self._middle = np.array(spec.middle_m)
         self._mesh = twin.mesh
+        self._is_ground = np.isin(
+            self._mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES]
+        )
         _, self._part = np.unique(self._mesh.part, return_inverse=True)
-        ground = _of_classes(self._mesh, GROUND_CLASSES)
+        ground = self._mesh.select(self._is_ground)
         if not len(ground.faces):
             raise InputError("the twin has no ground", expected="a twin with ground")
         self._probe = DownwardProbe(ground)
@@ -160,7 +163,9 @@ class _Finder:
             feet = [(one.foot, one.top_m) for one in poles]
             places = [(foot + BRACKET_M * self._heading(foot), top_m) for foot, top_m in feet]
         elif kind == "facade":
-            walls = facade_places(self._mesh, self._middle, within, around.spacing_m)
+            walls = facade_places(
+                self._mesh, self._middle, within, around.spacing_m, self._junction.around
+            )
             places = [(one.foot + BRACKET_M * one.normal, one.top_m) for one in walls]
         else:
             corners = None if around.area is None else shapely.Polygon(around.area)
@@ -211,7 +216,7 @@ class _Finder:
         low, high = self._bounds
         at = np.array([mount.east_m, mount.north_m])
         here = np.asarray(((low - _NEAR_M <= at) & (at <= high + _NEAR_M)).all(axis=1))
-        things = self._mesh.select(here[self._part])
+        things = self._mesh.select(here[self._part] & ~self._is_ground)
         heights = tuple(
             one for one in mount.heights_m if enclosing(mount.place(one), things) is None
         )
@@ -252,7 +257,3 @@ class _Finder:
         away = np.linalg.norm(offset, axis=1)
         hits = self._junction.around.cast(place[None, :], offset / away[:, None])
         return float((hits.range_m >= away - 0.3).mean())
-
-
-def _of_classes(mesh: LabelledMesh, names: tuple[str, ...]) -> LabelledMesh:
-    return mesh.select(np.isin(mesh.semantic, [semantic_id(name) for name in names]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -57,6 +57,7 @@ def write_page(
         f"<p>{manifest['moments']} moments, {manifest['step_s']:g} s apart; {escape(actors)}. "
         "Points are what a full recording gives on average; intervals are 95 %, over actors of "
         "this motion, and say nothing of other hours.</p>",
+        _trained(manifest.get("trained")),
         '<div id="placement"></div>',
         "<details><summary>What the measures are</summary>",
         html_table(
@@ -71,6 +72,24 @@ def write_page(
         f"<script>const PLACEMENT = {data};\n{package.joinpath('page.js').read_text()}</script>",
     ]
     write_html(path, f"Placement: {name}", parts)
+
+
+def _trained(rows: Sequence[Mapping[str, Any]] | None) -> str:
+    if not rows:
+        return ""
+    head = ("Layout", "AP, %", "HOTA", "MOTA", "IDF1")
+    cells = []
+    for row in rows:
+        between = ""
+        if row["ap_low"] is not None and row["ap_high"] is not None:
+            between = f" <small>{100 * row['ap_low']:.0f}–{100 * row['ap_high']:.0f}</small>"
+        values = [_percent(row[name]) for name in ("ap", "hota", "mota", "idf1")]
+        cells.append((str(row["layout"]), values[0] + between, *values[1:]))
+    return "<h2>A detector for each</h2>" + html_table(head, cells)
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f}"
 
 
 def _data(

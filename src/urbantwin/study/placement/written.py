@@ -34,13 +34,20 @@ def layout_name(number: int) -> str:
     return f"layout-{number:04d}"
 
 
-def write_placement(folder: Path, placed: Placed, told: Mapping[str, Any]) -> None:
+def write_placement(
+    folder: Path,
+    placed: Placed,
+    told: Mapping[str, Any],
+    trained: Sequence[Mapping[str, Any]] | None = None,
+) -> None:
     """Write everything that a search found.
 
     Args:
         folder: of the artefact.
         placed: what was found.
         told: for the manifest: versions, inputs.
+        trained: of layouts that detectors were trained for, a row each: ``layout``, ``ap``,
+            ``ap_low``, ``ap_high``, ``hota``, ``mota``, ``idf1``.
     """
     tables = {
         "layouts": layouts_table(placed),
@@ -49,6 +56,8 @@ def write_placement(folder: Path, placed: Placed, told: Mapping[str, Any]) -> No
         "hidden": hidden_table(placed),
         "candidates": candidates_table(placed.question.views),
     }
+    if trained is not None:
+        tables["trained"] = _table(trained, _TRAINED)
     for name, table in tables.items():
         pq.write_table(table, folder / f"{name}.parquet", **PARQUET)
         pa_csv.write_csv(table, folder / f"{name}.csv")
@@ -60,6 +69,8 @@ def write_placement(folder: Path, placed: Placed, told: Mapping[str, Any]) -> No
     spec = placed.question.spec.written()
     (folder / "place.yaml").write_text(yaml.safe_dump(spec, sort_keys=False))
     manifest = manifest_of(placed, told)
+    if trained is not None:
+        manifest["trained"] = [dict(one) for one in trained]
     write_json(folder / "placement.json", manifest)
     middle = placed.question.spec.middle_m
     reach = max(placed.question.spec.candidates.within_m, 45.0) + _AROUND_M
@@ -213,6 +224,10 @@ _HIDDEN = {
     **dict.fromkeys(("candidate", "sensor", "behind"), _TEXT),
     "behind_track": _WHOLE,
 }
+_TRAINED = {
+    "layout": _WHOLE,
+    **dict.fromkeys(("ap", "ap_low", "ap_high", "hota", "mota", "idf1"), _REAL),
+}
 _CANDIDATES = {
     "candidate": _TEXT,
     "kind": _TEXT,
@@ -222,7 +237,7 @@ _CANDIDATES = {
 
 
 def _table(rows: Sequence[Mapping[str, Any]], schema: Mapping[str, pa.DataType]) -> pa.Table:
-    return pa.Table.from_pylist([dict(one) for one in rows], schema=pa.schema(schema.items()))
+    return pa.Table.from_pylist([dict(one) for one in rows], schema=pa.schema(list(schema.items())))
 
 
 def manifest_of(placed: Placed, told: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,260 @@
+"""Layouts of a placement judged by a detector: recorded, trained, evaluated and tracked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from urbantwin.artefact import kind_of
+from urbantwin.interface.place import AnyPath
+from urbantwin.progress import Progress, between, untold
+
+if TYPE_CHECKING:
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.twin import Twin
+
+__all__ = ["LayoutTraining", "shortlist", "trained_layouts", "training_words"]
+
+#: Frames that a layout's detector learns from, and that it is judged by, at most.
+_LEARN, _JUDGE = 80, 60
+#: A layout's own detector goes on from the common one for this share of its steps.
+_OWN_STEPS = 0.25
+#: A class with fewer labelled boxes does not count in the mean.
+_FEWEST_BOXES = 20
+#: The training traffic has the seed of the motion and so much more.
+_OTHER_SEED = 7919
+#: Seconds of one processor: of a step of two samples, of a frame recorded, and of one looked at
+#: (docs/detectors.md, docs/lidar.md; machines differ by a factor of two or more).
+_STEP_S, _RECORD_S, _DETECT_S = 0.7, 0.1, 0.5
+
+
+@dataclass(frozen=True)
+class LayoutTraining:
+    """How layouts are judged by a detector.
+
+    Attributes:
+        steps: of the common detector, which learns from all layouts' recordings.
+        width: multiple of the channels of the network.
+        cell_m: edge of its pillars, metres.
+        seed: of weights and samples.
+        workers: processes that record.
+    """
+
+    steps: int
+    width: float = 0.5
+    cell_m: float = 0.4
+    seed: int = 0
+    workers: int = 1
+
+    @property
+    def own_steps(self) -> int:
+        """Steps of a layout's own detector, which begins as the common one."""
+        return max(1, round(_OWN_STEPS * self.steps))
+
+
+def shortlist(front: Sequence[int], count: int) -> list[int]:
+    """Return so many layouts, evenly spread over a front from the cheapest to the dearest."""
+    count = min(count, len(front))
+    chosen = [front[round(k * (len(front) - 1) / max(count - 1, 1))] for k in range(count)]
+    return list(dict.fromkeys(chosen))
+
+
+def training_words(layouts: int, how: LayoutTraining) -> str:
+    """Return how long it takes to train, in words."""
+    frames = layouts * ((_LEARN + _JUDGE) * _RECORD_S / max(how.workers, 1) + _JUDGE * _DETECT_S)
+    steps = (how.steps + layouts * how.own_steps) * _STEP_S * how.width
+    return (
+        f"{layouts} layouts recorded twice, {how.steps} steps on all and {how.own_steps} on each: "
+        f"about {max(1, round((frames + steps) / 60))} min on one free processor"
+    )
+
+
+def trained_layouts(
+    rigs: Mapping[int, Path],
+    twin: Twin,
+    motion: Motion,
+    work: Path,
+    how: LayoutTraining,
+    tell: Progress | None = None,
+) -> list[dict[str, Any]]:
+    """Judge layouts by detectors.
+
+    All learn from one other motion (the twin's own traffic with another seed), and are judged by
+    the motion that the layouts were searched with. A detector is first trained on the recordings of
+    all layouts together, so that what differs is the layout and not the luck of its first weights;
+    each layout's own goes on from there on its own recording. No box is left out for having few
+    points: what a layout does not see counts as missed.
+
+    Args:
+        rigs: the ``rig.yaml`` of each layout, by its number.
+        twin: the twin.
+        motion: that judges.
+        work: folder for what is made in between; what is there already is not made again.
+        how: steps and sizes.
+        tell: called with the share that is done and what is being done.
+
+    Returns:
+        A row for each layout: ``layout``, ``ap`` (mean over classes), ``ap_low``, ``ap_high``
+        (mean of the classes' 95 % intervals), ``hota``, ``mota``, ``idf1``, and AP by class.
+
+    Raises:
+        InputError: torch is not installed.
+        StageError: SUMO failed, a worker was killed, or the disk is full.
+    """
+    from urbantwin.learn.torch_device import check_torch
+
+    check_torch("cpu")
+    told = tell or untold
+    work.mkdir(parents=True, exist_ok=True)
+    at = _Workplace(rigs, twin, motion, work, how)
+    told(0.0, "the traffic to learn from")
+    learning = at.learning()
+    learned: dict[int, Path] = {}
+    for k, number in enumerate(rigs):
+        told(0.05 + 0.2 * k / len(rigs), f"layout {number}: recording what is learned from")
+        learned[number] = at.recorded(number, "learn", learning, _LEARN)
+    several = list(learned.values())
+    common = at.trained("common", several, how.steps, between(told, 0.25, 0.5, "all layouts"))
+    rows = []
+    for k, number in enumerate(rigs):
+        share = 0.5 / len(rigs)
+        part = between(told, 0.5 + share * k, 0.5 + share * (k + 1), f"layout {number}")
+        training = between(part, 0.0, 0.5, "training")
+        own = at.trained(f"model-{number}", learned[number], how.own_steps, training, common)
+        part(0.5, "recording what judges")
+        judge = at.recorded(number, "judge", motion, _JUDGE)
+        part(0.6, "detecting and judging")
+        rows.append({"layout": number, **at.judged(number, own, judge)})
+    told(1.0, "done")
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Workplace:
+    """Where layouts are trained: what is there already is not made again."""
+
+    rigs: Mapping[int, Path]
+    twin: Twin
+    motion: Motion
+    work: Path
+    how: LayoutTraining
+
+    @property
+    def seconds(self) -> float:
+        return float(self.motion.times()[-1])
+
+    def learning(self) -> Path:
+        """Return other traffic on the twin."""
+        from urbantwin.interface.motion import drive
+
+        seed = int(self.motion.manifest["seed"]) + _OTHER_SEED
+        drives = partial(
+            drive, self.twin, seconds=self.seconds, seed=seed, pictures=False, progress=False
+        )
+        return self._made("motion", "motion", lambda out: drives(out=out))
+
+    def recorded(self, number: int, which: str, on: AnyPath, frames: int) -> Path:
+        """Return about so many frames of a layout, evenly spread over a motion."""
+        from urbantwin.interface.dataset import record
+        from urbantwin.site import load_rig_spec
+
+        rate_hz = load_rig_spec(self.rigs[number]).rate_hz
+        records = partial(
+            record,
+            self.twin,
+            on,
+            rig=self.rigs[number],
+            every=max(1, round(self.seconds * rate_hz / frames)),
+            workers=self.how.workers,
+            pictures=False,
+            progress=False,
+        )
+        return self._made(f"{which}-{number}", "dataset", lambda out: records(out=out))
+
+    def trained(
+        self,
+        name: str,
+        data: Sequence[Path] | Path,
+        steps: int,
+        tell: Progress,
+        start: Path | None = None,
+    ) -> Path:
+        """Return a detector."""
+        from urbantwin.interface.trained_model import train
+
+        trains = partial(
+            train,
+            data,
+            steps=steps,
+            start=start,
+            cell=self.how.cell_m,
+            width=self.how.width,
+            batch=2,
+            seed=self.how.seed,
+            part="all",
+            progress=tell,
+        )
+        return self._made(name, "model", lambda out: trains(out=out))
+
+    def judged(self, number: int, model: Path, data: Path) -> dict[str, Any]:
+        """Return what a detector finds in a recording, judged by its labels."""
+        from urbantwin.interface.detected_objects import detect
+        from urbantwin.interface.evaluation_report import evaluate
+        from urbantwin.interface.tracked_objects import track
+
+        found = self._made(
+            f"found-{number}", "detections", lambda out: detect(model, data, out, progress=False)
+        )
+        followed = self._made(
+            f"tracked-{number}", "detections", lambda out: track(found, out, progress=False)
+        )
+        reports = [
+            self._made(
+                f"{name}-{number}",
+                "evaluation",
+                lambda out, boxes=boxes: evaluate(  # type: ignore[misc]
+                    boxes, data, out, fewest_points=0, progress=False
+                ),
+            )
+            for name, boxes in (("precision", found), ("tracking", followed))
+        ]
+        return _row(*reports)
+
+    def _made(self, name: str, kind: str, make: Callable[[Path], object]) -> Path:
+        folder = self.work / name
+        if kind_of(folder) != kind:  # What has the name is whole.
+            make(folder)
+        return folder
+
+
+def _row(report: Path, tracks: Path) -> dict[str, Any]:
+    """Return precision and tracking of a layout, each the mean over classes with enough boxes."""
+    from urbantwin.evaluation.criterion import near
+    from urbantwin.interface.evaluation_report import Evaluation
+
+    figures = Evaluation(report).figures
+    kept = {
+        name: row["ap"][near(name).name]
+        for name, row in figures.items()
+        if name != "large" and row["objects"] >= _FEWEST_BOXES
+    }
+    found: dict[str, Any] = {
+        "ap": _mean([one["ap"] for one in kept.values()]),
+        "ap_low": _mean([(one["ap_ci95"] or (None,))[0] for one in kept.values()]),
+        "ap_high": _mean([(one["ap_ci95"] or (None,))[-1] for one in kept.values()]),
+    }
+    followed = Evaluation(tracks).manifest["tracking"] or {}
+    for name in ("hota", "mota", "idf1"):
+        found[name] = _mean([row[name] for kind, row in followed.items() if kind in kept])
+    found["ap_by_class"] = {name: one["ap"] for name, one in kept.items()}
+    return found
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [one for one in values if one is not None]
+    return round(float(np.mean(known)), 6) if known else None
