@@ -48,6 +48,9 @@ def main() -> None:
     parser.add_argument("--searched", type=int, default=120)
     parser.add_argument("--layouts", type=int, default=12)
     parser.add_argument("--steps", type=int, default=600)
+    parser.add_argument("--learn", type=int, default=80)
+    parser.add_argument("--judge", type=int, default=60)
+    parser.add_argument("--reach", type=float, default=60.0)
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--validate", type=int, default=4)
     parser.add_argument("--workers", type=int, default=1)
@@ -76,7 +79,7 @@ def main() -> None:
         place = given.work / f"casts-{name}"
         with casts_in(place, question.views, question.recipe(), given.workers) as casts:
 
-            def judged(some, casts=casts, judge=judge, question=question):  # noqa: ANN001, ANN202
+            def judged(some, casts=casts, judge=judge, question=question):
                 casts.ensure([number for one in some for number in one])
                 return [judge.verdict(casts.of(one), question.views.cost(one)) for one in some]
 
@@ -182,7 +185,14 @@ def precision(
         number: rig_of(question, layout, given.work / "rigs" / f"layout-{number}.yaml")
         for number, layout in enumerate(layouts)
     }
-    how = LayoutTraining(given.steps, seed=seed, workers=given.workers)
+    how = LayoutTraining(
+        given.steps,
+        reach_m=given.reach,
+        learn=given.learn,
+        judge=given.judge,
+        seed=seed,
+        workers=given.workers,
+    )
     return trained_layouts(
         rigs, question.twin, question.motion, given.work / f"training-{seed}", how,
         lambda share, doing: print(f"{100 * share:.0f} % {doing}", flush=True),

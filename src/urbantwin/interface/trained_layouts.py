@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["LayoutTraining", "shortlist", "trained_layouts", "training_words"]
 
-#: Frames that a layout's detector learns from, and that it is judged by, at most.
-_LEARN, _JUDGE = 80, 60
 #: A layout's own detector goes on from the common one for this share of its steps.
 _OWN_STEPS = 0.25
 #: A class with fewer labelled boxes does not count in the mean.
@@ -41,6 +39,9 @@ class LayoutTraining:
         steps: of the common detector, which learns from all layouts' recordings.
         width: multiple of the channels of the network.
         cell_m: edge of its pillars, metres.
+        reach_m: how far it looks from the middle of the sensors, metres.
+        learn: about so many frames that a layout's detector learns from.
+        judge: and that it is judged by.
         seed: of weights and samples.
         workers: processes that record.
     """
@@ -48,6 +49,9 @@ class LayoutTraining:
     steps: int
     width: float = 0.5
     cell_m: float = 0.4
+    reach_m: float = 60.0
+    learn: int = 80
+    judge: int = 60
     seed: int = 0
     workers: int = 1
 
@@ -66,7 +70,9 @@ def shortlist(front: Sequence[int], count: int) -> list[int]:
 
 def training_words(layouts: int, how: LayoutTraining) -> str:
     """Return how long it takes to train, in words."""
-    frames = layouts * ((_LEARN + _JUDGE) * _RECORD_S / max(how.workers, 1) + _JUDGE * _DETECT_S)
+    frames = layouts * (
+        (how.learn + how.judge) * _RECORD_S / max(how.workers, 1) + how.judge * _DETECT_S
+    )
     steps = (how.steps + layouts * how.own_steps) * _STEP_S * how.width
     return (
         f"{layouts} layouts recorded twice, {how.steps} steps on all and {how.own_steps} on each: "
@@ -117,7 +123,7 @@ def trained_layouts(
     learned: dict[int, Path] = {}
     for k, number in enumerate(rigs):
         told(0.05 + 0.2 * k / len(rigs), f"layout {number}: recording what is learned from")
-        learned[number] = at.recorded(number, "learn", learning, _LEARN)
+        learned[number] = at.recorded(number, "learn", learning, how.learn)
     several = list(learned.values())
     common = at.trained("common", several, how.steps, between(told, 0.25, 0.5, "all layouts"))
     rows = []
@@ -127,7 +133,7 @@ def trained_layouts(
         training = between(part, 0.0, 0.5, "training")
         own = at.trained(f"model-{number}", learned[number], how.own_steps, training, common)
         part(0.5, "recording what judges")
-        judge = at.recorded(number, "judge", motion, _JUDGE)
+        judge = at.recorded(number, "judge", motion, how.judge)
         part(0.6, "detecting and judging")
         rows.append({"layout": number, **at.judged(number, own, judge)})
     told(1.0, "done")
@@ -192,6 +198,7 @@ class _Workplace:
             data,
             steps=steps,
             start=start,
+            reach=self.how.reach_m,
             cell=self.how.cell_m,
             width=self.how.width,
             batch=2,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import optuna
@@ -18,8 +19,8 @@ __all__ = ["Found", "pareto_front", "possible_layouts", "search"]
 
 #: Layouts that are asked for together, whatever the number of workers: results do not depend on it.
 TOGETHER = 40
-#: So many trials in vain for each layout that is wanted, and the search ends.
-_PATIENCE = 30
+#: The search ends when so many trials in a row were no new layout that may be judged.
+_PATIENCE = 40 * TOGETHER
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,8 @@ def search(
 
     NSGA-II (Deb et al. 2002, IEEE Transactions on Evolutionary Computation 6:182) in optuna. The
     budget, and that two sensors do not hang at one place, are constraints: layouts that break them
-    are never judged. The same arguments give the same layouts.
+    are never judged. Where there are no more layouts than are wanted, all are judged. The same
+    arguments give the same layouts.
 
     Args:
         views: that layouts are made of.
@@ -85,9 +87,13 @@ def search(
                 tell(len(found))
 
         judge_new([one for one in first if not _too_much(views, one)])
-        most = min(layouts, possible_layouts(views))
+        if possible_layouts(views) <= layouts:
+            every = [one for one in _every_layout(views) if not _too_much(views, one)]
+            for begin in range(0, len(every), TOGETHER):
+                judge_new(every[begin : begin + TOGETHER])
+            return found
         vain = 0
-        while len(found) < most and vain < _PATIENCE * layouts:
+        while len(found) < layouts and vain < _PATIENCE:
             trials = [study.ask() for _ in range(TOGETHER)]
             asked = [_suggested(trial, views) for trial in trials]
             before = len(found)
@@ -100,6 +106,12 @@ def search(
                 values = worst if verdict is None else [verdict.values[name] for name in names]
                 study.tell(trial, values)
     return found
+
+
+def _every_layout(views: Views) -> Iterator[Layout]:
+    counts = range(views.spec.sensors.least, views.spec.sensors.most + 1)
+    for count in counts:
+        yield from combinations(range(len(views.every)), count)
 
 
 def _suggested(trial: optuna.Trial, views: Views) -> Layout:
