@@ -154,7 +154,7 @@ def validated(question: Question, casts: object, layouts: list, work: Path) -> l
             )  # fmt: skip
         took = time.perf_counter() - began
         boxes = ut.open(data).boxes
-        key = zip(boxes["time"].to_pylist(), boxes["track"].to_pylist(), strict=True)
+        key = zip(boxes["time_s"].to_pylist(), boxes["track"].to_pylist(), strict=True)
         points = dict(
             zip(((round(t, 3), k) for t, k in key), boxes["num_points"].to_pylist(), strict=True)
         )
@@ -170,8 +170,9 @@ def validated(question: Question, casts: object, layouts: list, work: Path) -> l
             "bias_percent": float(100 * off.sum() / max(real.sum(), 1)),
             "off_mean": float(off.mean()), "off_sd": float(off.std()),
             "off_95": np.percentile(off, [2.5, 97.5]).tolist(),
-            **{f"seen_{n}": [float((expected >= n).mean()), float((real >= n).mean()),
-                             float(((expected >= n) != (real >= n)).mean())] for n in (5, 20, 50)},
+            **{f"seen_{n}": [float((expected >= n - 0.5).mean()), float((real >= n).mean()),
+                             float(((expected >= n - 0.5) != (real >= n)).mean())]
+               for n in (5, 20, 50)},
             "record_s": took,
         })  # fmt: skip
     return rows

@@ -64,7 +64,7 @@ def test_the_longest_time_unseen_is_a_run_of_moments(question, judge):
     # Of six moments of actor 1: seen, not, not, seen, not, seen.
     rows = np.flatnonzero(targets.track == 1)
     assert len(rows) == 6
-    points[rows] = [9, 4, 0, 5, 4.9, 6]
+    points[rows] = [9, 4, 0, 5, 4.4, 6]
     (longest,) = {*judge.longest_unseen_s(points)} - {0.0}
     assert longest == pytest.approx(2 * question.moments.step_s)
     verdict = judge.verdict([sighting(question, points)], 0.0)

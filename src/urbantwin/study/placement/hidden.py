@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from urbantwin.study.placement.measure import LEVELS
+from urbantwin.study.placement.measure import LEVELS, least_expected
 from urbantwin.study.placement.moments import Moments
 from urbantwin.study.placement.sighting import NOBODY, Sighting
 from urbantwin.taxonomy import semantic_classes
 
 __all__ = ["Hidden", "hidden_actors"]
 
-_SEEN = LEVELS[0]
+_SEEN = least_expected(LEVELS[0])
 #: The ground and what lies on it does not hide: a beam that ends there was too low.
 _WORDS = {
     "building": "a building",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.study.placement.beam_voxels import Voxels
-from urbantwin.study.placement.measure import LEVELS, MEASURES
+from urbantwin.study.placement.measure import LEVELS, MEASURES, least_expected
 from urbantwin.study.placement.moments import Moments, Squares
 from urbantwin.study.placement.sighting import Sighting
 
@@ -22,7 +22,7 @@ RANGES_M = (0.0, 10.0, 20.0, 30.0, 50.0, np.inf)
 #: Sets of actors that are drawn again, with replacement, for an interval of 95 %.
 _DRAWS, _SEED = 200, 19
 #: Fewer points than this on an actor in a frame, and it is not seen.
-_SEEN = LEVELS[0]
+_SEEN = least_expected(LEVELS[0])
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Judge:
 
         mean("points", total)
         for level in LEVELS:
-            mean(f"seen_{level}", total >= level)
+            mean(f"seen_{level}", total >= least_expected(level))
         left = [total - one >= _SEEN for one in each]
         worst = int(np.argmin([int(one.sum()) for one in left]))
         mean("seen_5_one_failed", left[worst] if len(each) > 1 else np.zeros(len(total), np.bool_))
@@ -144,7 +144,8 @@ class Judge:
                 here = total[(self._kind == kind) & (away >= low) & (away < high)]
                 if not len(here):
                     continue
-                seen = tuple(round(float((here >= level).mean()), 4) for level in LEVELS)
+                shares = ((here >= least_expected(level)).mean() for level in LEVELS)
+                seen = tuple(round(float(one), 4) for one in shares)
                 seconds = round(len(here) * self._step_s, 3)
                 found.append(
                     ClassPoints(kind, low, high, seconds, round(float(here.mean()), 2), seen)

@@ -5,10 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-__all__ = ["LEVELS", "MEASURES", "SURROGATES", "Measure"]
+__all__ = ["LEVELS", "MEASURES", "SURROGATES", "Measure", "least_expected"]
 
 #: An object counts as seen with so many points in a frame, at three levels.
 LEVELS = (5, 20, 50)
+
+
+def least_expected(level: int) -> float:
+    """Return the expected number from which on the likeliest number of points is a level or more.
+
+    Most beams return almost surely or hardly ever, so the number is near what is expected.
+    """
+    return level - 0.5
 
 
 @dataclass(frozen=True)

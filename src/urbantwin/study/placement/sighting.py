@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -335,7 +336,7 @@ def write_sighting(path: Path, sighting: Sighting) -> None:
 def read_sighting(path: Path) -> Sighting | None:
     """Read what a view sees; ``None`` where an interrupted run did not come so far."""
     try:
-        with np.load(path) as found:
+        with path.open("rb") as stream, np.load(stream) as found:
             return Sighting(*(found[name] for name in Sighting._fields))
-    except (OSError, ValueError, KeyError, EOFError):
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         return None
