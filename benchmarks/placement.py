@@ -50,6 +50,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=600)
     parser.add_argument("--learn", type=int, default=80)
     parser.add_argument("--judge", type=int, default=60)
+    parser.add_argument("--own", type=float, default=0.25)
     parser.add_argument("--reach", type=float, default=60.0)
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--validate", type=int, default=4)
@@ -189,6 +190,7 @@ def precision(
     how = LayoutTraining(
         given.steps,
         reach_m=given.reach,
+        own_share=given.own,
         learn=given.learn,
         judge=given.judge,
         seed=seed,

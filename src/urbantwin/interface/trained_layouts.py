@@ -15,13 +15,12 @@ from urbantwin.interface.place import AnyPath
 from urbantwin.progress import Progress, between, untold
 
 if TYPE_CHECKING:
+    from urbantwin.evaluation.evaluate import Figures
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
 
 __all__ = ["LayoutTraining", "shortlist", "trained_layouts", "training_words"]
 
-#: A layout's own detector goes on from the common one for this share of its steps.
-_OWN_STEPS = 0.25
 #: A class with fewer labelled boxes does not count in the mean.
 _FEWEST_BOXES = 20
 #: The training traffic has the seed of the motion and so much more.
@@ -40,6 +39,7 @@ class LayoutTraining:
         width: multiple of the channels of the network.
         cell_m: edge of its pillars, metres.
         reach_m: how far it looks from the middle of the sensors, metres.
+        own_share: of its steps, a layout's own detector goes on from the common one.
         learn: about so many frames that a layout's detector learns from.
         judge: and that it is judged by.
         seed: of weights and samples.
@@ -50,6 +50,7 @@ class LayoutTraining:
     width: float = 0.5
     cell_m: float = 0.4
     reach_m: float = 60.0
+    own_share: float = 0.25
     learn: int = 80
     judge: int = 60
     seed: int = 0
@@ -58,7 +59,7 @@ class LayoutTraining:
     @property
     def own_steps(self) -> int:
         """Steps of a layout's own detector, which begins as the common one."""
-        return max(1, round(_OWN_STEPS * self.steps))
+        return max(1, round(self.own_share * self.steps))
 
 
 def shortlist(front: Sequence[int], count: int) -> list[int]:
@@ -211,7 +212,6 @@ class _Workplace:
     def judged(self, number: int, model: Path, data: Path) -> dict[str, Any]:
         """Return what a detector finds in a recording, judged by its labels."""
         from urbantwin.interface.detected_objects import detect
-        from urbantwin.interface.evaluation_report import evaluate
         from urbantwin.interface.tracked_objects import track
 
         found = self._made(
@@ -220,17 +220,7 @@ class _Workplace:
         followed = self._made(
             f"tracked-{number}", "detections", lambda out: track(found, out, progress=False)
         )
-        reports = [
-            self._made(
-                f"{name}-{number}",
-                "evaluation",
-                lambda out, boxes=boxes: evaluate(  # type: ignore[misc]
-                    boxes, data, out, fewest_points=0, progress=False
-                ),
-            )
-            for name, boxes in (("precision", found), ("tracking", followed))
-        ]
-        return _row(*reports)
+        return _row(_figures(found, data), _figures(followed, data))
 
     def _made(self, name: str, kind: str, make: Callable[[Path], object]) -> Path:
         folder = self.work / name
@@ -239,23 +229,34 @@ class _Workplace:
         return folder
 
 
-def _row(report: Path, tracks: Path) -> dict[str, Any]:
+def _figures(detections: Path, data: Path) -> Figures:
+    """Judge detections by the labels of a recording; no box is left out for its few points."""
+    from urbantwin.detections.forms import read_any_form
+    from urbantwin.evaluation import evaluate, read_labelled
+    from urbantwin.interface.parts import recording_of_part
+
+    recording = recording_of_part(data, None, "all")
+    said, _ = read_any_form(detections, lambda: recording)
+    seen = read_labelled(said, recording, fewest_points=0)
+    return evaluate(seen, layout=recording.layout)
+
+
+def _row(figures: Figures, of_tracks: Figures) -> dict[str, Any]:
     """Return precision and tracking of a layout, each the mean over classes with enough boxes."""
     from urbantwin.evaluation.criterion import near
-    from urbantwin.interface.evaluation_report import Evaluation
+    from urbantwin.evaluation.tracks import judged_tracks
 
-    figures = Evaluation(report).figures
     kept = {
-        name: row["ap"][near(name).name]
-        for name, row in figures.items()
-        if name != "large" and row["objects"] >= _FEWEST_BOXES
+        name: one.figures["ap"][near(name).name]
+        for name, one in figures.classes.items()
+        if name != "large" and one.figures["objects"] >= _FEWEST_BOXES
     }
     found: dict[str, Any] = {
         "ap": _mean([one["ap"] for one in kept.values()]),
         "ap_low": _mean([(one["ap_ci95"] or (None,))[0] for one in kept.values()]),
         "ap_high": _mean([(one["ap_ci95"] or (None,))[-1] for one in kept.values()]),
     }
-    followed = Evaluation(tracks).manifest["tracking"] or {}
+    followed = judged_tracks(of_tracks) or {}
     for name in ("hota", "mota", "idf1"):
         found[name] = _mean([row[name] for kind, row in followed.items() if kind in kept])
     found["ap_by_class"] = {name: one["ap"] for name, one in kept.items()}
