@@ -147,7 +147,7 @@ def validated(question: Question, casts: object, layouts: list, work: Path) -> l
         rig = rig_of(question, layout, work / "rigs" / f"valid-{number}.yaml")
         step = round(question.moments.step_s * question.spec.rate_hz)
         began = time.perf_counter()
-        data = work / f"valid-{number}"
+        data = work / ("valid-" + "-".join(map(str, layout)))
         if not data.exists():
             ut.record(
                 question.twin, question.motion, data, rig=rig, every=step, workers=1,

@@ -34,6 +34,7 @@ from urbantwin.site import (
 from urbantwin.site.initial_site import init_site
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
 from urbantwin.site.yaml_document import Document
+from urbantwin.study.placement import load_place_spec
 
 from .harness import NUMBERS
 from .reader import SHARED_DATA, Reader
@@ -150,6 +151,29 @@ def _rigs() -> list[bytes]:
     rigs = [{"rate_hz": 10, "sensors": [pole]}, {"frame": "site", "sensors": [pole | more, pole]}]
     rigs[1]["sensors"][1] = {**pole, "name": "b", "columns": 1024}
     return [yaml.safe_dump(rig, sort_keys=False).encode() for rig in rigs]
+
+
+def read_placement(path: Path) -> None:
+    load_place_spec(path).sensors_of_models(path)
+
+
+def _placements() -> list[bytes]:
+    place = {"name": "corner", "east_m": 14.0, "north_m": -3, "heights_m": [4.0]}
+    full = {
+        "middle_m": [0, 1.5],
+        "candidates": {
+            "kinds": ["pole", "new-pole"],
+            "area": [[0, 0], [9, 0], [0, 9]],
+            "places": [place],
+        },
+        "models": [{"model": "VLP-16", "price": 4000.0, "columns": 900}],
+        "costs": {"new_pole": 5000},
+        "sensors": {"least": 1, "most": 2},
+        "budget": 20000,
+        "objectives": ["cost", "seen_20"],
+        "conditions": {"weather": "rain", "visibility_m": 900.0},
+    }
+    return [yaml.safe_dump(full, sort_keys=False).encode()]
 
 
 def _traffic() -> list[bytes]:
@@ -287,6 +311,7 @@ READERS = [
     Reader("region", read_region, "area.geojson", _regions),
     Reader("site", read_site, "site.yaml", _sites, _beside_site),
     Reader("rig", read_rig, "rig.yaml", _rigs),
+    Reader("placement", read_placement, "place.yaml", _placements),
     Reader("traffic changes", load_traffic_changes, "traffic.yaml", _traffic),
     Reader("dem", read_dem, "dem.tif", _dems),
     Reader("imagery", read_picture, "picture.tif", _pictures),

@@ -41,7 +41,11 @@ class Placement:
 
     def __init__(self, folder: AnyPath) -> None:
         self.folder = Path(folder)
-        self.manifest: dict[str, Any] = read_json(self.folder / f"{_KIND}.json", kind=_KIND)
+        file = self.folder / f"{_KIND}.json"
+        self.manifest: dict[str, Any] = read_json(file, kind=_KIND)
+        from urbantwin.study.placement.manifest import check_placement
+
+        check_placement(self.manifest, file)
 
     @classmethod
     def open(cls, folder: AnyPath) -> Placement:
@@ -55,7 +59,9 @@ class Placement:
     @cached_property
     def layouts(self) -> pa.Table:
         """Every layout that was judged, with its measures and their intervals."""
-        return read_parquet(self.folder / "layouts.parquet", "a table of the placement")
+        from urbantwin.study.placement.manifest import read_layouts
+
+        return read_layouts(self.folder / "layouts.parquet")
 
     @cached_property
     def hidden(self) -> pa.Table:

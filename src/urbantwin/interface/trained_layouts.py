@@ -218,7 +218,9 @@ class _Workplace:
             f"found-{number}", "detections", lambda out: detect(model, data, out, progress=False)
         )
         followed = self._made(
-            f"tracked-{number}", "detections", lambda out: track(found, out, progress=False)
+            f"tracked-{number}",
+            "detections",
+            lambda out: track(found, out, frames=data, progress=False),
         )
         return _row(_figures(found, data), _figures(followed, data))
 
