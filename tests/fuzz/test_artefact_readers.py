@@ -363,14 +363,14 @@ JOURNAL = (
 )
 
 PLACEMENT = (
-    b'{"kind": "placement", "layouts": 1, "views_cast": 1, "candidates": 2, "moments": 3, "actors": '
-    b'{"car": 4}, "objectives": ["cost", "seen_20"], "front": ["layout-0000"], "warnings": []}'
+    b'{"kind": "placement", "layouts": 1, "views_cast": 1, "candidates": 2, "moments": 3, '
+    b'"actors": {"car": 4}, "objectives": ["cost", "seen_20"], "front": ["layout-0000"], "warnings": []}'
 )
 
 
 def _layouts() -> bytes:
     columns = {"layout": [0], "front": [True], "what": ["a sensor"]}
-    table = pa.table(columns | dict.fromkeys(MEASURES, [0.5]))
+    table = pa.table(columns | {name: [0.5] for name in MEASURES})
     return made("a.parquet", lambda path: pq.write_table(table, path, **PARQUET))
 
 
