@@ -364,7 +364,7 @@ JOURNAL = (
 
 PLACEMENT = (
     b'{"kind": "placement", "layouts": 1, "views_cast": 1, "candidates": 2, "moments": 3, '
-    b'"actors": {"car": 4}, "objectives": ["cost", "seen_20"], "front": ["layout-0000"], "warnings": []}'
+    b'"actors": {"car": 4}, "objectives": ["cost", "seen_20"], "front": ["layout-0000"]}'
 )
 
 

@@ -25,6 +25,8 @@ __all__ = ["LayoutTraining", "shortlist", "trained_layouts", "training_words"]
 _FEWEST_BOXES = 20
 #: The training traffic has the seed of the motion and so much more.
 _OTHER_SEED = 7919
+#: What is told of a layout, as means over classes.
+_KEYS = ("ap", "ap_low", "ap_high", "hota", "mota", "idf1")
 #: Seconds of one processor: of a step of two samples, of a frame recorded, and of one looked at
 #: (docs/detectors.md, docs/lidar.md; machines differ by a factor of two or more).
 _STEP_S, _RECORD_S, _DETECT_S = 0.7, 0.1, 0.5
@@ -95,7 +97,7 @@ def trained_layouts(
     the motion that the layouts were searched with. A detector is first trained on the recordings of
     all layouts together, so that what differs is the layout and not the luck of its first weights;
     each layout's own goes on from there on its own recording. No box is left out for having few
-    points: what a layout does not see counts as missed.
+    points: what a layout does not see counts as missed, unless it is out of reach of every sensor.
 
     Args:
         rigs: the ``rig.yaml`` of each layout, by its number.
@@ -106,8 +108,9 @@ def trained_layouts(
         tell: called with the share that is done and what is being done.
 
     Returns:
-        A row for each layout: ``layout``, ``ap`` (mean over classes), ``ap_low``, ``ap_high``
-        (mean of the classes' 95 % intervals), ``hota``, ``mota``, ``idf1``, and AP by class.
+        A row for each layout: ``layout``, ``ap`` (mean over classes that all layouts have),
+        ``ap_low``, ``ap_high`` (mean of the classes' 95 % intervals), ``hota``, ``mota``, ``idf1``,
+        and AP by class.
 
     Raises:
         InputError: torch is not installed.
@@ -127,7 +130,7 @@ def trained_layouts(
         learned[number] = at.recorded(number, "learn", learning, how.learn)
     several = list(learned.values())
     common = at.trained("common", several, how.steps, between(told, 0.25, 0.5, "all layouts"))
-    rows = []
+    found: dict[int, dict[str, dict[str, float | None]]] = {}
     for k, number in enumerate(rigs):
         share = 0.5 / len(rigs)
         part = between(told, 0.5 + share * k, 0.5 + share * (k + 1), f"layout {number}")
@@ -136,9 +139,9 @@ def trained_layouts(
         part(0.5, "recording what judges")
         judge = at.recorded(number, "judge", motion, how.judge)
         part(0.6, "detecting and judging")
-        rows.append({"layout": number, **at.judged(number, own, judge)})
+        found[number] = at.judged(number, own, judge)
     told(1.0, "done")
-    return rows
+    return _rows(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +212,7 @@ class _Workplace:
         )
         return self._made(name, "model", lambda out: trains(out=out))
 
-    def judged(self, number: int, model: Path, data: Path) -> dict[str, Any]:
+    def judged(self, number: int, model: Path, data: Path) -> dict[str, dict[str, float | None]]:
         """Return what a detector finds in a recording, judged by its labels."""
         from urbantwin.interface.detected_objects import detect
         from urbantwin.interface.tracked_objects import track
@@ -222,7 +225,7 @@ class _Workplace:
             "detections",
             lambda out: track(found, out, frames=data, progress=False),
         )
-        return _row(_figures(found, data), _figures(followed, data))
+        return _by_class(_figures(found, data), _figures(followed, data))
 
     def _made(self, name: str, kind: str, make: Callable[[Path], object]) -> Path:
         folder = self.work / name
@@ -243,26 +246,37 @@ def _figures(detections: Path, data: Path) -> Figures:
     return evaluate(seen, layout=recording.layout)
 
 
-def _row(figures: Figures, of_tracks: Figures) -> dict[str, Any]:
-    """Return precision and tracking of a layout, each the mean over classes with enough boxes."""
+def _by_class(figures: Figures, of_tracks: Figures) -> dict[str, dict[str, float | None]]:
+    """Return precision and tracking of each class with enough boxes."""
     from urbantwin.evaluation.criterion import near
     from urbantwin.evaluation.tracks import judged_tracks
 
-    kept = {
-        name: one.figures["ap"][near(name).name]
-        for name, one in figures.classes.items()
-        if name != "large" and one.figures["objects"] >= _FEWEST_BOXES
-    }
-    found: dict[str, Any] = {
-        "ap": _mean([one["ap"] for one in kept.values()]),
-        "ap_low": _mean([(one["ap_ci95"] or (None,))[0] for one in kept.values()]),
-        "ap_high": _mean([(one["ap_ci95"] or (None,))[-1] for one in kept.values()]),
-    }
     followed = judged_tracks(of_tracks) or {}
-    for name in ("hota", "mota", "idf1"):
-        found[name] = _mean([row[name] for kind, row in followed.items() if kind in kept])
-    found["ap_by_class"] = {name: one["ap"] for name, one in kept.items()}
+    found: dict[str, dict[str, float | None]] = {}
+    for name, one in figures.classes.items():
+        if name == "large" or one.figures["objects"] < _FEWEST_BOXES:
+            continue
+        precision = one.figures["ap"][near(name).name]
+        low, high = precision["ap_ci95"] or (None, None)
+        tracks = {key: followed.get(name, {}).get(key) for key in ("hota", "mota", "idf1")}
+        found[name] = {"ap": precision["ap"], "ap_low": low, "ap_high": high, **tracks}
     return found
+
+
+def _rows(
+    found: Mapping[int, Mapping[str, Mapping[str, float | None]]],
+) -> list[dict[str, Any]]:
+    """Return a row for each layout: means over the classes that every layout has boxes of."""
+    classes = [name for name in next(iter(found.values()), {})
+               if all(name in one for one in found.values())]  # fmt: skip
+    return [
+        {
+            "layout": number,
+            **{key: _mean([one[name][key] for name in classes]) for key in _KEYS},
+            "ap_by_class": {name: one[name]["ap"] for name in one},
+        }
+        for number, one in found.items()
+    ]
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
