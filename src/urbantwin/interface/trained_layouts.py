@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -97,7 +98,8 @@ def trained_layouts(
     the motion that the layouts were searched with. A detector is first trained on the recordings of
     all layouts together, so that what differs is the layout and not the luck of its first weights;
     each layout's own goes on from there on its own recording. No box is left out for having few
-    points: what a layout does not see counts as missed, unless it is out of reach of every sensor.
+    points or for being out of sight: what a layout does not see counts as missed. Tracking is that
+    of what its sensors can see.
 
     Args:
         rigs: the ``rig.yaml`` of each layout, by its number.
@@ -114,7 +116,8 @@ def trained_layouts(
 
     Raises:
         InputError: torch is not installed.
-        StageError: SUMO failed, a worker was killed, or the disk is full.
+        StageError: SUMO failed, a worker was killed, the disk is full, or the recordings have too
+            few boxes.
     """
     from urbantwin.learn.torch_device import check_torch
 
@@ -129,6 +132,8 @@ def trained_layouts(
         told(0.05 + 0.2 * k / len(rigs), f"layout {number}: recording what is learned from")
         learned[number] = at.recorded(number, "learn", learning, how.learn)
     several = list(learned.values())
+    classes = _learned_classes(several)
+    at = replace(at, classes=classes)
     common = at.trained("common", several, how.steps, between(told, 0.25, 0.5, "all layouts"))
     found: dict[int, dict[str, dict[str, float | None]]] = {}
     for k, number in enumerate(rigs):
@@ -153,6 +158,7 @@ class _Workplace:
     motion: Motion
     work: Path
     how: LayoutTraining
+    classes: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -202,6 +208,7 @@ class _Workplace:
             data,
             steps=steps,
             start=start,
+            classes=self.classes,
             reach=self.how.reach_m,
             cell=self.how.cell_m,
             width=self.how.width,
@@ -225,13 +232,36 @@ class _Workplace:
             "detections",
             lambda out: track(found, out, frames=data, progress=False),
         )
-        return _by_class(_figures(found, data), _figures(followed, data))
+        return _by_class(_figures(found, data), _figures(followed, data), _present(data))
 
     def _made(self, name: str, kind: str, make: Callable[[Path], object]) -> Path:
         folder = self.work / name
         if kind_of(folder) != kind:  # What has the name is whole.
             make(folder)
         return folder
+
+
+def _learned_classes(datasets: Sequence[Path]) -> tuple[str, ...]:
+    """Return the classes that every recording has boxes of with points on them, to learn from."""
+    from urbantwin.detections import DETECTED_CLASSES
+    from urbantwin.errors import StageError
+    from urbantwin.interface.dataset import Dataset
+
+    counts = [
+        Dataset.open(one).manifest["counts"].get("boxes_in_reach_with_points", {})
+        for one in datasets
+    ]
+    found = tuple(
+        name
+        for name in DETECTED_CLASSES
+        if all(one.get(name, 0) >= _FEWEST_BOXES for one in counts)
+    )
+    if not found:
+        raise StageError(
+            f"no class has {_FEWEST_BOXES} boxes with points in the recording of every layout: "
+            "there is nothing to train with; a longer motion, or fewer layouts"
+        )
+    return found
 
 
 def _figures(detections: Path, data: Path) -> Figures:
@@ -246,20 +276,42 @@ def _figures(detections: Path, data: Path) -> Figures:
     return evaluate(seen, layout=recording.layout)
 
 
-def _by_class(figures: Figures, of_tracks: Figures) -> dict[str, dict[str, float | None]]:
-    """Return precision and tracking of each class with enough boxes."""
+def _present(data: Path) -> Counter[str]:
+    """Return how many boxes of each class a recording has in the region, seen by a sensor or not.
+
+    They are the same for every layout.
+    """
+    from urbantwin.interface.dataset import Dataset
+
+    boxes = Dataset.open(data).boxes
+    rows = zip(boxes["class"].to_pylist(), boxes["ignored"].to_pylist(), strict=True)
+    return Counter(name for name, ignored in rows if ignored != "outside")
+
+
+def _by_class(
+    figures: Figures, of_tracks: Figures, present: Counter[str]
+) -> dict[str, dict[str, float | None]]:
+    """Return precision and tracking of each class with enough boxes.
+
+    `evaluate` leaves out what no sensor can see, which would favour layouts that see little. Such
+    a box is missed, so recall, and with it the area under precision, is that of the boxes that
+    count times the share that they are of all.
+    """
     from urbantwin.evaluation.criterion import near
     from urbantwin.evaluation.tracks import judged_tracks
 
     followed = judged_tracks(of_tracks) or {}
     found: dict[str, dict[str, float | None]] = {}
     for name, one in figures.classes.items():
-        if name == "large" or one.figures["objects"] < _FEWEST_BOXES:
+        if name == "large" or present[name] < _FEWEST_BOXES:
             continue
         precision = one.figures["ap"][near(name).name]
+        share = min(1.0, one.figures["objects"] / present[name])
         low, high = precision["ap_ci95"] or (None, None)
         tracks = {key: followed.get(name, {}).get(key) for key in ("hota", "mota", "idf1")}
-        found[name] = {"ap": precision["ap"], "ap_low": low, "ap_high": high, **tracks}
+        ends = {"ap": precision["ap"], "ap_low": low, "ap_high": high}
+        scaled = {key: None if one is None else share * one for key, one in ends.items()}
+        found[name] = scaled | tracks
     return found
 
 
