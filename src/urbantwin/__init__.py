@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.objects_report import ObjectsReport
     from urbantwin.interface.observed_traffic import ObservedTraffic, observe
     from urbantwin.interface.opening import Package, open
+    from urbantwin.interface.placement import Placement, place
     from urbantwin.interface.preset_catalogue import PresetCatalogue, presets
     from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
     from urbantwin.interface.recording import record
@@ -107,6 +108,7 @@ __all__ = [
     "ObjectsReport",
     "ObservedTraffic",
     "Package",
+    "Placement",
     "PresetCatalogue",
     "Recording",
     "Report",
@@ -159,6 +161,7 @@ __all__ = [
     "look",
     "observe",
     "open",
+    "place",
     "presets",
     "pretrain",
     "record",

@@ -20,8 +20,8 @@ Run = Callable[..., Any]
 COMMANDS = tuple(
     "actors align background build calibrate card carla check compare coverage curriculum "
     "demo detect discover evaluate explain export film fuse improve init inspect label "
-    "observe pretrain record replay reproduce run sensors sequence split study suite teach "
-    "track traffic train tune vary verify view".split()
+    "observe place pretrain record replay reproduce run sensors sequence split study suite "
+    "teach track traffic train tune vary verify view".split()
 )
 
 

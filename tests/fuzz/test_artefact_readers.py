@@ -21,6 +21,7 @@ from PIL import Image
 
 from urbantwin.artefact import read_json
 from urbantwin.artefact.privacy import search_files
+from urbantwin.artefact.tables import PARQUET
 from urbantwin.cli.app import main
 from urbantwin.dataset.card import write_cards
 from urbantwin.dataset.damaged_file import where_damaged
@@ -49,6 +50,8 @@ from urbantwin.lidar.background_file import load_backgrounds, save_backgrounds
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.roads.signals.programs import described_signals
+from urbantwin.study.placement.manifest import read_layouts
+from urbantwin.study.placement.measure import MEASURES
 from urbantwin.traffic import Motion
 from urbantwin.traffic.demand.demand import plan_demand
 from urbantwin.traffic.motion import describe as describe_motion
@@ -398,6 +401,22 @@ CELLS = (
     b'"cd": {"state": "failed", "attempts": 2, "why": "SUMO fell over"}}}'
 )
 
+PLACEMENT = (
+    b'{"kind": "placement", "layouts": 1, "views_cast": 1, "candidates": 2, "moments": 3, '
+    b'"actors": {"car": 4}, "objectives": ["cost", "seen_20"], "front": ["layout-0000"]}'
+)
+
+
+def _layouts() -> bytes:
+    columns = {"layout": [0], "front": [True], "what": ["a sensor"]}
+    table = pa.table(columns | {name: [0.5] for name in MEASURES})
+    return made("a.parquet", lambda path: pq.write_table(table, path, **PARQUET))
+
+
+def _beside_placement() -> dict[str, bytes]:
+    return {"layouts.parquet": _layouts()}
+
+
 READERS = [
     Reader("twin.json", inspected, "twin/twin.json", _seeds("twin/twin.json"), beside("twin")),
     Reader("twin changed", inspected, "twin/scene.npz", _seeds("twin/scene.npz"), beside("twin")),
@@ -436,6 +455,8 @@ READERS = [
     Reader("report, looked at", _worst, "report.json", lambda: [_report()]),
     Reader("mesh", LabelledMesh.load, "a.npz", _seeds("twin/scene.npz")),
     Reader("coverage", inspected, "coverage.json", _seeds("coverage/coverage.json")),
+    Reader("placement", inspected, "placement.json", lambda: [PLACEMENT], _beside_placement),
+    Reader("layouts", read_layouts, "layouts.parquet", lambda: [_layouts()]),
     Reader("report", inspected, "report.json", lambda: [_report()]),
     Reader("background", load_backgrounds, "a.npz", lambda: [_background()]),
     Reader("exported card", lambda path: write_cards(path.parent, "exported"), "exported.json",

@@ -36,6 +36,7 @@ from urbantwin.site.initial_site import init_site
 from urbantwin.site.nodes import load_nodes
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
 from urbantwin.site.yaml_document import Document
+from urbantwin.study.placement import load_place_spec
 from urbantwin.study.robustness import load_study
 from urbantwin.weakness import check_inputs
 from urbantwin.weakness.inputs import look_at_picture
@@ -194,6 +195,29 @@ def read_nodes(path: Path) -> None:
     for number in range(len(nodes.nodes)):
         nodes.rig_of(number, FRAME, path.with_name("rig.yaml"))
     yaml.safe_dump(nodes.written())
+
+
+def read_placement(path: Path) -> None:
+    load_place_spec(path).sensors_of_models(path)
+
+
+def _placements() -> list[bytes]:
+    place = {"name": "corner", "east_m": 14.0, "north_m": -3, "heights_m": [4.0]}
+    full = {
+        "middle_m": [0, 1.5],
+        "candidates": {
+            "kinds": ["pole", "new-pole"],
+            "area": [[0, 0], [9, 0], [0, 9]],
+            "places": [place],
+        },
+        "models": [{"model": "VLP-16", "price": 4000.0, "columns": 900}],
+        "costs": {"new_pole": 5000},
+        "sensors": {"least": 1, "most": 2},
+        "budget": 20000,
+        "objectives": ["cost", "seen_20"],
+        "conditions": {"weather": "rain", "visibility_m": 900.0},
+    }
+    return [yaml.safe_dump(full, sort_keys=False).encode()]
 
 
 def _traffic() -> list[bytes]:
@@ -367,6 +391,7 @@ READERS = [
     Reader("rig", read_rig, "rig.yaml", _rigs),
     Reader("nodes", read_nodes, "nodes.yaml", _nodes),
     Reader("study", load_study, "grid.yaml", lambda: [STUDY], lambda: {"twin": b"", "m": b""}),
+    Reader("placement", read_placement, "place.yaml", _placements),
     Reader("traffic changes", load_traffic_changes, "traffic.yaml", _traffic),
     Reader("dem", read_dem, "dem.tif", _dems),
     Reader("imagery", read_picture, "picture.tif", _pictures),

@@ -71,6 +71,11 @@ def _tune(stand: Stand, out: Path) -> list[object]:
     return ["tune", stand.real, stand.twin, "-o", out, *options]
 
 
+def _place(stand: Stand, out: Path) -> list[object]:
+    options = ["--wish", stand.wish, "--layouts", "4", "--workers", "2"]
+    return ["place", stand.twin, stand.motion, "-o", out, *options]
+
+
 def _export(to: str) -> Callable[[Stand, Path], list[object]]:
     return lambda stand, out: ["export", stand.dataset, "--to", to, "-o", out]
 
@@ -93,6 +98,7 @@ COMMANDS = {
         Command("compare", "report", _compare),
         Command("compare", "report", _compare_control, control=True, key="compare-control"),
         Command("tune", "tuned", _tune, resumes=True),
+        Command("place", "placement", _place, resumes=True),
         Command(
             "background",
             "measured.npz",
@@ -142,6 +148,7 @@ _OF_OLDER: dict[str, Callable[[Stand], list[object]]] = {
     "carla": lambda stand: ["export", stand.older("twin"), "--to", "carla"],
     "card": lambda stand: ["card", stand.older("dataset"), "--no-pictures"],
     "weak.html": lambda stand: ["check", stand.smaller],
+    "placement": lambda stand: [*_place(stand, Path())[:3], "--wish", stand.wish, "--layouts", "2"],
     "page.html": lambda stand: ["view", stand.older("dataset")],
     "nuscenes": lambda stand: ["export", stand.older("dataset"), "--to", "nuscenes"],
     "frames.mcap": lambda stand: ["export", stand.older("dataset"), "--to", "mcap"],
@@ -173,6 +180,19 @@ class Stand:
         sensor = {"name": "corner", "model": "VLP-16", "columns": 900, "yaw_deg": 135}
         sensor |= {"east_m": 12, "north_m": -12, "height_m": 4.0}
         fields["rig"] |= {"rate_hz": 10, "sensors": [sensor]}
+        path.write_text(yaml.safe_dump(fields))
+        return path
+
+    @cached_property
+    def wish(self) -> Path:
+        """Two places and a sensor that a search chooses from."""
+        places = [
+            {"name": name, "east_m": east, "north_m": north}
+            for name, east, north in (("corner", 12.0, -12.0), ("opposite", -12.0, 12.0))
+        ]
+        path = self.folder / "place.yaml"
+        model = {"model": "VLP-16", "price": 4000, "columns": 900}
+        fields = {"candidates": {"kinds": [], "places": places}, "models": [model], "step_s": 0.5}
         path.write_text(yaml.safe_dump(fields))
         return path
 

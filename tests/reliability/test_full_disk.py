@@ -20,6 +20,7 @@ TOO_SMALL_KB = {
     "traffic": 700,
     "compare": 400,
     "tune": 8,
+    "place": 60,
     "background": 24,
     "export": 1500,
     "card": 4,

@@ -48,6 +48,7 @@ KINDS = (
         "fleet",
         "study",
         "explanation",
+        "placement",
     ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.

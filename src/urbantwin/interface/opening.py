@@ -37,6 +37,7 @@ _CLASSES = {
     "study": ("study", "Study"),
     "explanation": ("explanation", "Explanation"),
     "fusion": ("fusion_study", "FusionStudy"),
+    "placement": ("placement", "Placement"),
 }
 _EXPECTED = (
     "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "

@@ -1,0 +1,234 @@
+"""A placement: which sensors, where, before the pole is bought."""
+
+from __future__ import annotations
+
+import shutil
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import check_folder, read_json, replaced_folder
+from urbantwin.artefact.tables import read_parquet
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line, tell_result
+from urbantwin.interface.summary import Summary
+from urbantwin.result_warning import ResultWarning, warnings_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from matplotlib.figure import Figure
+
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.twin import Twin
+    from urbantwin.study.placement.place_file import PlaceSpec
+
+__all__ = ["Placement", "place"]
+
+_KIND = "placement"
+
+
+class Placement:
+    """Layouts of sensors, judged by one motion; it stands for its folder.
+
+    Attributes:
+        folder: where it is; ``report.html`` in it is the page for people.
+        manifest: ``placement.json``.
+
+    Example:
+        >>> placement = ut.place(twin, motion, layouts=100)
+        >>> ut.record(twin, motion, rig=placement.rigs[-1])
+    """
+
+    def __init__(self, folder: AnyPath) -> None:
+        self.folder = Path(folder)
+        file = self.folder / f"{_KIND}.json"
+        self.manifest: dict[str, Any] = read_json(file, kind=_KIND)
+        from urbantwin.study.placement.manifest import check_placement
+
+        check_placement(self.manifest, file)
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Placement:
+        """Open a placement's folder.
+
+        Raises:
+            InputError: it is not a placement.
+        """
+        return cls(folder)
+
+    @cached_property
+    def layouts(self) -> pa.Table:
+        """Every layout that was judged, with its measures and their intervals."""
+        from urbantwin.study.placement.manifest import read_layouts
+
+        return read_layouts(self.folder / "layouts.parquet")
+
+    @cached_property
+    def hidden(self) -> pa.Table:
+        """Who is not seen by the layouts of the front, and what hides them from each sensor."""
+        return read_parquet(self.folder / "hidden.parquet", "a table of the placement")
+
+    @cached_property
+    def trained(self) -> pa.Table | None:
+        """Precision and tracking of the layouts that detectors were trained for."""
+        path = self.folder / "trained.parquet"
+        return read_parquet(path, "a table of the placement") if path.is_file() else None
+
+    @property
+    def rigs(self) -> list[Path]:
+        """The ``rig.yaml`` of every layout of the front, the cheapest first."""
+        return [self.folder / "rigs" / f"{name}.yaml" for name in self.manifest.get("front", ())]
+
+    @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with it."""
+        return warnings_of(self.manifest)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return how many layouts were judged, and the folder."""
+        front = len(self.manifest.get("front", ()))
+        layouts = self.manifest.get("layouts")
+        return f"Placement: {layouts} layouts, {front} on the front ({self.folder})"
+
+    def summary(self) -> Summary:
+        """Return the front in a few values."""
+        names = ["cost", *(one for one in self.manifest["objectives"] if one != "cost")]
+        rows = self.layouts.filter(self.layouts["front"]).select(["layout", *names, "what"])
+        rows = rows.sort_by([("cost", "ascending"), ("layout", "ascending")]).to_pylist()
+        kept = {
+            key: self.manifest[key]
+            for key in ("layouts", "views_cast", "candidates", "moments", "actors")
+        }
+        return Summary(
+            path=str(self.folder),
+            report=str(self.folder / "report.html"),
+            **kept,
+            front=rows,
+            trained=[] if self.trained is None else self.trained.to_pylist(),
+            warnings=[str(one) for one in self.warnings],
+        )
+
+    def plot(self) -> Figure:
+        """Show all layouts by cost and the other objectives."""
+        from urbantwin.view.style import figure_of_picture
+
+        return figure_of_picture(self.folder / "pictures" / "front.png")
+
+
+def place(  # noqa: PLR0913 - the options of the command
+    twin: Twin | AnyPath,
+    motion: Motion | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    wish: AnyPath | None = None,
+    layouts: int = 500,
+    train: int = 0,
+    steps: int = 1000,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: ShowProgress = True,
+) -> Placement:
+    """Search for layouts of sensors that see most of a motion for what they cost.
+
+    Every sensor that may hang somewhere is cast once at the motion, and combined into layouts: no
+    layout costs a recording. Interrupted, the same call goes on, and finds the same.
+
+    Args:
+        twin: the twin, or its folder.
+        motion: a motion on it, or its folder: all layouts see this one.
+        out: the folder to write; ``placement`` beside the twin when not given.
+        wish: a ``place.yaml``: where sensors may hang, models with their prices, objectives; poles,
+            signals, facades and new poles, and three models, when not given.
+        layouts: how many are judged.
+        train: so many of the front are also recorded with traffic of another seed, to train a
+            detector for each, which is judged by this motion: average precision and tracking.
+        steps: of training on all of them together; each then has a quarter more of its own.
+        seed: of the search.
+        workers: processes to work with; every number gives the same bytes.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: what is wished cannot be: an unknown model, a place inside something, a budget
+            that no layout meets; or ``out`` holds other files.
+        StageError: a worker was killed, or the disk is full.
+    """
+    from urbantwin import __version__
+    from urbantwin.dataset.manifest import recipe_key, recipe_of_rig
+    from urbantwin.errors import InputError
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.trained_layouts import (
+        LayoutTraining,
+        shortlist,
+        trained_layouts,
+        training_words,
+    )
+    from urbantwin.interface.twin import Twin
+    from urbantwin.processes import usable_processors
+    from urbantwin.progress import between
+    from urbantwin.study.placement.place import ask
+    from urbantwin.study.placement.place import place as search
+    from urbantwin.study.placement.written import layout_name, write_placement, write_rig
+
+    for name, number, least in (("layouts", layouts, 1), ("train", train, 0), ("steps", steps, 1)):
+        if number < least:
+            raise InputError(f"{number} {name}", place=name, expected=f"{least} or more")
+    if train:
+        from urbantwin.learn.torch_device import check_torch
+
+        check_torch("cpu")
+    usable = workers or usable_processors()
+    target = beside(twin, _KIND, out)
+    file = None if wish is None else Path(wish)
+    spec = _spec_of(file)
+    inputs = [Path(twin), Path(motion), file]
+    check_folder(target, kind=_KIND, inputs=inputs)
+    on, moving = Twin.open(twin), Motion.open(motion)
+    with shown_stage("place", progress) as tell:
+        tell(0.0, "where sensors may hang")
+        question = ask(on, moving, spec, layouts=layouts, seed=seed, file=file)
+        told = {
+            "version": __version__,
+            "twin_sha256": on.sha256,
+            "motion_sha256": moving.sha256(),
+        }
+        models = recipe_of_rig(question.models)
+        asked = {"spec": spec.written(), "models": models, "layouts": layouts, "seed": seed}
+        key = recipe_key({**told, **asked, "train": train, "steps": steps})
+        with replaced_folder(target, kind=_KIND, inputs=inputs, key=key) as folder:
+            casts = folder / "casts"
+            found = search(
+                question,
+                casts,
+                workers=usable,
+                tell=between(tell, 0.0, 0.4 if train else 1.0),
+                say=lambda _, words: tell_line(f"place: {words}", progress),
+            )
+            trained = None
+            if train:
+                how = LayoutTraining(steps, seed=seed, workers=usable)
+                numbers = shortlist(found.front, train)
+                tell_line(f"place: {training_words(len(numbers), how)}", progress)
+                rigs = {}
+                for number in numbers:
+                    rigs[number] = folder / "training" / "rigs" / f"{layout_name(number)}.yaml"
+                    rigs[number].parent.mkdir(parents=True, exist_ok=True)
+                    write_rig(found, found.found[number].layout, rigs[number])
+                trained = trained_layouts(
+                    rigs, on, moving, folder / "training", how, between(tell, 0.4, 1.0)
+                )
+                shutil.rmtree(folder / "training")
+            write_placement(folder, found, told, trained)
+            shutil.rmtree(casts)
+    made = Placement(target)
+    tell_result("place", target, made.warnings, progress)
+    return made
+
+
+def _spec_of(file: Path | None) -> PlaceSpec:
+    from urbantwin.study.placement.place_file import PlaceSpec, load_place_spec
+
+    return PlaceSpec() if file is None else load_place_spec(file)

@@ -1,0 +1,201 @@
+"""The moments of a motion that layouts are judged by: who is where, and what is to be seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.dataset.frame_motion import FrameMotions
+from urbantwin.dataset.motion_interpolation import SAME_TIME_S, posed_actors
+from urbantwin.errors import InputError
+from urbantwin.lidar import PosedActor
+from urbantwin.lidar.siting.junction_ground import CELL_M, JunctionGround
+from urbantwin.roads import RoadNetwork
+from urbantwin.traffic import Motion
+
+__all__ = ["Moment", "Moments", "Squares", "Targets", "class_counts", "moments_of"]
+
+#: Tracks from here on are parked: they hide others, and nobody waits for them to be seen.
+_FIRST_PARKED = 30_001
+#: More moments than this are not looked at: a long motion is taken in wider steps.
+_MOST_MOMENTS = 2000
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One moment.
+
+    Attributes:
+        index: number of the rig's frame at that time.
+        time_s: of the motion.
+        actors: everything that moves or is parked, sorted by track.
+    """
+
+    index: int
+    time_s: float
+    actors: tuple[PosedActor, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """P rows, one for each actor that moves within the region at a moment.
+
+    Attributes:
+        moment: (P,) int64, its number.
+        actor: (P,) int64, the actor's number among those of the moment.
+        track: (P,) int64.
+        kind: (P,) class, as text.
+        middle: (P, 3) float64, middle of its box, site frame.
+        size: (P, 3) float64, length, width and height.
+        yaw: (P,) float64.
+    """
+
+    moment: NDArray[np.int64]
+    actor: NDArray[np.int64]
+    track: NDArray[np.int64]
+    kind: NDArray[np.str_]
+    middle: NDArray[np.float64]
+    size: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Return P."""
+        return len(self.track)
+
+
+@dataclass(frozen=True, eq=False)
+class Squares:
+    """Lanes and crossings around the middle, in squares of `CELL_M`.
+
+    Attributes:
+        ground: their middles, a little above the road.
+        crossing: (M,) which are a crossing's.
+    """
+
+    ground: JunctionGround
+    crossing: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, ground: JunctionGround, network: RoadNetwork) -> Squares:
+        """Tell which squares of a junction's ground lie on a crossing."""
+        areas = [lane.polygon for lane in network.lanes if lane.kind == "crossing"]
+        xy = ground.points[:, :2]
+        on = np.zeros(len(xy), np.bool_)
+        if areas and len(xy):
+            area = shapely.union_all(shapely.buffer(np.array(areas, object), 0.0))
+            shapely.prepare(area)
+            on = shapely.dwithin(area, shapely.points(xy), CELL_M / 2)
+        return cls(ground, np.asarray(on))
+
+    @property
+    def cell_m2(self) -> float:
+        """Area of a square."""
+        return CELL_M**2
+
+    def numbers(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the square (N,) that holds each of places (N, 2); -1 where none does."""
+        points = self.ground.points
+        if not len(points):
+            return np.full(len(places), -1)
+        cell = np.floor(points[:, :2] / CELL_M).astype(np.int64)
+        low = cell.min(axis=0)
+        shape = cell.max(axis=0) - low + 1
+        table = np.full(shape, -1)
+        table[tuple((cell - low).T)] = np.arange(len(points))
+        own = np.floor(places / CELL_M).astype(np.int64) - low
+        inside = ((own >= 0) & (own < shape)).all(axis=1)
+        found = np.full(len(places), -1)
+        found[inside] = table[tuple(own[inside].T)]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """The moments of a motion.
+
+    Attributes:
+        every: in the order of time.
+        step_s: between them.
+        targets: who is to be seen.
+    """
+
+    every: tuple[Moment, ...]
+    step_s: float
+    targets: Targets
+
+
+def moments_of(motion: Motion, where: shapely.Geometry, rate_hz: float, step_s: float) -> Moments:
+    """Take a motion apart into moments.
+
+    Args:
+        motion: the motion.
+        where: where actors count, site frame.
+        rate_hz: frames per second of the rigs that are compared.
+        step_s: between moments, rounded to whole frames.
+
+    Raises:
+        InputError: nobody moves in the region.
+    """
+    every = max(1, round(step_s * rate_hz))
+    times = motion.times()
+    last = float(times[-1]) if len(times) else -1.0
+    count = int(np.floor((last + SAME_TIME_S) * rate_hz)) + 1 if last >= 0 else 0
+    every *= max(1, -(-(count // every) // _MOST_MOMENTS))
+    motions = FrameMotions(motion)
+    found: list[Moment] = []
+    for index in range(0, count, every):
+        time_s = index / rate_hz
+        # A turn lasts a frame, and the last column's channels fire a little later.
+        around = motions.around(time_s, 0.0, 1.1 / rate_hz)
+        actors = posed_actors(around.rows, around.paths())
+        actors.sort(key=lambda one: one.track)
+        found.append(Moment(index, time_s, tuple(actors)))
+    targets = _targets(found, where)
+    if not len(targets):
+        raise InputError(
+            "nobody moves where actors count",
+            expected="a motion with traffic in the twin's region, within reach_m of the middle",
+        )
+    return Moments(tuple(found), every / rate_hz, targets)
+
+
+def _targets(moments: Sequence[Moment], where: shapely.Geometry) -> Targets:
+    rows: list[tuple[int, int, int]] = []
+    kinds: list[str] = []
+    middles, sizes, yaws = [], [], []
+    for number, moment in enumerate(moments):
+        for k, one in enumerate(moment.actors):
+            if one.track >= _FIRST_PARKED:
+                continue
+            pose, size = one.site_SE3_asset, one.size or (1.0, 1.0, 1.0)
+            up = np.array([one.ahead_m, 0.0, size[2] / 2])
+            rows.append((number, k, one.track))
+            kinds.append(one.actor_class)
+            middles.append(pose.apply(up))
+            sizes.append(size)
+            yaws.append(float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])))
+    row = np.array(rows, np.int64).reshape(-1, 3)
+    middle = np.array(middles).reshape(-1, 3)
+    shapely.prepare(where)
+    inside = np.flatnonzero(shapely.contains_xy(where, middle[:, 0], middle[:, 1]))
+    number, actor, track = row[inside].T
+    return Targets(
+        number,
+        actor,
+        track,
+        np.array(kinds, str)[inside],
+        middle[inside],
+        np.array(sizes, np.float64).reshape(-1, 3)[inside],
+        np.array(yaws, np.float64)[inside],
+    )
+
+
+def class_counts(targets: Targets) -> dict[str, int]:
+    """Return how many actors there are of each class."""
+    _, first = np.unique(targets.track, return_index=True)
+    names, counts = np.unique(targets.kind[first], return_counts=True)
+    return dict(zip(names.tolist(), counts.tolist(), strict=True))
