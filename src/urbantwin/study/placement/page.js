@@ -56,6 +56,8 @@
     const x = across.value, y = up.value;
     const span = (name) => {
       const all = P.layouts.map((one) => one.values[name]);
+      const sure = P.layouts[chosen].intervals[name];
+      if (sure) all.push(...sure);
       const low = Math.min(...all), high = Math.max(...all), pad = (high - low || 1) * 0.05;
       return [low - pad, high + pad];
     };
