@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import read_json, sha256_of, write_json
 from urbantwin.dataset.split import SplitAsked
 from urbantwin.errors import StageError
-from urbantwin.interface.dataset import Dataset, recorded
+from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.done_steps import DoneSteps
 from urbantwin.interface.motion import Motion, driven
 from urbantwin.interface.parts import recording_of_part
+from urbantwin.interface.recording import recorded
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
 from urbantwin.interface.trained_model import train
 from urbantwin.progress import Progress, between

@@ -176,7 +176,7 @@ class _Workplace:
 
     def recorded(self, number: int, which: str, on: AnyPath, frames: int) -> Path:
         """Return about so many frames of a layout, evenly spread over a motion."""
-        from urbantwin.interface.dataset import record
+        from urbantwin.interface.recording import record
         from urbantwin.site import load_rig_spec
 
         rate_hz = load_rig_spec(self.rigs[number]).rate_hz

@@ -303,6 +303,8 @@ def _numpy_type(dtype: Any) -> np.dtype[Any]:  # noqa: ANN401
     """Return the NumPy type of a value on the device, of a structure, too."""
     import warp as wp
 
-    if hasattr(dtype, "numpy_dtype"):
-        return np.dtype(dtype.numpy_dtype())
-    return np.dtype(wp.dtype_to_numpy(dtype))
+    of_structure = hasattr(dtype, "numpy_dtype")
+    found: np.dtype[Any] = np.dtype(
+        dtype.numpy_dtype() if of_structure else wp.dtype_to_numpy(dtype)
+    )
+    return found

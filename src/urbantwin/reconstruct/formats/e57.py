@@ -130,7 +130,7 @@ def read_e57(
 
 def _library(path: Path) -> Any:  # noqa: ANN401 - it has no types
     try:
-        from pye57 import libe57  # type: ignore[import-untyped]
+        from pye57 import libe57
     except ImportError:
         raise InputError(
             "is E57, and pye57, which reads it, is not installed",

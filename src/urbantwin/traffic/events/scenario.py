@@ -324,7 +324,7 @@ def load_scenario(path: Path, twin: Twin, until_s: float) -> list[dict[str, Any]
     for number, given in enumerate(events):
         if not isinstance(given, dict):
             raise several.error("is no event", [number], "a mapping with event, at_s and place")
-        one = several.part(number)  # type: ignore[arg-type]
+        one = several.part(number)
         name = given.get("event")
         if name not in EVENTS:
             problem = "is missing" if name is None else f"is {str(name)!r:.60}"
