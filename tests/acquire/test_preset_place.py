@@ -78,7 +78,9 @@ def test_of_a_preset_without_a_place_the_one_that_is_given_is_fetched(init):
     [
         (["--preset", "ips300"],
          "--preset ips300: there is no street within 620 m of 39.9925,116.327: the map has nothing "
-         "there", 1),
+         "there; expected --osm with an extract: https://www.openstreetmap.org/export", 1),
+        (["--preset", "v2x-real", "--radius", "5000"], "--radius: is 5000 m; expected 20 to", 0),
+        (["--preset", "ips300", "--radius", "1900"], "--preset ips300: there is no street", 1),
         (["--preset", "lumpi", "--at", f"{LATITUDE},{LONGITUDE}"],
          "--preset lumpi: is of a place 411 km from 48.7, 9.18", 0),
         (["--preset", "lumpi", "--offline"],

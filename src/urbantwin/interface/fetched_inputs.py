@@ -53,6 +53,15 @@ class FetchOptions:
             return f"--preset {self.preset.name}"
         return "--at" if self.place is None else "--place"
 
+    def reach_m(self, radius_m: float | None) -> float | None:
+        """Return how far around the place inputs are needed: its region, wherever it really is."""
+        from urbantwin.site.region import FARTHEST_M
+
+        if self.preset is None:
+            return radius_m
+        radius_m = radius_m or self.preset.region.radius_m
+        return radius_m if radius_m > FARTHEST_M else min(radius_m + self.within_m, FARTHEST_M)
+
     @property
     def is_asked(self) -> bool:
         """Whether anything is to be fetched."""
@@ -141,7 +150,9 @@ def fetched_inputs(
         if options.preset is not None:
             from urbantwin.site.presets import where_extracts_are
 
-            expected = expected.replace("--osm FILE", where_extracts_are(options.preset))
+            there = where_extracts_are(options.preset)
+            own = options.within_m and "--osm FILE" not in expected
+            expected = there if own else expected.replace("--osm FILE", there)
         raise InputError(error.problem, place=options.named, expected=expected) from None
 
 

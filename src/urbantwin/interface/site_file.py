@@ -185,9 +185,7 @@ def init(  # noqa: PLR0913 - the options of the command
     found = None
     with new_folder(target), shown_stage("init", progress) as tell:
         if options.is_asked:
-            reach = radius
-            if chosen_place is not None and area is None:
-                reach = options.within_m + (radius or chosen_place.region.radius_m)
+            reach = radius if area is not None else options.reach_m(radius)
             found = fetched_inputs(
                 target, options, extract, area, reach, force=force, tell=between(tell, 0.0, 0.8)
             )

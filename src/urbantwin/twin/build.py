@@ -185,7 +185,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
         )
         material.surface.save(folder / "surface_material.npz")
         tell(0.97, "standing the sensors")
-        # The scene keeps clear of where sensors were proposed: a twin that is made again needs that.
+        # The scene keeps clear of where sensors were proposed: who makes it again needs that.
         asked, stood = site, StandingRig(site.rig)
         if stand is not None:
             stood = stand(site, roads.network, scene.mesh, anchor_height_m(ground_notes))
