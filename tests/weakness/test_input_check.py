@@ -180,7 +180,8 @@ def test_what_the_site_has_beside_the_map_counts(checked: Checked, tmp_path: Pat
         ],
     }))  # fmt: skip
     assert {"lanes", "trees-missing"} <= set(found)
-    mended = checked(weak, buildings={"file": "houses.geojson"})
+    mended = checked(weak, buildings={"file": "houses.geojson", "attribution": "a city"})
+    assert ut.check(tmp_path, progress=False).found.attribution.endswith("; a city")
     assert not {"lanes", "trees-missing"} & set(mended)
     before = {one["element"] for one in found["building-heights"]["places"]}
     after = [one.get("element", "") for one in mended["building-heights"]["places"]]

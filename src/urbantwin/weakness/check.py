@@ -40,6 +40,12 @@ class InputCheck:
     map_date: datetime | None
     place: MappedSite | None
 
+    @property
+    def attribution(self) -> str:
+        """Whose streets and buildings its plan shows."""
+        shown = [one.attribution for one in (self.site.osm, self.site.buildings) if one is not None]
+        return "; ".join(dict.fromkeys(shown))
+
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON holds it."""
         counts = dict.fromkeys(("much", "some", "little"), 0)
