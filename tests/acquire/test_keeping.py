@@ -148,9 +148,9 @@ def test_the_site_says_of_each_input_where_it_came_from(site, tmp_path):
     told = json.loads(out)
     assert {(one["kind"], one["outcome"]) for one in told["sources"]} == {
         ("map", "fetched"), ("elevation", "fetched"), ("buildings", "fetched"),
-        ("airborne", "no source"), ("imagery", "no source"),
+        ("airborne", "not asked"), ("imagery", "not asked"),
     }  # fmt: skip
-    assert "warning: airborne LiDAR: none was found for this place" in err
+    assert "none was found" not in err
     assert "warning: dem: made up" in err
     written = yaml.safe_load((tmp_path / "mysite" / "site.yaml").read_text())
     for kind, source in (("osm", "osm"), ("dem", "dem"), ("buildings", "overture")):
@@ -166,6 +166,15 @@ def test_the_site_says_of_each_input_where_it_came_from(site, tmp_path):
         for kind in ("osm", "dem", "buildings")
     ]
     assert not [path.name for path in (tmp_path / "mysite").iterdir() if path.name[0] == "."]
+
+
+def test_what_no_source_has_there_is_told(server, fetch):
+    elsewhere = row(server, "far", "airborne", "copc", "/x", coverage=[[0, 0, 1, 1]])
+    found = fetch(elsewhere).found
+    told = {one.kind: one.outcome for one in found.attempts}
+    assert told["airborne"] == "no source"
+    assert told["imagery"] == "not asked"
+    assert [one.about for one in found.warnings] == ["airborne LiDAR"]
 
 
 def test_the_same_place_offline_is_the_same_site(site, tmp_path):

@@ -184,7 +184,7 @@ def test_public_addresses_are_asked(monkeypatch, numbers):
 
     monkeypatch.setattr(connection_module._Plain, "connect", connect, raising=False)
     names(monkeypatch, **{"root.example": [numbers]})
-    refused(client("http://root.example/"), "http://root.example/", "(ConnectionRefusedError)")
+    refused(client("http://root.example/"), "http://root.example/", "(nobody listens there)")
     assert tried == [numbers] * client_module.TRIES
 
 
@@ -221,7 +221,7 @@ def test_a_name_that_changes_its_numbers_leads_nowhere_else(monkeypatch):
             raise ConnectionRefusedError
 
         monkeypatch.setattr(connection_module._Plain, "connect", connect, raising=False)
-        refused(client(root), f"{root}/x", "(ConnectionRefusedError)")
+        refused(client(root), f"{root}/x", "(nobody listens there)")
         assert tried == [PUBLIC]
         assert not inside.heard
 
@@ -247,7 +247,11 @@ def test_numbers_of_ipv6_as_root():
 
 def test_a_name_that_nobody_knows(monkeypatch):
     names(monkeypatch)
-    refused(client("http://gone.invalid/"), "http://gone.invalid/", "(gaierror)")
+    refused(
+        client("http://gone.invalid/"),
+        "http://gone.invalid/",
+        "(there is no network, or no host of this name)",
+    )
 
 
 # What a server may do to us.
@@ -288,7 +292,7 @@ def test_a_server_that_says_nothing_is_left(monkeypatch):
     done = threading.Event()
     with serving({"/a": lambda connection: done.wait(10)}) as server:
         start = time.monotonic()
-        refused(client(server.url), f"{server.url}/a", "(TimeoutError)")
+        refused(client(server.url), f"{server.url}/a", "(no answer in time)")
         assert time.monotonic() - start < 5.0
         done.set()
     assert len(server.heard) == client_module.TRIES
@@ -415,7 +419,7 @@ def test_a_server_that_is_dead_is_given_up():
         url = server.url
     one = client(url)
     for _ in range(client_module.PATIENCE // client_module.TRIES):
-        refused(one, f"{url}/a", "(ConnectionRefusedError)")
+        refused(one, f"{url}/a", "(nobody listens there)")
     refused(one, f"{url}/a", "the server has stopped to answer")
 
 

@@ -113,7 +113,7 @@ def test_a_server_that_never_greets_is_left(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as mute:
         url = f"https://127.0.0.1:{mute.getsockname()[1]}"
         start = time.monotonic()
-        with pytest.raises(DownloadError, match="TimeoutError"):
+        with pytest.raises(DownloadError, match="no answer in time"):
             Client(url, SMALL).get(f"{url}/a")
         assert time.monotonic() - start < 3.0
 

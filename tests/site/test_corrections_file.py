@@ -101,6 +101,32 @@ def test_other_files_are_refused(tmp_path, text, says):
         read_corrections(file, FRAME, REGION)
 
 
+@pytest.mark.parametrize(
+    "address",
+    [
+        "https://www.openstreetmap.org/way/17#map=19/13.06877/80.27209",
+        "https://www.openstreetmap.org/way/17/history",
+        "https://www.openstreetmap.org/edit?editor=id&way=17#map=19/13.06877/80.27209",
+        "https://www.openstreetmap.org/edit?way=17",
+    ],
+)
+def test_an_element_is_named_by_its_address(tmp_path, address):
+    tag = {"action": "tag", "element": address, "tags": {"lanes": "3"}}
+    (one,) = read_corrections(written(tmp_path, (tag, None)), FRAME, REGION)
+    assert str(one.asked.element) == "way/17"
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["https://www.openstreetmap.org/edit?editor=id#map=19/1/2", "https://example.org/way/17",
+     "https://www.openstreetmap.org/changeset/17", "way/17/history"],
+)  # fmt: skip
+def test_what_is_no_address_of_an_element_is_told(tmp_path, address):
+    tag = {"action": "tag", "element": address, "tags": {"lanes": "3"}}
+    with pytest.raises(InputError, match="such as way/123"):
+        read_corrections(written(tmp_path, (tag, None)), FRAME, REGION)
+
+
 def test_what_editors_write_is_read(tmp_path):
     """QGIS: numbers as text, ids, empty values, tags as JSON in a text; geojson.io: its colours."""
     pole = POLE | {

@@ -170,7 +170,8 @@ def test_classes_are_shared_out_as_they_were_seen() -> None:
     ("arguments", "told"),
     [
         ({"preset": "tumtraf"}, "tumtraf-s110"),
-        ({"preset": "lumpi"}, "openstreetmap.org/export#map=17/52.3778"),
+        ({"preset": "lumpi", "offline": True}, "openstreetmap.org/export#map=17/52.3778"),
+        ({"preset": "lumpi", "lat": 52.37, "lon": 9.72}, "openstreetmap.org/export"),
         ({"preset": "dair-v2x"}, "--osm"),
         ({"preset": "dair-v2x", "osm": EXAMPLE}, "--lat and --lon"),
         ({"preset": "tumtraf-s110", "osm": EXAMPLE, "at_junction": True}, "--at-junction"),
@@ -181,6 +182,8 @@ def test_classes_are_shared_out_as_they_were_seen() -> None:
 def test_a_preset_that_does_not_fit_is_one_line(
     tmp_path: Path, arguments: dict[str, object], told: str
 ) -> None:
+    if "offline" in arguments:
+        arguments = {**arguments, "cache": tmp_path / "empty"}
     with pytest.raises(InputError, match=re.escape(told)) as caught:
         ut.init(tmp_path / "new", progress=False, **arguments)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)

@@ -140,6 +140,55 @@ def test_buildings_without_heights_are_counted(checked: Checked) -> None:
     assert found["count"] == found["of"] == len(with_building)
 
 
+def test_what_the_site_has_beside_the_map_counts(checked: Checked, tmp_path: Path) -> None:
+    """Heights of its file of buildings, and what a person corrected by the link of the check."""
+
+    def weak(root: Root) -> None:
+        remove_tags(root, "height|building:height|building:levels|natural|landuse")
+        (way,) = [way for way in root.iter("way") if way.get("id") == "2"]
+        for tag in list(way.iter("tag")):
+            if tag.get("k", "").startswith("lanes"):
+                way.remove(tag)
+
+    found = checked(weak)
+    root = ElementTree.parse(tmp_path / "map.osm").getroot()
+    nodes = {node.get("id"): [float(node.get("lon", "")), float(node.get("lat", ""))]
+             for node in elements(root, "node")}  # fmt: skip
+    (first, *_) = (one for one in found["building-heights"]["places"] if "way/" in one["element"])
+    (way,) = [one for one in root.iter("way") if f"way/{one.get('id')}" == first["element"]]
+    ring = [nodes[one.get("ref")] for one in way.iter("nd")]
+    # A small house that the map lacks, without a height.
+    free = [[9.17925 + x, 48.69970 + y] for x, y in ((0, 0), (1e-4, 0), (1e-4, 7e-5), (0, 0))]
+    shapes = [({"height": 12.5}, ring), ({}, free)]
+    (tmp_path / "houses.geojson").write_text(json.dumps({
+        "type": "FeatureCollection",
+        "features": [
+            {"type": "Feature", "properties": tags,
+             "geometry": {"type": "Polygon", "coordinates": [line]}}
+            for tags, line in shapes
+        ],
+    }))  # fmt: skip
+    link = found["lanes"]["places"][0]["link"]
+    tree = {"type": "Point", "coordinates": nodes[way.find("nd").get("ref")]}  # type: ignore[union-attr]
+    (tmp_path / "corrections.geojson").write_text(json.dumps({
+        "type": "FeatureCollection",
+        "features": [
+            {"type": "Feature", "geometry": None,
+             "properties": {"action": "tag", "element": link, "tags": {"lanes": "2"}}},
+            {"type": "Feature", "geometry": tree,
+             "properties": {"action": "add", "what": "tree"}},
+        ],
+    }))  # fmt: skip
+    assert {"lanes", "trees-missing"} <= set(found)
+    mended = checked(weak, buildings={"file": "houses.geojson", "attribution": "a city"})
+    assert ut.check(tmp_path, progress=False).found.attribution.endswith("; a city")
+    assert not {"lanes", "trees-missing"} & set(mended)
+    before = {one["element"] for one in found["building-heights"]["places"]}
+    after = [one.get("element", "") for one in mended["building-heights"]["places"]]
+    # No link selects a house that is in no map.
+    assert sorted(after) == sorted([*(before - {first["element"]}), ""])
+
+
 def test_what_is_not_there_at_all_is_said_once(checked: Checked) -> None:
     def bare(root: Root) -> None:
         remove_tags(root, "natural|landuse|power|building.*|highway", "tree")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pyproj import CRS
 
-from urbantwin.acquire.area import Area, swapped_hint
+from urbantwin.acquire.area import Area, may_be_swapped, swapped_hint
 from urbantwin.acquire.copc import fetch_copc
 from urbantwin.acquire.elevation import fetch_cog, fetch_geotiff, fetch_terrain_tiles
 from urbantwin.acquire.entwine import fetch_ept
@@ -26,10 +26,13 @@ from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct.georeference.height_system import HeightSystem
 from urbantwin.result_warning import ResultWarning
 from urbantwin.site.extract_coverage import check_roads
-from urbantwin.site.extract_file import read_extract
+from urbantwin.site.extract_file import NO_NODES, read_extract
 from urbantwin.site.fetched import FetchedInput, FetchedSpec
 
 __all__ = ["Acquired", "Attempt", "acquire_inputs", "check_streets", "sources_of"]
+
+#: What becomes of a kind of which no source may be asked.
+NOT_ASKED = "not asked"
 
 _HOW: Mapping[str, Fetch] = {
     "overpass": fetch_map,
@@ -60,8 +63,8 @@ class Attempt:
     Attributes:
         kind: of input.
         source: the source's name; empty where none covers the place.
-        outcome: ``fetched``, ``not used``, ``failed``, ``nothing there``, ``no key`` or
-            ``no source``.
+        outcome: ``fetched``, ``not used``, ``failed``, ``nothing there``, ``no key``,
+            ``no source`` or, where a person left out all sources of the kind, ``not asked``.
         told: what it had, or why it failed.
     """
 
@@ -128,13 +131,17 @@ def acquire_inputs(
     inputs: list[AcquiredInput] = []
     attempts: list[Attempt] = []
     kinds = [one for one in KINDS if one not in without]
+    # What is not among them was left out by choice; of tiles and the map there is more to say.
+    offered = {"map", "tiles", *(one.spec.kind for one in sources)}
     for number, kind in enumerate(kinds):
         tell = between(progress, number / len(kinds), (number + 1) / len(kinds))
         tell(0.0, _WORDS[kind])
         those = [one for one in sources if one.spec.kind == kind and one.covers(area)]
         found, asked = _first(those, area, web, folder, tell)
         attempts += asked
-        if not those and kind != "tiles":  # which nobody misses who did not ask for them
+        if kind not in offered:
+            attempts.append(Attempt(kind, "", NOT_ASKED))
+        elif not those and kind != "tiles":  # which nobody misses who did not ask for them
             attempts.append(Attempt(kind, "", "no source", "no source covers the place"))
         if kind == "map":
             if found is None:
@@ -165,8 +172,10 @@ def check_streets(path: Path, area: Area) -> None:
         problem = "nothing is mapped there that is driven on"
     except InputError as error:
         problem = error.problem
+        if problem == NO_NODES:
+            problem = "the map has nothing there"
     swapped = ""
-    if abs(area.longitude) <= 85.0:
+    if may_be_swapped(area.latitude, area.longitude):
         swapped = f"; or {swapped_hint(area.latitude, area.longitude)}"
     raise InputError(
         f"there is no street within {area.radius_m:g} m of {here}: {problem}",
@@ -263,7 +272,7 @@ def _no_map(asked: Sequence[Attempt], web: Web) -> InputError:
 
 def _warnings(attempts: Sequence[Attempt]) -> list[ResultWarning]:
     """Return what failed, and which kinds nobody has."""
-    had = {one.kind for one in attempts if one.outcome in ("fetched", "not used")}
+    had = {one.kind for one in attempts if one.outcome in ("fetched", "not used", NOT_ASKED)}
     found = [
         ResultWarning(one.source, f"{_WORDS[one.kind]} could not be fetched", one.told)
         for one in attempts

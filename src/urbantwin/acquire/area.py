@@ -18,7 +18,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.site.extract_file import LonLatBox
 from urbantwin.site.region import FARTHEST_M, circle
 
-__all__ = ["Area", "parse_place", "swapped_hint"]
+__all__ = ["Area", "may_be_swapped", "parse_place", "swapped_hint"]
 
 #: The least and the greatest radius, metres: smaller, no junction fits in.
 LEAST_RADIUS_M = 20.0
@@ -72,7 +72,7 @@ class Area:
                 expected=f"a latitude of at most {_FARTHEST_NORTH:g}",
             )
         if _at_sea(latitude, longitude):
-            swapped = abs(longitude) <= _FARTHEST_NORTH and not _at_sea(longitude, latitude)
+            swapped = may_be_swapped(latitude, longitude)
             raise InputError(
                 f"{here} is in the sea",
                 place="--at",
@@ -137,6 +137,11 @@ def parse_place(text: str) -> tuple[float, float]:
             f"is {text!r:.60}", place="--at", expected="LAT,LON in degrees, such as 48.1374,11.5755"
         )
     return float(told[1]), float(told[2])
+
+
+def may_be_swapped(latitude: float, longitude: float) -> bool:
+    """Return whether there is land where latitude and longitude are taken for each other."""
+    return abs(longitude) <= _FARTHEST_NORTH and not _at_sea(longitude, latitude)
 
 
 def swapped_hint(latitude: float, longitude: float) -> str:

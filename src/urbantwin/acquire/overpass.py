@@ -66,7 +66,7 @@ def overpass_answer(
         DownloadError: none of them answers.
         NotAcquiredError: none of their answers is one.
     """
-    problems: list[str] = []
+    problems: dict[str, list[str]] = {}
     for number, address in enumerate((spec.address, *spec.mirrors)):
         server = web.server(spec, address)
         host = server.shown(address).split("/")[2]
@@ -76,13 +76,14 @@ def overpass_answer(
             told = server.get(request)
             _check_answer(told.data, kind)
         except DownloadError as error:
-            problems.append(f"{host}: {error}")
+            problems.setdefault(str(error), []).append(host)
         except NotAcquiredError as error:
             web.cache.forget(request)
-            problems.append(f"{host}: {error}")
+            problems.setdefault(str(error), []).append(host)
         else:
             return server, address, told
-    raise NotAcquiredError("; ".join(problems))
+    told_by = [f"{', '.join(hosts)}: {problem}" for problem, hosts in problems.items()]
+    raise NotAcquiredError("; ".join(told_by))
 
 
 def _check_answer(data: bytes, kind: bytes) -> None:

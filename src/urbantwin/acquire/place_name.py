@@ -102,7 +102,9 @@ def _junction(
     towns = _apart(_matches(town, sources, web, progress), _ONE_TOWN_M)
     towns = [one for one in towns if max(np.subtract(one.box[2:], one.box[:2])) < _LARGEST_DEG]
     if not towns:
-        raise _error(text, f"no town {town!r} is known", "a town in full, or --at LAT,LON")
+        raise _error(
+            text, f"is nowhere: no town {town!r} is known", "a town in full, or --at LAT,LON"
+        )
     met: list[NamedPlace] = []
     for one in towns[:_TOWNS]:
         progress(0.5, f"where {streets[0]} meets {streets[1]}")
@@ -113,7 +115,7 @@ def _junction(
         names = " nor ".join(one.name for one in towns[:_TOWNS])
         raise _error(
             text,
-            f"{streets[0]!r} and {streets[1]!r} do not meet in {names}",
+            f"is no junction: {streets[0]!r} and {streets[1]!r} do not meet in {names}",
             "streets as the map writes them, or --at LAT,LON",
         )
     return _only(text, met)

@@ -22,6 +22,7 @@ urbantwin init mysite/ --roads map.xodr
 urbantwin init mysite/ --roads lanelets.osm --osm map.osm.pbf
 urbantwin init map.xodr -o mysite/
 urbantwin init --list-presets
+urbantwin init s110/ --preset tumtraf-s110
 urbantwin init s110/ --preset tumtraf-s110 --osm garching.osm.pbf
 """
 
@@ -84,7 +85,7 @@ def init(
         typer.Option(
             metavar="NAME",
             help="A place at which a dataset was recorded: anchor, region, sensors and traffic as "
-            "far as they are published.",
+            "far as they are published. Without --osm its inputs are fetched.",
         ),
     ] = None,
     list_presets: Annotated[

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import socket
 import ssl
 import string
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from urllib.parse import quote, urlencode, urljoin
@@ -38,6 +39,12 @@ LONGEST_WAIT_S = 60.0
 #: Tries in a row without any answer after which a server is given up.
 PATIENCE = 64
 MOST_REDIRECTS = 5
+#: What the usual failures of a connection mean, in words.
+_IN_WORDS: Mapping[type[Exception], str] = {
+    socket.gaierror: "there is no network, or no host of this name",
+    ConnectionRefusedError: "nobody listens there",
+    TimeoutError: "no answer in time",
+}
 _MOVED = (301, 302, 303, 307, 308)
 
 
@@ -186,7 +193,8 @@ class Client:
             failure = error
         except (http.client.HTTPException, OSError, ValueError) as error:
             # What went wrong may name the address, and the key with it: only its kind is reported.
-            why = f"cannot be fetched ({type(error).__name__})"
+            kind = type(error)
+            why = f"cannot be fetched ({_IN_WORDS.get(kind, kind.__name__)})"
             failure = DownloadError(why, unanswered=True, may_pass=True)
         else:
             with self._lock:

@@ -34,15 +34,33 @@ class FetchOptions:
     sources: AnyPath | None
     cache: AnyPath | None
     offline: bool
-    #: How far the place may be from the true one, metres: of a preset.
+    #: A place at which a dataset was recorded.
+    preset: Preset | None = None
+    #: How far the place may be from the true one, metres: of a preset whose own place it is.
     within_m: float = 0.0
 
-    def of_preset(self, preset: Preset, *, at_junction: bool) -> FetchOptions:
-        """Return the same for a preset's place, where it is published and nobody named another."""
-        place = preset.place
-        if self.is_asked or at_junction or place is None:
+    def of_preset(self) -> FetchOptions:
+        """Return the same for the preset's place, if it is published and nobody named another."""
+        place = None if self.preset is None else self.preset.place
+        if self.is_asked or place is None:
             return self
         return replace(self, at=(place.latitude, place.longitude), within_m=place.within_m)
+
+    @property
+    def named(self) -> str:
+        """The option that names the place."""
+        if self.preset is not None and self.within_m:
+            return f"--preset {self.preset.name}"
+        return "--at" if self.place is None else "--place"
+
+    def reach_m(self, radius_m: float | None) -> float | None:
+        """Return how far around the place inputs are needed: its region, wherever it really is."""
+        from urbantwin.site.region import FARTHEST_M
+
+        if self.preset is None:
+            return radius_m
+        radius_m = radius_m or self.preset.region.radius_m
+        return radius_m if radius_m > FARTHEST_M else min(radius_m + self.within_m, FARTHEST_M)
 
     @property
     def is_asked(self) -> bool:
@@ -57,7 +75,6 @@ class FetchOptions:
         Raises:
             InputError: two of them name the place, or an option has nothing to be about.
         """
-        named = "--at" if self.at is not None else "--place"
         if self.at is not None and self.place is not None:
             raise InputError("is given with --place", place="--at", expected="one of the two")
         for option, value in (
@@ -65,7 +82,9 @@ class FetchOptions:
             ("--roads", roads),
         ):  # fmt: skip
             if self.is_asked and value is not None:
-                raise InputError(f"is given with {option}", place=named, expected="one of the two")
+                raise InputError(
+                    f"is given with {option}", place=self.named, expected="one of the two"
+                )
         if not self.is_asked:
             for option, given in (
                 ("--use", self.use), ("--also", self.also), ("--sources", self.sources),
@@ -120,8 +139,33 @@ def fetched_inputs(
         tell: told how far it is.
 
     Raises:
-        InputError: the place is none, has no streets, or there is no map of it.
+        InputError: the place is none or not the preset's, has no streets, or there is no map of it.
     """
+    try:
+        return _fetched(folder, options, extract, region, radius_m, force=force, tell=tell)
+    except InputError as error:
+        if error.place != "--at" or error.file is not None:
+            raise
+        expected = error.expected or ""
+        if options.preset is not None:
+            from urbantwin.site.presets import where_extracts_are
+
+            there = where_extracts_are(options.preset)
+            own = options.within_m and "--osm FILE" not in expected
+            expected = there if own else expected.replace("--osm FILE", there)
+        raise InputError(error.problem, place=options.named, expected=expected) from None
+
+
+def _fetched(
+    folder: Path,
+    options: FetchOptions,
+    extract: Path | None,
+    region: Path | None,
+    radius_m: float | None,
+    *,
+    force: bool,
+    tell: Progress,
+) -> FetchedInputs:
     from urbantwin.acquire import (
         AnswerCache,
         Web,
@@ -183,6 +227,7 @@ def _area(
     """Return the place that was asked for, with a circle around the region."""
     from urbantwin.acquire import Area, find_place, parse_place
     from urbantwin.site.draft import RADIUS_M, GivenPlace
+    from urbantwin.site.presets import check_place
 
     if options.place is not None:
         named = find_place(options.place, table, web, tell)
@@ -193,6 +238,8 @@ def _area(
         assert options.at is not None
         point = float(options.at[0]), float(options.at[1])
     area = Area.checked(*point, RADIUS_M if radius_m is None else radius_m)
+    if options.preset is not None:
+        check_place(options.preset, area.latitude, area.longitude)
     if region is None:
         return area
     import numpy as np

@@ -155,7 +155,7 @@ def init(  # noqa: PLR0913 - the options of the command
 
     Example:
         >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
-        >>> site = ut.init("s110", osm="garching.osm.pbf", preset="tumtraf-s110")
+        >>> site = ut.init("s110", preset="tumtraf-s110")
         >>> site = ut.init("mysite", at=(48.1374, 11.5755), radius=120)
     """
     from urbantwin.interface.fetched_inputs import FetchOptions, fetched_inputs
@@ -172,9 +172,9 @@ def init(  # noqa: PLR0913 - the options of the command
     if out is not None:
         target, extract, streets = _map_first(target, Path(out), extract, streets)
     chosen_place = None if preset is None else preset_of(preset)
-    options = FetchOptions(at, place, use, also, sources, cache, offline)
-    if chosen_place is not None and extract is None and lat is None and lon is None:
-        options = options.of_preset(chosen_place, at_junction=at_junction)
+    options = FetchOptions(at, place, use, also, sources, cache, offline, chosen_place)
+    if extract is None and lat is None and lon is None and not at_junction:
+        options = options.of_preset()
     _check_choice(options, chosen_place, extract, streets, lat, lon, at_junction=at_junction)
     chosen: list[PolePosition] = []
 
@@ -185,9 +185,7 @@ def init(  # noqa: PLR0913 - the options of the command
     found = None
     with new_folder(target), shown_stage("init", progress) as tell:
         if options.is_asked:
-            reach = radius
-            if chosen_place is not None and area is None:
-                reach = options.within_m + (radius or chosen_place.region.radius_m)
+            reach = radius if area is not None else options.reach_m(radius)
             found = fetched_inputs(
                 target, options, extract, area, reach, force=force, tell=between(tell, 0.0, 0.8)
             )

@@ -19,9 +19,12 @@ from urbantwin.site.extract import Extract, Relation, Way
 from urbantwin.site.large_extract import NearExtract
 from urbantwin.site.map_stream import MapStream, ReadingLimits, map_size
 
-__all__ = ["LonLatBox", "box_around", "read_extract"]
+__all__ = ["NO_NODES", "LonLatBox", "box_around", "read_extract"]
 
 SUFFIXES = (".osm", ".osm.bz2", ".osm.gz", ".osm.pbf", ".pbf", ".xml")
+#: What is told of a map with nothing in it.
+NO_NODES = "holds no nodes"
+
 EXPECTED = "an OpenStreetMap extract (.osm, .osm.bz2, .osm.gz or .osm.pbf)"
 
 #: Bytes of memory for a byte of XML, of a map that is kept whole and of one of which only what
@@ -92,7 +95,7 @@ def read_extract(
             expected=EXPECTED,
         ) from None
     if not extract.nodes and extract.is_whole:
-        raise InputError("holds no nodes", file=path, expected=EXPECTED)
+        raise InputError(NO_NODES, file=path, expected=EXPECTED)
     return without_duplicated_nodes(extract)
 
 

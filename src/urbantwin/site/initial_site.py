@@ -95,7 +95,8 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
     near = _near(given)
     extract = read_extract(osm, near, progress=between(tell, 0.0, 0.8))
     tell(0.8, "looking for the place")
-    place = _place(extract, given)
+    is_fetched = any(one.path == osm for one in fetched)
+    place = _place(extract, given, "" if is_fetched else osm.name.split(".")[0])
     frame = SiteFrame(place.latitude, place.longitude)
     radius = radius_m
     if radius is None:
@@ -137,7 +138,14 @@ def _near(given: GivenPlace) -> LonLatBox | None:
     return box_around(frame, given.region(frame, RADIUS_M))
 
 
-def _place(extract: Extract, given: GivenPlace) -> _Place:
+def _place(extract: Extract, given: GivenPlace, otherwise: str) -> _Place:
+    """Return the place that was given or is proposed.
+
+    Args:
+        extract: the map.
+        given: what a person said.
+        otherwise: its title where no street has a name; its coordinates where that is empty.
+    """
     if given.point is None:
         found = propose_junction(extract, given.polygon)
         kind = "signalised " if found.signalised else ""
@@ -167,7 +175,8 @@ def _place(extract: Extract, given: GivenPlace) -> _Place:
             f"longitude {low[0]:.4f} to {high[0]:.4f}",
         )
     title = " / ".join(streets_near(extract, SiteFrame(latitude, longitude))[:2])
-    return _Place(latitude, longitude, title or extract.path.name.split(".")[0], "As given.")
+    title = title or otherwise or f"{latitude:.5f}, {longitude:.5f}"
+    return _Place(latitude, longitude, title, "As given.")
 
 
 def _radius(extract: Extract, frame: SiteFrame) -> float:

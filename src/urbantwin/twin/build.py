@@ -185,7 +185,8 @@ def build_twin(  # noqa: PLR0915 - stage by stage
         )
         material.surface.save(folder / "surface_material.npz")
         tell(0.97, "standing the sensors")
-        stood = StandingRig(site.rig)
+        # The scene keeps clear of where sensors were proposed: who makes it again needs that.
+        asked, stood = site, StandingRig(site.rig)
         if stand is not None:
             stood = stand(site, roads.network, scene.mesh, anchor_height_m(ground_notes))
             site = replace(site, rig=stood.spec)
@@ -218,7 +219,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             {
                 "driving_side": side,
                 "made_from": made_from(
-                    site, found.report if found else None, photo.notes if photo else ()
+                    asked, found.report if found else None, photo.notes if photo else ()
                 ),
                 "notes": notes,
                 "warnings": rows_of(

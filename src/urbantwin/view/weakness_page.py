@@ -32,7 +32,7 @@ def write_weakness_page(found: InputCheck, path: Path) -> None:
     parts.append(html_picture("Where", plan))
     plan.unlink()
     if site.osm is not None:
-        parts.append(f"<p><small>{escape(site.osm.attribution)}</small></p>")
+        parts.append(f"<p><small>{escape(found.attribution)}</small></p>")
     write_html(path, f"{site.name}: inputs", parts)
 
 

@@ -51,7 +51,7 @@ def weakness_figure(found: InputCheck) -> Figure:
     style.scale_bar(axes)
     _draw_list(figure, found)
     if found.site.osm is not None:
-        style.written_attribution(figure, found.site.osm.attribution)
+        style.written_attribution(figure, found.attribution)
     return figure
 
 

@@ -49,7 +49,7 @@ def building_findings(place: MappedSite) -> Iterator[Finding]:
         kinds = tags.get("building", "yes")
         word = "building" if kinds == "yes" else kinds.replace("_", " ")
         shape = max(shapely.get_parts(plan), key=lambda one: one.area)
-        element = f"{kind}/{building.id}"
+        element = "" if building.id in place.added else f"{kind}/{building.id}"
         spots.append(spot(place.frame, shape, element=element, name=name or word))
     if spots:
         yield finding(

@@ -7,7 +7,9 @@ from datetime import datetime
 from typing import Any
 
 from urbantwin.progress import Progress, between, untold
-from urbantwin.site import Site, box_around, read_extract
+from urbantwin.site import Extract, Site, box_around, read_extract
+from urbantwin.site.building_file import read_buildings, with_buildings
+from urbantwin.site.corrections import read_corrections, with_elements
 from urbantwin.site.extract_coverage import check_roads
 from urbantwin.weakness.buildings import building_findings
 from urbantwin.weakness.finding import Finding, finding
@@ -38,6 +40,12 @@ class InputCheck:
     map_date: datetime | None
     place: MappedSite | None
 
+    @property
+    def attribution(self) -> str:
+        """Whose streets and buildings its plan shows."""
+        shown = [one.attribution for one in (self.site.osm, self.site.buildings) if one is not None]
+        return "; ".join(dict.fromkeys(shown))
+
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON holds it."""
         counts = dict.fromkeys(("much", "some", "little"), 0)
@@ -56,8 +64,9 @@ class InputCheck:
 def check_inputs(site: Site, *, progress: Progress | None = None) -> InputCheck:
     """Look at what a site is to be made from, without building it.
 
-    The map is read as a build reads it. Of the geometry and of a map of the roads only their names
-    are looked at.
+    The map is read as a build reads it: with the heights and footprints of the site's file of
+    buildings, and with the tags that a person corrected. Of the geometry and of a map of the roads
+    only their names are looked at.
 
     Args:
         site: as it was written.
@@ -75,7 +84,7 @@ def check_inputs(site: Site, *, progress: Progress | None = None) -> InputCheck:
         check_roads(extract, site.frame, site.region, "the region")
         tell(0.5, "looking for what is weak")
         date = map_date(site.osm.path)
-        place = MappedSite(site, extract)
+        place = _mapped(site, extract)
         found += [*extract_findings(place), *building_findings(place)]
         found += [*furniture_findings(place), *walking_findings(place)]
         if site.roads is None:
@@ -87,3 +96,22 @@ def check_inputs(site: Site, *, progress: Progress | None = None) -> InputCheck:
     order = sorted(found, key=lambda one: (-round(one.weight, 6), one.kind, one.where))
     tell(1.0, "done")
     return InputCheck(site, tuple(order), date, place)
+
+
+def _mapped(site: Site, extract: Extract) -> MappedSite:
+    """Return the map with what the site has beside it: buildings, and corrections by hand.
+
+    Raises:
+        InputError: one of their files is wrong, or corrects an element that the map does not have.
+    """
+    whole, corrections = extract, []
+    if site.buildings is not None:
+        footprints = read_buildings(site.buildings.path)
+        whole, _ = with_buildings(whole, footprints, site.frame, site.region)
+    added = (whole.ways.keys() | whole.relations.keys()) - (
+        extract.ways.keys() | extract.relations.keys()
+    )
+    if site.corrections is not None:
+        corrections = read_corrections(site.corrections.path, site.frame, site.region)
+        whole, _ = with_elements(whole, corrections, site.frame, site.region)
+    return MappedSite(site, whole, frozenset(added), tuple(corrections))

@@ -6,22 +6,28 @@ from collections.abc import Iterator
 
 import shapely
 
+from urbantwin.site.corrections import AddPole, AddTree
 from urbantwin.weakness.finding import Finding, finding
 from urbantwin.weakness.mapped_site import MappedSite
 from urbantwin.weakness.place_in_editor import spot
 
 __all__ = ["furniture_findings"]
 
+#: Kinds of poles of corrections that are lamps or carry wires.
+_POLES = ("lamp", "utility")
 _TREES = ("tree", "tree_row", "tree_group", "wood", "scrub")
 
 
 def furniture_findings(place: MappedSite) -> Iterator[Finding]:
-    """Yield kinds of things of which none is mapped in the region."""
+    """Yield kinds of things of which none is mapped in the region, or added by a correction."""
+    added = [one.asked for one in place.corrections]
     here = [spot(place.frame, shapely.Point(0.0, 0.0), name="the anchor")]
     tags = [item.tags for item in place.features]
-    if not any(one.get("natural") in _TREES or one.get("landuse") == "forest" for one in tags):
+    if not any(isinstance(one, AddTree) for one in added) and not any(
+        one.get("natural") in _TREES or one.get("landuse") == "forest" for one in tags
+    ):
         yield finding("trees-missing", "no tree is mapped in the region", spots=here)
-    if not any(
+    if not any(isinstance(one, AddPole) and one.kind in _POLES for one in added) and not any(
         one.get("highway") == "street_lamp"
         or one.get("power") in ("pole", "tower", "catenary_mast")
         or one.get("man_made") in ("street_lamp", "utility_pole")

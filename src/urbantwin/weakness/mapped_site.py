@@ -12,6 +12,7 @@ import shapely
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.build import NETWORK_CLASSES
 from urbantwin.site import Extract, Site
+from urbantwin.site.corrections import Correction
 from urbantwin.site.extract import OsmFeature, Way
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.junction_proposal import STREETS, MappedJunction, mapped_junctions
@@ -66,11 +67,15 @@ class MappedSite:
 
     Attributes:
         site: as it was written.
-        extract: its map, near the region.
+        extract: its map, near the region, with the buildings and the corrections that the site has.
+        added: ids of ways and relations that are of the site's file of buildings, and in no map.
+        corrections: what a person corrected.
     """
 
     site: Site
     extract: Extract
+    added: frozenset[int] = frozenset()
+    corrections: tuple[Correction, ...] = ()
 
     @property
     def frame(self) -> SiteFrame:

@@ -28,9 +28,11 @@ __all__ = [
     "SetTags",
 ]
 
-#: ``way/123``, ``w123``, or the address of its page in OpenStreetMap.
-_ELEMENT = re.compile(
-    r"(?:https?://(?:www\.)?openstreetmap\.org/)?(n|w|r|node|way|relation)[/ ]?(-?\d{1,18})"
+#: ``way/123``, ``w123``; or the address of its page, or of it in an editor, in OpenStreetMap.
+_ELEMENT = re.compile(r"(n|w|r|node|way|relation)[/ ]?(-?\d{1,18})")
+_ADDRESS = re.compile(
+    r"https?://(?:www\.)?openstreetmap\.org/(?:edit\?(?:[^#\s]*&)?)?"
+    r"(node|way|relation)[/=](\d{1,18})(?:[/?&#]\S*)?"
 )
 _NAMES = {"n": "node", "w": "way", "r": "relation"}
 #: Most of what a tag holds (OSM API 0.6), characters.
@@ -63,7 +65,8 @@ class Element(NamedTuple):
 
 
 def _element(value: Any) -> Any:  # noqa: ANN401
-    match = _ELEMENT.fullmatch(value.strip()) if isinstance(value, str) else None
+    text = value.strip() if isinstance(value, str) else ""
+    match = _ELEMENT.fullmatch(text) or _ADDRESS.fullmatch(text)
     if match is None:
         raise wrong(f"is {value!r:.60}", "an element of the map, such as way/123 or node/45")
     return Element(_NAMES[match[1][0]], int(match[2]))

@@ -23,7 +23,13 @@ from urbantwin.site.presets.rig_text import rig_text
 from urbantwin.site.presets.street_corner import street_corner
 from urbantwin.site.region import FARTHEST_ANCHOR_M, circle
 
-__all__ = ["init_preset_site", "needs_extract", "place_of_preset"]
+__all__ = [
+    "check_place",
+    "init_preset_site",
+    "needs_extract",
+    "place_of_preset",
+    "where_extracts_are",
+]
 
 
 def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
@@ -64,7 +70,7 @@ def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
     """
     tell = progress or untold
     why = "As given."
-    _check_place(preset, latitude, longitude, at_junction=at_junction)
+    check_place(preset, latitude, longitude, at_junction=at_junction)
     if latitude is None and not at_junction:
         latitude, longitude, why = place_of_preset(preset, osm, progress=between(tell, 0.0, 0.4))
 
@@ -88,8 +94,8 @@ def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
     )
 
 
-def _check_place(
-    preset: Preset, latitude: float | None, longitude: float | None, *, at_junction: bool
+def check_place(
+    preset: Preset, latitude: float | None, longitude: float | None, *, at_junction: bool = False
 ) -> None:
     """Check that a person's place is that of the preset, if that is published.
 
@@ -145,6 +151,15 @@ def place_of_preset(
 
 def needs_extract(preset: Preset) -> InputError:
     """Return what to tell who gave a preset without a map."""
+    return InputError(
+        "needs a map of the place",
+        place=f"--preset {preset.name}",
+        expected=f"--at LAT,LON of a junction to fetch one, or {where_extracts_are(preset)}",
+    )
+
+
+def where_extracts_are(preset: Preset) -> str:
+    """Return the option that takes an extract of a preset's place, and where to get one."""
     place = preset.place
     get = "its own junction's: https://www.openstreetmap.org/export"
     if place is not None:
@@ -154,11 +169,7 @@ def needs_extract(preset: Preset) -> InputError:
             f"https://www.openstreetmap.org/export#map=17/{place.latitude:.5f}/"
             f"{place.longitude:.5f}, or `osmium extract -b {box} COUNTRY.osm.pbf -o map.osm.pbf`"
         )
-    return InputError(
-        "needs a map of the place",
-        place=f"--preset {preset.name}",
-        expected=f"--at LAT,LON of a junction to fetch one, or --osm with an extract: {get}",
-    )
+    return f"--osm with an extract: {get}"
 
 
 def _furnished(
