@@ -28,9 +28,13 @@ sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # The same examples in every run; HYPOTHESIS_PROFILE=default looks for new ones.
-# How slowly they are drawn tells of what else the machine does.
+# How slowly they are drawn, and run, tells of what else the machine does.
 settings.register_profile(
-    "seeded", derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow]
+    "seeded",
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "seeded"))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from urbantwin.errors import InputError
@@ -51,8 +52,9 @@ def keep_bytes(path: Path, data: bytes, expected: str = _ELSE) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         for old in path.parent.glob("*.part"):
-            if time.time() - old.stat().st_mtime > _FORGOTTEN_S:
-                old.unlink(missing_ok=True)
+            with suppress(FileNotFoundError):  # its writer has just given it its name
+                if time.time() - old.stat().st_mtime > _FORGOTTEN_S:
+                    old.unlink()
         try:
             scratch.write_bytes(data)
             scratch.replace(path)
