@@ -110,9 +110,9 @@ def trained_layouts(
         tell: called with the share that is done and what is being done.
 
     Returns:
-        A row for each layout: ``layout``, ``ap`` (mean over classes that all layouts have),
-        ``ap_low``, ``ap_high`` (mean of the classes' 95 % intervals), ``hota``, ``mota``, ``idf1``,
-        and AP by class.
+        A row for each layout: ``layout``, ``ap`` (mean over the learned classes that all layouts
+        have), ``ap_low``, ``ap_high`` (mean of the classes' 95 % intervals), ``hota``, ``mota``,
+        ``idf1``, and AP by class.
 
     Raises:
         InputError: torch is not installed.
@@ -232,7 +232,9 @@ class _Workplace:
             "detections",
             lambda out: track(found, out, frames=data, progress=False),
         )
-        return _by_class(_figures(found, data), _figures(followed, data), _present(data))
+        present = _present(data)
+        learned = Counter({name: present[name] for name in self.classes})
+        return _by_class(_figures(found, data), _figures(followed, data), learned)
 
     def _made(self, name: str, kind: str, make: Callable[[Path], object]) -> Path:
         folder = self.work / name
@@ -291,7 +293,7 @@ def _present(data: Path) -> Counter[str]:
 def _by_class(
     figures: Figures, of_tracks: Figures, present: Counter[str]
 ) -> dict[str, dict[str, float | None]]:
-    """Return precision and tracking of each class with enough boxes.
+    """Return precision and tracking of each class that is learned and has enough boxes.
 
     `evaluate` leaves out what no sensor can see, which would favour layouts that see little. Such
     a box is missed, so recall, and with it the area under precision, is that of the boxes that

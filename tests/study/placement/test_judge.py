@@ -149,7 +149,7 @@ def test_costs_count_a_new_pole_once(question):
     assert views.cost((low,)) == 4000 + 800 + 6000
     assert views.cost((low, high)) == 2 * 4800 + 6000
     assert views.cost((low, mapped)) == 2 * 4800 + 6000
-    assert views.cost((mapped,)) == 4800 == views.cheapest()
+    assert views.cost((mapped,)) == 4800 == views.cost(views.cheapest())
     assert views.fits((low, high))
     assert not views.fits((low, views.chosen(0, 0, 0, 1, 0)))
 
@@ -165,7 +165,8 @@ def test_the_cheapest_layout_is_the_cheapest_of_all(question, least):
         for layout in itertools.combinations(range(len(views.every)), least)
         if views.fits(layout)
     )
-    assert views.cheapest() == cheapest
+    assert views.fits(views.cheapest())
+    assert views.cost(views.cheapest()) == cheapest
 
 
 def verdicts(judge, casts, views):
@@ -191,6 +192,15 @@ def test_a_search_that_judges_all_finds_the_front_of_all(question, judge, casts)
         )
     }
     assert {found[k].layout for k in pareto_front(found, names)} == best
+
+
+def test_a_search_with_a_budget_begins_with_a_cheapest_layout(question, judge, casts):
+    cheapest = question.views.cheapest()
+    budget = question.views.cost(cheapest)
+    spec = question.spec.model_copy(update={"budget": budget})
+    views = Views(spec, question.mounts.every)
+    found = search(views, verdicts(judge, casts, views), layouts=1, seed=5)
+    assert [one.layout for one in found] == [cheapest]
 
 
 def test_a_search_keeps_to_its_budget_and_comes_out_the_same(question, judge, casts):

@@ -176,8 +176,14 @@ def wish(changes: dict) -> dict:
         ({"candidates": {"kinds": ["new-pole"], "area": [[0, 0], [1, 1]]}}, ("area",)),
         (
             {"candidates": {"kinds": ["new-pole"], "area": [[900, 0], [910, 0], [905, 9]]}},
-            ("candidates", "no place"),
+            ("candidates.area", "m from the middle"),
         ),
+        (
+            {"candidates": {"kinds": ["new-pole"], "area": [[0, 0], [9, 9], [9, 0], [0, 9]]}},
+            ("area", "crosses itself"),
+        ),
+        ({"candidates": {"kinds": ["new-pole"], "area": [[0, 0], [4, 4], [9, 9]]}}, ("area",)),
+        ({"candidates": {"kinds": ["pole"], "area": [[0, 0], [9, 0], [9, 9]]}}, ("new-pole",)),
         ({"colour": "red"}, ("colour",)),
     ],
     ids=str,

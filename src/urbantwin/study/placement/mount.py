@@ -168,8 +168,7 @@ class _Finder:
             )
             places = [(one.foot + BRACKET_M * one.normal, one.top_m) for one in walls]
         else:
-            corners = None if around.area is None else shapely.Polygon(around.area)
-            free = new_pole_places(self._twin, self._middle, within, around.spacing_m, corners)
+            free = new_pole_places(self._twin, self._middle, within, around.spacing_m, self._area())
             places = [(foot, np.inf) for foot in free]
         found = []
         for at, top_m in places:
@@ -193,6 +192,22 @@ class _Finder:
         taken = {one.name for one in self._spec.candidates.places}
         names = (name for n in count(1) if (name := f"{kind} {n}") not in taken)
         return [replace(mount, name=name) for mount, name in zip(kept, names, strict=False)]
+
+    def _area(self) -> shapely.Polygon | None:
+        """Return where new poles may stand; ``None``: wherever there is room for them."""
+        around = self._spec.candidates
+        if around.area is None:
+            return None
+        area = shapely.Polygon(around.area)
+        away_m = shapely.distance(area, shapely.Point(self._middle))
+        if away_m > around.within_m:
+            raise InputError(
+                f"lies {away_m:.0f} m from the middle of the junction",
+                file=self._file,
+                place="candidates.area",
+                expected=f"an area within {around.within_m:g} m (within_m) of it",
+            )
+        return area
 
     def _mount(self, kind: MountKind, at: NDArray[np.float64], top_z_m: float) -> Mount | None:
         # As a rig's file will have it.

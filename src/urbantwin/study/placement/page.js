@@ -20,6 +20,19 @@
     if (P.measures[name].unit === "" && name !== "nuc") return (100 * value).toFixed(1) + " %";
     return value.toFixed(value < 10 ? 2 : 1);
   };
+  // Round values between two, about five.
+  const ticks = (low, high) => {
+    const rough = (high - low) / 5, power = 10 ** Math.floor(Math.log10(rough));
+    const by = [1, 2, 5, 10].map((one) => one * power).find((one) => one >= rough * 0.999);
+    const found = [];
+    for (let k = Math.ceil(low / by); k * by <= high; k++) found.push(k * by);
+    return [found, by];
+  };
+  const tick = (name, value, by) => {
+    const share = P.measures[name].unit === "" && name !== "nuc" && name !== "cost";
+    const size = share ? 100 * by : by, digits = Math.max(0, -Math.floor(Math.log10(size) + 1e-9));
+    return (share ? 100 * value : value).toLocaleString("en", { maximumFractionDigits: digits }) + (share ? " %" : "");
+  };
   const front = new Map(P.front.map((one) => [one.layout, one]));
   let chosen = P.front.length ? P.front[Math.floor(P.front.length / 2)].layout : 0;
 
@@ -63,11 +76,13 @@
     };
     const [x0, x1] = span(x), [y0, y1] = span(y);
     const at = (v) => 62 + (486 * (v - x0)) / (x1 - x0), above = (v) => 372 - (352 * (v - y0)) / (y1 - y0);
-    for (let k = 0; k <= 4; k++) {
-      const v = x0 + ((x1 - x0) * k) / 4, w = y0 + ((y1 - y0) * k) / 4;
+    const [alongX, byX] = ticks(x0, x1), [alongY, byY] = ticks(y0, y1);
+    for (const w of alongY) {
       svg("line", { x1: 62, x2: 548, y1: above(w), y2: above(w), stroke: "#e3e8ed" }, chart);
-      svg("text", { x: at(v), y: 388, "font-size": 11, "text-anchor": "middle" }, chart).textContent = shown(x, v);
-      svg("text", { x: 56, y: above(w) + 4, "font-size": 11, "text-anchor": "end" }, chart).textContent = shown(y, w);
+      svg("text", { x: 56, y: above(w) + 4, "font-size": 11, "text-anchor": "end" }, chart).textContent = tick(y, w, byY);
+    }
+    for (const v of alongX) {
+      svg("text", { x: Math.min(at(v), 530), y: 388, "font-size": 11, "text-anchor": "middle" }, chart).textContent = tick(x, v, byX);
     }
     const unit = (name) => name + (P.measures[name].unit ? ", " + P.measures[name].unit : "");
     svg("text", { x: 305, y: 410, "font-size": 12, "text-anchor": "middle" }, chart).textContent = unit(x);

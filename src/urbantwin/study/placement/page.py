@@ -42,7 +42,7 @@ def write_page(
     # Nothing in a text may end the script.
     data = data.replace("<", "\\u003c")
     name = str(placed.question.twin.manifest["name"])
-    actors = ", ".join(f"{count} {kind}" for kind, count in manifest["actors"].items())
+    actors = ", ".join(f"{kind} {count}" for kind, count in manifest["actors"].items())
     doubts = [
         f'<p class="doubt">{escape(one["about"])}: {escape(one["problem"])}</p>'
         for one in manifest["warnings"]

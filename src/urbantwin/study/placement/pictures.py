@@ -34,14 +34,17 @@ def draw_front(placed: Placed, path: Path) -> None:
         plain(axes, f"{name}{f', {measure.unit}' if measure.unit else ''}, over cost")
         values = [(one.verdict.values["cost"], one.verdict.values[name]) for one in placed.found]
         costs, figures = np.array(values).T
-        axes.scatter(costs, figures, s=9, color=FAINT, zorder=1)
+        others = axes.scatter(costs, figures, s=9, color=FAINT, zorder=1)
         for k in front:
             bounds = placed.found[k].verdict.intervals.get(name)
             if bounds is not None:
                 axes.plot(
                     [costs[k], costs[k]], bounds, color=INK, linewidth=0.6, alpha=0.4, zorder=2
                 )
-        axes.scatter(costs[front], figures[front], s=22, color=INK, zorder=3)
+        best = axes.scatter(costs[front], figures[front], s=22, color=INK, zorder=3)
+        if not number:
+            told = ("on the front, 95 % over actors", "other layouts")
+            axes.legend((best, others), told, frameon=False, fontsize=8, labelcolor=INK)
     figure.subplots_adjust(left=0.08 / len(names) + 0.02, right=0.98, top=0.9, bottom=0.1)
     save(figure, path)
 

@@ -151,7 +151,7 @@ def ask(
             place="sensors.least",
             expected=f"{rooms} or fewer, or more candidates",
         )
-    cheapest = views.cheapest()
+    cheapest = views.cost(views.cheapest())
     if spec.budget is not None and cheapest > spec.budget:
         raise InputError(
             f"no layout costs {spec.budget:g} or less: the cheapest costs {cheapest:g}",

@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import shapely
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from urbantwin.errors import InputError
@@ -78,6 +79,23 @@ class CandidateSpec(Strict):
     spacing_m: Annotated[float, Field(ge=1.0, le=100.0)] = 8.0
     area: Annotated[list[_Place], Field(min_length=3, max_length=1000)] | None = None
     places: Annotated[list[OwnPlace], Field(max_length=500)] = Field(default_factory=list)
+
+    @field_validator("area")
+    @classmethod
+    def _area_is_one(cls, value: list[list[float]] | None) -> list[list[float]] | None:
+        if value is not None:
+            outline = shapely.Polygon(value)
+            if not outline.is_valid:
+                raise wrong("is an outline that crosses itself", "corners in their order")
+            if outline.area <= 0:
+                raise wrong("is an outline without an area", "corners around an area")
+        return value
+
+    @model_validator(mode="after")
+    def _area_is_for_new_poles(self) -> CandidateSpec:
+        if self.area is not None and "new-pole" not in self.kinds:
+            raise wrong("an area, and no new poles", "new-pole among kinds")
+        return self
 
     @field_validator("places")
     @classmethod

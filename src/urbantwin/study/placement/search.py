@@ -49,8 +49,9 @@ def search(
 
     NSGA-II (Deb et al. 2002, IEEE Transactions on Evolutionary Computation 6:182) in optuna. The
     budget, and that two sensors do not hang at one place, are constraints: layouts that break them
-    are never judged. Where there are no more layouts than are wanted, all are judged. The same
-    arguments give the same layouts.
+    are never judged. With a budget the first is a cheapest one, so that one at least keeps to it.
+    Where there are no more layouts than are wanted, all are judged. The same arguments give the
+    same layouts.
 
     Args:
         views: that layouts are made of.
@@ -92,6 +93,8 @@ def search(
             for begin in range(0, len(every), TOGETHER):
                 judge_new(every[begin : begin + TOGETHER])
             return found
+        if spec.budget is not None:
+            study.enqueue_trial(_choices(views, views.cheapest()))
         vain = 0
         while len(found) < layouts and vain < _PATIENCE:
             trials = [study.ask() for _ in range(TOGETHER)]
@@ -132,6 +135,22 @@ def _suggested(trial: optuna.Trial, views: Views) -> Layout:
         ]
         chosen.append(views.chosen(*choices))
     return tuple(sorted(chosen[:count]))
+
+
+def _choices(views: Views, layout: Layout) -> dict[str, int]:
+    """Return what a trial suggests for a layout; what its further slots hold is left open."""
+    chosen = {"sensors": len(layout)}
+    for slot, number in enumerate(layout):
+        view = views.every[number]
+        heights = views.mounts[view.mount].heights_m
+        chosen |= {
+            f"mount-{slot}": view.mount,
+            f"height-{slot}": heights.index(view.height_m),
+            f"model-{slot}": view.model,
+            f"tilt-{slot}": views.spec.tilt_deg.index(view.tilt_deg),
+            f"yaw-{slot}": views.yaws(view.tilt_deg, view.model).index(view.yaw_deg),
+        }
+    return chosen
 
 
 def _too_much(views: Views, layout: Layout) -> float:

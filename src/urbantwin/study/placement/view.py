@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -104,25 +105,27 @@ class Views:
         sensors = sum(self.spec.models[one.model].price for one in views)
         return sensors + len(views) * costs.bracket + len(poles) * costs.new_pole
 
-    def cheapest(self) -> float:
-        """Return what the cheapest layout costs; several sensors may hang on a pole that is set."""
-        sensor = min(one.price for one in self.spec.models) + self.spec.costs.bracket
-        count = self.spec.sensors.least
-        if any(one.kind != "new-pole" for one in self.mounts):
-            free = sum(len(one.heights_m) for one in self.mounts if one.kind != "new-pole")
-            missing = max(0, count - free)
-        else:
-            missing = count
-        poles, rooms = (
-            0,
-            sorted(
-                (len(one.heights_m) for one in self.mounts if one.kind == "new-pole"), reverse=True
-            ),
+    def cheapest(self) -> Layout:
+        """Return a layout that costs least; several sensors may hang on a pole that is set.
+
+        There has to be room for as many sensors as are wanted at least.
+        """
+        model = min(range(len(self.spec.models)), key=lambda k: self.spec.models[k].price)
+        tilt_deg = self.spec.tilt_deg[0]
+        yaw_deg = self.yaws(tilt_deg, model)[0]
+
+        def dear(number: int) -> tuple[bool, int]:
+            mount = self.mounts[number]
+            return mount.kind == "new-pole", -len(mount.heights_m)
+
+        rooms = (
+            View(number, height_m, yaw_deg, tilt_deg, model)
+            for number in sorted(range(len(self.mounts)), key=dear)
+            for height_m in self.mounts[number].heights_m
         )
-        while missing > 0 and poles < len(rooms):
-            missing -= rooms[poles]
-            poles += 1
-        return count * sensor + poles * self.spec.costs.new_pole
+        return tuple(
+            sorted(self.number_of[view] for view in islice(rooms, self.spec.sensors.least))
+        )
 
     def fits(self, layout: Sequence[int]) -> bool:
         """Return whether no two sensors hang at the same height of a mount."""
