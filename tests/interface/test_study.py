@@ -48,6 +48,8 @@ def test_a_wrong_pose_moves_points_and_a_dead_sensor_has_none(made: ut.Study) ->
     assert rows["outage_unit", "points"]["level_mean"] == 0
     assert rows["outage_unit", "seen"]["difference"] == -1
     assert all(row["seeds"] == 2 for row in rows.values())
+    told = {row["level"]: row["seen"] for row in made.summary()["effects"]}
+    assert told["outage_unit = corner"] == "-100.0 (-100.0 to -100.0)"
 
 
 def test_the_base_is_what_record_sees(line: Line, made: ut.Study, tmp_path: Path) -> None:
@@ -151,9 +153,9 @@ def test_what_cannot_be_studied_is_one_line_before_anything_is_done(
         ({"model": "floors"}, "floors: tells no boxes; expected a model of"),
         ({"model": "twin"}, "model.yaml: is not there"),
         (
-            {"design": "factorial", "factors": dict.fromkeys(
-                ("sway_m", "missing", "latency_s"), [k / 100 for k in range(50)]
-            )},
+            {"design": "factorial", "factors": {
+                name: [k / 100 for k in range(50)] for name in ("sway_m", "missing", "latency_s")
+            }},
             "factors (line 3): 125000 combinations of levels; expected at most 100000",
         ),
     ],

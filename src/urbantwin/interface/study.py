@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,8 @@ __all__ = ["Study", "study"]
 
 _KIND = "study"
 _REPORT = "report"
+#: Figures that are told on the console.
+_TOLD = ("seen", "ap", "hota", "idf1")
 
 
 @dataclass(frozen=True, repr=False)
@@ -82,7 +84,7 @@ class Study:
         return read_parquet(place / f"{name}.parquet", f"{name} of a study")
 
     def summary(self) -> Summary:
-        """Return the headline, doubts and the differences of all classes, in a few values."""
+        """Return the headline, doubts, and the differences of the mean over classes."""
         if not self.manifest:
             low, high = self.seconds
             return Summary(
@@ -97,17 +99,7 @@ class Study:
             doubts=told["doubts"],
             recordings=told["recordings"],
             failed=[f"seed {one['seed']}, {one['cell']}: {one['why']}" for one in told["failed"]],
-            effects=[
-                {
-                    "level": f"{row['factor']} = {row['level']}",
-                    "figure": row["figure"],
-                    **{
-                        key: None if row[key] is None else round(row[key], 4)
-                        for key in ("difference", "low", "high", "cohens_d", "cliffs_delta")
-                    },
-                }
-                for row in told["effects"]
-            ],
+            effects=_in_lines(told["effects"]),
         )
 
 
@@ -195,6 +187,22 @@ def study(
         )
     shutil.rmtree(place / "work", ignore_errors=True)
     return Study(place, manifest, reckoned)
+
+
+def _in_lines(effects: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Return a row for each level: what it does to figures that are shares, in points of a hundred.
+
+    The whole table is in ``study.json``, ``effects.parquet`` and on the page.
+    """
+    lines: dict[str, dict[str, str]] = {}
+    for row in effects:
+        if row["figure"] in _TOLD:
+            level = f"{row['factor']} = {row['level']}"
+            words = f"{100 * row['difference']:+.1f}"
+            if row["low"] is not None:
+                words += f" ({100 * row['low']:+.1f} to {100 * row['high']:+.1f})"
+            lines.setdefault(level, {"level": level})[row["figure"]] = words
+    return list(lines.values())
 
 
 def _each_once(rigs: Sequence[RigSpec]) -> list[RigSpec]:
