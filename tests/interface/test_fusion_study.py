@@ -65,6 +65,8 @@ def study(fleet: Path, model: Path, tmp_path_factory: pytest.TempPathFactory) ->
 def test_a_fleet_and_its_datasets_are_the_same_nodes(fleet: Path) -> None:
     together = open_nodes([fleet])
     apart = open_nodes([fleet / name for name in PLACES])
+    with pytest.raises(ut.InputError, match="gate: is given twice"):
+        open_nodes([fleet / "gate", fleet / "gate"])
     assert [one.name for one in together.nodes] == [one.name for one in apart.nodes] == [*PLACES]
     for moment in (0, 5):
         a, b = together.labelled(moment), apart.labelled(moment)

@@ -48,6 +48,8 @@ def test_a_wrong_pose_moves_points_and_a_dead_sensor_has_none(made: ut.Study) ->
     assert rows["outage_unit", "points"]["level_mean"] == 0
     assert rows["outage_unit", "seen"]["difference"] == -1
     assert all(row["seeds"] == 2 for row in rows.values())
+    told = {row["level"]: row["seen"] for row in made.summary()["effects"]}
+    assert told["outage_unit = corner"] == "-100.0 (-100.0 to -100.0)"
 
 
 def test_the_base_is_what_record_sees(line: Line, made: ut.Study, tmp_path: Path) -> None:
@@ -142,6 +144,42 @@ def test_what_cannot_be_studied_is_one_line_before_anything_is_done(
     assert said in err
     assert err.count("\n") == 1
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"model": "cars", "classes": ["car", "bicycle"]}, "names bicycle, which the model cars"),
+        ({"model": "floors"}, "floors: tells no boxes; expected a model of"),
+        ({"model": "twin"}, "model.yaml: is not there"),
+        (
+            {"design": "factorial", "factors": {
+                name: [k / 100 for k in range(50)] for name in ("sway_m", "missing", "latency_s")
+            }},
+            "factors (line 3): 125000 combinations of levels; expected at most 100000",
+        ),
+    ],
+)  # fmt: skip
+def test_a_detector_that_cannot_judge_is_told_before_anything_is_driven(
+    grid: Path, tmp_path: Path, fields: dict[str, object], said: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'urbantwin[learn]'")
+    from urbantwin.learn.model import Design, Model, new_network, write_model
+
+    (tmp_path / "twin").mkdir()
+    for name, design in {
+        "cars": Design(("car",), range_m=32.0, cell_m=0.8, width=0.25),
+        "floors": Design((), range_m=32.0, cell_m=0.8, width=0.25, points=("road",)),
+    }.items():
+        (tmp_path / name).mkdir()
+        write_model(tmp_path / name, Model(design, new_network(design).eval(), {}))
+    path = tmp_path / "grid.yaml"
+    path.write_text(yaml.safe_dump({**yaml.safe_load(grid.read_text()), **fields}))
+    assert main(["study", str(path), "--plan"]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
 
 
 def test_a_recording_is_judged_as_evaluate_judges_it(line: Line, tmp_path: Path) -> None:

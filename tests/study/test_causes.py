@@ -15,7 +15,7 @@ from urbantwin.evaluation.pairs import pairs_of
 from urbantwin.evaluation.truth import why_not
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording
-from urbantwin.study.causes import Side, changes_between
+from urbantwin.study.causes import Side, changes_between, thresholds_of
 
 CAR, CYCLE = (4.5, 1.8, 1.5), (1.8, 0.6, 1.7)
 LEAST = {"car": 0.4, "truck": 0.4, "bicycle": 0.4}
@@ -159,6 +159,16 @@ def test_with_as_many_points_the_detector_says_why(
     assert change.reason.reason == why
     assert said in change.reason.told
     assert change.points == (100, 100)
+
+
+def test_unlikely_boxes_of_a_class_that_is_not_there_explain_nothing() -> None:
+    faint = {**HIT, "class": "pedestrian", "score": 0.1}
+    base = side_of("base", [ONE], [{**HIT, "score": 0.6}, faint])
+    least = thresholds_of(base, None)
+    assert least["pedestrian"] == least["car"] == pytest.approx(0.6)
+    after = side_of("value", [ONE], [faint])
+    (change,) = changes_between(base, after, BY_DISTANCE, least).changes
+    assert change.reason.reason == "not detected"
 
 
 def test_one_box_for_two_is_merged_and_names_the_neighbour() -> None:

@@ -1,4 +1,4 @@
-"""Validated reading of Parquet and Feather tables: a damaged one is one clear line."""
+"""Tables: validated reading of Parquet and Feather, of which a damaged one is one line; writing."""
 
 from __future__ import annotations
 
@@ -25,11 +25,26 @@ __all__ = [
     "columns_of",
     "read_feather",
     "read_parquet",
+    "write_parquet_and_csv",
 ]
 
 #: How our tables are written. A checksum of each page, of which zstd has none of its own, tells a
 #: reader which column is damaged.
 PARQUET: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True}
+
+
+def write_parquet_and_csv(stem: Path, table: pa.Table) -> None:
+    """Write a table twice: for programs (Parquet), and for spreadsheets (CSV).
+
+    Args:
+        stem: the file's name without ``.parquet`` and ``.csv``.
+        table: to write.
+    """
+    import pyarrow.csv
+    import pyarrow.parquet as pq
+
+    pq.write_table(table, stem.with_name(f"{stem.name}.parquet"), **PARQUET)
+    pyarrow.csv.write_csv(table, stem.with_name(f"{stem.name}.csv"))
 
 
 def read_parquet(

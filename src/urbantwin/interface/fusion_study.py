@@ -63,17 +63,17 @@ class FusionStudy:
     @property
     def settings(self) -> pa.Table:
         """``settings.parquet``: a row for each setting."""
-        import pyarrow.parquet as pq
+        from urbantwin.artefact.tables import read_parquet
 
-        return pq.read_table(self.folder / "settings.parquet")
+        return read_parquet(self.folder / "settings.parquet", "settings of a fusion study")
 
     @property
     def over_time(self) -> pa.Table | None:
         """``over_time.parquet``: where a node falls silent; None where that was not studied."""
-        import pyarrow.parquet as pq
+        from urbantwin.artefact.tables import read_parquet
 
         file = self.folder / "over_time.parquet"
-        return pq.read_table(file) if file.is_file() else None
+        return read_parquet(file, "a fusion study over time") if file.is_file() else None
 
     def summary(self) -> Summary:
         """Return the headline, and what to know of it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +27,8 @@ __all__ = ["Study", "study"]
 
 _KIND = "study"
 _REPORT = "report"
+#: Figures that are told on the console.
+_TOLD = ("seen", "ap", "hota", "idf1")
 
 
 @dataclass(frozen=True, repr=False)
@@ -82,7 +84,7 @@ class Study:
         return read_parquet(place / f"{name}.parquet", f"{name} of a study")
 
     def summary(self) -> Summary:
-        """Return the headline, doubts and the differences of all classes, in a few values."""
+        """Return the headline, doubts, and the differences of the mean over classes."""
         if not self.manifest:
             low, high = self.seconds
             return Summary(
@@ -97,17 +99,7 @@ class Study:
             doubts=told["doubts"],
             recordings=told["recordings"],
             failed=[f"seed {one['seed']}, {one['cell']}: {one['why']}" for one in told["failed"]],
-            effects=[
-                {
-                    "level": f"{row['factor']} = {row['level']}",
-                    "figure": row["figure"],
-                    **{
-                        key: None if row[key] is None else round(row[key], 4)
-                        for key in ("difference", "low", "high", "cohens_d", "cliffs_delta")
-                    },
-                }
-                for row in told["effects"]
-            ],
+            effects=_in_lines(told["effects"]),
         )
 
 
@@ -167,10 +159,12 @@ def study(
         raise InputError(
             "leaves no frame", file=described.file, place="start", expected="more seconds"
         )
+    doubts: list[str] = []
     if described.model is not None or described.train is not None:
         from urbantwin.learn.torch_device import check_torch
 
         check_torch(device)
+        doubts = _detector_looks(described, rigs[0])
     check_folder(place / _REPORT, kind=_KIND, inputs=[described.file, twin.folder])
     reckoned = _reckoned(described, rigs, len(traffics))
     tell_line(_first_line(described, rigs, reckoned), progress)
@@ -189,13 +183,65 @@ def study(
             [one.objects for one in found],
             failed,
             told_of,
+            doubts,
         )
     shutil.rmtree(place / "work", ignore_errors=True)
     return Study(place, manifest, reckoned)
 
 
+def _in_lines(effects: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Return a row for each level: what it does to figures that are shares, in points of a hundred.
+
+    The whole table is in ``study.json``, ``effects.parquet`` and on the page.
+    """
+    lines: dict[str, dict[str, str]] = {}
+    for row in effects:
+        if row["figure"] in _TOLD:
+            level = f"{row['factor']} = {row['level']}"
+            words = f"{100 * row['difference']:+.1f}"
+            if row["low"] is not None:
+                words += f" ({100 * row['low']:+.1f} to {100 * row['high']:+.1f})"
+            lines.setdefault(level, {"level": level})[row["figure"]] = words
+    return list(lines.values())
+
+
 def _each_once(rigs: Sequence[RigSpec]) -> list[RigSpec]:
     return list({one.model_dump_json(): one for one in rigs}.values())
+
+
+def _detector_looks(described: StudyFile, rig: RigSpec) -> list[str]:
+    """Return what is to be doubted of the detector, before anything is computed.
+
+    Raises:
+        InputError: the model cannot be read, tells no boxes, or does not know a class of the study.
+    """
+    if described.train is not None:
+        reach = described.train.reach
+    else:
+        from urbantwin.learn import read_model
+
+        assert described.model is not None
+        design = read_model(described.model).design
+        if not design.classes:
+            raise InputError(
+                "tells no boxes", file=described.model, expected="a model of `urbantwin train`"
+            )
+        for name in described.classes or ():
+            if name not in design.classes:
+                raise InputError(
+                    f"names {name}, which the model {described.model.name} does not detect",
+                    file=described.file,
+                    place="classes",
+                    expected="some of " + ", ".join(design.classes),
+                )
+        reach = design.range_m
+    if rig.label_range_m is not None and rig.label_range_m <= reach:
+        return []
+    until = "as far as sensors report" if rig.label_range_m is None else f"{rig.label_range_m:g} m"
+    return [
+        f"The detector looks {reach:g} m along x and y, objects count {until}: what stands farther "
+        "is missed at every level. A smaller label_range_m of the rig leaves it out."
+    ]
 
 
 def _frames(described: StudyFile, rate_hz: float) -> int:
@@ -226,7 +272,12 @@ def _reckoned(described: StudyFile, rigs: Sequence[RigSpec], densities: int) -> 
 def _first_line(
     described: StudyFile, rigs: Sequence[RigSpec], reckoned: tuple[float, float]
 ) -> str:
-    low, high = (max(1, round(one / 60)) for one in reckoned)
+    low, high = (round(one / 60) for one in reckoned)
+    minutes = "less than a minute"
+    if high > 0:
+        span = f"{high}" if low == high else f"{max(low, 1)} to {high}" if high > 1 else "1"
+        minutes = f"about {span} minute{'s' * (high != 1)}"
+    frames = _frames(described, rigs[0].rate_hz)
     seeds, sensors = len(described.seeds), len(rigs[0].sensors)
     who = "nothing is detected"
     if described.train is not None:
@@ -235,8 +286,8 @@ def _first_line(
         who = f"the detector {described.model.name}"
     return (
         f"study: {seeds} seed{'s' * (seeds != 1)} x {len(rigs)} cells = {seeds * len(rigs)} "
-        f"recordings of {_frames(described, rigs[0].rate_hz)} frames by {sensors} "
-        f"sensor{'s' * (sensors != 1)}; {who}; about {low} to {high} minutes on two processors"
+        f"recordings of {frames} frame{'s' * (frames != 1)} by {sensors} "
+        f"sensor{'s' * (sensors != 1)}; {who}; {minutes} on two processors"
     )
 
 

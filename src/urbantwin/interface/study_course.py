@@ -220,7 +220,7 @@ class Course:
                 **self._recording(rig),
                 "motion": motion_key,
                 "model": None if judge is None else judge.sha256,
-                "classes": self.study.classes,
+                "classes": self._classes(judge),
                 "base": None if known is None else known.key,
             }
         )
@@ -272,7 +272,7 @@ class Course:
             recording,
             detections,
             dataset.times_s.tolist(),
-            classes=self.study.classes,
+            classes=self._classes(judge),
             base=None if base is None else base.counted,
             tell=between(tell, 0.8, 1.0),
         )
@@ -284,6 +284,12 @@ class Course:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_json(file, {**told, "counted": counted})
         shutil.rmtree(work)
+
+    def _classes(self, judge: Judge | None) -> Sequence[str] | None:
+        """Return the classes that are judged: others than the detector's would water the mean."""
+        if self.study.classes is None and judge is not None:
+            return judge.model.design.classes
+        return self.study.classes
 
     @property
     def _steps(self) -> DoneSteps:

@@ -50,7 +50,7 @@ def draw_change(
         0.03,
         0.018,
         f"{change.actor} {change.track}, {change.way}: {change.reason.reason}. "
-        f"{change.reason.told}; {change.said.told}."[:150],
+        f"{'; '.join(dict.fromkeys((change.reason.told, change.said.told)))}."[:150],
         fontsize=8.5,
         color=INK,
     )

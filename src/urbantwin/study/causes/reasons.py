@@ -105,7 +105,8 @@ def said_of(
         if criterion.measure != "distance_m":
             why = _what_is_off(box, truth.box[row])
         return Said(why, _how_far_off(why, box, truth.box[row]), number, score, off)
-    if near_it.other_class:
+    faint = max((score for _, score, _ in near_it.faint), default=0.0)
+    if near_it.other_class and near_it.other_class[0][1] > faint:
         number, score, off = near_it.other_class[0]
         kind = side.seen.detections.class_names[number]
         return Said("another class", f"taken for a {kind}, score {score:.2f}", number, score, off)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import as_json, write_json
-from urbantwin.artefact.tables import PARQUET
+from urbantwin.artefact.tables import write_parquet_and_csv
 from urbantwin.fidelity.report_html import html_picture, html_table, write_html
 from urbantwin.progress import Progress, each
 from urbantwin.study.causes.changes import LOST, WON, Change, Comparison
@@ -146,8 +146,6 @@ def _in_short(variants: Mapping[str, Mapping[str, Any]]) -> str:
 
 def _write_table(stem: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     import pyarrow as pa
-    import pyarrow.csv
-    import pyarrow.parquet as pq
 
     text, whole, number = pa.string(), pa.int64(), pa.float64()
     schema = pa.schema(
@@ -161,8 +159,7 @@ def _write_table(stem: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         ]
     )
     table = pa.Table.from_pylist([dict(row) for row in rows], schema=schema)
-    pq.write_table(table, stem.with_suffix(".parquet"), **PARQUET)
-    pyarrow.csv.write_csv(table, stem.with_suffix(".csv"))
+    write_parquet_and_csv(stem, table)
 
 
 def _write_page(

@@ -138,6 +138,9 @@ def _lost_sensors(folder: Path) -> dict[str, frozenset[str]]:
 def thresholds_of(side: Side, score: float | None) -> dict[str, float]:
     """Return by class the score from which on detections count: of the best F1, or one for all.
 
+    A class of which nobody is there has the greatest of the others: its unlikely boxes are no
+    reason for anything.
+
     Args:
         side: the base: an operator sets the score there, and leaves it.
         score: for all classes.
@@ -153,4 +156,6 @@ def thresholds_of(side: Side, score: float | None) -> dict[str, float]:
     if not there:
         return {}
     judged = evaluate(side.seen, layout=side.recording.layout, classes=there, draws=1)
-    return {name: one.threshold for name, one in judged.classes.items()}
+    known = {name: one.threshold for name, one in judged.classes.items()}
+    rest = max(known.values())
+    return {name: known.get(name, rest) for name in _CLASSES}

@@ -194,6 +194,8 @@ def _folders(paths: Sequence[Path]) -> dict[str, Path]:
             raise InputError("is no dataset of ours", file=path, expected=_EXPECTED)
         parts = parts_of(path)
         for one in parts or [path]:
+            if one.resolve() in [known.resolve() for known in folders.values()]:
+                raise InputError("is given twice", file=one, expected="another node's dataset")
             name = one.name if one.name not in folders else f"{path.name}-{one.name}"
             if name in folders:
                 raise InputError(f"two nodes are called {name}", file=one, expected="other names")

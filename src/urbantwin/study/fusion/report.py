@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import as_json, write_json
-from urbantwin.artefact.tables import PARQUET
+from urbantwin.artefact.tables import write_parquet_and_csv
 from urbantwin.fidelity.report_html import html_picture, html_table, write_html
 from urbantwin.study.fusion.figure import draw_bitrate, draw_curves, draw_failure
 from urbantwin.study.fusion.setting import STUDIES
@@ -103,13 +103,10 @@ def _is_ideal(row: Mapping[str, Any]) -> bool:
 
 def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     import pyarrow as pa
-    import pyarrow.csv
-    import pyarrow.parquet as pq
 
     names = list(dict.fromkeys(name for row in rows for name in row))
     table = pa.table({name: [row.get(name) for row in rows] for name in names})
-    pq.write_table(table, path.with_suffix(".parquet"), **PARQUET)
-    pyarrow.csv.write_csv(table, path.with_suffix(".csv"))
+    write_parquet_and_csv(path, table)
 
 
 def _write_page(

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.csv as pa_csv
-import pyarrow.parquet as pq
 import yaml
 
 from urbantwin.artefact import write_json
-from urbantwin.artefact.tables import PARQUET
+from urbantwin.artefact.tables import write_parquet_and_csv
 from urbantwin.result_warning import ResultWarning, rows_of
 from urbantwin.study.placement.measure import LEVELS, MEASURES, SURROGATES
 from urbantwin.study.placement.moments import class_counts
@@ -59,8 +57,7 @@ def write_placement(
     if trained is not None:
         tables["trained"] = _table(trained, _TRAINED)
     for name, table in tables.items():
-        pq.write_table(table, folder / f"{name}.parquet", **PARQUET)
-        pa_csv.write_csv(table, folder / f"{name}.csv")
+        write_parquet_and_csv(folder / name, table)
     (folder / "rigs").mkdir(exist_ok=True)
     for number in placed.front:
         write_rig(

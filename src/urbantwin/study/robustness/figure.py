@@ -146,6 +146,8 @@ def draw_levels(
                           alpha=0.6)  # fmt: skip
             plain(axes, factor if row == 0 else "")
             axes.set_xticks(range(len(levels)), levels if row == len(figures) - 1 else [])
+            # Names of levels at the edges of neighbours stay apart.
+            axes.set_xlim(-0.35, len(levels) - 0.65)
             axes.tick_params(labelleft=column == 0)
             if column == 0:
                 axes.set_ylabel(title, fontsize=8, color=INK)

@@ -145,7 +145,7 @@ def load_study(path: Path) -> StudyFile:
         found[field] = None if given is None else path.parent / given
     twin = found["twin"]
     assert twin is not None
-    return StudyFile(
+    made = StudyFile(
         file=path,
         twin=twin,
         rig=found["rig"],
@@ -159,6 +159,11 @@ def load_study(path: Path) -> StudyFile:
         design=fields.design,
         factors=_factors(document.part("factors")),
     )
+    try:
+        made.cells()
+    except InputError as error:
+        raise document.error(error.problem, ["factors"], error.expected or "fewer levels") from None
+    return made
 
 
 def _check_training(document: Document, fields: _Fields, train: Training) -> None:

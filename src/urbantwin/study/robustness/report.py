@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import as_json, write_json
-from urbantwin.artefact.tables import PARQUET
+from urbantwin.artefact.tables import write_parquet_and_csv
 from urbantwin.fidelity.report_html import html_picture, html_table, write_html
 from urbantwin.grid.axes import told_level
 from urbantwin.study.robustness.effects import Measured, interactions_of, main_effects_of
@@ -34,6 +34,7 @@ def write_study(
     objects: Sequence[Mapping[str, int]],
     failed: Sequence[Mapping[str, Any]],
     told: Mapping[str, Any],
+    doubts: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Write everything into a folder.
 
@@ -44,6 +45,7 @@ def write_study(
         objects: how many objects count, by class, in the same order.
         failed: ``seed``, ``cell`` and ``why`` of those that did not.
         told: what else ``study.json`` says: what it was made from.
+        doubts: that are known beside those of the figures.
 
     Returns:
         What ``study.json`` holds.
@@ -52,7 +54,7 @@ def write_study(
     effects = main_effects_of(measured, axes)
     together = interactions_of(measured, axes) if study.design == "factorial" else []
     _write_tables(folder, study, measured, objects, effects, together)
-    doubts = [*_weak(effects), *_doubts(study, measured, failed)]
+    doubts = [*_weak(effects), *doubts, *_doubts(study, measured, failed)]
     report: dict[str, Any] = {
         "kind": KIND,
         "schema": 1,
@@ -132,8 +134,6 @@ def _write_tables(
 
 def _write_table(stem: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     import pyarrow as pa
-    import pyarrow.csv
-    import pyarrow.parquet as pq
 
     kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
     schema = pa.schema(
@@ -148,8 +148,7 @@ def _write_table(stem: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         ]
     )
     table = pa.Table.from_pylist([dict(row) for row in rows], schema=schema)
-    pq.write_table(table, stem.with_suffix(".parquet"), **PARQUET)
-    pyarrow.csv.write_csv(table, stem.with_suffix(".csv"))
+    write_parquet_and_csv(stem, table)
 
 
 def _weak(effects: Sequence[Mapping[str, Any]]) -> list[str]:
