@@ -36,8 +36,8 @@ from urbantwin.site.initial_site import init_site
 from urbantwin.site.nodes import load_nodes
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
 from urbantwin.site.yaml_document import Document
-from urbantwin.study.placement import load_place_spec
-from urbantwin.study.robustness import load_study
+from urbantwin.studies.placement import load_place_spec
+from urbantwin.studies.robustness import load_study
 from urbantwin.weakness import check_inputs
 from urbantwin.weakness.inputs import look_at_picture
 

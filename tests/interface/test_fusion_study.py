@@ -20,7 +20,7 @@ torch = pytest.importorskip(
 )
 
 from urbantwin.learn.model import Design, Model, new_network, write_model  # noqa: E402
-from urbantwin.study.fusion import open_nodes  # noqa: E402
+from urbantwin.studies.fusion import open_nodes  # noqa: E402
 
 SENSOR = {"model": "VLP-16", "columns": 900, "height_m": 4.0}
 PLACES = {"corner": (12, -12, 135), "gate": (-12, 12, -45), "yard": (-12, -12, 45)}

@@ -12,7 +12,7 @@ import urbantwin as ut
 from urbantwin.cli import main
 from urbantwin.detections import detected_class, joined, write_detections
 from urbantwin.fidelity.readers import open_recording
-from urbantwin.study.robustness import judged_recording
+from urbantwin.studies.robustness import judged_recording
 
 from .conftest import Line
 

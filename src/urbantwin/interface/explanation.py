@@ -115,7 +115,12 @@ def explain(  # noqa: PLR0913 - the options of the command
     """
     from urbantwin.detections.forms import read_any_form
     from urbantwin.evaluation.criterion import JUDGED, near, overlapping
-    from urbantwin.study.causes import changes_between, read_side, thresholds_of, write_explanation
+    from urbantwin.studies.causes import (
+        changes_between,
+        read_side,
+        thresholds_of,
+        write_explanation,
+    )
 
     varied = _opened(Path(pair))
     names = ["base", *(row["name"] for row in varied.manifest["variants"])]

@@ -17,7 +17,7 @@ from urbantwin.interface.summary import Summary
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from urbantwin.study.fusion import Nodes
+    from urbantwin.studies.fusion import Nodes
 
 
 __all__ = ["FusionStudy", "fuse"]
@@ -141,7 +141,7 @@ def fuse(  # noqa: PLR0913 - the options of the command
     from urbantwin.dataset.manifest import recipe_key
     from urbantwin.learn import read_model
     from urbantwin.progress import between
-    from urbantwin.study.fusion import (
+    from urbantwin.studies.fusion import (
         STUDIES,
         Judge,
         Plan,
@@ -259,7 +259,7 @@ def _check_numbers(frames: int, mtu: int, workers: int, given: Sequence[Path]) -
     Raises:
         InputError: one is.
     """
-    from urbantwin.study.fusion.packets import LEAST_MTU, MOST_MTU
+    from urbantwin.studies.fusion.packets import LEAST_MTU, MOST_MTU
 
     if not given:
         raise InputError("no data is given", expected="a fleet, or two datasets or more")

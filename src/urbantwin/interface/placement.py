@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
-    from urbantwin.study.placement.place_file import PlaceSpec
+    from urbantwin.studies.placement.place_file import PlaceSpec
 
 __all__ = ["Placement", "place"]
 
@@ -43,7 +43,7 @@ class Placement:
         self.folder = Path(folder)
         file = self.folder / f"{_KIND}.json"
         self.manifest: dict[str, Any] = read_json(file, kind=_KIND)
-        from urbantwin.study.placement.manifest import check_placement
+        from urbantwin.studies.placement.manifest import check_placement
 
         check_placement(self.manifest, file)
 
@@ -59,7 +59,7 @@ class Placement:
     @cached_property
     def layouts(self) -> pa.Table:
         """Every layout that was judged, with its measures and their intervals."""
-        from urbantwin.study.placement.manifest import read_layouts
+        from urbantwin.studies.placement.manifest import read_layouts
 
         return read_layouts(self.folder / "layouts.parquet")
 
@@ -169,9 +169,9 @@ def place(  # noqa: PLR0913 - the options of the command
     from urbantwin.interface.twin import Twin
     from urbantwin.processes import usable_processors
     from urbantwin.progress import between
-    from urbantwin.study.placement.place import ask
-    from urbantwin.study.placement.place import place as search
-    from urbantwin.study.placement.written import layout_name, write_placement, write_rig
+    from urbantwin.studies.placement.place import ask
+    from urbantwin.studies.placement.place import place as search
+    from urbantwin.studies.placement.written import layout_name, write_placement, write_rig
 
     for name, number, least in (("layouts", layouts, 1), ("train", train, 0), ("steps", steps, 1)):
         if number < least:
@@ -229,6 +229,6 @@ def place(  # noqa: PLR0913 - the options of the command
 
 
 def _spec_of(file: Path | None) -> PlaceSpec:
-    from urbantwin.study.placement.place_file import PlaceSpec, load_place_spec
+    from urbantwin.studies.placement.place_file import PlaceSpec, load_place_spec
 
     return PlaceSpec() if file is None else load_place_spec(file)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from urbantwin.interface.twin import Twin
     from urbantwin.site import RigSpec
-    from urbantwin.study.robustness import StudyFile
+    from urbantwin.studies.robustness import StudyFile
 
 __all__ = ["Study", "study"]
 
@@ -134,7 +134,7 @@ def study(
     """
     from urbantwin.interface.rig import placed, rig_spec_on
     from urbantwin.interface.twin import Twin
-    from urbantwin.study.robustness import check_rigs, load_study, write_study
+    from urbantwin.studies.robustness import check_rigs, load_study, write_study
     from urbantwin.variation import traffic_of_density
 
     described = load_study(Path(grid))

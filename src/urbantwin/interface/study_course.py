@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.twin import Twin
     from urbantwin.learn import Model
     from urbantwin.site import RigSpec
-    from urbantwin.study.robustness import Measured, StudyFile
+    from urbantwin.studies.robustness import Measured, StudyFile
 
 __all__ = ["Course", "Found", "Judge", "density_of", "of_this_version"]
 
@@ -210,7 +210,7 @@ class Course:
             StageError: it is a base, without which nothing can be compared, and failed.
         """
         from urbantwin.dataset.manifest import recipe_key
-        from urbantwin.study.robustness import Measured
+        from urbantwin.studies.robustness import Measured
 
         density = density_of(cell)
         motion_key, motion = self.motion(seed, density, between(tell, 0.0, 0.3))
@@ -256,7 +256,7 @@ class Course:
         tell: Progress,
     ) -> None:
         """Record, detect, follow and judge; leave the figures in a file."""
-        from urbantwin.study.robustness import judged_recording
+        from urbantwin.studies.robustness import judged_recording
 
         work = self.place / "work" / key
         dataset = self.record(rig, motion, seed, between(tell, 0.0, 0.6), work / "dataset")

@@ -1,0 +1,329 @@
+"""The study, as its algorithm: what nodes see alone, every setting at every moment, the judgement.
+
+Moments are independent of each other: they are worked at by any number of processes, and what is
+done stays in a folder, from which an interrupted study goes on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from urbantwin.artefact.checksum import sha256_of
+from urbantwin.errors import InputError, StageError
+from urbantwin.geometry import Pose
+from urbantwin.learn.model import Model, read_model
+from urbantwin.processes import worker_pool
+from urbantwin.progress import Progress, between, untold
+from urbantwin.studies.fusion.box_codec import Boxes
+from urbantwin.studies.fusion.nodes import Nodes, open_nodes
+from urbantwin.studies.fusion.own_view import detected_by, read_boxes, with_motion, write_boxes
+from urbantwin.studies.fusion.setting import Setting
+from urbantwin.studies.fusion.trial import Outcome, Trial
+
+__all__ = ["Plan", "chosen_moments", "outcomes_of", "places_of", "seconds_needed"]
+
+#: Nobody is judged before so long after the first frame: messages may be late.
+_WARM_UP_S = 1.0
+#: Boxes that are less likely are left out.
+_LEAST = 0.05
+_OWN, _GOING, _TRIALS = "own", "going", "trials"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be done.
+
+    Attributes:
+        model: folder of the detector.
+        paths: of the nodes, see `open_nodes`.
+        ego: the receiver's name.
+        only: names of the nodes that take part.
+        settings: to compare.
+        moments: at which.
+        mtu: bytes of a packet.
+        seed: of all random numbers.
+    """
+
+    model: Path
+    paths: tuple[Path, ...]
+    ego: str | None
+    only: tuple[str, ...] | None
+    settings: tuple[Setting, ...]
+    moments: tuple[int, ...]
+    mtu: int
+    seed: int
+
+
+def chosen_moments(nodes: Nodes, frames: int) -> tuple[int, ...]:
+    """Return moments at which the receiver has a frame, evenly spaced, as many as there are to be.
+
+    Args:
+        nodes: the receiver first.
+        frames: so many at most.
+
+    Raises:
+        InputError: the receiver has none.
+    """
+    begin = min(look.time_s for node in nodes.nodes for look in node.looks.values())
+    there = [
+        moment
+        for moment, look in sorted(nodes.ego.looks.items())
+        if look.time_s >= begin + _WARM_UP_S - 1e-9
+    ]
+    if not there:
+        raise InputError(
+            f"has no frame {_WARM_UP_S:g} s after the first one or later",
+            file=nodes.ego.folder,
+            expected="a longer recording: messages may be as late as that",
+        )
+    which = np.unique(np.linspace(0, len(there) - 1, min(frames, len(there))).round().astype(int))
+    return tuple(there[one] for one in which)
+
+
+def outcomes_of(
+    plan: Plan, folder: Path, workers: int, tell: Progress = untold
+) -> list[list[Outcome]]:
+    """Return what became of every setting (outer) at every moment (inner).
+
+    Args:
+        plan: what is to be done.
+        folder: that keeps what is done.
+        workers: processes.
+        tell: how far it is.
+
+    Raises:
+        InputError: a file is bad.
+        StageError: a worker was killed.
+    """
+    desk = _Desk(plan, folder)
+    for name in (_OWN, _GOING, _TRIALS):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    looks = [(node.number, moment) for node in desk.nodes.nodes for moment in sorted(node.looks)]
+    with _workers(plan, folder, workers) as submit:
+        alone = [one for one in looks if not desk.own_file(*one).is_file()]
+        for done, _ in enumerate(submit(_see, alone)):
+            tell(0.2 * (done + 1) / len(alone), f"what nodes see alone, {done + 1} of {len(alone)}")
+        desk.follow()
+        ahead = [one for one in plan.moments if not desk.trial_file(one).is_file()]
+        rest = between(tell, 0.2, 1.0)
+        for done, _ in enumerate(submit(_try, [(one,) for one in ahead])):
+            rest((done + 1) / len(ahead), f"moment {done + 1} of {len(ahead)}")
+    found = [_read(desk.trial_file(moment), len(plan.settings)) for moment in plan.moments]
+    return [[one[number] for one in found] for number in range(len(plan.settings))]
+
+
+def seconds_needed(plan: Plan, workers: int) -> float:
+    """Return about how long a study takes on this machine: a few of its steps are done and timed.
+
+    Args:
+        plan: what is to be done.
+        workers: processes.
+    """
+    desk = _Desk(plan, Path())
+    ego = desk.nodes.ego
+    frame = ego.frame(plan.moments[0])
+    times = []
+    with _one_thread():
+        for _ in range(3):  # in the first one code is compiled
+            began = time.monotonic()
+            detected_by(desk.model, frame, _LEAST)
+            times.append(time.monotonic() - began)
+    each = min(times)
+    works = {one.work for one in plan.settings if one.how.name in ("early", "middle")}
+    looks = sum(len(node.looks) for node in desk.nodes.nodes)
+    # A moment also encodes one frame of every node, and two more that are late.
+    moment = 1.15 * len(works) + 3 * len(desk.nodes.nodes)
+    return each * (looks + moment * len(plan.moments)) / workers
+
+
+class _Desk:
+    """What a process works with."""
+
+    def __init__(self, plan: Plan, folder: Path) -> None:
+        self.plan, self.folder = plan, folder
+
+    @cached_property
+    def nodes(self) -> Nodes:
+        return open_nodes(self.plan.paths, self.plan.ego, self.plan.only)
+
+    @cached_property
+    def model(self) -> Model:
+        return read_model(self.plan.model)
+
+    @cached_property
+    def trial(self) -> Trial:
+        identity = bytes.fromhex(sha256_of(self.plan.model / "model.safetensors")[:16])
+        seen = {node.number: _Going(self, node.number) for node in self.nodes.nodes}
+        return Trial(
+            self.model,
+            identity,
+            self.nodes,
+            seen,
+            mtu=self.plan.mtu,
+            seed=self.plan.seed,
+            least=_LEAST,
+        )
+
+    def own_file(self, node: int, moment: int) -> Path:
+        return self.folder / _OWN / f"{node:03}-{moment:06}.npz"
+
+    def going_file(self, node: int, moment: int) -> Path:
+        return self.folder / _GOING / f"{node:03}-{moment:06}.npz"
+
+    def trial_file(self, moment: int) -> Path:
+        return self.folder / _TRIALS / f"{moment:06}.npz"
+
+    def see(self, number: int, moment: int) -> None:
+        node = next(one for one in self.nodes.nodes if one.number == number)
+        frame = node.frame(moment)
+        boxes = detected_by(self.model, frame, _LEAST)
+        write_boxes(self.own_file(number, moment), boxes, frame.sensor_places.mean(axis=0))
+
+    def follow(self) -> None:
+        """Write every node's detections with how fast they go."""
+        for node in self.nodes.nodes:
+            if all(self.going_file(node.number, moment).is_file() for moment in node.looks):
+                continue
+            told = {one: read_boxes(self.own_file(node.number, one)) for one in node.looks}
+            local = {
+                moment: node.looks[moment].reported @ Pose(np.eye(3), place)
+                for moment, (_, place) in told.items()
+            }
+            going = with_motion(node, {one: boxes for one, (boxes, _) in told.items()}, local)
+            for moment, boxes in going.items():
+                write_boxes(self.going_file(node.number, moment), boxes, told[moment][1])
+
+    def attempt(self, moment: int) -> None:
+        found = self.trial.outcomes(moment, self.plan.settings)
+        _write(self.trial_file(moment), found)
+
+
+class _Going(dict[int, Boxes]):
+    """The detections of a node by moment, read when they are asked for."""
+
+    def __init__(self, desk: _Desk, node: int) -> None:
+        super().__init__()
+        self._desk, self._node = desk, node
+
+    def __missing__(self, moment: int) -> Boxes:
+        self[moment] = read_boxes(self._desk.going_file(self._node, moment))[0]
+        return self[moment]
+
+
+def _write(path: Path, found: Sequence[Outcome]) -> None:
+    """Write the outcomes of one moment."""
+    passing = path.with_name(f".{path.name}")
+    with passing.open("wb") as file:
+        np.savez(
+            file,
+            count=np.array([len(one.box) for one in found]),
+            box=np.concatenate([one.box for one in found]),
+            kind=np.concatenate([one.kind for one in found]),
+            score=np.concatenate([one.score for one in found]),
+            told=np.array([(one.bits, one.bits_s, one.packets, one.age_s) for one in found]),
+        )
+    passing.replace(path)
+
+
+def _read(path: Path, settings: int) -> list[Outcome]:
+    with np.load(path) as arrays:
+        count, told = arrays["count"], arrays["told"]
+        box, kind, score = arrays["box"], arrays["kind"], arrays["score"]
+    end = np.cumsum(count)
+    rows = [slice(int(b - n), int(b)) for n, b in zip(count, end, strict=True)]
+    return [
+        Outcome(box[rows[k]], kind[rows[k]], score[rows[k]], *told[k].tolist())
+        for k in range(settings)
+    ]
+
+
+_Work = Callable[..., None]
+
+
+@contextmanager
+def _workers(
+    plan: Plan, folder: Path, workers: int
+) -> Iterator[Callable[[_Work, Sequence[tuple[int, ...]]], Iterator[None]]]:
+    """Yield what does tasks and yields after each, in this process or in several.
+
+    Every process calculates with one thread: so the same bytes come whatever their number.
+    """
+    if workers == 1:
+        with _one_thread():
+            _begin(plan, folder)
+
+            def here(work: _Work, tasks: Sequence[tuple[int, ...]]) -> Iterator[None]:
+                for one in tasks:
+                    work(*one)
+                    yield
+
+            yield here
+        return
+    try:
+        with worker_pool(workers, _begin, plan, folder) as pool:
+
+            def there(work: _Work, tasks: Sequence[tuple[int, ...]]) -> Iterator[None]:
+                for one in as_completed([pool.submit(work, *task) for task in tasks]):
+                    one.result()
+                    yield
+
+            yield there
+    except BrokenProcessPool:
+        raise StageError(
+            "a worker was killed (out of memory?); what is finished is kept: give the same command "
+            "again, with fewer workers"
+        ) from None
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+_desk: _Desk | None = None
+
+
+def _begin(plan: Plan, folder: Path) -> None:
+    global _desk  # noqa: PLW0603 - a worker's only state: the model and what nodes see
+    torch.set_num_threads(1)
+    _desk = _Desk(plan, folder)
+
+
+def _see(node: int, moment: int) -> None:
+    assert _desk is not None
+    _desk.see(node, moment)
+
+
+def _try(moment: int) -> None:
+    assert _desk is not None
+    _desk.attempt(moment)
+
+
+def places_of(nodes: Nodes, moments: Sequence[int]) -> NDArray[np.float64]:
+    """Return the receiver's true place (M, 2) at moments: the middle of its sensors.
+
+    Args:
+        nodes: the receiver first.
+        moments: of its frames.
+    """
+    ego = nodes.ego
+    found = [
+        ego.looks[one].true.apply(ego.frame(one).sensor_places).mean(axis=0) for one in moments
+    ]
+    return np.array(found).reshape(-1, 3)[:, :2]

@@ -1,0 +1,179 @@
+"""Judging layouts by what their views see: figures, with intervals over actors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.studies.placement.beam_voxels import Voxels
+from urbantwin.studies.placement.measure import LEVELS, MEASURES, least_expected
+from urbantwin.studies.placement.moments import Moments, Squares
+from urbantwin.studies.placement.sighting import Sighting
+
+__all__ = ["RANGES_M", "ClassPoints", "Judge", "Verdict"]
+
+#: Borders of the ranges that points are told by, metres from the nearest sensor.
+RANGES_M = (0.0, 10.0, 20.0, 30.0, 50.0, np.inf)
+#: Sets of actors that are drawn again, with replacement, for an interval of 95 %.
+_DRAWS, _SEED = 200, 19
+#: Fewer points than this on an actor in a frame, and it is not seen.
+_SEEN = least_expected(LEVELS[0])
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is found of a layout.
+
+    Attributes:
+        values: of each of `measure.MEASURES`.
+        intervals: 95 %, of those that are means over actors: bootstrap over actors, who are drawn
+            with all their seconds. They say how other actors in the same traffic might come out,
+            and nothing of other hours.
+    """
+
+    values: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+
+
+class ClassPoints(NamedTuple):
+    """Points on actors of a class, so far from the nearest sensor.
+
+    Attributes:
+        kind: the class.
+        from_m: nearest.
+        to_m: farthest.
+        seconds: that actors are there, all together.
+        points: mean in a frame.
+        seen: share of these seconds with at least 5, 20 and 50 points.
+    """
+
+    kind: str
+    from_m: float
+    to_m: float
+    seconds: float
+    points: float
+    seen: tuple[float, ...]
+
+
+class Judge:
+    """Judges layouts of one motion.
+
+    Args:
+        moments: of the motion.
+        squares: of the ground.
+        voxels: of the traffic.
+    """
+
+    def __init__(self, moments: Moments, squares: Squares, voxels: Voxels) -> None:
+        targets = moments.targets
+        self._step_s, self._squares, self._voxels = moments.step_s, squares, voxels
+        self._kind = targets.kind
+        _, self._of_track = np.unique(targets.track, return_inverse=True)
+        self._tracks = int(self._of_track.max()) + 1
+        self._present = np.bincount(self._of_track, minlength=self._tracks).astype(np.float64)
+        random = np.random.default_rng([_SEED, self._tracks])
+        even = np.full(self._tracks, 1.0 / self._tracks)
+        self._drawn = random.multinomial(self._tracks, even, size=_DRAWS).astype(np.float64)
+        # Rows in the order in which an actor's moments follow each other.
+        self._order = np.lexsort((targets.moment, self._of_track))
+        track, moment = self._of_track[self._order], targets.moment[self._order]
+        self._begins = np.ones(len(track), np.bool_)
+        self._begins[1:] = (np.diff(track) != 0) | (np.diff(moment) != 1)
+
+    def verdict(self, sightings: Sequence[Sighting], cost: float) -> Verdict:
+        """Judge a layout.
+
+        Args:
+            sightings: of its views, at least one.
+            cost: what it costs.
+        """
+        each = np.stack([one.points for one in sightings])
+        total = each.sum(axis=0)
+        values: dict[str, float] = {"cost": cost}
+        intervals: dict[str, tuple[float, float]] = {}
+
+        def mean(name: str, per_row: NDArray[np.generic]) -> None:
+            values[name], intervals[name] = self._mean_of_rows(per_row.astype(np.float64))
+
+        mean("points", total)
+        for level in LEVELS:
+            mean(f"seen_{level}", total >= least_expected(level))
+        left = [total - one >= _SEEN for one in each]
+        worst = int(np.argmin([int(one.sum()) for one in left]))
+        mean("seen_5_one_failed", left[worst] if len(each) > 1 else np.zeros(len(total), np.bool_))
+        mean("seen_5_by_two", (each >= _SEEN).sum(axis=0) >= 2)
+        longest = self.longest_unseen_s(total)
+        values["unseen_mean_s"], intervals["unseen_mean_s"] = self._mean_of_tracks(longest)
+        values["unseen_longest_s"] = float(longest.max())
+        sees = np.stack([one.sees for one in sightings]).any(axis=0)
+        values["blind_m2"] = float((~sees).sum() * self._squares.cell_m2)
+        crossings = ~sees & self._squares.crossing
+        values["blind_crossings_m2"] = float(crossings.sum() * self._squares.cell_m2)
+        passed = np.stack([one.passed for one in sightings]).any(axis=0)
+        values["entropy_nats"] = float(self._voxels.entropy[passed].sum())
+        ground = np.stack([one.ground for one in sightings]).sum(axis=0, dtype=np.float64)
+        values["density_per_m2"], values["nuc"] = _spread(ground, self._squares.cell_m2)
+        rounded = {name: round(values[name], 6) for name in MEASURES}
+        return Verdict(
+            rounded, {name: (round(a, 6), round(b, 6)) for name, (a, b) in intervals.items()}
+        )
+
+    def longest_unseen_s(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return the longest time (T,) that each actor has fewer than 5 points (P,), seconds."""
+        unseen = points[self._order] < _SEEN
+        begins = self._begins | ~unseen
+        run = np.cumsum(begins | np.append(False, ~unseen[:-1])) - 1
+        length = np.bincount(run, unseen, minlength=int(run[-1]) + 1)
+        first = np.searchsorted(run, np.arange(len(length)))
+        longest = np.zeros(self._tracks)
+        np.maximum.at(longest, self._of_track[self._order][first], length)
+        return longest * self._step_s
+
+    def by_class(self, sightings: Sequence[Sighting]) -> list[ClassPoints]:
+        """Return the points on actors of each class, by range."""
+        total = np.stack([one.points for one in sightings]).sum(axis=0)
+        away = np.stack([one.range_m for one in sightings]).min(axis=0)
+        found = []
+        for kind in np.unique(self._kind).tolist():
+            for low, high in pairwise(RANGES_M):
+                here = total[(self._kind == kind) & (away >= low) & (away < high)]
+                if not len(here):
+                    continue
+                shares = ((here >= least_expected(level)).mean() for level in LEVELS)
+                seen = tuple(round(float(one), 4) for one in shares)
+                seconds = round(len(here) * self._step_s, 3)
+                found.append(
+                    ClassPoints(kind, low, high, seconds, round(float(here.mean()), 2), seen)
+                )
+        return found
+
+    def _mean_of_rows(self, values: NDArray[np.float64]) -> tuple[float, tuple[float, float]]:
+        sums = np.bincount(self._of_track, values, minlength=self._tracks)
+        drawn = (self._drawn @ sums) / (self._drawn @ self._present)
+        return float(sums.sum() / self._present.sum()), _interval(drawn)
+
+    def _mean_of_tracks(self, values: NDArray[np.float64]) -> tuple[float, tuple[float, float]]:
+        return float(values.mean()), _interval((self._drawn @ values) / self._tracks)
+
+
+def _interval(drawn: NDArray[np.float64]) -> tuple[float, float]:
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return float(low), float(high)
+
+
+def _spread(points: NDArray[np.float64], cell_m2: float) -> tuple[float, float]:
+    """Return points per area, and their normalised uniformity coefficient.
+
+    That of Yu et al. 2018 (PU-Net, CVPR), which Cai et al. 2023 (ICRA) take for roadside LiDARs:
+    the standard deviation over D equal areas of ``n / (N p)``, with n points of N in an area that
+    is the share p of all. Here the areas are the squares of the junction's ground, not discs.
+    """
+    total = float(points.sum())
+    if not len(points) or total <= 0:
+        return 0.0, float(len(points)) ** 0.5
+    return total / (len(points) * cell_m2), float((points * len(points) / total).std())

@@ -1,0 +1,274 @@
+"""Mounts: the places where sensors may hang on a twin, and at which heights."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import DownwardProbe
+from urbantwin.lidar.enclosure import enclosing
+from urbantwin.lidar.placement import GROUND_CLASSES
+from urbantwin.lidar.siting.junction import Junction
+from urbantwin.studies.placement.facade import facade_places
+from urbantwin.studies.placement.mapped_pole import mapped_poles
+from urbantwin.studies.placement.new_pole import new_pole_places
+from urbantwin.studies.placement.place_file import MountKind, OwnPlace, PlaceSpec
+from urbantwin.taxonomy import semantic_id
+from urbantwin.twin import Twin
+
+__all__ = ["BRACKET_M", "Mount", "Mounts", "find_mounts"]
+
+#: A sensor hangs so far from the axis of a pole or from a wall, metres.
+BRACKET_M = 0.5
+#: A pole or mast whose top is lower bears no sensor: vans and hands reach it, metres.
+_LOWEST_M = 2.8
+#: A sensor on top of a pole stands so much above it, metres.
+_ON_TOP_M = 0.3
+#: What covers nothing so near in plan does not enclose a place, metres.
+_NEAR_M = 0.1
+#: What sees less of the lanes and crossings than this share is no candidate.
+_BLIND = 0.02
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A place where sensors may hang, one at each height.
+
+    Attributes:
+        name: unique among them.
+        kind: what it hangs on.
+        east_m: of the sensor, metres east of the anchor.
+        north_m: metres north of it.
+        ground_m: z of the ground there, site frame.
+        heights_m: above it.
+        toward: heading to the middle of the junction, radians.
+    """
+
+    name: str
+    kind: MountKind
+    east_m: float
+    north_m: float
+    ground_m: float
+    heights_m: tuple[float, ...]
+    toward: float
+
+    def place(self, height_m: float) -> NDArray[np.float64]:
+        """Return where a sensor hangs (3,), site frame."""
+        return np.array([self.east_m, self.north_m, self.ground_m + height_m])
+
+
+@dataclass(frozen=True)
+class Mounts:
+    """All mounts of a search.
+
+    Attributes:
+        every: the mounts, a person's own first.
+        left_out: how many places were found that cannot bear a sensor, by reason.
+    """
+
+    every: tuple[Mount, ...]
+    left_out: dict[str, int]
+
+
+def find_mounts(
+    spec: PlaceSpec, twin: Twin, junction: Junction, file: Path | None = None
+) -> Mounts:
+    """Find where sensors may hang.
+
+    Args:
+        spec: what is asked for.
+        twin: the twin.
+        junction: that the sensors are to see.
+        file: ``place.yaml``, for errors.
+
+    Raises:
+        InputError: a person's own place is outside the ground or inside something, or there is no
+            candidate at all.
+    """
+    finder = _Finder(spec, twin, junction, file)
+    own = [finder.own(number, one) for number, one in enumerate(spec.candidates.places)]
+    found = [mount for kind in dict.fromkeys(spec.candidates.kinds) for mount in finder.of(kind)]
+    if not own and not found:
+        raise InputError(
+            "there is no place where a sensor may hang"
+            + (f" ({_told(finder.left_out)})" if finder.left_out else ""),
+            file=file,
+            place="candidates",
+            expected="kinds that the twin has within_m of its middle, or places",
+        )
+    return Mounts((*own, *found), dict(sorted(finder.left_out.items())))
+
+
+def _told(counts: Counter[str]) -> str:
+    return ", ".join(f"{many} {what}" for what, many in sorted(counts.items()))
+
+
+class _Finder:
+    def __init__(self, spec: PlaceSpec, twin: Twin, junction: Junction, file: Path | None) -> None:
+        self._spec, self._twin, self._junction, self._file = spec, twin, junction, file
+        self._middle = np.array(spec.middle_m)
+        self._mesh = twin.mesh
+        self._is_ground = np.isin(
+            self._mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES]
+        )
+        _, self._part = np.unique(self._mesh.part, return_inverse=True)
+        ground = self._mesh.select(self._is_ground)
+        if not len(ground.faces):
+            raise InputError("the twin has no ground", expected="a twin with ground")
+        self._probe = DownwardProbe(ground)
+        self._above = float(self._mesh.vertices[:, 2].max()) + 1.0
+        self.left_out: Counter[str] = Counter()
+
+    def own(self, number: int, one: OwnPlace) -> Mount:
+        """Return the mount of a person's own place."""
+        place = f"candidates.places[{number}]"
+        ground = self._ground(one.east_m, one.north_m)
+        where = f"{one.east_m:g} m east, {one.north_m:g} m north"
+        if np.isnan(ground):
+            raise InputError(
+                f"{one.name!r}: no ground at {where} of the anchor",
+                file=self._file,
+                place=f"{place}.east_m",
+                expected="a place on the site's ground",
+            )
+        heights = tuple(sorted(set(one.heights_m or self._spec.heights_m)))
+        for height_m in heights:
+            at = np.array([one.east_m, one.north_m, ground + height_m])
+            around = enclosing(at, self._mesh)
+            if around is not None:
+                raise InputError(
+                    f"{one.name!r}: {height_m:g} m above {where} is inside {around}",
+                    file=self._file,
+                    place=place,
+                    expected="a place outside, or heights_m above it",
+                )
+        return Mount(
+            one.name, one.kind, one.east_m, one.north_m, ground, heights,
+            self._toward(np.array([one.east_m, one.north_m])),
+        )  # fmt: skip
+
+    def of(self, kind: MountKind) -> list[Mount]:
+        """Return the mounts of a kind that see most, in the order of their bearing."""
+        around, within = self._spec.candidates, self._spec.candidates.within_m
+        if kind in ("pole", "signal"):
+            poles = mapped_poles(self._mesh, self._middle, within, signals=kind == "signal")
+            feet = [(one.foot, one.top_m) for one in poles]
+            places = [(foot + BRACKET_M * self._heading(foot), top_m) for foot, top_m in feet]
+        elif kind == "facade":
+            walls = facade_places(
+                self._mesh, self._middle, within, around.spacing_m, self._junction.around
+            )
+            places = [(one.foot + BRACKET_M * one.normal, one.top_m) for one in walls]
+        else:
+            free = new_pole_places(self._twin, self._middle, within, around.spacing_m, self._area())
+            places = [(foot, np.inf) for foot in free]
+        found = []
+        for at, top_m in places:
+            mount = self._mount(kind, at, top_m)
+            if mount is not None:
+                found.append((self._sees(mount), mount))
+        seen = [(share, mount) for share, mount in found if share >= _BLIND]
+        self._leave(f"{kind}s that see nothing of the junction", len(found) - len(seen))
+        seen.sort(key=lambda one: -one[0])
+        kept: list[Mount] = []
+        for number, (_, mount) in enumerate(seen):
+            if len(kept) == around.most:
+                self._leave(f"{kind}s beyond candidates.most that see less", len(seen) - number)
+                break
+            outside = self._outside(mount)
+            if outside is None:
+                self._leave(f"{kind}s inside something", 1)
+            else:
+                kept.append(outside)
+        kept.sort(key=lambda one: one.toward)
+        taken = {one.name for one in self._spec.candidates.places}
+        names = (name for n in count(1) if (name := f"{kind} {n}") not in taken)
+        return [replace(mount, name=name) for mount, name in zip(kept, names, strict=False)]
+
+    def _area(self) -> shapely.Polygon | None:
+        """Return where new poles may stand; ``None``: wherever there is room for them."""
+        around = self._spec.candidates
+        if around.area is None:
+            return None
+        area = shapely.Polygon(around.area)
+        away_m = shapely.distance(area, shapely.Point(self._middle))
+        if away_m > around.within_m:
+            raise InputError(
+                f"lies {away_m:.0f} m from the middle of the junction",
+                file=self._file,
+                place="candidates.area",
+                expected=f"an area within {around.within_m:g} m (within_m) of it",
+            )
+        return area
+
+    def _mount(self, kind: MountKind, at: NDArray[np.float64], top_z_m: float) -> Mount | None:
+        # As a rig's file will have it.
+        at = np.round(at, 2)
+        ground = self._ground(*at.tolist())
+        if np.isnan(ground) or not shapely.contains_xy(self._twin.region, *at):
+            self._leave(f"{kind}s outside the region or its ground", 1)
+            return None
+        top_m = top_z_m - ground
+        heights = sorted({one for one in self._spec.heights_m if one <= top_m + _ON_TOP_M})
+        if not heights and top_m >= _LOWEST_M:
+            heights = [round(float(top_m), 2)]
+        if not heights:
+            self._leave(f"{kind}s too low", 1)
+            return None
+        east, north = at.tolist()
+        return Mount("", kind, east, north, ground, tuple(heights), self._toward(at))
+
+    def _outside(self, mount: Mount) -> Mount | None:
+        """Return a mount with the heights that are inside nothing; ``None``: there are none."""
+        low, high = self._bounds
+        at = np.array([mount.east_m, mount.north_m])
+        here = np.asarray(((low - _NEAR_M <= at) & (at <= high + _NEAR_M)).all(axis=1))
+        things = self._mesh.select(here[self._part] & ~self._is_ground)
+        heights = tuple(
+            one for one in mount.heights_m if enclosing(mount.place(one), things) is None
+        )
+        return replace(mount, heights_m=heights) if heights else None
+
+    @cached_property
+    def _bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Corners in plan of what each part of the scene covers."""
+        corners = self._mesh.triangles()[:, :, :2]
+        parts = int(self._part.max()) + 1
+        low, high = np.full((parts, 2), np.inf), np.full((parts, 2), -np.inf)
+        np.minimum.at(low, self._part, corners.min(axis=1))
+        np.maximum.at(high, self._part, corners.max(axis=1))
+        return low, high
+
+    def _leave(self, reason: str, many: int) -> None:
+        if many > 0:
+            self.left_out[reason] += many
+
+    def _ground(self, east_m: float, north_m: float) -> float:
+        return float(self._probe.height_below(np.array([[east_m, north_m, self._above]]))[0])
+
+    def _heading(self, foot: NDArray[np.float64]) -> NDArray[np.float64]:
+        away = self._middle - foot
+        return np.asarray(away / max(float(np.linalg.norm(away)), 1e-6))
+
+    def _toward(self, at: NDArray[np.float64]) -> float:
+        east, north = self._middle - at
+        return float(np.arctan2(north, east))
+
+    def _sees(self, mount: Mount) -> float:
+        """Return the share of lanes and crossings in its line of sight, from its highest place."""
+        points = self._junction.ground.points
+        if not len(points):
+            return 1.0
+        place = mount.place(mount.heights_m[-1])
+        offset = points - place
+        away = np.linalg.norm(offset, axis=1)
+        hits = self._junction.around.cast(place[None, :], offset / away[:, None])
+        return float((hits.range_m >= away - 0.3).mean())

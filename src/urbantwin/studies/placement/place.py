@@ -1,0 +1,272 @@
+"""Placement, as its algorithm: mounts, views cast once, layouts combined, judged and searched."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from urbantwin.errors import InputError
+from urbantwin.lidar import Rig
+from urbantwin.lidar.siting.junction import Junction
+from urbantwin.progress import Progress, untold
+from urbantwin.studies.placement.beam_voxels import Voxels, occupied_voxels
+from urbantwin.studies.placement.casts import Casts, casts_in
+from urbantwin.studies.placement.hidden import Hidden, hidden_actors
+from urbantwin.studies.placement.judge import ClassPoints, Judge, Verdict
+from urbantwin.studies.placement.moments import Moments, Squares, moments_of
+from urbantwin.studies.placement.mount import Mounts, find_mounts
+from urbantwin.studies.placement.place_file import PlaceSpec
+from urbantwin.studies.placement.search import Found, pareto_front, possible_layouts, search
+from urbantwin.studies.placement.sighting import Recipe
+from urbantwin.studies.placement.view import Layout, Views
+from urbantwin.traffic import Motion
+from urbantwin.twin import Twin
+
+__all__ = ["Explained", "Placed", "Question", "ask", "place"]
+
+#: Moments that are cast to see how long one takes.
+_TRIAL_MOMENTS = 6
+#: Share of the views of layouts that are new, in a search that finds good ones: the others recur.
+_NEW_VIEWS = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What is searched, checked before anything is cast.
+
+    Attributes:
+        spec: as it was asked.
+        twin: the twin.
+        motion: that all layouts see.
+        mounts: where sensors may hang.
+        views: every view.
+        moments: of the motion.
+        squares: of lanes and crossings.
+        voxels: of the traffic.
+        models: a sensor of each model.
+        seed: of the search.
+        layouts: how many are judged.
+    """
+
+    spec: PlaceSpec
+    twin: Twin
+    motion: Motion
+    mounts: Mounts
+    views: Views
+    moments: Moments
+    squares: Squares
+    voxels: Voxels
+    models: Rig
+    seed: int
+    layouts: int
+
+    def recipe(self) -> Recipe:
+        """Return what all casts share."""
+        return Recipe(
+            self.twin.mesh,
+            self.twin.surface_materials,
+            self.motion.meshes,
+            self.moments,
+            self.squares,
+            self.voxels,
+            self.models.sensors,
+            self.spec.conditions,
+            self.seed,
+        )
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A layout of the front, looked at closely.
+
+    Attributes:
+        number: among all layouts.
+        by_class: points on actors by class and range.
+        hidden: who is not seen, and why.
+    """
+
+    number: int
+    by_class: tuple[ClassPoints, ...]
+    hidden: tuple[Hidden, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """What a search found.
+
+    Attributes:
+        question: what was asked.
+        found: every layout that was judged, in the order in which it was.
+        front: numbers of those that no other is better than, the cheapest first.
+        explained: each of the front, looked at closely.
+        views_cast: how many views it took.
+    """
+
+    question: Question
+    found: tuple[Found, ...]
+    front: tuple[int, ...]
+    explained: tuple[Explained, ...]
+    views_cast: int
+
+
+def ask(
+    twin: Twin,
+    motion: Motion,
+    spec: PlaceSpec,
+    *,
+    layouts: int,
+    seed: int,
+    file: Path | None = None,
+) -> Question:
+    """Check a question, and find where sensors may hang.
+
+    Args:
+        twin: the twin.
+        motion: on it.
+        spec: what is searched.
+        layouts: how many are to be judged.
+        seed: of the search.
+        file: ``place.yaml``, for errors.
+
+    Raises:
+        InputError: an unknown model, no place to hang a sensor, one inside something, a budget
+            that no layout meets, or a motion without actors or of another twin.
+    """
+    if motion.manifest["twin_sha256"] != twin.sha256:
+        raise InputError("the motion was made on another twin", expected="a motion on this twin")
+    spec.sensors_of_models(file)
+    junction = Junction(np.array(spec.middle_m), twin.roads, twin.region, twin.mesh)
+    mounts = find_mounts(spec, twin, junction, file)
+    views = Views(spec, mounts.every, file)
+    rooms = sum(len(one.heights_m) for one in mounts.every)
+    if rooms < spec.sensors.least:
+        raise InputError(
+            f"there is room for {rooms} sensors",
+            file=file,
+            place="sensors.least",
+            expected=f"{rooms} or fewer, or more candidates",
+        )
+    cheapest = views.cost(views.cheapest())
+    if spec.budget is not None and cheapest > spec.budget:
+        raise InputError(
+            f"no layout costs {spec.budget:g} or less: the cheapest costs {cheapest:g}",
+            file=file,
+            place="budget",
+            expected=f"{cheapest:g} or more, fewer sensors, or cheaper models",
+        )
+    near = shapely.Point(spec.middle_m).buffer(spec.reach_m)
+    where = shapely.intersection(twin.region, near)
+    models = views.models(twin.mesh, twin.reflectivity)
+    moments = moments_of(motion, where, spec.rate_hz, spec.step_s)
+    squares = Squares.of(junction.ground, twin.roads)
+    voxels = occupied_voxels(moments.targets, len(moments.every), spec.voxel_m)
+    return Question(
+        spec, twin, motion, mounts, views, moments, squares, voxels, models, seed, layouts
+    )
+
+
+def place(
+    question: Question,
+    scratch: Path,
+    *,
+    workers: int = 1,
+    first: Sequence[Layout] = (),
+    tell: Progress | None = None,
+    say: Progress | None = None,
+) -> Placed:
+    """Search.
+
+    Args:
+        question: what is asked.
+        scratch: folder for what is cast; an interrupted search goes on from there.
+        workers: processes that cast; every number finds the same.
+        first: layouts to begin with.
+        tell: called with the share that is done and what is being done.
+        say: called with the seconds that it will take, and that in words, once that is known.
+
+    Raises:
+        StageError: a worker was killed.
+    """
+    told = tell or untold
+    told(0.0, "static world")
+    with casts_in(scratch, question.views, question.recipe(), workers) as casts:
+        if say is not None:
+            say(*_forecast(question, casts, workers))
+        judge = Judge(question.moments, question.squares, question.voxels)
+        done = 0
+
+        def judged(layouts: Sequence[Layout]) -> list[Verdict]:
+            numbers = [number for layout in layouts for number in layout]
+            share = 0.98 * done / question.layouts
+            step = 0.98 * len(layouts) / question.layouts
+
+            def count(made: int, of: int) -> None:
+                told(share + step * made / of, f"view {casts.made}, layout {done}")
+
+            casts.ensure(numbers, count)
+            return [
+                judge.verdict(casts.of(layout), question.views.cost(layout)) for layout in layouts
+            ]
+
+        def counted(count: int) -> None:
+            nonlocal done
+            done = count
+            told(0.98 * count / question.layouts, f"layout {count} of {question.layouts}")
+
+        found = search(
+            question.views,
+            judged,
+            layouts=question.layouts,
+            seed=question.seed,
+            first=first,
+            tell=counted,
+        )
+        front = pareto_front(found, question.spec.objectives)
+        front.sort(key=lambda n: (found[n].verdict.values["cost"], n))
+        told(0.98, "what is hidden")
+        explained = [
+            Explained(
+                n,
+                tuple(judge.by_class(casts.of(found[n].layout))),
+                tuple(hidden_actors(question.moments, casts.of(found[n].layout))),
+            )
+            for n in front
+        ]
+        used = {number for one in found for number in one.layout}
+        return Placed(question, tuple(found), tuple(front), tuple(explained), len(used))
+
+
+def _forecast(question: Question, casts: Casts, workers: int) -> tuple[float, str]:
+    """Return how many seconds a search takes, from one view of each model, and that in words."""
+    views, moments = question.views, len(question.moments.every)
+    seconds = []
+    for model in range(len(question.spec.models)):
+        number = next(n for n, one in enumerate(views.every) if one.model == model)
+        mounted = views.hung(number, casts.recipe.models)
+        casts.here.cast(mounted, model, 1)  # What is made once does not count.
+        began = time.perf_counter()
+        casts.here.cast(mounted, model, 1)
+        one = time.perf_counter() - began
+        few = min(_TRIAL_MOMENTS, moments)
+        began = time.perf_counter()
+        casts.here.cast(mounted, model, few)
+        per_moment = (time.perf_counter() - began - one) / max(few - 1, 1)
+        seconds.append(one + max(per_moment, 0.0) * (moments - 1))
+    sensors = (question.spec.sensors.least + question.spec.sensors.most) / 2
+    layouts = min(question.layouts, possible_layouts(views))
+    count = min(len(views.every), int(layouts * sensors * _NEW_VIEWS) + 1)
+    total = count * float(np.mean(seconds)) / max(workers, 1)
+    return total, (
+        f"{len(question.mounts.every)} places, {len(views.every)} views, {layouts} layouts, "
+        f"{moments} moments with {len(np.unique(question.moments.targets.track))} actors: about "
+        f"{_minutes(total)}"
+    )
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{max(seconds, 1):.0f} s"

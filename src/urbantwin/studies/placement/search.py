@@ -1,0 +1,187 @@
+"""The search for layouts that no other is better than in every way, by optuna."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import optuna
+
+from urbantwin.studies.placement.judge import Verdict
+from urbantwin.studies.placement.measure import MEASURES
+from urbantwin.studies.placement.view import Layout, Views
+
+__all__ = ["Found", "pareto_front", "possible_layouts", "search"]
+
+#: Layouts that are asked for together, whatever the number of workers: results do not depend on it.
+TOGETHER = 40
+#: The search ends when so many trials in a row were no new layout that may be judged.
+_PATIENCE = 40 * TOGETHER
+
+
+@dataclass(frozen=True)
+class Found:
+    """A layout that was judged.
+
+    Attributes:
+        layout: its views.
+        verdict: what was found.
+    """
+
+    layout: Layout
+    verdict: Verdict
+
+
+def search(
+    views: Views,
+    judge: Callable[[Sequence[Layout]], Sequence[Verdict]],
+    *,
+    layouts: int,
+    seed: int,
+    first: Sequence[Layout] = (),
+    tell: Callable[[int], None] | None = None,
+) -> list[Found]:
+    """Return layouts in the order in which they were judged, no two the same.
+
+    NSGA-II (Deb et al. 2002, IEEE Transactions on Evolutionary Computation 6:182) in optuna. The
+    budget, and that two sensors do not hang at one place, are constraints: layouts that break them
+    are never judged. With a budget the first is a cheapest one, so that one at least keeps to it.
+    Where there are no more layouts than are wanted, all are judged. The same arguments give the
+    same layouts.
+
+    Args:
+        views: that layouts are made of.
+        judge: judges several layouts together.
+        layouts: how many are judged; fewer where there are no more.
+        seed: of the sampler.
+        first: layouts to begin with.
+        tell: called with the number of layouts that are judged.
+    """
+    spec = views.spec
+    names = spec.objectives
+    known: dict[Layout, Verdict] = {}
+    found: list[Found] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # What optuna calls experimental.
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        sampler = optuna.samplers.NSGAIISampler(
+            population_size=TOGETHER,
+            seed=seed,
+            constraints_func=lambda trial: trial.user_attrs["too_much"],
+        )
+        study = optuna.create_study(
+            directions=[MEASURES[name].direction for name in names], sampler=sampler
+        )
+        worst = [-1e12 if MEASURES[name].more else 1e12 for name in names]
+
+        def judge_new(asked: Sequence[Layout]) -> None:
+            new = list(dict.fromkeys(one for one in asked if one not in known))
+            new = new[: layouts - len(found)]
+            for layout, verdict in zip(new, judge(new), strict=True):
+                known[layout] = verdict
+                found.append(Found(layout, verdict))
+            if new and tell is not None:
+                tell(len(found))
+
+        judge_new([one for one in first if not _too_much(views, one)])
+        if possible_layouts(views) <= layouts:
+            every = [one for one in _every_layout(views) if not _too_much(views, one)]
+            for begin in range(0, len(every), TOGETHER):
+                judge_new(every[begin : begin + TOGETHER])
+            return found
+        if spec.budget is not None:
+            study.enqueue_trial(_choices(views, views.cheapest()))
+        vain = 0
+        while len(found) < layouts and vain < _PATIENCE:
+            trials = [study.ask() for _ in range(TOGETHER)]
+            asked = [_suggested(trial, views) for trial in trials]
+            before = len(found)
+            judge_new([one for one in asked if not _too_much(views, one)])
+            vain = vain + TOGETHER if len(found) == before else 0
+            for trial, layout in zip(trials, asked, strict=True):
+                excess = _too_much(views, layout)
+                trial.set_user_attr("too_much", (float(excess),))
+                verdict = known.get(layout)
+                values = worst if verdict is None else [verdict.values[name] for name in names]
+                study.tell(trial, values)
+    return found
+
+
+def _every_layout(views: Views) -> Iterator[Layout]:
+    counts = range(views.spec.sensors.least, views.spec.sensors.most + 1)
+    for count in counts:
+        yield from combinations(range(len(views.every)), count)
+
+
+def _suggested(trial: optuna.Trial, views: Views) -> Layout:
+    """Return the layout of a trial; every slot is drawn, so that crossing has a meaning."""
+    spec = views.spec
+    count = trial.suggest_int("sensors", spec.sensors.least, spec.sensors.most)
+    chosen = []
+    for slot in range(spec.sensors.most):
+        choices = [
+            trial.suggest_int(f"{name}-{slot}", 0, size - 1)
+            for name, size in (
+                ("mount", len(views.mounts)),
+                ("height", max(len(one.heights_m) for one in views.mounts)),
+                ("model", len(spec.models)),
+                ("tilt", len(spec.tilt_deg)),
+                ("yaw", len(spec.yaw_deg)),
+            )
+        ]
+        chosen.append(views.chosen(*choices))
+    return tuple(sorted(chosen[:count]))
+
+
+def _choices(views: Views, layout: Layout) -> dict[str, int]:
+    """Return what a trial suggests for a layout; what its further slots hold is left open."""
+    chosen = {"sensors": len(layout)}
+    for slot, number in enumerate(layout):
+        view = views.every[number]
+        heights = views.mounts[view.mount].heights_m
+        chosen |= {
+            f"mount-{slot}": view.mount,
+            f"height-{slot}": heights.index(view.height_m),
+            f"model-{slot}": view.model,
+            f"tilt-{slot}": views.spec.tilt_deg.index(view.tilt_deg),
+            f"yaw-{slot}": views.yaws(view.tilt_deg, view.model).index(view.yaw_deg),
+        }
+    return chosen
+
+
+def _too_much(views: Views, layout: Layout) -> float:
+    """Return by how much a layout breaks what it must keep to; 0 where it does not."""
+    budget = views.spec.budget
+    over = 0.0 if budget is None else max(0.0, views.cost(layout) / max(budget, 1e-9) - 1.0)
+    return over + (0.0 if views.fits(layout) else 1.0)
+
+
+def possible_layouts(views: Views) -> int:
+    """Return how many layouts there are at most, whatever they cost."""
+    places = sum(len(one.heights_m) for one in views.mounts)
+    per_place = len(views.every) / max(places, 1)
+    counts = range(views.spec.sensors.least, views.spec.sensors.most + 1)
+    return int(sum(math.comb(places, k) * per_place**k for k in counts) + 0.5)
+
+
+def pareto_front(found: Sequence[Found], objectives: Sequence[str]) -> list[int]:
+    """Return the numbers of the layouts that no other is as good as in all and better in one.
+
+    Args:
+        found: the layouts.
+        objectives: what they are better by.
+    """
+    signs = np.array([1.0 if MEASURES[name].more else -1.0 for name in objectives])
+    values = np.array([[one.verdict.values[name] for name in objectives] for one in found])
+    values = values.reshape(len(found), len(objectives)) * signs
+    front = []
+    for number, own in enumerate(values):
+        as_good = (values >= own).all(axis=1)
+        better = (values > own).any(axis=1)
+        if not (as_good & better).any():
+            front.append(number)
+    return front

@@ -1,0 +1,331 @@
+"""What a study leaves: ``study.json``, tables (Parquet and CSV), pictures and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from urbantwin.artefact import as_json, write_json
+from urbantwin.artefact.tables import write_parquet_and_csv
+from urbantwin.fidelity.report_html import html_picture, html_table, write_html
+from urbantwin.grid.axes import told_level
+from urbantwin.studies.robustness.effects import Measured, interactions_of, main_effects_of
+from urbantwin.studies.robustness.factors import FACTORS, by_clock
+from urbantwin.studies.robustness.figure import draw_effects, draw_levels
+from urbantwin.studies.robustness.grid_file import StudyFile
+from urbantwin.studies.robustness.judging import ALL, METRICS
+
+__all__ = ["KIND", "write_study"]
+
+KIND = "study"
+#: What is told in per cent.
+_PERCENT = ("seen", "in_box", "ap", "ap_overlap", "recall", "hota", "mota", "idf1")
+
+#: A detector with less average precision has nothing to lose.
+_LEAST_PRECISION = 0.1
+
+
+def write_study(
+    folder: Path,
+    study: StudyFile,
+    measured: Sequence[Measured],
+    objects: Sequence[Mapping[str, int]],
+    failed: Sequence[Mapping[str, Any]],
+    told: Mapping[str, Any],
+    doubts: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Write everything into a folder.
+
+    Args:
+        folder: where.
+        study: what was asked for.
+        measured: figures of every recording that succeeded, seed by seed.
+        objects: how many objects count, by class, in the same order.
+        failed: ``seed``, ``cell`` and ``why`` of those that did not.
+        told: what else ``study.json`` says: what it was made from.
+        doubts: that are known beside those of the figures.
+
+    Returns:
+        What ``study.json`` holds.
+    """
+    axes = study.axes
+    effects = main_effects_of(measured, axes)
+    together = interactions_of(measured, axes) if study.design == "factorial" else []
+    _write_tables(folder, study, measured, objects, effects, together)
+    doubts = [*_weak(effects), *doubts, *_doubts(study, measured, failed)]
+    report: dict[str, Any] = {
+        "kind": KIND,
+        "schema": 1,
+        **told,
+        "design": study.design,
+        "factors": {
+            one.axis.name: {
+                "levels": [told_level(level) for level in one.axis.levels],
+                "told": one.factor.told,
+                **({"sensors": list(one.sensors)} if one.sensors else {}),
+            }
+            for one in study.factors
+        },
+        "seeds": list(study.seeds),
+        "recordings": len(measured),
+        "failed": list(failed),
+        "doubts": doubts,
+        "figures": dict(METRICS),
+        "in_short": _in_short(effects, len(study.seeds)),
+        "effects": [row for row in effects if row["class"] == ALL],
+        "warnings": [],
+    }
+    pictures = folder / "pictures"
+    pictures.mkdir()
+    paths = {}
+    if effects:
+        paths["effects"] = pictures / "effects.png"
+        draw_effects(effects, ALL, paths["effects"])
+        paths["levels"] = pictures / "levels.png"
+        draw_levels(_along(study, measured), ALL, paths["levels"])
+    _write_page(folder / "study.html", report, effects, together, paths)
+    written: dict[str, Any] = as_json(report)
+    write_json(folder / f"{KIND}.json", written)
+    return written
+
+
+def _along(
+    study: StudyFile, measured: Sequence[Measured]
+) -> list[tuple[str, str, int, Mapping[str, float]]]:
+    """Return factor, level, seed and figures where all other factors are at their base."""
+    found = []
+    for axis in study.axes:
+        for level in axis.levels:
+            for one in measured:
+                if one.cell.levels[axis.name] == level and set(one.cell.other(study.axes)) <= {
+                    axis.name
+                }:
+                    row = (axis.name, told_level(level), one.seed, one.figures.get(ALL, {}))
+                    found.append(row)
+    return found
+
+
+def _write_tables(
+    folder: Path,
+    study: StudyFile,
+    measured: Sequence[Measured],
+    objects: Sequence[Mapping[str, int]],
+    effects: Sequence[Mapping[str, Any]],
+    together: Sequence[Mapping[str, Any]],
+) -> None:
+    rows = [
+        {
+            "cell": one.cell.name(study.axes),
+            **{name: told_level(level) for name, level in one.cell.levels.items()},
+            "seed": one.seed,
+            "class": name,
+            "objects": counts.get(name, 0),
+            **{key: figures.get(key) for key in METRICS},
+        }
+        for one, counts in zip(measured, objects, strict=True)
+        for name, figures in one.figures.items()
+    ]
+    for name, table in (("cells", rows), ("effects", effects), ("interactions", together)):
+        if table:
+            _write_table(folder / name, table)
+
+
+def _write_table(stem: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    import pyarrow as pa
+
+    kinds = {str: pa.string(), int: pa.int64(), float: pa.float64()}
+    schema = pa.schema(
+        [
+            (
+                name,
+                next(
+                    (kinds[type(row[name])] for row in rows if row[name] is not None), pa.float64()
+                ),
+            )
+            for name in rows[0]
+        ]
+    )
+    table = pa.Table.from_pylist([dict(row) for row in rows], schema=schema)
+    write_parquet_and_csv(stem, table)
+
+
+def _weak(effects: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return that the detector finds too little for anything to be lost, if so."""
+    mine = [row for row in effects if row["class"] == ALL and row["figure"] == "ap"]
+    best = max((row["base_mean"] for row in mine), default=1.0)
+    if best >= _LEAST_PRECISION:
+        return []
+    return [
+        f"The detector's average precision at the base level is {100 * best:.1f} %: what it loses "
+        "at others cannot be seen. It needs more steps, or more to learn from."
+    ]
+
+
+def _doubts(
+    study: StudyFile, measured: Sequence[Measured], failed: Sequence[Mapping[str, Any]]
+) -> list[str]:
+    """Return what speaks against the figures."""
+    seeds = len({one.seed for one in measured})
+    said = [
+        "Objects count that have five points at the base level, some of them by chance: at any "
+        "other level a few fall below five, so that small losses of `seen` and recall say little."
+    ]
+    if seeds < 2:
+        said.append("One seed: nothing says how much chance there is in the differences.")
+    elif seeds < 5:
+        said.append(
+            f"{seeds} seeds: intervals are wide, and sizes of effects (d, delta) are uncertain."
+        )
+    tests = sum(len(one.levels) - 1 for one in study.axes)
+    if tests > 1:
+        said.append(
+            f"{tests} levels are compared: about one in twenty intervals of what does nothing is "
+            "beside zero by chance."
+        )
+    if any(one.factor.name == "traffic_density" for one in study.factors):
+        said.append("Levels of traffic_density have motions, and so objects, of their own.")
+    if by_clock(study.factors):
+        said.append("All frames are collected by the sensors' clocks, those of the base, too.")
+    if failed:
+        said.append(f"{len(failed)} recordings failed, and are not counted.")
+    return said
+
+
+def _in_short(effects: Sequence[Mapping[str, Any]], seeds: int) -> str:
+    """Return the headline: the greatest losses that are beyond chance."""
+    key = next((one for one in ("ap", "seen") if any(r["figure"] == one for r in effects)), None)
+    if key is None:
+        return "Nothing was measured."
+    mine = [row for row in effects if row["class"] == ALL and row["figure"] == key]
+    sure = [row for row in mine if row["low"] is not None and not row["low"] <= 0 <= row["high"]]
+    worst = sorted(sure, key=lambda row: float(row["difference"]))[:3]
+    words = {"ap": "average precision", "seen": "objects with 5 points"}[key]
+    if not worst:
+        middle = min(mine, key=lambda row: float(row["difference"]))
+        return (
+            f"No level changes {words} beyond chance ({seeds} seeds); the largest difference: "
+            f"{middle['factor']} = {middle['level']}, {100 * middle['difference']:+.1f} points."
+        )
+    said = "; ".join(
+        f"{row['factor']} = {row['level']}: {100 * row['difference']:+.1f} "
+        f"({100 * row['low']:+.1f} to {100 * row['high']:+.1f})"
+        for row in worst
+    )
+    return f"What changes {words} most, in points of a hundred ({seeds} seeds): {said}."
+
+
+def _write_page(
+    path: Path,
+    report: Mapping[str, Any],
+    effects: Sequence[Mapping[str, Any]],
+    together: Sequence[Mapping[str, Any]],
+    pictures: Mapping[str, Path],
+) -> None:
+    title = f"Robustness: {report['study']}"
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        f'<p class="lead">{escape(report["in_short"])}</p>',
+        *(f'<p class="doubt">{escape(one)}</p>' for one in report["doubts"]),
+        f"<p>{escape(report['how'])}</p>",
+    ]
+    heads = {"effects": "Effects", "levels": "Levels"}
+    parts += [html_picture(heads[name], one) for name, one in pictures.items()]
+    parts += ["<h2>Factors</h2>", _factors(report)]
+    names = list(dict.fromkeys(row["class"] for row in effects))
+    names.sort(key=lambda name: name != ALL)
+    for name in names:
+        mine = [row for row in effects if row["class"] == name]
+        table = _effects(mine)
+        if name == ALL:
+            parts.append("<h2>Differences to the base level: all classes</h2>" + table)
+        else:
+            parts.append(f"<details><summary>{escape(name)}</summary>{table}</details>")
+    mine = [row for row in together if row["class"] == ALL]
+    if mine:
+        parts.append("<h2>What two do together beyond the sum of both</h2>" + _interactions(mine))
+    if report["failed"]:
+        lost = [(str(one["seed"]), one["cell"], one["why"]) for one in report["failed"]]
+        parts.append("<h2>Failed</h2>" + html_table(("Seed", "cell", "why"), lost, text=True))
+    rows: list[tuple[str, str]] = list(report["figures"].items())
+    rows += [
+        ("difference", "mean over seeds of level less base, each seed's on the same motion"),
+        ("95 %", "Student's interval of paired differences over seeds"),
+        ("d", "Cohen's: difference over the standard deviation of both levels over seeds"),
+        ("d_z", "difference over the standard deviation of the differences over seeds"),
+        ("delta", "Cliff's: how much oftener the level is greater than the base, -1 to 1"),
+    ]
+    parts.append("<h2>Definitions</h2>" + html_table(("Figure", "Definition"), rows, text=True))
+    write_html(path, title, parts)
+
+
+def _factors(report: Mapping[str, Any]) -> str:
+    rows = [
+        (
+            name,
+            one["told"],
+            ", ".join(one["levels"]),
+            ", ".join(one.get("sensors", [])) or ("first" if FACTORS[name].first_sensor else "all"),
+        )
+        for name, one in report["factors"].items()
+    ]
+    return html_table(("Factor", "what", "levels, the base first", "sensors"), rows, text=True)
+
+
+def _number(figure: str, value: float | None, *, signed: bool = True) -> str:
+    if value is None:
+        return "–"
+    times = 100 if figure in _PERCENT else 1
+    return format(times * value, "+.1f" if signed else ".1f")
+
+
+def _effects(rows: Sequence[Mapping[str, Any]]) -> str:
+    head = ["Factor = level", "figure", "seeds", "base", "level", "difference", "95 %"]
+    head += ["d", "d_z", "delta"]
+    told: list[Sequence[str]] = []
+    for label in dict.fromkeys((row["factor"], row["level"]) for row in rows):
+        for row in rows:
+            if (row["factor"], row["level"]) != label:
+                continue
+            figure = row["figure"]
+            unit = ", %" if figure in _PERCENT else ""
+            told.append(
+                (
+                    f"{row['factor']} = {row['level']}",
+                    f"{figure}{unit}",
+                    str(row["seeds"]),
+                    _number(figure, row["base_mean"], signed=False),
+                    _number(figure, row["level_mean"], signed=False),
+                    _number(figure, row["difference"]),
+                    _interval(figure, row),
+                    *(
+                        "–" if row[key] is None else f"{row[key]:+.2f}"
+                        for key in ("cohens_d", "d_z", "cliffs_delta")
+                    ),
+                )
+            )
+    return html_table(head, told)
+
+
+def _interval(figure: str, row: Mapping[str, Any]) -> str:
+    if row["low"] is None:
+        return "–"
+    return f"{_number(figure, row['low'])} to {_number(figure, row['high'])}"
+
+
+def _interactions(rows: Sequence[Mapping[str, Any]]) -> str:
+    head = ("Both", "figure", "seeds", "beyond the sum", "95 %")
+    return html_table(
+        head,
+        [
+            (
+                f"{row['factor']} = {row['level']}, {row['other_factor']} = {row['other_level']}",
+                row["figure"] + (", %" if row["figure"] in _PERCENT else ""),
+                str(row["seeds"]),
+                _number(row["figure"], row["difference"]),
+                _interval(row["figure"], row),
+            )
+            for row in rows
+        ],
+    )
