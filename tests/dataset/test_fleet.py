@@ -346,6 +346,7 @@ BAD = {
     "deep": ([{"name": "a", "rig": POLE, "clock": {"ofset_s": 1}}], {}, "expected 'offset_s'"),
     "none": ([], {}, "nodes (line 1): is empty"),
     "path": ([{"name": "../a", "rig": POLE}], {}, "cannot name a folder"),
+    "taken": ([{"name": "Pictures", "rig": POLE}], {}, "is the folder of the pictures"),
     "class": ([{"name": "a", "rig": RIDES, "ride": "bus"}], {},
               "nodes.yaml: nodes[0].ride (line 3): the motion has no bus; expected one of car"),
     "own class": ([{"name": "a", "rig": {**RIDES, "ride": {"class": "tram"}}}], {},

@@ -154,6 +154,8 @@ class NodeSpec(Strict):
     def _name_is_plain(cls, value: str) -> str:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", value):
             raise wrong(f"{value!r:.40} cannot name a folder", "letters, digits, '_' and '-'")
+        if value.lower() == "pictures":
+            raise wrong("'pictures' is the folder of the pictures of all", "another name")
         return value
 
 
