@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 from xml.parsers import expat
 
+from lxml import etree
+
 from urbantwin.errors import InputError
 
-__all__ = ["root_name"]
+__all__ = ["child_elements", "root_name"]
 
 #: How much of a file is looked at for its first element at a time, bytes.
 CHUNK = 65536
@@ -56,3 +59,40 @@ def root_name(stream: IO[bytes], file: Path, expected: str) -> str:
     except (ValueError, LookupError) as error:
         raise InputError(f"is not XML that can be read ({error})", file=file) from None
     raise InputError("is not XML: it has no element", file=file, expected=expected)
+
+
+def child_elements(stream: IO[bytes], names: Sequence[str], file: Path) -> Iterator[etree._Element]:
+    """Yield the elements right under the first one, each whole; only one is kept in memory.
+
+    Entities are never expanded, and nothing is fetched. An element is emptied when the next one is
+    asked for.
+
+    Args:
+        stream: the XML, from its start.
+        names: local names of the elements that are yielded.
+        file: for errors.
+
+    Raises:
+        InputError: it is cut off, or no XML.
+    """
+    parser = etree.iterparse(
+        stream,
+        events=("end",),
+        tag=[f"{{*}}{name}" for name in names],
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        remove_comments=True,
+        remove_pis=True,
+    )
+    try:
+        for _, item in parser:
+            parent = item.getparent()
+            if parent is None or parent.getparent() is not None:
+                continue  # of an element within
+            yield item
+            item.clear(keep_tail=False)
+            while item.getprevious() is not None:
+                del parent[0]
+    except etree.XMLSyntaxError as error:
+        raise InputError(f"is not complete XML ({error.msg})", file=file) from None

@@ -13,7 +13,7 @@ from typing import IO, cast
 from lxml import etree
 
 from urbantwin.errors import InputError
-from urbantwin.strict_xml import root_name
+from urbantwin.strict_xml import child_elements, root_name
 
 __all__ = ["local_name", "members", "opened", "within_archive"]
 
@@ -114,32 +114,12 @@ def members(path: Path) -> Iterator[etree._Element]:
         raise InputError(
             f"is not CityGML: its root is <{root[:40]}>", file=path, expected="<CityModel>"
         )
-    names = (*_MEMBERS, "boundedBy")
-    try:
-        with opened(path) as stream:
-            parser = etree.iterparse(
-                stream,
-                events=("end",),
-                tag=[f"{{*}}{name}" for name in names],
-                resolve_entities=False,
-                no_network=True,
-                load_dtd=False,
-                remove_comments=True,
-                remove_pis=True,
-            )
-            for _, item in parser:
-                parent = item.getparent()
-                if parent is None or parent.getparent() is not None:
-                    continue  # of an object within
-                if local_name(item) == "boundedBy":
-                    yield item
-                else:
-                    yield from item
-                item.clear(keep_tail=False)
-                while item.getprevious() is not None:
-                    del parent[0]
-    except etree.XMLSyntaxError as error:
-        raise InputError(f"is not complete XML ({error.msg})", file=path) from None
+    with opened(path) as stream:
+        for item in child_elements(stream, (*_MEMBERS, "boundedBy"), path):
+            if local_name(item) == "boundedBy":
+                yield item
+            else:
+                yield from item
 
 
 def local_name(element: etree._Element) -> str:

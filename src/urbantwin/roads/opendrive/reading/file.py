@@ -8,7 +8,7 @@ from pathlib import Path
 from lxml import etree
 
 from urbantwin.errors import InputError
-from urbantwin.strict_xml import root_name
+from urbantwin.strict_xml import child_elements, root_name
 
 __all__ = ["top_elements"]
 
@@ -33,35 +33,12 @@ def top_elements(path: Path) -> Iterator[etree._Element]:
         raise InputError(
             f"is not OpenDRIVE: its root is <{root[:40]}>", file=path, expected="<OpenDRIVE>"
         )
-    try:
-        with path.open("rb") as stream:
-            parser = etree.iterparse(
-                stream,
-                events=("end",),
-                tag=[f"{{*}}{name}" for name in _TOP],
-                resolve_entities=False,
-                no_network=True,
-                load_dtd=False,
-                remove_comments=True,
-                remove_pis=True,
-            )
-            yield from _whole_elements(parser)
-    except etree.XMLSyntaxError as error:
-        raise InputError(f"is not complete XML ({error.msg})", file=path) from None
-
-
-def _whole_elements(parser: etree.iterparse) -> Iterator[etree._Element]:
-    for _, item in parser:
-        root = item.getparent()
-        if root is None or root.getparent() is not None:
-            continue  # a junction has controllers too
-        if "{" in item.tag:
-            for element in item.iter("{*}*"):
-                element.tag = etree.QName(element).localname
-        yield item
-        item.clear(keep_tail=False)
-        while item.getprevious() is not None:
-            del root[0]
+    with path.open("rb") as stream:
+        for item in child_elements(stream, _TOP, path):
+            if "{" in item.tag:
+                for element in item.iter("{*}*"):
+                    element.tag = etree.QName(element).localname
+            yield item
 
 
 def _root_name(path: Path) -> str:
