@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated
 
 import typer
+from typer.main import get_command
 
 from urbantwin import __version__
 from urbantwin.cli import (
@@ -148,6 +151,22 @@ for command, examples in (
 ):
     app.command(epilog=_examples(examples))(command)
 
+_NAMES = frozenset(one.callback.__name__ for one in app.registered_commands if one.callback)
+
+
+@functools.cache
+def _program(name: str) -> Callable[..., object]:
+    """Return what runs the command of a name; all of them if there is none of that name.
+
+    The options of 40 commands take longer to put together than most of them to say what is wrong.
+    """
+    part = copy.copy(app)
+    if name in _NAMES:
+        part.registered_commands = [
+            one for one in app.registered_commands if one.callback and one.callback.__name__ == name
+        ]
+    return get_command(part)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code.
@@ -182,7 +201,9 @@ def _run(arguments: Sequence[str] | None) -> int:
                 not sys.warnoptions
             ):  # libraries' remarks to programmers, unless asked for (python -W)
                 warnings.simplefilter("ignore")
-            code = app(arguments, prog_name="urbantwin", standalone_mode=False)
+            given = list(sys.argv[1:] if arguments is None else arguments)
+            program = _program(given[0] if given else "")
+            code = program(given, prog_name="urbantwin", standalone_mode=False)
         sys.stdout.flush()
     except InputError as error:
         error_line(error)
