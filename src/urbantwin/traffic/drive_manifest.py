@@ -10,7 +10,7 @@ from typing import Any
 from urbantwin import __version__
 from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.assets import AssetName, asset, asset_names
+from urbantwin.traffic.assets import AssetName, asset_names, bodies_of_asset, class_of
 from urbantwin.traffic.demand.counted_report import counted_report
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.flow.circulation_report import circulation_report
@@ -120,8 +120,8 @@ def _counts(
         body.asset
         for kind in ACTOR_CLASSES
         for name in asset_names(kind)
-        for body in asset(name).bodies[1:]
-        if asset(body.asset).actor_class == kind
+        for body in bodies_of_asset(name)[1:]
+        if class_of(body.asset) == kind
     }
     shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
     seen = Counter(kind for kind, name in shown if AssetName.of(name).body not in behind)

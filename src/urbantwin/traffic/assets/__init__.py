@@ -2,7 +2,15 @@
 
 from urbantwin.traffic.assets.asset_name import AssetName, sized_name
 from urbantwin.traffic.assets.body import Body
-from urbantwin.traffic.assets.catalogue import Asset, asset, asset_mesh, asset_names, bending_names
+from urbantwin.traffic.assets.catalogue import (
+    Asset,
+    asset,
+    asset_mesh,
+    asset_names,
+    bending_names,
+    bodies_of_asset,
+    class_of,
+)
 from urbantwin.traffic.assets.coat import COATED_CLASSES, COATS, coated_mesh, coated_name
 from urbantwin.traffic.assets.fleet import Fleet
 from urbantwin.traffic.assets.own import OwnBodies
@@ -20,6 +28,8 @@ __all__ = [
     "asset_mesh",
     "asset_names",
     "bending_names",
+    "bodies_of_asset",
+    "class_of",
     "coated_mesh",
     "coated_name",
     "mesh_among",

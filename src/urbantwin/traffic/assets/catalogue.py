@@ -35,7 +35,15 @@ from urbantwin.traffic.assets.solid import Solid, fitted, labelled
 from urbantwin.traffic.assets.tram import tram_bodies, tram_entries, tram_section
 from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
 
-__all__ = ["Asset", "asset", "asset_mesh", "asset_names", "bending_names"]
+__all__ = [
+    "Asset",
+    "asset",
+    "asset_mesh",
+    "asset_names",
+    "bending_names",
+    "bodies_of_asset",
+    "class_of",
+]
 
 #: Where the catalogue is written.
 _FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml", "things.yaml")
@@ -49,6 +57,8 @@ _STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
     "tram-body": tram_section,
     "thing": parts,
 }
+#: What is of several bodies.
+_OF_BODIES = ("tram", "coupled", "accompanied")
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +139,16 @@ def bending_names() -> tuple[str, ...]:
     return tuple(
         name for name, entry in _entries().items() if entry["builder"] in ("tram", "coupled")
     )
+
+
+def class_of(name: str) -> str:
+    """Return the class of an asset of the catalogue, by its plain name, without its mesh."""
+    return str(_entry(name)["class"])
+
+
+def bodies_of_asset(name: str) -> tuple[Body, ...]:
+    """Return the bodies of an asset, by its plain name, without its mesh; none if it is of one."""
+    return _bodies(name) if _entry(name)["builder"] in _OF_BODIES else ()
 
 
 @cache

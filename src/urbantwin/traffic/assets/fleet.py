@@ -20,7 +20,7 @@ from scipy.special import ndtri
 
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets.asset_name import AssetName, Size
-from urbantwin.traffic.assets.catalogue import asset, asset_names
+from urbantwin.traffic.assets.catalogue import asset, asset_names, bodies_of_asset
 from urbantwin.traffic.assets.coat import COATED_CLASSES, coat_at
 from urbantwin.traffic.assets.own import OwnBodies
 
@@ -88,9 +88,9 @@ class Fleet:
 
 def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size | None:
     """Return the size of an actor, in steps, so that many share one; ``None``: its body's own."""
-    found = asset(body)
     if not kind.keys() & {"scatter", "length", "width", "height"}:
         return None
+    found = asset(body)
     away = np.clip(ndtri(np.clip(at[1:4], 1e-6, 1 - 1e-6)), -_FARTHEST, _FARTHEST)
     if "scatter" in kind:
         factor = 1.0 + kind["scatter"] * float(away[0])
@@ -142,7 +142,7 @@ def _kinds(region: str, actor_class: str, *, bends: bool) -> list[dict[str, Any]
 
 
 def _bends(body: str) -> bool:
-    return bool(asset(body).bodies)
+    return bool(bodies_of_asset(body))
 
 
 @cache

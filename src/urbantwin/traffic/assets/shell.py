@@ -8,6 +8,7 @@ Edges between side and top are rounded by how far a place is from the profile's 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -189,9 +190,12 @@ def shell(
     strips, names = _strips(outline)
     vertices, faces = [grid.reshape(-1, 3)], [strips]
     count = rim * columns
+    before: list[Panel] | None = None
     for side, column, sign in (("right", 0, -1.0), ("left", columns - 1, 1.0)):
         here = [panel for panel in panels if panel.side in ("both", side)]
-        flat, triangles, materials = _side(outline, here, section.edge_radius, step)
+        if here != before:  # the two sides of most vehicles are the same
+            flat, triangles, materials = _side(outline, here, section.edge_radius, step)
+            before = here
         inner = flat[rim:]
         y = sign * _half_width(outline, section, inner)
         vertices.append(np.column_stack([inner[:, 0], y, inner[:, 1]]))
@@ -266,22 +270,20 @@ def _free_points(body: shapely.Polygon, radius: float, step: float) -> NDArray[n
 def _spaced(ring: NDArray[np.float64], least: float) -> list[int]:
     """Return which points of a path to keep so that neighbours stand ``least`` apart."""
     kept = [0]
-    for index in range(1, len(ring)):
-        near = ring[[kept[-1], 0]]
-        if np.linalg.norm(near - ring[index], axis=1).min() >= least:
+    places = ring.tolist()
+    for index in range(1, len(places)):
+        x, z = places[index]
+        near = (places[kept[-1]], places[0])
+        if all(math.sqrt((u - x) ** 2 + (w - z) ** 2) >= least for u, w in near):
             kept.append(index)
     return kept
 
 
 def _distance_to_upper(outline: Outline, flat: NDArray[np.float64]) -> NDArray[np.float64]:
     ends = np.roll(outline.points, -1, axis=0)
-    upper = shapely.union_all(
-        [
-            shapely.LineString([start, end])
-            for start, end, tag in zip(outline.points, ends, outline.tags, strict=True)
-            if tag != "under"
-        ]
-    )
+    above = np.array([tag != "under" for tag in outline.tags])
+    edges = np.stack([outline.points, ends], axis=1)[above]
+    upper = shapely.multilinestrings(shapely.linestrings(edges))
     return np.asarray(shapely.distance(shapely.points(flat), upper))
 
 
@@ -294,12 +296,13 @@ def _rounding(inset: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
 def _strips(outline: Outline) -> tuple[NDArray[np.int64], list[str]]:
     """Return the faces (F, 3) across the vehicle and their materials."""
     columns, rim = len(COLUMNS), len(outline.points)
-    faces, names = [], []
-    for index, tag in enumerate(outline.tags):
-        here, after = index * columns, (index + 1) % rim * columns
-        for column in range(columns - 1):
-            a, b = here + column, after + column
-            faces += [[a, b + 1, b], [a, a + 1, b + 1]]
-            outer = np.abs(COLUMNS[column : column + 2]).max()
-            names += [next(name for limit, name in BANDS[tag] if outer <= limit)] * 2
-    return np.array(faces), names
+    outer = np.maximum(np.abs(COLUMNS[:-1]), np.abs(COLUMNS[1:])).tolist()
+    across = {
+        tag: [next(name for limit, name in BANDS[tag] if out <= limit) for out in outer]
+        for tag in set(outline.tags)
+    }
+    here = np.arange(rim)[:, None] * columns + np.arange(columns - 1)
+    after = np.roll(here, -1, axis=0)
+    pairs = [[here, after + 1, after], [here, here + 1, after + 1]]
+    faces = np.moveaxis(np.array(pairs), (0, 1), (2, 3)).reshape(-1, 3)
+    return faces, [name for tag in outline.tags for name in across[tag] for _ in range(2)]

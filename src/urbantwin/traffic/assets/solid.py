@@ -38,7 +38,8 @@ class Solid:
         if isinstance(material, str):
             numbers = np.full(len(triangles), material_id(material), np.uint8)
         else:
-            numbers = np.array([material_id(name) for name in material], np.uint8)
+            known = {name: material_id(name) for name in set(material)}
+            numbers = np.array([known[name] for name in material], np.uint8)
         return cls(np.asarray(vertices, np.float64).reshape(-1, 3), triangles, numbers)
 
     def moved(self, offset: ArrayLike) -> Solid:
