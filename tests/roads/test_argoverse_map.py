@@ -66,6 +66,21 @@ def path(shared_data):
 
 
 @pytest.fixture(scope="module")
+def few(path, tmp_path_factory):
+    """The map's lanes within 30 m of the anchor, which are read in a sixth of the time."""
+    data, drawn = json.loads(path.read_text()), Drawn(path)
+    near = shapely.Point(0, 0).buffer(30)
+    data["lane_segments"] = {
+        key: value
+        for key, value in data["lane_segments"].items()
+        if near.intersects(drawn.area(value["id"]))
+    }
+    part = tmp_path_factory.mktemp("few") / path.name
+    part.write_text(json.dumps(data))
+    return part
+
+
+@pytest.fixture(scope="module")
 def pittsburgh(path):
     return translate(path, SiteFrame(*ANCHOR)), Drawn(path)
 
@@ -118,7 +133,7 @@ def test_lanes_follow_as_the_map_says(pittsburgh):
     assert RULER.lanelet_links(read.model, read.lanes, drawn) == want
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1], ids=["wrong marks", "holes"])
 def test_a_map_with_holes_or_wrong_marks_of_intersections_is_read_all_the_same(
     path, tmp_path, seed
 ):
@@ -221,19 +236,19 @@ def test_crossings_are_painted_where_nobody_walks(pittsburgh):
     assert paint.intersection(shapely.union_all(walks)).area > 0.8 * paint.area
 
 
-def test_its_name_says_where_on_earth_it_lies(path, tmp_path):
-    assert is_map_of_roads(path)
-    latitude, longitude = anchor_of(path)
+def test_its_name_says_where_on_earth_it_lies(few, tmp_path):
+    assert is_map_of_roads(few)
+    latitude, longitude = anchor_of(few)
     assert abs(latitude - ANCHOR[0]) < 2e-3
     assert abs(longitude - ANCHOR[1]) < 2e-3
     with pytest.raises(InputError, match="says itself where on earth"):
-        read_map(path, SiteFrame(*ANCHOR), (0.0, 0.0))
+        read_map(few, SiteFrame(*ANCHOR), (0.0, 0.0))
     nameless = tmp_path / "map.json"
-    nameless.write_bytes(path.read_bytes())
-    drawn = Drawn(path)
+    nameless.write_bytes(few.read_bytes())
+    drawn = Drawn(few)
     x, y = np.subtract(drawn.plane.transform(0.0, 0.0, direction="INVERSE"), CITY)
     moved = read_map(nameless, SiteFrame(*ANCHOR), (float(x), float(y))).model
-    there = read_map(path, SiteFrame(*ANCHOR)).model
+    there = read_map(few, SiteFrame(*ANCHOR)).model
     for one, two in zip(moved.roads, there.roads, strict=True):
         # The zone's grid and the site's differ in scale and in which way is north: 0.3 m in 100 m.
         gap = one.curve.at([0.0])[0, :2] - two.curve.at([0.0])[0, :2]
@@ -262,8 +277,8 @@ def test_its_name_says_where_on_earth_it_lies(path, tmp_path):
         (lambda data: _area(data)["area_boundary"].__delitem__(slice(2, None)), "fewer than three"),
     ],
 )
-def test_what_is_wrong_is_said_in_a_line(path, tmp_path, change, said):
-    data = json.loads(path.read_text())
+def test_what_is_wrong_is_said_in_a_line(few, tmp_path, change, said):
+    data = json.loads(few.read_text())
     change(data)
     broken = tmp_path / "log_map_archive_x____PIT_city_1.json"
     broken.write_text(json.dumps(data))
@@ -274,16 +289,16 @@ def test_what_is_wrong_is_said_in_a_line(path, tmp_path, change, said):
         read_map(broken, SiteFrame(*ANCHOR))
 
 
-def test_drivable_areas_are_where_the_file_says_with_and_without_a_city(path, tmp_path):
-    drawn = Drawn(path)
-    areas = json.loads(path.read_text())["drivable_areas"].values()
+def test_drivable_areas_are_where_the_file_says_with_and_without_a_city(few, tmp_path):
+    drawn = Drawn(few)
+    areas = json.loads(few.read_text())["drivable_areas"].values()
     outlines = [shapely.Polygon(drawn.metres(area["area_boundary"])) for area in areas]
     expected = shapely.union_all(outlines)
     assert expected.area > 5_000
     frame = SiteFrame(*ANCHOR)
-    assert read_map(path, frame).drivable.symmetric_difference(expected).area < 20
+    assert read_map(few, frame).drivable.symmetric_difference(expected).area < 20
     nameless = tmp_path / "map.json"
-    nameless.write_bytes(path.read_bytes())
+    nameless.write_bytes(few.read_bytes())
     own = [[[p["x"] - 7, p["y"] + 3] for p in area["area_boundary"]] for area in areas]
     moved = read_map(nameless, frame, (7.0, -3.0)).drivable
     plain = shapely.union_all([shapely.Polygon(one) for one in own])
