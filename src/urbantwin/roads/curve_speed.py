@@ -47,8 +47,8 @@ def curve_speeds(line: NDArray[np.float64]) -> NDArray[np.float64]:
     along = stations_of_points(line)
     places = np.arange(0.0, along[-1] + SPACING_M, SPACING_M)
     speed = np.full(len(places), LEAST_MS)
-    for k, chord in enumerate(CHORDS_M):
-        bend = np.maximum(_bend(line, along, places, chord), STRAIGHT_PER_M)
+    bends = np.maximum(_bends(line, along, places), STRAIGHT_PER_M)
+    for k, (chord, bend) in enumerate(zip(CHORDS_M, bends, strict=True)):
         allowed = np.sqrt(SIDEWAYS_MS2 / bend)
         # Longer chords are for those who are fast enough that they steer along them.
         fast = allowed >= (chord / STEERING_S if k else 0.0)
@@ -144,17 +144,16 @@ def _distinct(line: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(line[np.concatenate([[True], far])]) if len(line) else line
 
 
-def _bend(
-    line: NDArray[np.float64],
-    along: NDArray[np.float64],
-    places: NDArray[np.float64],
-    chord: float,
+def _bends(
+    line: NDArray[np.float64], along: NDArray[np.float64], places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the curvature (M,) at places of a line, by the chords to and from each, 1/m."""
-    before, here, after = (_at(line, along, places + d) for d in (-chord, 0.0, chord))
-    a, b = here - before, after - here
-    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
-    return np.asarray(np.abs(turn) / chord)
+    """Return the curvature (C, M) at places of a line, by C chords to and from each, 1/m."""
+    chords = np.array(CHORDS_M)
+    away = np.concatenate([[0.0], -chords, chords])[:, None]
+    points = _at(line, along, (places + away).ravel()).reshape(len(away), -1, 2)
+    a, b = points[0] - points[1 : len(chords) + 1], points[len(chords) + 1 :] - points[0]
+    turn = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(axis=-1))
+    return np.asarray(np.abs(turn) / chords[:, None])
 
 
 def _at(
