@@ -15,7 +15,7 @@ from scipy.integrate import quad
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
-from urbantwin.site import read_extract
+from urbantwin.site import init_site, load_site, read_extract
 from urbantwin.site.junction_proposal import propose_junction
 
 
@@ -151,36 +151,67 @@ def ruler():
     return read
 
 
+#: Junctions of real extracts: latitude and longitude.
+JUNCTIONS = {
+    "taipei": (25.052396, 121.522635),
+    "neukolln": (52.47328, 13.439643),
+    "quad_intersection": (47.644172, -122.303614),
+    "perth_stretched_lights": (-31.974855, 115.897588),
+    "munich": (48.186032, 11.551664),
+    "West-Oakland": (37.807071, -122.302363),
+}
+
+
 @pytest.fixture(scope="session")
 def real_roads(shared_data, made_once):
-    """Return a function: name of a real extract -> its roads around the junction that is proposed.
+    """Return a function: name of a real extract -> its roads, built once for all tests.
 
-    ``extract`` (the file), ``frame``, ``region`` (130 m around), ``net`` (SUMO's), ``built``.
+    ``roads_of(name)``: 110 m around its junction of `JUNCTIONS`, or else 130 m around the one that
+    is proposed; ``closed_loop``: the site that `init` makes of it, closed to a loop.
+    ``extract`` (the file), ``frame``, ``region``, ``net`` (SUMO's), ``built``.
     """
 
-    def roads_of(name):
-        extract = shared_data / "osm" / f"{name}.osm"
+    def site_of(name, folder):
+        boundary = shared_data / "osm" / f"{name}.boundary.json"
+        region = boundary if boundary.exists() else None
+        site = load_site(init_site(folder, extract_of(name), region=region))
+        return read_extract(site.osm.path), site.frame, site.region
 
+    def place_of(name):
+        content = read_extract(extract_of(name))
+        if name in JUNCTIONS:
+            return content, SiteFrame(*JUNCTIONS[name]), shapely.Point(0, 0).buffer(110)
+        place = propose_junction(content)
+        frame = SiteFrame(place.latitude, place.longitude)
+        return content, frame, shapely.Point(0, 0).buffer(130)
+
+    def extract_of(name):
+        (extract,) = (shared_data / "osm").glob(f"{name}.osm*")
+        return extract
+
+    def roads_of(name, *, closed_loop=False):
         def make(folder):
-            content = read_extract(extract)
-            place = propose_junction(content)
-            frame = SiteFrame(place.latitude, place.longitude)
-            region = shapely.Point(0, 0).buffer(130)
-            side = driving_side(place.latitude, place.longitude)
+            found = site_of(name, folder / "site") if closed_loop else place_of(name)
+            content, frame, region = found
             built = build_roads(
                 content,
                 frame,
                 region,
                 Elevation.flat(),
-                driving_side=side,
+                driving_side=driving_side(frame.latitude, frame.longitude),
+                closed_loop=closed_loop,
                 out=folder / "n.net.xml",
             )
             (folder / "roads.pickle").write_bytes(pickle.dumps((frame, region, built)))
 
-        folder = made_once(f"roads-{name}", make)
+        folder = made_once(f"roads-{name}{'-loop' if closed_loop else ''}", make)
         frame, region, built = pickle.loads((folder / "roads.pickle").read_bytes())
         return SimpleNamespace(
-            extract=extract, frame=frame, region=region, built=built, net=folder / "n.net.xml"
+            extract=extract_of(name),
+            frame=frame,
+            region=region,
+            built=built,
+            net=folder / "n.net.xml",
         )
 
     return roads_of

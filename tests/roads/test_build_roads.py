@@ -15,12 +15,7 @@ from urbantwin.roads import RoadNetwork, build_roads, driving_side
 from urbantwin.site import read_extract
 
 HERE = SiteFrame(48.7, 9.18)
-PLACES = {
-    "taipei": (25.052396, 121.522635),
-    "neukolln": (52.47328, 13.439643),
-    "quad_intersection": (47.644172, -122.303614),
-    "perth_stretched_lights": (-31.974855, 115.897588),
-}
+PLACES = ("taipei", "neukolln", "quad_intersection", "perth_stretched_lights")
 
 
 def build(path, frame, region, out, elevation=None):
@@ -63,13 +58,12 @@ def test_everything_ends_at_the_region(write_osm, tmp_path):
     assert max(ends) == pytest.approx(80, abs=1.0)
 
 
-def test_forbidden_turns_have_no_connection(tmp_path, shared_data):
+def test_forbidden_turns_have_no_connection(real_roads):
     """Restrictions of the map, parsed here, between roads that are each made from one way."""
     checked = 0
-    for name, place in {**PLACES, "munich": (48.1860, 11.5510)}.items():
-        path = shared_data / "osm" / f"{name}.osm"
-        region = shapely.Point(0, 0).buffer(250)
-        network = build(path, SiteFrame(*place), region, tmp_path / "n.net.xml").network
+    for name in (*PLACES, "munich", "manchester-kingsway", "london-borough"):
+        place = real_roads(name)
+        network = place.built.network
         roads_of: dict[str, set[str]] = {}
         for road in network.roads:
             for way in road.ways:
@@ -81,7 +75,7 @@ def test_forbidden_turns_have_no_connection(tmp_path, shared_data):
             for via in lane.successors
             for end in lanes[via].successors
         }
-        for relation in ElementTree.parse(path).getroot().iter("relation"):
+        for relation in ElementTree.parse(place.extract).getroot().iter("relation"):
             tags = {tag.get("k"): tag.get("v") for tag in relation.iter("tag")}
             if not tags.get("restriction", "").startswith("no_") or "except" in tags:
                 continue
@@ -94,13 +88,12 @@ def test_forbidden_turns_have_no_connection(tmp_path, shared_data):
 
 
 @pytest.mark.parametrize("name", PLACES)
-def test_real_extracts_keep_lane_counts_and_speeds(name, shared_data, tmp_path):
+def test_real_extracts_keep_lane_counts_and_speeds(name, real_roads):
     """Of every road made from one way, as its own tags say (parsed here, independently)."""
-    path = shared_data / "osm" / f"{name}.osm"
-    frame = SiteFrame(*PLACES[name])
-    network = build(path, frame, shapely.Point(0, 0).buffer(150), tmp_path / "n.net.xml").network
+    place = real_roads(name)
+    network = place.built.network
     ways = {}
-    for way in ElementTree.parse(path).getroot().iter("way"):
+    for way in ElementTree.parse(place.extract).getroot().iter("way"):
         ways[int(way.get("id"))] = {tag.get("k"): tag.get("v") for tag in way.iter("tag")}
     counted = 0
     for road in network.roads:
@@ -121,10 +114,8 @@ def test_real_extracts_keep_lane_counts_and_speeds(name, shared_data, tmp_path):
     assert counted >= 4
 
 
-def test_perth_drives_on_the_left(shared_data, tmp_path):
-    frame = SiteFrame(*PLACES["perth_stretched_lights"])
-    path = shared_data / "osm" / "perth_stretched_lights.osm"
-    network = build(path, frame, shapely.Point(0, 0).buffer(150), tmp_path / "n.net.xml").network
+def test_perth_drives_on_the_left(real_roads):
+    network = real_roads("perth_stretched_lights").built.network
     assert network.driving_side == "left"
     checked = 0
     for road in network.roads:

@@ -1,40 +1,23 @@
 """CARLA announces to each lane its own signals, and no other, on the way to the stop line."""
 
 import pytest
-import shapely
 
-from urbantwin.geometry import SiteFrame
-from urbantwin.ground import Elevation
-from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.roads.opendrive.writing.left_hand_traffic import as_right_hand_traffic
-from urbantwin.site import read_extract
 
 #: Signals beyond the junction and mph; left-hand traffic, signals before and beyond; the near side.
-PLACES = {
-    "quad_intersection": (47.644172, -122.303614),
-    "perth_stretched_lights": (-31.974855, 115.897588),
-    "neukolln": (52.47328, 13.439643),
-}
+PLACES = ("quad_intersection", "perth_stretched_lights", "neukolln")
 
 
 @pytest.fixture(scope="module")
-def announced(shared_data, tmp_path_factory, judge):
+def announced(real_roads, tmp_path_factory, judge):
     folder = tmp_path_factory.mktemp("landmarks")
     models, files = {}, []
-    for name, place in PLACES.items():
-        frame = SiteFrame(*place)
-        built = build_roads(
-            read_extract(shared_data / "osm" / f"{name}.osm"),
-            frame,
-            shapely.Point(0, 0).buffer(110),
-            Elevation.flat(),
-            driving_side=driving_side(*place),
-            out=folder / f"{name}.net.xml",
-        )
+    for name in PLACES:
+        place = real_roads(name)
         files.append(folder / f"{name}.xodr")
-        write_opendrive(built.model, frame, files[-1], version="1.4", name=name)
-        models[name] = built.model
+        write_opendrive(place.built.model, place.frame, files[-1], version="1.4", name=name)
+        models[name] = place.built.model
     answers = judge("carla_landmarks", *files)
     return {name: (models[name], answers[str(folder / f"{name}.xodr")]) for name in models}
 

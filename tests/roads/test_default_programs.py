@@ -78,14 +78,19 @@ def staggered():
 PLACES = {f.__name__: f for f in (cross, tee, turn_lanes, carriageways, staggered)}
 
 
+BUILT: dict = {}  # networks are made once: tests only read them
+
+
 @pytest.fixture
 def built(write_osm, tmp_path):
     def run(nodes, ways, side="right"):
-        out = tmp_path / "n.net.xml"
-        region = shapely.box(-140, -140, 140, 140)
-        path = write_osm(nodes, ways)
-        build_roads(read_extract(path), HERE, region, Elevation.flat(), driving_side=side, out=out)
-        return out
+        key = repr((nodes, ways, side))
+        if key not in BUILT:
+            out = BUILT[key] = tmp_path / f"{len(BUILT)}.net.xml"
+            region = shapely.box(-140, -140, 140, 140)
+            extract = read_extract(write_osm(nodes, ways))
+            build_roads(extract, HERE, region, Elevation.flat(), driving_side=side, out=out)
+        return BUILT[key]
 
     return run
 

@@ -8,27 +8,15 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
-from urbantwin.roads import LaneModel, build_roads, driving_side
+from urbantwin.roads import LaneModel, build_roads
 from urbantwin.roads.opendrive import write_opendrive
-from urbantwin.site import init_site, load_site, read_extract
+from urbantwin.site import read_extract
 
 
 @pytest.fixture(scope="module", params=["taipei", "perth_stretched_lights", "neukolln"])
-def built(request, shared_data, tmp_path_factory):
-    folder = tmp_path_factory.mktemp(request.param)
-    extract = shared_data / "osm" / f"{request.param}.osm"
-    site = load_site(init_site(folder / "site", extract))
-    net = folder / "n.net.xml"
-    roads = build_roads(
-        read_extract(site.osm.path),
-        site.frame,
-        site.region,
-        Elevation.flat(),
-        driving_side=driving_side(site.latitude, site.longitude),
-        closed_loop=True,
-        out=net,
-    )
-    return roads, net, site.frame, folder
+def built(request, real_roads, tmp_path_factory):
+    place = real_roads(request.param, closed_loop=True)
+    return place.built, place.net, place.frame, tmp_path_factory.mktemp(request.param)
 
 
 def sumo_shapes(net):

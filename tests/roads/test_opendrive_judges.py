@@ -12,22 +12,21 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
-from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads import build_roads
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.site import read_extract
 
 ROOT = Path(__file__).parents[2]
-EXTRACTS = {
-    "taipei.osm": (25.052396, 121.522635),
-    "neukolln.osm": (52.47328, 13.439643),
-    "quad_intersection.osm": (47.644172, -122.303614),
-    "perth_stretched_lights.osm": (-31.974855, 115.897588),
-    "munich.osm": (48.186032, 11.551664),
-    "West-Oakland.osm.bz2": (37.807071, -122.302363),
-}
-RADIUS_M = 110.0
+EXTRACTS = (
+    "taipei",
+    "neukolln",
+    "quad_intersection",
+    "perth_stretched_lights",
+    "munich",
+    "West-Oakland",
+)
 #: ASAM's checker takes some seconds a file: right-hand and left-hand; old-style maps are below.
-CHECKED = ("two-avenues.osm=1.8", "perth_stretched_lights.osm=1.8", "quad_intersection.osm=1.8")
+CHECKED = ("two-avenues=1.8", "perth_stretched_lights=1.8", "quad_intersection=1.8")
 
 
 def slope():
@@ -37,22 +36,27 @@ def slope():
 
 
 @pytest.fixture(scope="session")
-def judged(shared_data, tmp_path_factory, judge):
+def judged(real_roads, tmp_path_factory, judge):
     """Return {map=version: (roads that were built, frame, {judge: answer})}."""
     folder = tmp_path_factory.mktemp("judged")
     maps, tasks = {}, {}
-    places = {name: (shared_data / "osm" / name, place) for name, place in EXTRACTS.items()}
-    places["two-avenues.osm"] = (ROOT / "examples/two-avenues/two-avenues.osm", (48.7, 9.18))
-    for name, (path, place) in places.items():
-        frame = SiteFrame(*place)
-        built = build_roads(
-            read_extract(path),
+    places = {}
+    for name in EXTRACTS:
+        place = real_roads(name)
+        places[name] = place.built, place.frame
+    frame = SiteFrame(48.7, 9.18)
+    places["two-avenues"] = (
+        build_roads(
+            read_extract(ROOT / "examples/two-avenues/two-avenues.osm"),
             frame,
-            shapely.Point(0, 0).buffer(RADIUS_M),
-            slope() if name == "two-avenues.osm" else Elevation.flat(),
-            driving_side=driving_side(*place),
-            out=folder / f"{name}.net.xml",
-        )
+            shapely.Point(0, 0).buffer(110),
+            slope(),
+            driving_side="right",
+            out=folder / "two-avenues.net.xml",
+        ),
+        frame,
+    )
+    for name, (built, frame) in places.items():
         for version in ("1.8", "1.4"):
             key, file = f"{name}={version}", folder / f"{name}-{version}.xodr"
             write_opendrive(built.model, frame, file, version=version, name=name)
@@ -78,7 +82,7 @@ def test_asams_checker_reports_no_issue(judged, key):
     assert completed >= 20
 
 
-@pytest.fixture(params=[*EXTRACTS, "two-avenues.osm"])
+@pytest.fixture(params=[*EXTRACTS, "two-avenues"])
 def in_carla(request, judged):
     built, frame, answers = judged[f"{request.param}=1.4"]
     return built, frame, answers["carla"]
@@ -165,7 +169,7 @@ def test_carlas_heights_are_ours_where_a_road_is_one_lane(judged):
 
     The reference line of a connecting road runs in the middle of its lane.
     """
-    built, _, answers = judged["two-avenues.osm=1.4"]
+    built, _, answers = judged["two-avenues=1.4"]
     ways = {road.id for road in built.model.roads if road.junction >= 0}
     checked = 0
     for road, _, _, x, y, z, _ in answers["carla"]["waypoints"]:

@@ -13,24 +13,22 @@ import sumolib.net
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
-from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads import build_roads
 from urbantwin.roads.loop import close_loop
 from urbantwin.roads.loop.exit_matching import match_exits
 from urbantwin.site import read_extract
-from urbantwin.site.initial_site import init_site
-from urbantwin.site.site import load_site
 
 from .controllers import signalised_junctions
 
 HERE = SiteFrame(48.7, 9.18)
 REGION = shapely.box(-90, -90, 90, 90)
 EXTRACTS = (
-    "taipei.osm",
-    "neukolln.osm",
-    "quad_intersection.osm",
-    "perth_stretched_lights.osm",
-    "munich.osm",
-    "West-Oakland.osm.bz2",
+    "taipei",
+    "neukolln",
+    "quad_intersection",
+    "perth_stretched_lights",
+    "munich",
+    "West-Oakland",
 )
 
 
@@ -54,18 +52,9 @@ def drivable(net, vclass):
 
 
 @pytest.mark.parametrize("name", EXTRACTS)
-def test_every_street_of_an_extract_can_be_driven_for_ever(shared_data, tmp_path, name):
-    boundary = shared_data / "osm" / f"{name.split('.')[0]}.boundary.json"
-    site = load_site(
-        init_site(
-            tmp_path / "site",
-            shared_data / "osm" / name,
-            region=boundary if boundary.exists() else None,
-        )
-    )
-    net = tmp_path / "n.net.xml"
-    side = driving_side(site.latitude, site.longitude)
-    roads = built(site.osm.path, site.frame, site.region, net, side)
+def test_every_street_of_an_extract_can_be_driven_for_ever(real_roads, name):
+    place = real_roads(name, closed_loop=True)
+    roads, net = place.built, place.net
     assert roads.notes["closed_loop"]["open_ends"] == 0
     assert signalised_junctions(net) >= 1
     edges, graph = drivable(net, "passenger")
@@ -89,7 +78,7 @@ def test_every_street_of_an_extract_can_be_driven_for_ever(shared_data, tmp_path
         for lane in road.lanes:
             line = shapely.LineString(roads.network.lane_by_id[lane].centre[:, :2])
             # Beyond the region, or where the map itself ends before it.
-            inside = site.region.buffer(-0.5).intersection(line)
+            inside = place.region.buffer(-0.5).intersection(line)
             assert inside.length < 0.2 * line.length or not any(map(inside.crosses, streets))
 
 

@@ -389,17 +389,9 @@ def test_a_mapped_refuge_is_built(write_osm, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["neukolln", "quad_intersection"])
-def test_real_streets(name, shared_data, tmp_path):
+def test_real_streets(name, real_roads):
     """Side lanes of a real place: sound, and no traffic runs over them."""
-    place = {"neukolln": (52.47328, 13.439643), "quad_intersection": (47.644172, -122.303614)}[name]
-    built = build_roads(
-        read_extract(shared_data / "osm" / f"{name}.osm"),
-        SiteFrame(*place),
-        shapely.Point(0, 0).buffer(150),
-        Elevation.flat(),
-        driving_side="right",
-        out=tmp_path / "n.net.xml",
-    )
+    built = real_roads(name).built
     found = {lane.kind for r in built.model.roads for s in r.sections for lane in s.lanes}
     assert {"parking"} | ({"median", "shoulder"} if name == "quad_intersection" else set()) <= found
     for item in built.model.roads:
