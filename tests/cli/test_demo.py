@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import osmium
 import pytest
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.interface.whole_line import LATITUDE, LONGITUDE, helsinki_extract
-from urbantwin.site import read_extract
 from urbantwin.twin import load_twin
 
 Run = Callable[..., Any]
@@ -20,12 +20,10 @@ def test_the_place_has_mapped_signals_and_the_twin_has_them_too(
     run_here: Run, tmp_path: Path
 ) -> None:
     """In the middle of the place: the streets around it are not built, nor closed to a loop."""
-    extract = read_extract(helsinki_extract())
-    mapped = [
-        extract.nodes[node]
-        for node, tags in extract.node_tags.items()
-        if tags.get("highway") == "traffic_signals"
-    ]
+    lights = osmium.FileProcessor(str(helsinki_extract()), osmium.osm.NODE).with_filter(
+        osmium.filter.TagFilter(("highway", "traffic_signals"))
+    )
+    mapped = [(node.location.lon, node.location.lat) for node in lights]
     away = np.linalg.norm(SiteFrame(LATITUDE, LONGITUDE).site_from_lonlat(mapped), axis=1)
     assert (away < 40.0).sum() >= 3
 
