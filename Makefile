@@ -51,9 +51,10 @@ demo: $(RUNTIME) $(PAGE)
 
 WANTED := -m 'not fuzz and not kills'
 
-# Types are checked while numba compiles, once for all workers, and while the judges are downloaded.
-test: $(DEVELOPMENT) $(PAGE)
-	@$(MAKE) --no-print-directory -j2 --output-sync=target compiled lint webtest judges
+# All is downloaded at once; types are checked while numba compiles, once for all workers.
+test:
+	@$(MAKE) --no-print-directory -j2 $(DEVELOPMENT) judges
+	@$(MAKE) --no-print-directory -j2 --output-sync=target compiled lint webtest
 	$(BIN)/pytest -n auto --dist worksteal $(WANTED) $(addprefix --ignore=,$(COMPILING))
 
 fuzz: $(DEVELOPMENT)
