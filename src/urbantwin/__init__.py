@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from urbantwin.fidelity.readers.recording import Recording
     from urbantwin.interface.actor_catalogue import ActorCatalogue, actors
     from urbantwin.interface.aligned_rig import AlignedRig, align
+    from urbantwin.interface.campaign import Campaign, campaign
     from urbantwin.interface.carla_frames import CarlaFrames, carla
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
@@ -79,6 +80,7 @@ __all__ = [
     "AlignedRig",
     "Background",
     "Calibration",
+    "Campaign",
     "Card",
     "CarlaFrames",
     "Cloud",
@@ -139,6 +141,7 @@ __all__ = [
     "background",
     "build",
     "calibrate",
+    "campaign",
     "card",
     "carla",
     "check",

@@ -86,7 +86,7 @@ class Datasets(Frames):
     def _located(self) -> list[Located]:
         return [
             (one, name, number)
-            for one, name in zip(self._datasets, self._names, strict=True)
+            for one, name in zip(self.datasets, self._names, strict=True)
             for number in range(len(one.names))
         ]
 
@@ -100,7 +100,7 @@ class Datasets(Frames):
 
     def __repr__(self) -> str:
         """Return how many there are, and their names."""
-        return f"{len(self._datasets)} datasets of {len(self)} frames: {', '.join(self._names)}"
+        return f"{len(self.datasets)} datasets of {len(self)} frames: {', '.join(self._names)}"
 
     def summary(self) -> Summary:
         """Return how many frames each has."""

@@ -35,6 +35,7 @@ _CLASSES = {
     "sequence": ("sequence", "SequenceFiles"),
     "fleet": ("fleet", "Fleet"),
     "study": ("study", "Study"),
+    "campaign": ("campaign", "Campaign"),
     "explanation": ("explanation", "Explanation"),
     "fusion": ("fusion_study", "FusionStudy"),
     "placement": ("placement", "Placement"),
@@ -94,10 +95,10 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
 
     Returns:
         A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
-        `SequenceFiles`, `Fleet` or `Package`; `Datasets`, of a folder with several or a split by
-        scenario; a `Site`, a `RigSpec`, a `NodesFile` or a `Datasheet`; a `Background`; a `Cloud`
-        or a `Recording`. Where the type matters to a type checker, ``ut.Dataset.open(path)`` and
-        its like say it.
+        `SequenceFiles`, `Fleet`, `Campaign` or `Package`; `Datasets`, of any other folder with
+        several or a split by scenario; a `Site`, a `RigSpec`, a `NodesFile` or a `Datasheet`; a
+        `Background`; a `Cloud` or a `Recording`. Where the type matters to a type checker,
+        ``ut.Dataset.open(path)`` and its like say it.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
@@ -126,6 +127,8 @@ def _opened_folder(place: Path) -> Any:  # noqa: ANN401 - see `open`
     """Open a folder that is no artefact: it may hold some, or be a site, or a recording."""
     from urbantwin.interface.datasets import Datasets, datasets_inside
 
+    if kind_of(place / "index") == "campaign":
+        return opened_artefact(place / "index", "campaign")
     there = [
         one for one in ("twin", "motion", "dataset") if (place / one / f"{one}.json").is_file()
     ]
