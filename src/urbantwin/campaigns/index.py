@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from urbantwin import __version__
-from urbantwin.artefact import as_json, read_json, sha256_of, write_json
+from urbantwin.artefact import as_json, kind_of, read_json, sha256_of, write_json
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.artefact.tables import write_parquet_and_csv
 from urbantwin.campaigns.course import Course
@@ -20,7 +20,7 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.report_html import html_picture, html_table, write_html
 from urbantwin.grid import Level
 
-__all__ = ["FOLDER", "KIND", "dataset_told", "index_of", "read_index", "write_index"]
+__all__ = ["FOLDER", "KIND", "dataset_told", "datasets_of", "index_of", "read_index", "write_index"]
 
 KIND = "campaign"
 #: Where it is in the campaign's folder.
@@ -137,6 +137,17 @@ def read_index(folder: Path) -> dict[str, Any]:
                 expected="a folder in it",
             )  # fmt: skip
     return told
+
+
+def datasets_of(folder: Path) -> list[Path] | None:
+    """Return the folders of a campaign's datasets; ``None`` of a folder that is no campaign.
+
+    Raises:
+        InputError: its index is damaged.
+    """
+    if kind_of(folder / FOLDER) != KIND:
+        return None
+    return [folder / row["path"] for row in read_index(folder)["datasets"]]
 
 
 def _write_page(path: Path, index: Mapping[str, Any], picture: Path | None) -> None:
