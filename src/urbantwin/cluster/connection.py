@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from urbantwin.cluster.on_node import Agreed, answer, difference, told_here
-from urbantwin.cluster.workers import ClusterWorkers
+from urbantwin.cluster.workers import ClusterWorkers, processors, working_nodes
 from urbantwin.errors import InputError, StageError
 from urbantwin.processes import usable_processors
 
@@ -39,10 +39,12 @@ class Cluster:
         address: as a person gave it.
         processors: how many its nodes have together.
         nodes: addresses of those that work.
+        workers: at most so many work at a time; all processors if not given.
     """
 
-    def __init__(self, address: str, agreed: Agreed | None) -> None:
+    def __init__(self, address: str, agreed: Agreed | None, workers: int | None = None) -> None:
         self.address = address
+        self.workers = workers
         self._agreed = agreed
         self._told = told_here(agreed)
         self._check_versions()
@@ -50,12 +52,12 @@ class Cluster:
     @property
     def processors(self) -> int:
         """How many processors its nodes have together."""
-        return int(sum(one["Resources"]["CPU"] for one in self._working()))
+        return processors()
 
     @property
     def nodes(self) -> list[str]:
         """Names of the nodes that work, as errors name them."""
-        return [_name(one) for one in self._working()]
+        return [_name(one) for one in working_nodes()]
 
     @contextmanager
     def worker_pool(
@@ -66,9 +68,10 @@ class Cluster:
         Args:
             start: called in every worker before its work.
             arguments: of ``start``; they reach every node once.
-            workers: at most so many at a time; as many as there are processors if not given.
+            workers: at most so many at a time; as the cluster says if not given.
         """
-        pool = ClusterWorkers(start, arguments, self._agreed, self._told, workers)
+        most = self.workers if workers is None else workers
+        pool = ClusterWorkers(start, arguments, self._agreed, self._told, most)
         try:
             yield pool
         finally:
@@ -88,7 +91,7 @@ class Cluster:
         packed = pickle.dumps((function, arguments), pickle.HIGHEST_PROTOCOL)
         work = ray.remote(num_cpus=0, max_retries=0)(answer)
         asked = {}
-        for one in self._working():
+        for one in working_nodes():
             on = NodeAffinitySchedulingStrategy(one["NodeID"], soft=False)
             asked[_name(one)] = work.options(scheduling_strategy=on).remote(packed)
         ray.wait(list(asked.values()), num_returns=len(asked), timeout=_NODE_ANSWERS_S)
@@ -103,21 +106,15 @@ class Cluster:
             except Exception as error:
                 raise _not_usable(name, error) from None
             if not well:
-                raise what
+                raise _of_node(name, what)
             told[name] = what
         return told
 
-    def _working(self) -> list[dict[str, Any]]:
-        import ray
-
-        nodes = [one for one in ray.nodes() if one["Alive"] and one["Resources"].get("CPU", 0) >= 1]
-        if not nodes:
+    def _check_versions(self) -> None:
+        if not working_nodes():
             raise InputError(
                 "has no node with a processor", place="--ray", expected="a cluster that can work"
             )
-        return nodes
-
-    def _check_versions(self) -> None:
         for name, there in self.on_every_node(told_here, self._agreed).items():
             other = difference(self._told, there)
             if other is not None:
@@ -139,7 +136,7 @@ def connected(
             one that is started here and ends with the block.
         agreed: a function of a module, called here and on every node: it returns what must be the
             same on all. The version of UrbanTwin is compared in any case.
-        workers: processors of a cluster that is started here; all if not given.
+        workers: at most so many work at a time; all processors if not given.
 
     Raises:
         InputError: Ray is not installed, there is no cluster at the address, it runs other
@@ -157,13 +154,13 @@ def connected(
             "Ray is not installed", place="--ray", expected="pip install 'urbantwin[ray]'"
         ) from None
     if ray.is_initialized():  # who calls us has joined one
-        yield Cluster(address, agreed)
+        yield Cluster(address, agreed, workers)
         return
     _check_address(address)
     with _own_signals():
         _join(address, workers)
     try:
-        yield Cluster(address, agreed)
+        yield Cluster(address, agreed, workers)
     finally:
         with _own_signals():
             ray.shutdown()
@@ -205,9 +202,7 @@ def _join(address: str, workers: int | None) -> None:
     if address != "local":
         os.environ[waits] = "2"  # attempts of some seconds; Ray's own would be twenty
     try:
-        ray.init(
-            address, log_to_driver=False, logging_level=logging.CRITICAL, **options
-        )
+        ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, **options)
     except ConnectionError:
         where = "on this machine" if address == "auto" else f"at {address}"
         raise InputError(
@@ -229,6 +224,14 @@ def _reason(error: Exception) -> str:
     if "ersion mismatch" in said:
         return said[said.index("ersion mismatch") - 1 :]
     return said
+
+
+def _of_node(name: str, error: Exception) -> Exception:
+    """Say of which node an error is."""
+    if not isinstance(error, InputError):
+        return error
+    place = f"node {name}" if error.place is None else f"node {name}: {error.place}"
+    return InputError(error.problem, file=error.file, place=place, expected=error.expected)
 
 
 def _not_usable(name: str, error: Exception) -> InputError:

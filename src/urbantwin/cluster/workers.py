@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from urbantwin.cluster.on_node import begin_and_work
 from urbantwin.errors import StageError
 
-__all__ = ["ClusterWorkers"]
+__all__ = ["ClusterWorkers", "processors", "working_nodes"]
 
 Result = TypeVar("Result")
 
@@ -129,11 +129,17 @@ class ClusterWorkers:
                     future.set_exception(StageError(f"no node of the cluster is left; {_THEN}"))
 
 
-def processors() -> int:
-    """Return how many processors the nodes have that are alive."""
+def working_nodes() -> list[dict[str, Any]]:
+    """Return what Ray tells of the nodes that are alive and have a processor."""
     import ray
 
-    return int(sum(one["Resources"].get("CPU", 0) for one in ray.nodes() if one["Alive"]))
+    nodes: list[dict[str, Any]] = ray.nodes()  # type: ignore[no-untyped-call, unused-ignore]
+    return [one for one in nodes if one["Alive"] and one["Resources"].get("CPU", 0) >= 1]
+
+
+def processors() -> int:
+    """Return how many processors the nodes have that are alive."""
+    return int(sum(one["Resources"]["CPU"] for one in working_nodes()))
 
 
 def _why(error: BaseException) -> str:
