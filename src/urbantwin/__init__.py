@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
     from urbantwin.interface.sequence import SequenceFiles, sequence
     from urbantwin.interface.site_file import Site, init
+    from urbantwin.interface.stored_dataset import StoredDataset
     from urbantwin.interface.study import Study, study
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.teaching import Taught, teach
@@ -123,6 +124,7 @@ __all__ = [
     "SequenceFiles",
     "Site",
     "StageError",
+    "StoredDataset",
     "Study",
     "Suite",
     "Summary",

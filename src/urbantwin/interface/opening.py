@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import kind_of, read_json
+from urbantwin.artefact.storage import is_url
 from urbantwin.dataset.split import says_split
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
@@ -91,13 +92,14 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
             a twin, a motion and a dataset in it; a ``site.yaml``, a ``rig.yaml``, a ``nodes.yaml``
             or a sensor's file; a measured background; a cloud, or real frames in any layout that is
             known (of a bag or capture with several, one: ``a.bag:/lidar/points``,
-            ``a.pcap:192.168.1.201``).
+            ``a.pcap:192.168.1.201``). Or the address of a dataset on storage:
+            ``s3://bucket/dataset``.
 
     Returns:
         A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
-        `SequenceFiles`, `Fleet`, `Campaign` or `Package`; `Datasets`, of any other folder with
-        several or a split by scenario; a `Site`, a `RigSpec`, a `NodesFile` or a `Datasheet`; a
-        `Background`; a `Cloud` or a `Recording`. Where the type matters to a type checker,
+        `SequenceFiles`, `Fleet`, `Campaign`, `StoredDataset` or `Package`; `Datasets`, of any
+        other folder with several or a split by scenario; a `Site`, a `RigSpec`, a `NodesFile` or
+        a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type matters to a type checker,
         ``ut.Dataset.open(path)`` and its like say it.
 
     Raises:
@@ -106,6 +108,10 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
     Example:
         >>> ut.open("out/dataset")[3].points
     """
+    if is_url(path):
+        from urbantwin.interface.stored_dataset import StoredDataset
+
+        return StoredDataset.open(str(path))
     place = Path(path)
     if not place.exists():
         from urbantwin.fidelity.readers import open_recording
