@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from urbantwin.fidelity.readers.recording import Recording
     from urbantwin.interface.actor_catalogue import ActorCatalogue, actors
     from urbantwin.interface.aligned_rig import AlignedRig, align
+    from urbantwin.interface.campaign import Campaign, campaign
     from urbantwin.interface.carla_frames import CarlaFrames, carla
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
     from urbantwin.interface.sequence import SequenceFiles, sequence
     from urbantwin.interface.site_file import Site, init
+    from urbantwin.interface.stored_dataset import StoredDataset
     from urbantwin.interface.study import Study, study
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.teaching import Taught, teach
@@ -79,6 +81,7 @@ __all__ = [
     "AlignedRig",
     "Background",
     "Calibration",
+    "Campaign",
     "Card",
     "CarlaFrames",
     "Cloud",
@@ -121,6 +124,7 @@ __all__ = [
     "SequenceFiles",
     "Site",
     "StageError",
+    "StoredDataset",
     "Study",
     "Suite",
     "Summary",
@@ -139,6 +143,7 @@ __all__ = [
     "background",
     "build",
     "calibrate",
+    "campaign",
     "card",
     "carla",
     "check",

@@ -2,7 +2,9 @@
 
     UrbanTwinError
     ├── InputError      a file or value that a person gave is wrong      (exit code 2)
+    │   └── TooLittleRoomError   the result will not fit on the disk
     └── StageError      a tool that a stage relies on failed             (exit code 1)
+        └── NoRoomError          the disk is full, or the quota used up
 
 Only ``urbantwin.cli`` turns them into a line of text and an exit code.
 """
@@ -11,7 +13,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["InputError", "StageError", "UrbanTwinError", "readable"]
+__all__ = [
+    "InputError",
+    "NoRoomError",
+    "StageError",
+    "TooLittleRoomError",
+    "UrbanTwinError",
+    "readable",
+]
 
 #: Most characters of each part of an error: what is longer is a file's content, not a message.
 _LONGEST = 320
@@ -93,3 +102,11 @@ def _input_error(
 
 class StageError(UrbanTwinError):
     """A tool that a stage relies on (netconvert, SUMO) failed on input that passed our checks."""
+
+
+class TooLittleRoomError(InputError):
+    """What is asked for will not fit on the disk; nothing was begun."""
+
+
+class NoRoomError(StageError):
+    """The disk is full, or may not be written to any further; whatever comes next fails, too."""

@@ -16,7 +16,9 @@ from types import ModuleType
 
 from urbantwin.interruption import deferred
 
-__all__ = ["threads", "usable_processors", "worker_pool"]
+__all__ = ["calculate_as_worker", "threads", "usable_processors", "worker_pool"]
+
+_a_worker = False
 
 
 def usable_processors() -> int:
@@ -28,7 +30,13 @@ def usable_processors() -> int:
 
 def threads() -> int:
     """Return on how many threads this process should calculate: on one if it is a worker."""
-    return usable_processors() if parent_process() is None else 1
+    return 1 if _a_worker or parent_process() is not None else usable_processors()
+
+
+def calculate_as_worker() -> None:
+    """Let this process calculate on one thread: something else than a pool of ours started it."""
+    global _a_worker  # noqa: PLW0603
+    _a_worker = True
 
 
 @contextmanager

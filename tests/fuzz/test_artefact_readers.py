@@ -397,8 +397,8 @@ JOURNAL = (
 )
 
 CELLS = (
-    b'{"kind": "journal", "cells": {"ab": {"state": "done", "attempts": 1, "seconds": 2.5}, '
-    b'"cd": {"state": "failed", "attempts": 2, "why": "SUMO fell over"}}}'
+    b'{"cell": "ab", "state": "done", "attempts": 1, "seconds": 2.5}\n'
+    b'{"cell": "cd", "state": "failed", "attempts": 2, "why": "SUMO fell over"}\n'
 )
 
 PLACEMENT = (
@@ -470,7 +470,7 @@ READERS = [
     Reader("carla roads", _carla_roads, "a.xodr", lambda: [ROADS]),
     Reader("carla navigation", triangles_of_obj, "a.obj", lambda: [WALKED]),
     Reader("journal", _kept_journal, "journal", lambda: [JOURNAL]),
-    Reader("journal of a grid", GridJournal, "cells.json", lambda: [CELLS]),
+    Reader("journal of a grid", GridJournal, "cells.jsonl", lambda: [CELLS]),
 ]  # fmt: skip
 
 

@@ -34,7 +34,7 @@ def test_a_level_that_is_there_twice_is_found_however_it_is_written() -> None:
 
 
 def test_what_is_done_stays_done_and_what_fails_is_tried_once_more(tmp_path: Path) -> None:
-    file = tmp_path / "cells.json"
+    file = tmp_path / "cells.jsonl"
     tried: list[str] = []
 
     def fails(times: int, name: str) -> None:
@@ -66,13 +66,27 @@ def test_what_is_wrong_is_not_tried_again(tmp_path: Path) -> None:
         raise InputError("is wrong")
 
     with pytest.raises(InputError):
-        Journal(tmp_path / "cells.json").once("a", wrong)
+        Journal(tmp_path / "cells.jsonl").once("a", wrong)
     assert tried == [1]
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"cells": 3}', '{"cells": {"a": 1}}'])
+def test_a_line_that_was_cut_off_counts_for_nothing(tmp_path: Path) -> None:
+    file = tmp_path / "cells.jsonl"
+    journal = Journal(file)
+    journal.note("a", state="done")
+    journal.note("b", state="done")
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-5])
+    again = Journal(file)
+    assert again.is_done("a")
+    assert not again.is_done("b")
+    again.note("b", state="done")
+    assert file.read_bytes() == whole
+
+
+@pytest.mark.parametrize("text", ["{\n", "[]\n", '{"cell": 3}\n', '{"cells": {"a": 1}}\n'])
 def test_a_damaged_journal_is_one_line(tmp_path: Path, text: str) -> None:
-    file = tmp_path / "cells.json"
+    file = tmp_path / "cells.jsonl"
     file.write_text(text)
-    with pytest.raises(InputError, match=r"cells\.json"):
+    with pytest.raises(InputError, match=r"cells\.jsonl"):
         Journal(file)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from urbantwin.errors import InputError, StageError
+from urbantwin.errors import InputError, NoRoomError, TooLittleRoomError
 
 __all__ = ["check_room", "says_no_room"]
 
@@ -34,12 +34,12 @@ def check_room(folder: Path, needed: float, what: str) -> None:
         what: that needs them.
 
     Raises:
-        InputError: fewer are free.
+        TooLittleRoomError: fewer are free.
     """
     there = next(one for one in (folder, *folder.absolute().parents) if one.is_dir())
     free = shutil.disk_usage(there).free
     if needed > free:
-        raise InputError(
+        raise TooLittleRoomError(
             f"{what} needs about {_size(needed)}, and {_size(free)} are free on the disk",
             file=folder,
             expected="more room, another disk, or less to write",
@@ -58,7 +58,7 @@ def says_no_room(target: Path, scratch: Path, *, goes_on: bool = False) -> Itera
         goes_on: whether what was made is kept.
 
     Raises:
-        StageError: in place of what the block raised, if there is no room.
+        NoRoomError: in place of what the block raised, if there is no room.
     """
     try:
         yield
@@ -70,7 +70,7 @@ def says_no_room(target: Path, scratch: Path, *, goes_on: bool = False) -> Itera
         if goes_on:
             then += ": it goes on from what was made"
         name = target if file is None else target / _within(file, scratch)
-        raise StageError(f"{name}: {why}; {then}") from error
+        raise NoRoomError(f"{name}: {why}; {then}") from error
 
 
 def _reason(error: BaseException, scratch: Path) -> tuple[str | None, str | None]:

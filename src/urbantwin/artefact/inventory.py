@@ -36,20 +36,25 @@ class Damage:
 
 
 def write_inventory(
-    folder: Path, *, known: Mapping[str, str] | None = None, without: Sequence[str] = ()
+    folder: Path,
+    *,
+    known: Mapping[str, str] | None = None,
+    without: Sequence[str] = (),
+    elsewhere: bool = False,
 ) -> None:
     """Write ``SHA256SUMS`` of everything in a folder, sorted by name.
 
     Args:
         folder: the artefact's.
         known: checksums that were taken while files were written, by name.
+        elsewhere: whether files that are known are listed although they are not in the folder.
         without: names of folders, wherever they are, that are no part of it.
     """
     scratch = folder / f".{INVENTORY}.part"
     scratch.unlink(missing_ok=True)  # of a run that was killed here
     sums = known or {}
     lines = []
-    for name in sorted(_files(folder)):
+    for name in sorted({*_files(folder), *(sums if elsewhere else ())}):
         if name != INVENTORY and not set(without).intersection(name.split("/")[:-1]):
             escaped = _escaped(name)
             said = "" if escaped == name else "\\"  # sha256sum(1): so the line says it

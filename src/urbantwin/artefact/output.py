@@ -47,6 +47,7 @@ KINDS = (
         "card",
         "fleet",
         "study",
+        "campaign",
         "explanation",
         "placement",
     ),

@@ -45,7 +45,8 @@ def verify(
 
     Args:
         path: an artefact, its manifest or another file of it, a part of a dataset of several
-            sensors, or a folder of artefacts: what ``urbantwin run`` wrote.
+            sensors, or a folder of artefacts, or of folders of them: what ``urbantwin run`` or
+            ``urbantwin campaign`` wrote.
         workers: threads that take checksums.
         where: says of a damaged file which bytes are wrong; asked of the first of each artefact.
         progress: told the share done and what is being done.
@@ -108,8 +109,14 @@ def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
         yield folder, "" if below == "." else below
         return
     for entry in sorted(inside.iterdir()) if inside == path.resolve() else ():
-        if entry.is_dir() and not entry.name.startswith(".") and _is_artefact(entry):
+        if not entry.is_dir() or entry.name.startswith("."):
+            continue
+        if _is_artefact(entry):
             yield entry, ""
+        else:  # a folder of artefacts in a folder of folders: the datasets of a campaign
+            below = (one for one in sorted(entry.iterdir()) if one.is_dir())
+            named = (one for one in below if not one.name.startswith("."))
+            yield from ((one, "") for one in named if _is_artefact(one))
 
 
 def _is_artefact(folder: Path) -> bool:

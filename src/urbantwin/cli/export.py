@@ -45,6 +45,7 @@ urbantwin export out/dataset/ --to las -o clouds/
 urbantwin export out/dataset/ --to laz -o clouds/
 urbantwin export out/dataset/ --to mcap -o drive.mcap
 urbantwin export out/dataset/ --to webdataset -o shards/
+urbantwin export campaign/ --to parquet -o shards/
 urbantwin export out/dataset/ --to challenge -o submission/
 """
 
@@ -64,7 +65,8 @@ def export(
             "(CSV), openlabel, openscenario (ASAM). Of a dataset, to train with: openpcdet and "
             "mmdet3d (with configs for it; openpcdet as a .yaml: the config alone), kitti, "
             "semantickitti, nuscenes, opv2v, lumpi; to look at and carry on: openlabel, pcd, las, "
-            "laz, mcap, webdataset; challenge (a submission to the UrbanTwin challenge). What a "
+            "laz, mcap; to stream: webdataset, parquet (of a campaign or a folder of datasets: "
+            "shards). Or challenge (a submission to the UrbanTwin challenge). What a "
             "format cannot hold of a dataset is told before it is written.",
         ),
     ],

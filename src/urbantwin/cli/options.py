@@ -11,9 +11,11 @@ __all__ = [
     "AsJson",
     "Layout",
     "Out",
+    "OutOrUrl",
     "PartOfSplit",
     "Pictures",
     "Quiet",
+    "Ray",
     "RigPicture",
     "RowWidth",
     "Seed",
@@ -29,6 +31,23 @@ Out = Annotated[
         "-o",
         metavar="FOLDER",
         help="The folder to write.  [default: one beside what it is made from]",
+    ),
+]
+OutOrUrl = Annotated[
+    str | None,
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="FOLDER|URL",
+        help="The folder to write, or storage: s3://bucket/name.  "
+        "[default: a folder beside what it is made from]",
+    ),
+]
+Ray = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="A Ray cluster to work on (an extra): HOST:PORT, auto, or local to start one.",
     ),
 ]
 Layout = Annotated[

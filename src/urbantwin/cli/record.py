@@ -9,7 +9,17 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Pictures, Quiet, Seed, SplitGap, Thin, Workers
+from urbantwin.cli.options import (
+    AsJson,
+    OutOrUrl,
+    Pictures,
+    Quiet,
+    Ray,
+    Seed,
+    SplitGap,
+    Thin,
+    Workers,
+)
 
 __all__ = ["EXAMPLES", "record"]
 
@@ -24,6 +34,8 @@ urbantwin record twin/ motion/ -o dataset/ --split 60,20,20 --gap 5 --thin 0.5
 urbantwin record twin/ motion/ --rig bus.yaml --ride 12 -o dataset/
 urbantwin record twin/ motion/ --nodes nodes.yaml -o fleet/
 urbantwin record twin/ motion/ -o dataset/ --backend warp --workers 1
+urbantwin record twin/ motion/ -o /shared/dataset/ --ray auto
+urbantwin record twin/ motion/ -o s3://bucket/dataset --ray 10.0.0.1:6379
 urbantwin record twin/ motion/ -o dataset/ --background corner=a.npz --background pole=b.npz
 """
 
@@ -31,7 +43,7 @@ urbantwin record twin/ motion/ -o dataset/ --background corner=a.npz --backgroun
 def record(
     twin: Annotated[Path, typer.Argument(help="A twin's folder.")],
     motion: Annotated[Path, typer.Argument(help="The folder of a motion on that twin.")],
-    out: Out = None,
+    out: OutOrUrl = None,
     rig: Annotated[
         Path | None, typer.Option(help="A rig.yaml; the twin's own rig if not given.")
     ] = None,
@@ -110,6 +122,7 @@ def record(
         typer.Option("--fuse", help="Where nobody looked, the twin is seen."),
     ] = False,
     workers: Workers = None,
+    ray: Ray = None,
     seed: Seed = None,
     pictures: Pictures = True,
     quiet: Quiet = False,
@@ -141,6 +154,7 @@ def record(
         background=background or (),
         fuse=fuse,
         workers=workers,
+        ray=ray,
         seed=seed,
         pictures=pictures,
         progress=not quiet,

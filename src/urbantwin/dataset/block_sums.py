@@ -6,15 +6,20 @@ labels have none of their own: without these, nothing would say which of a milli
 
 from __future__ import annotations
 
+import base64
 import zlib
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from urbantwin.artefact.damaged_bytes import span
 from urbantwin.artefact.tables import PARQUET, read_parquet
-from urbantwin.dataset.layout import FOLDERS
+from urbantwin.dataset.frame_files import FOLDERS
 from urbantwin.errors import InputError
 
-__all__ = ["BLOCKS", "damaged_block", "write_block_sums"]
+__all__ = ["BLOCKS", "damaged_block", "packed_sums", "write_block_sums"]
 
 BLOCKS = "blocks.parquet"
 #: Bytes of a block: a page of memory and of most disks, which is what is lost together.
@@ -22,25 +27,51 @@ _BYTES = 4096
 _EXPECTED = "checksums of the blocks of frames"
 
 
-def write_block_sums(dataset: Path) -> None:
-    """Write the CRC-32 (RFC 1952) of each 4,096 bytes of every file of a dataset's frames.
+def packed_sums(*parts: bytes | memoryview) -> dict[str, Any]:
+    """Return the CRC-32 (RFC 1952) of each 4,096 bytes of a file, as JSON keeps it.
+
+    Args:
+        parts: of the file, in their order.
+
+    Returns:
+        ``bytes``, the file's size, and ``crc32``, the blocks' in their order: base64 of uint32.
+    """
+    sums: list[int] = []
+    size, last = 0, 0
+    for part in parts:
+        begin = 0
+        while begin < len(part):
+            end = begin + _BYTES - size % _BYTES
+            last = zlib.crc32(part[begin:end], last if size % _BYTES else 0)
+            size += len(part[begin:end])
+            begin = end
+            if size % _BYTES == 0:
+                sums.append(last)
+    if size % _BYTES:
+        sums.append(last)
+    packed = base64.b64encode(np.array(sums, "<u4").tobytes()).decode()
+    return {"bytes": size, "crc32": packed}
+
+
+def write_block_sums(dataset: Path, entries: Iterable[Mapping[str, Any]]) -> None:
+    """Write the checksums of the blocks of every file of a dataset's frames.
 
     ``file`` is the name in the dataset, ``bytes`` its size, ``crc32`` the blocks' in their order.
+
+    Args:
+        dataset: its folder.
+        entries: what ``layout.write_frame`` returned for each frame.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    names = [
-        f"{folder}/{path.name}"
-        for folder in FOLDERS
-        if (dataset / folder).is_dir()
-        for path in sorted((dataset / folder).iterdir())
-    ]
-    sums = [_sums(dataset / name) for name in names]
+    files = {name: one for entry in entries for name, one in entry["blocks"].items()}
+    names = sorted(files, key=lambda name: (FOLDERS.index(name.partition("/")[0]), name))
+    sums = [np.frombuffer(base64.b64decode(files[name]["crc32"]), "<u4") for name in names]
     table = pa.table(
         {
             "file": pa.array(names, pa.string()),
-            "bytes": pa.array([(dataset / name).stat().st_size for name in names], pa.int64()),
+            "bytes": pa.array([files[name]["bytes"] for name in names], pa.int64()),
             "crc32": pa.array(sums, pa.list_(pa.uint32())),
         }
     )

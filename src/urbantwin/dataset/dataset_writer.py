@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_room, sha256_of, write_json
+from urbantwin.cluster import Cluster
 from urbantwin.dataset.box_table import write_boxes
 from urbantwin.dataset.frame_files import RAY_TYPE
 from urbantwin.dataset.frame_motion import FrameMotions
+from urbantwin.dataset.frame_place import MARKS, FramePlace
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
-from urbantwin.dataset.layout import folders_of, frame_name, read_json_or_none
+from urbantwin.dataset.layout import folders_of, frame_name
 from urbantwin.dataset.manifest import frames_of, manifest_of
 from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
 from urbantwin.dataset.split.actor_places import Recorded
@@ -20,7 +22,7 @@ from urbantwin.dataset.split.asked import SplitAsked
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
 from urbantwin.dataset.split.time_split import Split, split_in_time
 from urbantwin.dataset.sweep_table import write_sweeps
-from urbantwin.dataset.workers import Part, Recipe, Task, record_frames
+from urbantwin.dataset.workers import Part, Recipe, Task, Workers, record_frames
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
 from urbantwin.lidar.timing import span_of
@@ -32,15 +34,12 @@ if TYPE_CHECKING:
     from urbantwin.twin import Twin
 
 __all__ = [
-    "MARKS",
     "Recording",
     "check_room_for",
     "checksums",
     "write_datasets",
 ]
 
-#: Folder of the marks of finished frames; no part of the dataset.
-MARKS = "done"
 TABLES = ("boxes.parquet", "sweeps.parquet")
 #: Of a point: x, y, z and intensity, its label, and the ray that it came from.
 BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
@@ -60,7 +59,8 @@ class Recording:
         rig: the sensors; one that rides has boarded.
         seed: of all random numbers.
         times_s: number of each frame -> its time.
-        folder: where the files go; made if it is not there.
+        folder: where tables and manifest go; made if it is not there.
+        place: where the frames go.
         recipe: what its manifest says that the frames follow from, see `manifest.recipe_of`.
     """
 
@@ -68,6 +68,7 @@ class Recording:
     seed: int
     times_s: Mapping[int, float]
     folder: Path
+    place: FramePlace
     recipe: Mapping[str, Any]
 
 
@@ -76,7 +77,7 @@ def record_datasets(
     motion: Motion,
     parts: Mapping[str, Recording],
     *,
-    workers: int | None,
+    workers: Workers,
     backend: str,
     storage: str,
     progress: Callable[[int], None],
@@ -87,7 +88,7 @@ def record_datasets(
         twin: the twin.
         motion: a motion on it.
         parts: the datasets, by name: workers have the world but once.
-        workers: number of processes; as many as there are processors when not given.
+        workers: number of processes, or a cluster; as many as there are processors when not given.
         backend: what casts the rays, see `lidar.Scanner`.
         storage: of points, see `layout.write_frame`.
         progress: called with the number of frames that are there, after each.
@@ -97,10 +98,10 @@ def record_datasets(
     """
     missing: dict[str, list[int]] = {}
     for part, own in parts.items():
-        done = own.folder / MARKS
-        for name in (MARKS, *folders_of(storage)):
-            (own.folder / name).mkdir(parents=True, exist_ok=True)
-        missing[part] = [k for k in own.times_s if read_json_or_none(_mark(done, k)) is None]
+        own.folder.mkdir(parents=True, exist_ok=True)
+        own.place.prepare(folders_of(storage))
+        there = zip(own.times_s, _entries(own), strict=True)
+        missing[part] = [index for index, entry in there if entry is None]
 
     def tasks() -> Iterator[Task]:
         motions = FrameMotions(motion)
@@ -111,11 +112,7 @@ def record_datasets(
 
     recipe = Recipe(
         twin.mesh,
-        {
-            part: Part(own.rig, own.seed, own.folder, own.folder / MARKS)
-            for part, own in parts.items()
-            if missing[part]
-        },
+        {part: Part(own.rig, own.seed, own.place) for part, own in parts.items() if missing[part]},
         motion.meshes,
         twin.surface_materials,
         twin.region,
@@ -124,14 +121,12 @@ def record_datasets(
     )
     left = sum(map(len, missing.values()))
     if left:
-        count = min(usable_processors() if workers is None else workers, left)
-        there = sum(len(own.times_s) for own in parts.values()) - left
-        for number, _ in enumerate(record_frames(recipe, tasks(), count), start=there + 1):
+        if not isinstance(workers, Cluster):
+            workers = min(usable_processors() if workers is None else workers, left)
+        done = sum(len(own.times_s) for own in parts.values()) - left
+        for number, _ in enumerate(record_frames(recipe, tasks(), workers), start=done + 1):
             progress(number)
-    return {
-        part: [read_json_or_none(_mark(own.folder / MARKS, index)) for index in own.times_s]
-        for part, own in parts.items()
-    }
+    return {part: _entries(own) for part, own in parts.items()}
 
 
 def write_datasets(
@@ -140,7 +135,7 @@ def write_datasets(
     parts: Mapping[str, Recording],
     *,
     split: SplitAsked,
-    workers: int | None,
+    workers: Workers,
     backend: str,
     storage: str,
     progress: Progress,
@@ -250,5 +245,6 @@ def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
     }
 
 
-def _mark(done: Path, index: int) -> Path:
-    return done / f"{frame_name(index)}.json"
+def _entries(own: Recording) -> list[Any]:
+    """Return what the marks of its frames hold, ``None`` for those that are not there."""
+    return own.place.entries(frame_name(index) for index in own.times_s)

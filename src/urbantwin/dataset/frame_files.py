@@ -14,9 +14,11 @@ from urbantwin.dataset.frame_columns import read_columns
 from urbantwin.dataset.frame_las import read_laz
 from urbantwin.errors import InputError
 
-__all__ = ["RAY_TYPE", "STORED", "FrameFiles", "ray_place", "read_labels", "read_rays"]
+__all__ = ["FOLDERS", "RAY_TYPE", "STORED", "FrameFiles", "ray_place", "read_labels", "read_rays"]
 __all__ += ["stored_frames"]
 
+#: Those of a dataset that hold the files of its frames.
+FOLDERS = ("points", "labels", "semantic", "rays")
 #: One ray: the number of the sensor in the rig, its channel, the firing within the turn, when it
 #: fired (seconds from the frame's time, as the sensor's clock has it), and which echo it is of the
 #: beam (0, the first that is reported, or 1).

@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.artefact import (
-    INVENTORY,
-    check_folder,
-    replaced_folder,
-    sha256_of,
-    write_inventory,
-    write_json,
-)
+from urbantwin.artefact import sha256_of, write_inventory, write_json
+from urbantwin.artefact.storage import Storage
 from urbantwin.dataset.block_sums import write_block_sums
 from urbantwin.dataset.card.write import write_cards
 from urbantwin.dataset.dataset_writer import (
-    MARKS,
     Recording,
     check_room_for,
     checksums,
     write_datasets,
 )
 from urbantwin.dataset.frame_files import STORED
+from urbantwin.dataset.frame_place import MARKS
 from urbantwin.dataset.manifest import manifest_of_parts, recipe_key, recipe_of, recipe_of_rig
 from urbantwin.dataset.motion_interpolation import FASTEST_M_S, SAME_TIME_S
+from urbantwin.dataset.output_place import check_output, opened_output
 from urbantwin.dataset.split import SplitAsked, check_split
+from urbantwin.dataset.workers import Workers
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.casting.backend import tracer_on
@@ -46,9 +41,9 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     twin: Twin,
     motion: Motion,
     rig: Rig,
-    out: Path,
+    out: Path | Storage,
     *,
-    workers: int | None = None,
+    workers: Workers = None,
     seed: int | None = None,
     start_s: float = 0.0,
     stop_s: float | None = None,
@@ -69,15 +64,17 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     also does not depend on the number of workers.
 
     The folder appears when it is whole. A run that is interrupted leaves the frames that it
-    finished in its scratch beside it, and the same command goes on from there. With
+    finished in its scratch beside it, and the same command goes on from there. On storage, workers
+    write frames to their places, and the inventory, which comes last, says that it is whole. With
     ``fused: false`` in the rig there is a dataset for each sensor, in a folder of its name.
 
     Args:
         twin: the twin.
         motion: a motion on it.
         rig: the sensors, placed on it.
-        out: the dataset's folder; an older dataset there is replaced.
-        workers: number of processes; as many as there are processors when not given.
+        out: the dataset's folder, in which an older dataset is replaced; or storage, where nothing
+            may be.
+        workers: number of processes, or a cluster; as many as there are processors when not given.
         seed: of all that a sensor leaves to chance; the site's ``traffic.seed`` when not given.
         start_s: no frame before it.
         stop_s: no frame after it; the motion's last step when not given.
@@ -98,7 +95,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         InputError: a backend that this machine lacks, a motion on another twin, a negative
             number, a span without frames, a gap that leaves a part of the split empty, a rig that
             rides on an actor that is not there all the time, or an ``out`` that holds other files.
-        StageError: a worker was killed, or the disk is full.
+        StageError: a worker was killed, the disk is full, or the storage fails.
     """
     seed = checked_seed(twin, motion, seed, workers=workers, storage=storage)
     times_s = frame_times(rig.rate_hz, start_s, stop_s, motion.times(), every=every)
@@ -108,7 +105,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     rig = boarded(rig, motion, list(times_s.values()), fastest_m_s=FASTEST_M_S, file=file)
     tracer_on(backend)  # Before any work: is it there?
     inputs = [twin.folder, *inputs]
-    check_folder(out, kind="dataset", inputs=inputs)
+    check_output(out, kind="dataset", inputs=inputs)
     say = progress or untold
     say(0.0, "static world")
     if asked is not None:
@@ -119,15 +116,22 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     key = recipe_key(
         {**recipe, "pictures": also is not None, "split": asked_split.told(), "storage": storage}
     )
-    with replaced_folder(out, kind="dataset", inputs=inputs, key=key) as folder:
-        if not (folder / INVENTORY).is_file():
+    with opened_output(out, kind="dataset", inputs=inputs, key=key) as made:
+        folder = made.folder
+        if not made.is_whole:
             recordings = {
                 name: Recording(
-                    part, seed, times_s, folder / name, {**recipe, **recipe_of_rig(part)}
+                    part,
+                    seed,
+                    times_s,
+                    folder / name,
+                    made.frames(name),
+                    {**recipe, **recipe_of_rig(part)},
                 )
                 for name, part in parts.items()
             }
-            check_room_for(out, recordings, storage)
+            if isinstance(out, Path):
+                check_room_for(out, recordings, storage)
             entries = write_datasets(
                 twin,
                 motion,
@@ -142,26 +146,29 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                 manifests = {name: sha256_of(folder / name / "dataset.json") for name in parts}
                 write_json(folder / "dataset.json", manifest_of_parts(recipe, entries, manifests))
             if also is not None:
+                for name in parts:
+                    made.fetch_frame(name, entries[name])
                 also(folder)
             for name in parts:
-                write_block_sums(folder / name)
+                write_block_sums(folder / name, entries[name])
             write_cards(folder)
-            write_inventory(folder, known=checksums(entries), without=[MARKS])
+            write_inventory(
+                folder, known=checksums(entries), without=[MARKS], elsewhere=made.is_elsewhere
+            )
         # With an inventory it is whole, and what an interruption leaves from here on is enough.
-        for name in parts:
-            shutil.rmtree(folder / name / MARKS, ignore_errors=True)
+        made.remove_marks(parts)
     say(1.0, "done")
 
 
 def checked_seed(
-    twin: Twin, motion: Motion, seed: int | None, *, workers: int | None, storage: str
+    twin: Twin, motion: Motion, seed: int | None, *, workers: Workers, storage: str
 ) -> int:
     """Return the seed of a run, and refuse what no recording can be made of.
 
     Raises:
         InputError: no workers, a negative seed, a motion on another twin, an unknown storage.
     """
-    if workers is not None and workers < 1:
+    if isinstance(workers, int) and workers < 1:
         raise InputError(f"{workers} workers", place="workers", expected="1 or more")
     seed = int(twin.site["traffic"]["seed"]) if seed is None else seed
     if seed < 0:

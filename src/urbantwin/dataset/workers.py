@@ -1,18 +1,18 @@
-"""Frames on a pool of processes. Which process records a frame changes nothing in it."""
+"""Frames on processes of this machine, or on a cluster. Who records a frame changes nothing in it."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from itertools import islice
-from pathlib import Path
 
 import shapely
 
+from urbantwin.cluster import Cluster, ClusterWorkers
 from urbantwin.dataset.frame_motion import FrameMotion
+from urbantwin.dataset.frame_place import FramePlace
 from urbantwin.dataset.layout import frame_name, write_frame
 from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.dataset.motion_interpolation import posed_actors
@@ -23,7 +23,10 @@ from urbantwin.lidar import Rig, Scanner
 from urbantwin.processes import worker_pool
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
-__all__ = ["Part", "Recipe", "Task", "record_frames"]
+__all__ = ["Part", "Recipe", "Task", "Workers", "record_frames"]
+
+#: How many processes of this machine, or a cluster; ``None`` for as many as there are processors.
+Workers = int | Cluster | None
 
 #: What one worker has in hand besides what it works on: enough that it never waits.
 _QUEUED = 3
@@ -45,15 +48,12 @@ class Part:
     Attributes:
         rig: the sensors.
         seed: of all random numbers.
-        folder: where the files go; it has every folder of ``layout.folders_of``.
-        done: where the mark of every finished frame goes; written last, so a frame that has its
-            mark is whole.
+        place: where the files go, prepared for every folder of ``layout.folders_of``.
     """
 
     rig: Rig
     seed: int
-    folder: Path
-    done: Path
+    place: FramePlace
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,45 +113,40 @@ class _Recorder:
         rig = part.rig
         actors = posed_actors(task.motion.rows, task.motion.paths())
         frame = self._scanner_of(task.part).scan(task.index, actors)
-        entry = write_frame(part.folder, task.index, frame, self._recipe.storage)
+        entry = write_frame(part.place, task.index, frame, self._recipe.storage)
         carrier = next((one.way for one in actors if one.track == rig.carrier), None)
         entry["sweeps"] = sweep_rows(rig, task.index, part.seed, carrier)
         if carrier is not None:
             entry["dataset_SE3_site"] = pose_matrix(rig.dataset_pose(carrier))
-        mark = part.done / f"{frame_name(task.index)}.json"
-        unfinished = mark.with_suffix(".part")
-        unfinished.write_text(json.dumps(entry, allow_nan=False))
-        unfinished.replace(mark)
+        part.place.mark(frame_name(task.index), entry)
         return task.index
 
 
-def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterator[int]:
+def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int | Cluster) -> Iterator[int]:
     """Record frames and yield the number of each when its files are there, in any order.
 
     Args:
         recipe: what all frames share.
         tasks: the frames, made when they are needed, those of a part together.
-        workers: number of processes; with one, frames are recorded in this one.
+        workers: number of processes, or a cluster; with one, frames are recorded in this one.
 
     Raises:
-        StageError: a worker was killed.
+        InputError: a worker does not see where the frames go.
+        StageError: a worker was killed; on a cluster, a frame was lost with its worker many times.
     """
+    if isinstance(workers, Cluster):
+        places = [part.place for part in recipe.parts.values()]
+        workers.on_every_node(_check_places, places)  # before any work, and of all nodes
+        with workers.worker_pool(_start, recipe) as crew:
+            yield from _recorded(crew, tasks, crew.room)
+        return
     if workers == 1:
         recorder = _Recorder(recipe)
         yield from map(recorder.record, tasks)
         return
-    waiting = iter(tasks)
     try:
         with worker_pool(workers, _start, recipe) as pool:
-            under_way: set[Future[int]] = set()
-            while True:
-                room = workers * _QUEUED - len(under_way)
-                under_way |= {pool.submit(_record, task) for task in islice(waiting, room)}
-                if not under_way:
-                    return
-                finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    yield future.result()
+            yield from _recorded(pool, tasks, workers * _QUEUED)
     except BrokenProcessPool:
         raise StageError(
             "a worker was killed (out of memory?); what is finished is kept: "
@@ -159,12 +154,32 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterat
         ) from None
 
 
+def _recorded(pool: Executor | ClusterWorkers, tasks: Iterable[Task], most: int) -> Iterator[int]:
+    """Yield the number of each frame that a pool recorded; it has so many in hand at most."""
+    waiting = iter(tasks)
+    under_way: set[Future[int]] = set()
+    while True:
+        room = most - len(under_way)
+        under_way |= {pool.submit(_record, task) for task in islice(waiting, room)}
+        if not under_way:
+            return
+        finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
+        for future in finished:
+            yield future.result()
+
+
 _recorder: _Recorder | None = None
 
 
 def _start(recipe: Recipe) -> None:
     global _recorder  # noqa: PLW0603 - a worker's only state: what its static rays hit
+    _check_places([part.place for part in recipe.parts.values()])
     _recorder = _Recorder(recipe)
+
+
+def _check_places(places: Iterable[FramePlace]) -> None:
+    for place in places:
+        place.check()
 
 
 def _record(task: Task) -> int:

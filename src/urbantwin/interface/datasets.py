@@ -18,7 +18,7 @@ from urbantwin.interface.summary import Summary
 if TYPE_CHECKING:
     from urbantwin.interface.dataset import Dataset
 
-__all__ = ["Datasets", "datasets_inside"]
+__all__ = ["Datasets", "datasets_inside", "short_names"]
 
 #: So many folders down a dataset is looked for.
 _DEEP = 3
@@ -55,7 +55,7 @@ class Datasets(Frames):
         places = [Path(os.path.realpath(one.folder)) for one in found]
         if len(set(places)) < len(places):
             raise InputError("a dataset is given twice", expected="each dataset once")
-        self._names = _short_names(places)
+        self._names = short_names(places)
         self._divided: SplitDocument | None = None
 
     @classmethod
@@ -86,7 +86,7 @@ class Datasets(Frames):
     def _located(self) -> list[Located]:
         return [
             (one, name, number)
-            for one, name in zip(self._datasets, self._names, strict=True)
+            for one, name in zip(self.datasets, self._names, strict=True)
             for number in range(len(one.names))
         ]
 
@@ -100,7 +100,7 @@ class Datasets(Frames):
 
     def __repr__(self) -> str:
         """Return how many there are, and their names."""
-        return f"{len(self._datasets)} datasets of {len(self)} frames: {', '.join(self._names)}"
+        return f"{len(self.datasets)} datasets of {len(self)} frames: {', '.join(self._names)}"
 
     def summary(self) -> Summary:
         """Return how many frames each has."""
@@ -130,7 +130,7 @@ def datasets_inside(folder: Path) -> list[Path]:
     return sorted(found)
 
 
-def _short_names(places: list[Path]) -> list[str]:
+def short_names(places: list[Path]) -> list[str]:
     """Return the ends of paths, as long as they must be to differ."""
     longest = max(len(place.parts) for place in places)
     for parts in range(1, longest + 1):

@@ -14,6 +14,7 @@ from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
+    from urbantwin.exports.frames.shards import ShardSource
     from urbantwin.interface.twin import Twin
 
 __all__ = ["Exported", "export"]
@@ -67,7 +68,9 @@ def export(
             ``ply``, ``usd``, ``fbx``, ``cityjson``; of a motion: ``tracks`` (CSV), ``openlabel``,
             ``openscenario``; of a dataset: ``openpcdet`` and ``mmdet3d`` (with configs to train
             with), ``kitti``, ``semantickitti``, ``nuscenes``, ``openlabel``, ``opv2v``, ``lumpi``,
-            ``pcd``, ``las``, ``laz``, ``mcap``, ``webdataset``, ``challenge``.
+            ``pcd``, ``las``, ``laz``, ``mcap``, ``webdataset``, ``parquet``, ``challenge``. A
+            campaign, a split by scenario or a folder of datasets becomes shards (``webdataset``,
+            ``parquet``) whose frames are drawn among each other.
         out: the file or folder to write; one named after what is exported, in the current folder,
             when not given. ``openpcdet`` as a ``.yaml`` is the config alone.
         version: of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
@@ -97,6 +100,15 @@ def export(
         from urbantwin.exports.frames.openpcdet import write_openpcdet_config
 
         return Exported(place, to, tuple(write_openpcdet_config(Path(twin), place)))
+    several = _several(Path(twin), to)
+    if several:
+        from urbantwin.exports.frames.shards import export_shards
+
+        folder = place or Path(f"{Path(twin).resolve().stem}-{to}")
+        with shown_stage("export", progress) as tell:
+            told = export_shards(several, to, folder, inputs=[Path(twin)], progress=tell)
+        note = f"{told['frames']} frames of {len(several)} datasets, in an order that was drawn"
+        return Exported(folder, to, (note,))
     from urbantwin.exports.frames.formats import DATASET_FORMATS
 
     if to in DATASET_FORMATS and kind_of(Path(twin)) != "motion":
@@ -133,6 +145,34 @@ def export(
         tell(0.2, f"writing {to}")
         written = export_twin(loaded, to, place, version=version)
     return Exported(written.path, to, tuple(written.notes))
+
+
+def _several(path: Path, to: str) -> list[ShardSource]:
+    """Return the datasets of a campaign, of a split by scenario or of a folder, if shards are.
+
+    None where a format of shards is not asked for, or there are not several.
+    """
+    from urbantwin.dataset.split import read_split_document, says_split
+    from urbantwin.exports.frames.shards import FORMATS, ShardSource
+    from urbantwin.interface.campaign import Campaign, shard_sources
+    from urbantwin.interface.datasets import datasets_inside, short_names
+
+    if to not in FORMATS:
+        return []
+    if says_split(path):
+        rows = read_split_document(path).rows
+        names = short_names([folder.resolve() for folder, _, _ in rows])
+        return [
+            ShardSource(folder, name, part=part)
+            for (folder, part, _), name in zip(rows, names, strict=True)
+        ]
+    if kind_of(path / "index") == "campaign":
+        return shard_sources(Campaign.open(path))
+    if kind_of(path) is not None:
+        return []
+    folders = datasets_inside(path) if path.is_dir() else []
+    names = short_names([folder.resolve() for folder in folders]) if folders else []
+    return [ShardSource(one, name) for one, name in zip(folders, names, strict=True)]
 
 
 def _check_kind(exported: Twin | AnyPath, to: str) -> None:

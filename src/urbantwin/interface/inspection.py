@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from urbantwin.artefact import kind_of
 from urbantwin.errors import InputError
 from urbantwin.interface.opening import opened_artefact
 from urbantwin.interface.place import AnyPath
@@ -18,7 +19,7 @@ from urbantwin.progress import Progress, untold
 
 __all__ = ["inspect", "summary_of"]
 
-MANIFESTS = ("twin", "motion", "dataset", "report", "coverage", "sequence", "fleet")
+MANIFESTS = ("twin", "motion", "dataset", "report", "coverage", "sequence", "fleet", "campaign")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
 EXPECTED = (
     "a twin, motion, dataset, fleet, report, coverage or sequence; a site.yaml, rig.yaml, "
@@ -101,6 +102,8 @@ def _by_ending(name: str, progress: Progress) -> Callable[[Path], dict[str, Any]
 
 
 def _folder(folder: Path) -> dict[str, Any]:
+    if kind_of(folder / "index") == "campaign":
+        folder = folder / "index"
     for kind in MANIFESTS:
         if (folder / f"{kind}.json").is_file():
             return _without_path(opened_artefact(folder, kind).summary())

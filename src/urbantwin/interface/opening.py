@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import kind_of, read_json
+from urbantwin.artefact.storage import is_url
 from urbantwin.dataset.split import says_split
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
@@ -35,6 +36,7 @@ _CLASSES = {
     "sequence": ("sequence", "SequenceFiles"),
     "fleet": ("fleet", "Fleet"),
     "study": ("study", "Study"),
+    "campaign": ("campaign", "Campaign"),
     "explanation": ("explanation", "Explanation"),
     "fusion": ("fusion_study", "FusionStudy"),
     "placement": ("placement", "Placement"),
@@ -90,14 +92,15 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
             a twin, a motion and a dataset in it; a ``site.yaml``, a ``rig.yaml``, a ``nodes.yaml``
             or a sensor's file; a measured background; a cloud, or real frames in any layout that is
             known (of a bag or capture with several, one: ``a.bag:/lidar/points``,
-            ``a.pcap:192.168.1.201``).
+            ``a.pcap:192.168.1.201``). Or the address of a dataset on storage:
+            ``s3://bucket/dataset``.
 
     Returns:
         A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
-        `SequenceFiles`, `Fleet` or `Package`; `Datasets`, of a folder with several or a split by
-        scenario; a `Site`, a `RigSpec`, a `NodesFile` or a `Datasheet`; a `Background`; a `Cloud`
-        or a `Recording`. Where the type matters to a type checker, ``ut.Dataset.open(path)`` and
-        its like say it.
+        `SequenceFiles`, `Fleet`, `Campaign`, `StoredDataset` or `Package`; `Datasets`, of any
+        other folder with several or a split by scenario; a `Site`, a `RigSpec`, a `NodesFile` or
+        a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type matters to a type checker,
+        ``ut.Dataset.open(path)`` and its like say it.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
@@ -105,6 +108,10 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
     Example:
         >>> ut.open("out/dataset")[3].points
     """
+    if is_url(path):
+        from urbantwin.interface.stored_dataset import StoredDataset
+
+        return StoredDataset.open(str(path))
     place = Path(path)
     if not place.exists():
         from urbantwin.fidelity.readers import open_recording
@@ -126,6 +133,8 @@ def _opened_folder(place: Path) -> Any:  # noqa: ANN401 - see `open`
     """Open a folder that is no artefact: it may hold some, or be a site, or a recording."""
     from urbantwin.interface.datasets import Datasets, datasets_inside
 
+    if kind_of(place / "index") == "campaign":
+        return opened_artefact(place / "index", "campaign")
     there = [
         one for one in ("twin", "motion", "dataset") if (place / one / f"{one}.json").is_file()
     ]

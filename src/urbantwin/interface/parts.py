@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from urbantwin.artefact import kind_of
 from urbantwin.dataset.split import PARTS, frames_of_part, is_split_document, read_split_document
 from urbantwin.errors import InputError
 
@@ -44,8 +45,9 @@ def chosen_frames(given: Sequence[Path], part: str, *, place: str = "--part") ->
 
     Args:
         given: datasets, of whose lists (``ImageSets/``) the part is taken; recordings without
-            lists, which are all of every part; and documents of `split`, of which the datasets of
-            the part are taken whole.
+            lists, which are all of every part; documents of `split`, of which the datasets of
+            the part are taken whole; and campaigns, which stand for their split, or else for
+            their datasets.
         part: ``train``, ``val``, ``test`` or ``all``.
         place: the option, for errors.
 
@@ -58,7 +60,7 @@ def chosen_frames(given: Sequence[Path], part: str, *, place: str = "--part") ->
         )
     folders: list[Path] = []
     names: list[tuple[str, ...] | None] = []
-    for path in given:
+    for path in (one for several in given for one in _of_campaign(several)):
         if is_split_document(path):
             found = read_split_document(path).datasets(part)
             folders += found
@@ -73,6 +75,16 @@ def chosen_frames(given: Sequence[Path], part: str, *, place: str = "--part") ->
         folders.append(path)
         names.append(None if listed is None else tuple(listed))
     return ChosenFrames(tuple(folders), tuple(names))
+
+
+def _of_campaign(path: Path) -> list[Path]:
+    """Return what a campaign stands for; anything else stands for itself."""
+    if kind_of(path / "index") != "campaign":
+        return [path]
+    from urbantwin.campaigns.index import datasets_of
+
+    divided = path / "split.json"
+    return [divided] if divided.is_file() else datasets_of(path) or []
 
 
 def recording_of_part(path: Path, layout: str | None, part: str) -> Recording:

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from urbantwin.artefact import check_folder
+from urbantwin.artefact.storage import Storage, is_url
+from urbantwin.dataset.output_place import check_output
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
+from urbantwin.interface.stored_dataset import StoredDataset
 
 if TYPE_CHECKING:
     from urbantwin.dataset.split import SplitAsked
+    from urbantwin.dataset.workers import Workers
     from urbantwin.interface.fleet import Fleet
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
@@ -70,17 +74,19 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     background: AnyPath | Sequence[AnyPath] = (),
     fuse: bool = False,
     workers: int | None = None,
+    ray: str | None = None,
     seed: int | None = None,
     pictures: bool = True,
     progress: ShowProgress = True,
-) -> Dataset | Fleet:
+) -> Dataset | Fleet | StoredDataset:
     """Record labelled LiDAR frames. After an interruption, the same call goes on from there.
 
     Args:
         twin: the twin, or its folder.
         motion: a motion on that twin, or its folder.
         out: the folder to write, in which an older dataset is replaced; ``dataset`` beside the
-            twin when not given, of nodes ``fleet``.
+            twin when not given, of nodes ``fleet``. Or an address of storage that fsspec reaches,
+            ``s3://bucket/name``, where nothing may be (docs/cluster.md).
         rig: a ``rig.yaml``; the twin's own rig if not given.
         nodes: a ``nodes.yaml``: several rigs, standing and riding, that record together, each with
             its clock, its pose and its radio (docs/nodes.md); in place of ``rig``.
@@ -105,16 +111,19 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
         background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world.
         fuse: where nobody measured, the twin is seen.
         workers: processes to work with; every number gives the same bytes.
+        ray: a Ray cluster to record on: ``HOST:PORT`` of its head, ``auto`` for the one that runs
+            on this machine, ``local`` to start one; it gives the same bytes (docs/cluster.md).
         seed: that everything random follows from; the site's ``traffic.seed`` if not given.
         pictures: draw pictures into the dataset's folder, which takes a while.
         progress: show how far it is; or a function that is told (share, doing).
 
     Returns:
-        The dataset; of nodes, a `Fleet` with a dataset for each.
+        The dataset; of nodes, a `Fleet` with a dataset for each; on storage, a `StoredDataset`.
 
     Raises:
-        InputError: what is given does not fit together, or ``out`` holds other files.
-        StageError: a worker was killed, or the disk is full.
+        InputError: what is given does not fit together, ``out`` holds other files, or no cluster
+            can be reached.
+        StageError: a worker was killed, the disk is full, or storage fails.
 
     Example:
         >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
@@ -140,16 +149,18 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     given = [background] if isinstance(background, str | os.PathLike) else background
     measured = [os.fspath(one) for one in given]
     kind = "dataset" if nodes is None else "fleet"
-    place = beside(twin, kind, out)
+    place = Storage.of(str(out)) if is_url(out) else beside(twin, kind, out)
     rig_file = None if rig is None else Path(rig)
     files = [Path(one) for one in (rig, nodes) if one is not None]
     inputs = [Path(twin), Path(motion), *files]
-    check_folder(place, kind=kind, inputs=inputs)
+    check_output(place, kind=kind, inputs=inputs)
     if nodes is not None:
         _refuse_with_nodes(rig=rig, ride=ride, fused=fused, background=measured, fuse=fuse)
     on = Twin.open(twin)
     moving = Motion.open(motion)
     if nodes is not None:
+        if isinstance(place, Storage):
+            raise InputError("is storage", file=str(place), expected="a folder, for several nodes")
         return _recorded_nodes(
             on,
             moving,
@@ -163,6 +174,7 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
             storage=storage,
             split=divided,
             workers=workers,
+            ray=ray,
             seed=seed,
             inputs=inputs,
             pictures=pictures,
@@ -184,6 +196,7 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
         storage=storage,
         split=divided,
         workers=workers,
+        ray=ray,
         seed=seed,
         inputs=inputs,
         pictures=pictures,
@@ -191,12 +204,20 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     )
 
 
-def recorded(  # noqa: PLR0913 - the options of the command
+@overload
+def recorded(
+    on: Twin, moving: Motion, spec: RigSpec, rig_file: Path, place: Path, **options: Any
+) -> Dataset: ...
+@overload
+def recorded(
+    on: Twin, moving: Motion, spec: RigSpec, rig_file: Path, place: Storage, **options: Any
+) -> StoredDataset: ...
+def recorded(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     on: Twin,
     moving: Motion,
     spec: RigSpec,
     rig_file: Path,
-    place: Path,
+    place: Path | Storage,
     *,
     background: Sequence[str] = (),
     fuse: bool = False,
@@ -207,11 +228,12 @@ def recorded(  # noqa: PLR0913 - the options of the command
     storage: str = "npy",
     split: SplitAsked | None = None,
     workers: int | None = None,
+    ray: str | None = None,
     seed: int | None = None,
     inputs: Sequence[Path] = (),
     pictures: bool = True,
     progress: ShowProgress = True,
-) -> Dataset:
+) -> Dataset | StoredDataset:
     """Record what a rig sees; see `record`.
 
     Args:
@@ -219,7 +241,7 @@ def recorded(  # noqa: PLR0913 - the options of the command
         moving: the motion.
         spec: the rig with every change to it.
         rig_file: where it was written, beside which its files are.
-        place: the folder to write.
+        place: the folder to write, or storage.
         background: ``FILE`` or ``NAME=FILE`` of what real sensors measured.
         fuse: where nobody measured, the twin is seen.
         start_s: no frame before this time of the motion.
@@ -229,6 +251,7 @@ def recorded(  # noqa: PLR0913 - the options of the command
         storage: of points, see `record`.
         split: into training, validation and test; the usual one when not given.
         workers: processes to work with.
+        ray: a cluster to work on.
         seed: of every random choice.
         inputs: what it is made from.
         pictures: draw pictures into the folder.
@@ -240,14 +263,14 @@ def recorded(  # noqa: PLR0913 - the options of the command
     from urbantwin.lidar.background_file import rig_with_backgrounds
 
     mounted = rig_with_backgrounds(placed(spec, on, rig_file), list(background), fused=fuse)
-    with shown_stage("record", progress) as tell:
+    with shown_stage("record", progress) as tell, _crew(workers, ray, backend) as crew:
         also = _drawing(on, moving, tell) if pictures else None
         record_frames(
             on,
             moving,
             mounted,
             place,
-            workers=workers,
+            workers=crew,
             seed=seed,
             start_s=start_s,
             stop_s=stop_s,
@@ -261,8 +284,8 @@ def recorded(  # noqa: PLR0913 - the options of the command
             also=also,
             progress=tell,
         )
-    made = Dataset(place)
-    tell_result("record", place, made.warnings, progress)
+    made = Dataset(place) if isinstance(place, Path) else StoredDataset(place.url)
+    tell_result("record", Path(str(place)), made.warnings, progress)
     return made
 
 
@@ -280,6 +303,7 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
     storage: str,
     split: SplitAsked,
     workers: int | None,
+    ray: str | None,
     seed: int | None,
     inputs: Sequence[Path],
     pictures: bool,
@@ -292,7 +316,7 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
     from urbantwin.site.nodes import load_nodes
 
     asked = load_nodes(nodes_file)
-    with shown_stage("record", progress) as tell:
+    with shown_stage("record", progress) as tell, _crew(workers, ray, backend) as crew:
         tell(0.0, "placing the nodes")
         record_fleet(
             on,
@@ -300,7 +324,7 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
             asked,
             rigs_of_nodes(asked, on, changes),
             place,
-            workers=workers,
+            workers=crew,
             seed=seed,
             start_s=start_s,
             stop_s=stop_s,
@@ -315,6 +339,21 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
     made = Fleet(place)
     tell_result("record", place, made.warnings, progress)
     return made
+
+
+@contextmanager
+def _crew(workers: int | None, ray: str | None, backend: str) -> Iterator[Workers]:
+    """Yield who records: so many processes of this machine, or a cluster."""
+    if ray is None:
+        yield workers
+        return
+    from functools import partial
+
+    from urbantwin.cluster import connected
+    from urbantwin.dataset.manifest import versions_here
+
+    with connected(ray, agreed=partial(versions_here, backend), workers=workers) as cluster:
+        yield cluster
 
 
 def _drawing(on: Twin, moving: Motion, tell: Progress) -> Callable[[Path], None]:

@@ -141,7 +141,7 @@ class Course:
         from urbantwin.grid import Journal
 
         axes = self.study.axes
-        journal = Journal(self.place / "cells.json")
+        journal = Journal(self.place / "cells.jsonl")
         measured: list[Found] = []
         failed: list[dict[str, Any]] = []
         total = len(self.study.seeds) * len(cells)

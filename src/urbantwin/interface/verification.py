@@ -142,8 +142,8 @@ def verify(path: AnyPath, *, privacy: bool = False, progress: ShowProgress = Tru
     about lanes and signals need its Python package.
 
     Args:
-        path: an artefact, or a folder of them: what `run` wrote, or `export` to CARLA. With
-            ``privacy`` any file or folder.
+        path: an artefact, or a folder of them: what `run` or `campaign` wrote, or `export` to
+            CARLA. With ``privacy`` any file or folder.
         privacy: search all files, too, for what they say of people: absolute paths, names of users
             and machines (this one's among them), e-mail addresses, time stamps, in texts and in
             the metadata of formats that are known.

@@ -20,7 +20,6 @@ from urbantwin.artefact import (
 from urbantwin.dataset.block_sums import write_block_sums
 from urbantwin.dataset.card.write import write_cards, write_index
 from urbantwin.dataset.dataset_writer import (
-    MARKS,
     Recording,
     check_room_for,
     checksums,
@@ -31,10 +30,12 @@ from urbantwin.dataset.fleet.manifest import manifest_of_fleet
 from urbantwin.dataset.fleet.manifest_schema import KIND
 from urbantwin.dataset.fleet.node import Node, PlacedRig, placed_nodes
 from urbantwin.dataset.fleet.node_table import node_rows, write_nodes
+from urbantwin.dataset.frame_place import MARKS, FolderPlace
 from urbantwin.dataset.manifest import hashes_of, recipe_key, recipe_of
 from urbantwin.dataset.provenance import asked_of
 from urbantwin.dataset.recording import checked_seed, frame_times
 from urbantwin.dataset.split import SplitAsked, check_split
+from urbantwin.dataset.workers import Workers
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.progress import Progress, untold
 from urbantwin.site.nodes import NodesFile
@@ -53,7 +54,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
     rigs: Sequence[PlacedRig],
     out: Path,
     *,
-    workers: int | None = None,
+    workers: Workers = None,
     seed: int | None = None,
     start_s: float = 0.0,
     stop_s: float | None = None,
@@ -77,7 +78,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
         asked: the nodes.
         rigs: the rig of each, placed on the twin.
         out: the fleet's folder; an older fleet there is replaced.
-        workers: number of processes; as many as there are processors when not given.
+        workers: number of processes, or a cluster; as many as there are processors when not given.
         seed: of the run; the site's ``traffic.seed`` when not given.
         start_s: no frame before it.
         stop_s: no frame after it; the motion's last step when not given.
@@ -132,7 +133,12 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
         if not (folder / INVENTORY).is_file():
             recordings = {
                 node.name: Recording(
-                    node.rig, node.seed, node.times_s, folder / node.name, recipes[node.name]
+                    node.rig,
+                    node.seed,
+                    node.times_s,
+                    folder / node.name,
+                    FolderPlace(folder / node.name),
+                    recipes[node.name],
                 )
                 for node in nodes
             }
@@ -154,7 +160,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
                 say(0.97, "pictures")
                 also(folder)
             for node in nodes:
-                write_block_sums(folder / node.name)
+                write_block_sums(folder / node.name, entries[node.name])
                 write_cards(folder / node.name)
             write_index(folder, [folder / node.name for node in nodes], folder)
             write_inventory(folder, known=checksums(entries), without=[MARKS])

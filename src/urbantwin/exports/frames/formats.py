@@ -114,5 +114,6 @@ DATASET_FORMATS: Mapping[str, DatasetFormat] = {
         _format("laz", "LAZ files, boxes in a list", f"{_OF_POINTS} {_LISTED}", writer="las"),
         _format("mcap", "MCAP", " ".join(FIELDS), ".mcap"),
         _format("webdataset", "WebDataset", " ".join(FIELDS)),
+        _format("parquet", "Parquet, a row for each frame", " ".join(FIELDS)),
     )
 }

@@ -9,24 +9,20 @@ from __future__ import annotations
 import io
 import json
 import tarfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.exports.frames.box_rows import box_rows
+from urbantwin.exports.frames.shards import write_in_order
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.progress import Progress
 
-__all__ = ["write_webdataset"]
-
-#: A shard is closed when it has become so large: some hundred megabytes stream well.
-_SHARD_BYTES = 250_000_000
-#: Shards of frames that are in no part of the split.
-_NO_PART = "rest"
+__all__ = ["new_shard", "write_webdataset"]
 
 
 def write_webdataset(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
@@ -35,33 +31,46 @@ def write_webdataset(source: FrameSource, folder: Path, tell: Progress) -> list[
     Its files are ``points.npy`` (N, 4), ``semantic.npy`` and ``instance.npy`` (N,), ``rays.npy``
     (N,) with named fields, ``boxes.json`` (rows) and ``json`` (time, part, poses as 4x4 matrices).
     """
-    parts: dict[str, list[int]] = {}
-    for number, name in enumerate(source.names):
-        parts.setdefault(source.part_of(name) or _NO_PART, []).append(number)
-    done = 0
-    for part, numbers in parts.items():
-        shard, stream = 0, None
-        for number in numbers:
-            frame = source[number]
-            tell(done / len(source), f"frame {frame.name}")
-            if stream is None:
-                stream = tarfile.open(  # noqa: SIM115 - it stays open for the next frames
-                    folder / f"{part}-{shard:06d}.tar", "w", format=tarfile.USTAR_FORMAT
-                )
-            for name, content in _files(frame, part):
-                told = tarfile.TarInfo(f"{frame.name}.{name}")  # no time, no owner
-                told.size = len(content)
-                stream.addfile(told, io.BytesIO(content))
-            done += 1
-            if stream.offset >= _SHARD_BYTES:
-                stream.close()
-                shard, stream = shard + 1, None
-        if stream is not None:
-            stream.close()
+    write_in_order(source, folder, "webdataset", tell)
     return []
 
 
-def _files(frame: SourceFrame, part: str) -> Iterator[tuple[str, bytes]]:
+class _Shard:
+    """A tar file that samples are added to."""
+
+    def __init__(self, stem: Path) -> None:
+        path = stem.with_name(f"{stem.name}.tar")
+        self._stream = tarfile.open(path, "w", format=tarfile.USTAR_FORMAT)  # noqa: SIM115
+
+    @property
+    def size(self) -> int:
+        return int(self._stream.offset)
+
+    def add(
+        self, frame: SourceFrame, dataset: str, part: str | None, levels: Mapping[str, Any]
+    ) -> None:
+        """Add a sample; its key is the frame's name, behind that of its dataset if it has one."""
+        key = f"{dataset}/{frame.name}" if dataset else frame.name
+        for name, content in _files(frame, dataset, part, levels):
+            told = tarfile.TarInfo(f"{key}.{name}")  # no time, no owner
+            told.size = len(content)
+            self._stream.addfile(told, io.BytesIO(content))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stream.close()
+
+
+def new_shard(stem: Path) -> _Shard:
+    """Begin a shard ``STEM.tar``."""
+    return _Shard(stem)
+
+
+def _files(
+    frame: SourceFrame, dataset: str, part: str | None, levels: Mapping[str, Any]
+) -> Iterator[tuple[str, bytes]]:
     values = np.column_stack([frame.points, frame.intensity]).astype("<f4")
     yield "points.npy", _npy(values)
     yield "semantic.npy", _npy(frame.semantic)
@@ -70,8 +79,10 @@ def _files(frame: SourceFrame, part: str) -> Iterator[tuple[str, bytes]]:
     yield "boxes.json", _json(list(box_rows(frame.boxes)))
     told = {
         "name": frame.name,
+        **({"dataset": dataset} if dataset else {}),
+        **({"levels": dict(levels)} if levels else {}),
         "time_s": frame.time_s,
-        "part": None if part == _NO_PART else part,
+        "part": part,
         "site_SE3_frame": pose_matrix(frame.site_SE3_frame),
         "site_SE3_sensors": {
             name: pose_matrix(pose) for name, pose in frame.site_SE3_sensors.items()

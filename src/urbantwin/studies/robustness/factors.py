@@ -9,7 +9,7 @@ from typing import Any
 from urbantwin.grid import Axis, Level
 from urbantwin.site import RigSpec
 
-__all__ = ["FACTORS", "NONE", "Factor", "FactorAsked", "by_clock", "rig_at"]
+__all__ = ["FACTORS", "NONE", "Factor", "FactorAsked", "by_clock", "first_problem", "rig_at"]
 
 #: The level of a fault or of weather that is not there.
 NONE = "none"
@@ -103,6 +103,12 @@ def rig_at(spec: RigSpec, asked: Sequence[FactorAsked], levels: Mapping[str, Lev
         if one.factor.change is not None:
             one.factor.change(rig, levels[one.axis.name], one)
     return RigSpec.model_validate(rig, strict=True)
+
+
+def first_problem(error: ValueError) -> str:
+    """Return what `rig_at` found wrong: of pydantic's error its first problem."""
+    lines = str(error).splitlines()
+    return (lines[2] if len(lines) > 2 else lines[0]).strip()[:160]
 
 
 def by_clock(asked: Sequence[FactorAsked]) -> bool:

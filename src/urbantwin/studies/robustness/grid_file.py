@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,7 +14,7 @@ from urbantwin.grid import Axis, Cell, factorial, one_at_a_time
 from urbantwin.site import RigSpec
 from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import Document, nearest, read_document
-from urbantwin.studies.robustness.factors import FACTORS, FactorAsked, rig_at
+from urbantwin.studies.robustness.factors import FACTORS, FactorAsked, first_problem, rig_at
 
 __all__ = ["DESIGNS", "StudyFile", "Training", "check_rigs", "load_study"]
 
@@ -249,14 +248,8 @@ def check_rigs(study: StudyFile, spec: RigSpec) -> list[RigSpec]:
             rigs.append(rig_at(spec, study.factors, cell.levels))
         except ValueError as error:
             raise document.error(
-                f"{cell.name(study.axes)}: {_first_line(error)}",
+                f"{cell.name(study.axes)}: {first_problem(error)}",
                 ["factors"],
                 "levels that the rig can have together",
             ) from None
     return rigs
-
-
-def _first_line(error: ValueError) -> str:
-    """Return what is wrong, of pydantic's error its first problem."""
-    lines: Sequence[str] = str(error).splitlines()
-    return (lines[2] if len(lines) > 2 else lines[0]).strip()[:160]

@@ -1,0 +1,176 @@
+"""Files on storage that has an address: ``s3://bucket/name``, and all else that fsspec reaches."""
+
+from __future__ import annotations
+
+import errno
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from urbantwin.errors import InputError, StageError, UrbanTwinError
+
+__all__ = ["Storage", "is_url"]
+
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://.+")
+_PASSWORD = re.compile(r"(?<=://)([^/@:]*):[^/@]*@")
+#: Here a file appears whole, and folders are but names; elsewhere it is written beside, and moved.
+_OBJECTS = {"s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "adl", "oss", "memory"}
+_FULL = {errno.ENOSPC: "there is no room left", errno.EDQUOT: "the quota is used up"}
+_GO_ON = "give the same command again: it goes on from what was made"
+_LIBRARIES = {"s3": "s3fs", "s3a": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "az": "adlfs"}
+_LIBRARIES |= {"abfs": "adlfs", "abfss": "adlfs", "adl": "adlfs"}
+
+
+def is_url(place: object) -> bool:
+    """Return whether somebody gave an address of storage, and not the path of a folder."""
+    return isinstance(place, str) and _URL.match(place) is not None
+
+
+@dataclass(frozen=True)
+class Storage:
+    """A place on storage, as a folder is one on a disk; it may be sent to other processes.
+
+    Attributes:
+        url: without a slash at its end.
+    """
+
+    url: str
+
+    @classmethod
+    def of(cls, url: str) -> Storage:
+        """Return the place of an address.
+
+        Raises:
+            InputError: nothing here can reach it.
+        """
+        found = cls(url.rstrip("/"))
+        with found._told():
+            found._reached()
+        return found
+
+    def __str__(self) -> str:
+        """Return the address, without a password."""
+        return _PASSWORD.sub(r"\1:***@", self.url)
+
+    def __truediv__(self, name: str) -> Storage:
+        """Return a place below; that of an empty name is this one."""
+        return Storage(f"{self.url}/{name}") if name else self
+
+    def write(self, name: str, *parts: bytes | memoryview) -> None:
+        """Write a file, which appears whole or not at all.
+
+        Raises:
+            InputError: the storage refuses it.
+            StageError: there is no room, or the storage fails.
+        """
+        with self._told(name):
+            system, root = self._reached()
+            path = f"{root}/{name}"
+            content = b"".join(parts)
+            if self._protocol in _OBJECTS:
+                system.pipe_file(path, content)
+                return
+            system.makedirs(path.rpartition("/")[0], exist_ok=True)
+            system.pipe_file(f"{path}.part", content)
+            system.mv(f"{path}.part", path)
+
+    def read(self, name: str) -> bytes:
+        """Return what a file holds.
+
+        Raises:
+            InputError: it is not there, or the storage refuses it.
+            StageError: the storage fails.
+        """
+        with self._told(name):
+            system, root = self._reached()
+            content: bytes = system.cat_file(f"{root}/{name}")
+            return content
+
+    def read_all(self, names: Sequence[str]) -> dict[str, bytes]:
+        """Return what files hold, by name; those that cannot be read are left out."""
+        with self._told():
+            system, root = self._reached()
+            paths = {f"{root}/{name}": name for name in names}
+            found = system.cat(list(paths), on_error="omit") if paths else {}
+            return {paths[path]: content for path, content in found.items() if path in paths}
+
+    def names(self) -> list[str]:
+        """Return the names of all files below, sorted; none where there is nothing.
+
+        Raises:
+            InputError: the storage refuses it, or what holds this place is not there.
+            StageError: the storage fails.
+        """
+        with self._told():
+            system, root = self._reached()
+            system.invalidate_cache()
+            try:
+                found = system.find(root)
+            except FileNotFoundError:
+                return []
+            return sorted(one.removeprefix(root).lstrip("/") for one in found if one != root)
+
+    def remove(self) -> None:
+        """Remove all that is below.
+
+        Raises:
+            InputError: the storage refuses it.
+            StageError: the storage fails.
+        """
+        with self._told():
+            system, root = self._reached()
+            if system.exists(root):
+                system.rm(root, recursive=True)
+
+    @property
+    def _protocol(self) -> str:
+        return self.url.partition("://")[0].lower()
+
+    def _reached(self) -> tuple[Any, str]:
+        """Return what reaches the storage, and this place as it names it."""
+        from fsspec.core import url_to_fs  # type: ignore[import-untyped, unused-ignore]
+
+        system, root = url_to_fs(self.url)
+        return system, root.rstrip("/")
+
+    @contextmanager
+    def _told(self, name: str = "") -> Iterator[None]:
+        """Say in one line what a library says of the storage in its own way."""
+        place = f"{self}/{name}" if name else str(self)
+        expected = "a place on storage that may be written"
+        try:
+            yield
+        except UrbanTwinError:
+            raise
+        except ImportError:
+            library = _LIBRARIES.get(self._protocol, f"what fsspec needs for {self._protocol}")
+            raise InputError(
+                "cannot be reached: a library is not installed",
+                file=place,
+                expected=f"pip install {library}",
+            ) from None
+        except FileNotFoundError:
+            raise InputError("is not there", file=place, expected=expected) from None
+        except PermissionError as error:
+            raise InputError(
+                f"is refused ({_first_line(error)})", file=place, expected=expected
+            ) from None
+        except OSError as error:
+            if error.errno in _FULL:
+                raise StageError(f"{place}: {_FULL[error.errno]}; {_GO_ON}") from error
+            raise StageError(f"{place}: {_first_line(error)}; {_GO_ON}") from error
+        except ValueError as error:  # a protocol that nobody knows, a bucket that none can be
+            raise InputError(_first_line(error), file=place, expected=expected) from None
+        except Exception as error:  # each library has its own
+            if "redential" in type(error).__name__ or "redential" in str(error):
+                raise InputError(
+                    f"is refused ({_first_line(error)})", file=place, expected="credentials for it"
+                ) from None
+            raise StageError(f"{place}: {_first_line(error)}; {_GO_ON}") from error
+
+
+def _first_line(error: BaseException) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__

@@ -1,0 +1,193 @@
+"""The index over all datasets of a campaign: ``campaign.json``, a table, and a page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from urbantwin import __version__
+from urbantwin.artefact import as_json, kind_of, read_json, sha256_of, write_json
+from urbantwin.artefact.manifest import Part, validated
+from urbantwin.artefact.tables import write_parquet_and_csv
+from urbantwin.campaigns.course import Course
+from urbantwin.campaigns.grid_file import AXES
+from urbantwin.campaigns.steps import Step
+from urbantwin.errors import InputError
+from urbantwin.fidelity.report_html import html_picture, html_table, write_html
+from urbantwin.grid import Level
+
+__all__ = ["FOLDER", "KIND", "dataset_told", "datasets_of", "index_of", "read_index", "write_index"]
+
+KIND = "campaign"
+#: Where it is in the campaign's folder.
+FOLDER = "index"
+#: So many rows are on the page; the table has all.
+_ON_THE_PAGE = 1000
+_EXPECTED = "the index of a campaign"
+
+
+class _Row(Part):
+    path: Annotated[str, Field(min_length=1, max_length=4096, pattern=r"^[^\x00]+$")]
+    levels: dict[str, Level]
+    frames: int
+    manifest_sha256: str
+
+
+class _Index(Part):
+    kind: Literal["campaign"]
+    datasets: Annotated[list[_Row], Field(max_length=100_000)]
+
+
+def dataset_told(folder: Path) -> dict[str, Any]:
+    """Return what is noted of a dataset that was made.
+
+    ``frames``, ``points``, ``boxes`` (those with points), ``bytes`` of all its files, and
+    ``manifest_sha256``.
+    """
+    file = folder / "dataset.json"
+    counts = read_json(file, kind="dataset")["counts"]
+    return {
+        "frames": counts["frames"],
+        "points": counts["points"],
+        "boxes": sum(counts["boxes_with_points"].values()),
+        "bytes": sum(one.stat().st_size for one in folder.rglob("*") if one.is_file()),
+        "manifest_sha256": sha256_of(file),
+    }
+
+
+def index_of(course: Course, sources: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what ``campaign.json`` holds.
+
+    Args:
+        course: at its end.
+        sources: inputs of the twins, with licence and attribution.
+    """
+    asked = course.steps.asked
+    rows, failed = [], []
+    for step in course.steps.of("dataset"):
+        if step.place in course.failed:
+            failed.append({"path": step.place, "why": course.failed[step.place]})
+        elif course.is_done(step):
+            rows.append(_row(step, course.journal.row(step.place)))
+    names = ("frames", "points", "boxes", "bytes")
+    return {
+        "kind": KIND,
+        "schema": 1,
+        "urbantwin": __version__,
+        "grid": asked.file.name,
+        "axes": {one.name: list(one.levels) for one in asked.axes},
+        "weather": {one.name: as_json(one.told()) for one in asked.weather},
+        "storage": asked.storage,
+        "inputs": list(sources),
+        "cells": course.totals["dataset"],
+        "counts": {name: sum(row[name] for row in rows) for name in names},
+        "datasets": rows,
+        "failed": failed,
+        "warnings": [],
+    }
+
+
+def _row(step: Step, told: Mapping[str, Any]) -> dict[str, Any]:
+    names = ("frames", "points", "boxes", "bytes", "manifest_sha256")
+    return {
+        "path": step.place,
+        "levels": {axis: step.cell[axis] for axis in AXES},
+        **{name: told[name] for name in names},
+    }
+
+
+def write_index(folder: Path, index: Mapping[str, Any], picture: Path | None = None) -> None:
+    """Write ``campaign.json``, ``cells.parquet`` and ``.csv``, and the page ``campaign.html``."""
+    write_json(folder / f"{KIND}.json", index)
+    rows = index["datasets"]
+    if rows:
+        import pyarrow as pa
+
+        flat = [
+            {"path": row["path"], **row["levels"], **{k: v for k, v in row.items() if k in _KEPT}}
+            for row in rows
+        ]
+        write_parquet_and_csv(folder / "cells", pa.Table.from_pylist(flat))
+    _write_page(folder / f"{KIND}.html", index, picture)
+
+
+_KEPT = ("frames", "points", "boxes", "bytes", "manifest_sha256")
+
+
+def read_index(folder: Path) -> dict[str, Any]:
+    """Read ``campaign.json`` of a campaign's folder, or of the index in it.
+
+    Raises:
+        InputError: it is none, or damaged.
+    """
+    file = folder / f"{KIND}.json"
+    if not file.is_file():
+        file = folder / FOLDER / f"{KIND}.json"
+    told = read_json(file, kind=KIND)
+    checked = validated(told, _Index, file=file, expected=_EXPECTED)
+    for number, row in enumerate(checked.datasets):
+        path = Path(row.path)
+        if path.is_absolute() or ".." in path.parts:
+            raise InputError(
+                "leaves the campaign's folder", file=file, place=f"datasets[{number}].path",
+                expected="a folder in it",
+            )  # fmt: skip
+    return told
+
+
+def datasets_of(folder: Path) -> list[Path] | None:
+    """Return the folders of a campaign's datasets; ``None`` of a folder that is no campaign.
+
+    Raises:
+        InputError: its index is damaged.
+    """
+    if kind_of(folder / FOLDER) != KIND:
+        return None
+    return [folder / row["path"] for row in read_index(folder)["datasets"]]
+
+
+def _write_page(path: Path, index: Mapping[str, Any], picture: Path | None) -> None:
+    counts = index["counts"]
+    title = f"Campaign: {index['grid']}"
+    lead = (
+        f"{len(index['datasets'])} of {index['cells']} cells are recorded: {counts['frames']:,} "
+        f"frames, {counts['boxes']:,} boxes with points, {counts['bytes'] / 1e9:.3g} GB."
+    )
+    parts = [f"<h1>{escape(title)}</h1>", f'<p class="lead">{escape(lead)}</p>']
+    if index["failed"]:
+        parts.append(f'<p class="doubt">{len(index["failed"])} cells failed; see below.</p>')
+    axes = [
+        (name, str(len(levels)), ", ".join(map(str, levels[:50])) + (" ..." * (len(levels) > 50)))
+        for name, levels in index["axes"].items()
+    ]
+    parts += ["<h2>Axes</h2>", html_table(("Axis", "levels", "which"), axes, text=True)]
+    if picture is not None:
+        parts.append(html_picture("A frame of some cells", picture))
+    rows = [
+        (
+            *(str(row["levels"][axis]) for axis in AXES),
+            f"{row['frames']:,}",
+            f"{row['points'] / max(row['frames'], 1):,.0f}",
+            f"{row['boxes'] / max(row['frames'], 1):.1f}",
+            f"{row['bytes'] / 1e6:,.1f}",
+        )
+        for row in index["datasets"][:_ON_THE_PAGE]
+    ]
+    head = (*AXES, "frames", "points a frame", "boxes a frame", "MB")
+    parts += ["<h2>Datasets</h2>", html_table(head, rows)]
+    left = len(index["datasets"]) - len(rows)
+    if left:
+        parts.append(f"<p>{left:,} more are in cells.csv.</p>")
+    if index["failed"]:
+        lost = [(one["path"], one["why"]) for one in index["failed"][:_ON_THE_PAGE]]
+        parts += ["<h2>Failed</h2>", html_table(("Cell", "why"), lost, text=True)]
+    sources = [
+        (str(one["name"]), str(one["licence"]), str(one["attribution"])) for one in index["inputs"]
+    ]
+    whose = ("Input", "licence", "attribution")
+    parts += ["<h2>Sources</h2>", html_table(whose, sources, text=True)]
+    write_html(path, title, parts)

@@ -1,0 +1,266 @@
+"""Joining a Ray cluster, or starting one here; what of it does not fit is said in one line."""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from urbantwin.cluster.on_node import Agreed, answer, difference, told_here
+from urbantwin.cluster.workers import ClusterWorkers, processors, working_nodes
+from urbantwin.errors import InputError, StageError
+from urbantwin.processes import usable_processors
+
+__all__ = ["Cluster", "connected"]
+
+Result = TypeVar("Result")
+
+#: So long an address may not answer, seconds.
+_ANSWERS_S = 5.0
+#: So long a node may need to import this package, seconds.
+_NODE_ANSWERS_S = 120.0
+#: How HTTP/2 (RFC 9113, 3.4), which a head speaks, begins: with a preface and settings, of which
+#: both sides send a frame. Ray waits 80 s for something else that listens.
+_SETTINGS = b"\x04"
+_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
+_EXPECTED = "HOST:PORT of a cluster's head, auto for the one that runs here, or local to start one"
+
+
+class Cluster:
+    """A cluster that this process has joined.
+
+    Attributes:
+        address: as a person gave it.
+        processors: how many its nodes have together.
+        nodes: addresses of those that work.
+        workers: at most so many work at a time; all processors if not given.
+    """
+
+    def __init__(self, address: str, agreed: Agreed | None, workers: int | None = None) -> None:
+        self.address = address
+        self.workers = workers
+        self._agreed = agreed
+        self._told = told_here(agreed)
+        self._check_versions()
+
+    @property
+    def processors(self) -> int:
+        """How many processors its nodes have together."""
+        return processors()
+
+    @property
+    def nodes(self) -> list[str]:
+        """Names of the nodes that work, as errors name them."""
+        return [_name(one) for one in working_nodes()]
+
+    @contextmanager
+    def worker_pool(
+        self, start: Callable[..., None], *arguments: object, workers: int | None = None
+    ) -> Iterator[ClusterWorkers]:
+        """Yield workers, as `processes.worker_pool` does; what has not ended with the block stops.
+
+        Args:
+            start: called in every worker before its work.
+            arguments: of ``start``; they reach every node once.
+            workers: at most so many at a time; as the cluster says if not given.
+        """
+        most = self.workers if workers is None else workers
+        pool = ClusterWorkers(start, arguments, self._agreed, self._told, most)
+        try:
+            yield pool
+        finally:
+            pool.close()
+
+    def on_every_node(
+        self, function: Callable[..., Result], *arguments: object
+    ) -> dict[str, Result]:
+        """Call a function once on every node that works; return what each returned, by its name.
+
+        Raises:
+            StageError: a node does not answer.
+        """
+        import ray
+        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+        packed = pickle.dumps((function, arguments), pickle.HIGHEST_PROTOCOL)
+        work = ray.remote(num_cpus=0, max_retries=0)(answer)
+        asked = {}
+        for one in working_nodes():
+            on = NodeAffinitySchedulingStrategy(one["NodeID"], soft=False)
+            asked[_name(one)] = work.options(scheduling_strategy=on).remote(packed)
+        ray.wait(list(asked.values()), num_returns=len(asked), timeout=_NODE_ANSWERS_S)
+        told: dict[str, Result] = {}
+        for name, reference in asked.items():
+            try:
+                well, what = pickle.loads(ray.get(reference, timeout=0.1))
+            except ray.exceptions.GetTimeoutError:
+                raise StageError(
+                    f"node {name} of the cluster has not answered for {_NODE_ANSWERS_S:g} s"
+                ) from None
+            except Exception as error:
+                raise _not_usable(name, error) from None
+            if not well:
+                raise _of_node(name, what)
+            told[name] = what
+        return told
+
+    def _check_versions(self) -> None:
+        if not working_nodes():
+            raise InputError(
+                "has no node with a processor", place="--ray", expected="a cluster that can work"
+            )
+        for name, there in self.on_every_node(told_here, self._agreed).items():
+            other = difference(self._told, there)
+            if other is not None:
+                raise InputError(
+                    f"node {name} has {other}",
+                    place="--ray",
+                    expected="the same versions on every node: they decide the bytes",
+                )
+
+
+@contextmanager
+def connected(
+    address: str, *, agreed: Agreed | None = None, workers: int | None = None
+) -> Iterator[Cluster]:
+    """Join a Ray cluster for a block.
+
+    Args:
+        address: ``HOST:PORT`` of its head; ``auto``, the one that runs on this machine; ``local``,
+            one that is started here and ends with the block.
+        agreed: a function of a module, called here and on every node: it returns what must be the
+            same on all. The version of UrbanTwin is compared in any case.
+        workers: at most so many work at a time; all processors if not given.
+
+    Raises:
+        InputError: Ray is not installed, there is no cluster at the address, it runs other
+            versions, or a node has other versions of what decides the bytes.
+        StageError: a node does not answer.
+    """
+    try:
+        # No word to its makers of who uses it; nothing of it is shown but what we say.
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+        os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
+        import ray
+    except ImportError:
+        raise InputError(
+            "Ray is not installed", place="--ray", expected="pip install 'urbantwin[ray]'"
+        ) from None
+    if ray.is_initialized():  # who calls us has joined one
+        yield Cluster(address, agreed, workers)
+        return
+    _check_address(address)
+    with _own_signals():
+        _join(address, workers)
+    try:
+        yield Cluster(address, agreed, workers)
+    finally:
+        with _own_signals():
+            ray.shutdown()
+
+
+def _check_address(address: str) -> None:
+    """Refuse an address that is none, or where nobody listens."""
+    if address in ("auto", "local"):
+        return
+    host, _, port = address.rpartition(":")
+    if "://" in address or not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise InputError(f"{address!r:.80} is no address", place="--ray", expected=_EXPECTED)
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), _ANSWERS_S) as asked:
+            asked.settimeout(_ANSWERS_S)
+            asked.sendall(_HELLO)
+            answered = asked.recv(9)
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise InputError(
+            f"no cluster can be reached at {address} ({why})", place="--ray", expected=_EXPECTED
+        ) from None
+    if answered[3:4] != _SETTINGS and not os.environ.get("RAY_USE_TLS"):
+        raise InputError(
+            f"what listens at {address} is no cluster's head", place="--ray", expected=_EXPECTED
+        )
+
+
+def _join(address: str, workers: int | None) -> None:
+    import ray
+
+    options: dict[str, Any] = {"include_dashboard": False, "num_cpus": workers}
+    if address == "local":
+        options["num_cpus"] = usable_processors() if workers is None else workers
+    else:
+        options = {}
+    waits = "RAY_gcs_server_port_wait_time_s"
+    before = os.environ.get(waits)
+    if address != "local":
+        os.environ[waits] = "2"  # attempts of some seconds; Ray's own would be twenty
+    try:
+        ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, **options)
+    except ConnectionError:
+        where = "on this machine" if address == "auto" else f"at {address}"
+        raise InputError(
+            f"no Ray cluster answers {where}", place="--ray", expected=_EXPECTED
+        ) from None
+    except Exception as error:
+        raise InputError(
+            f"{address} cannot be joined ({_reason(error)})", place="--ray", expected=_EXPECTED
+        ) from None
+    finally:
+        if before is None:
+            os.environ.pop(waits, None)
+        else:
+            os.environ[waits] = before
+
+
+def _reason(error: Exception) -> str:
+    said = " ".join(str(error).split())
+    if "ersion mismatch" in said:
+        return said[said.index("ersion mismatch") - 1 :]
+    return said
+
+
+def _of_node(name: str, error: Exception) -> Exception:
+    """Say of which node an error is."""
+    if not isinstance(error, InputError):
+        return error
+    place = f"node {name}" if error.place is None else f"node {name}: {error.place}"
+    return InputError(error.problem, file=error.file, place=place, expected=error.expected)
+
+
+def _not_usable(name: str, error: Exception) -> InputError:
+    said = str(error)
+    if "urbantwin" in said and ("import" in said or "No module" in said):
+        problem = f"node {name} has no UrbanTwin"
+    else:
+        lines = said.strip().splitlines()
+        problem = f"node {name} cannot work ({lines[-1] if lines else type(error).__name__})"
+    return InputError(
+        problem, place="--ray", expected="the same versions of UrbanTwin and Python on every node"
+    )
+
+
+def _name(node: dict[str, Any]) -> str:
+    host, address = node["NodeManagerHostname"], node["NodeManagerAddress"]
+    return f"{host} ({address}, {node['NodeID'][:6]})"
+
+
+@contextmanager
+def _own_signals() -> Iterator[None]:
+    """Keep what this process does when it is interrupted: Ray takes over SIGTERM."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {one: signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            if handler is not None:
+                signal.signal(number, handler)

@@ -1,0 +1,460 @@
+"""Campaigns: sites, seeds, scenarios, rigs and weather recorded with each other, and opened."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Future
+from contextlib import contextmanager
+from functools import cached_property
+from multiprocessing import active_children
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import check_folder, check_room, claimed, kind_of, replaced_folder
+from urbantwin.errors import InputError, StageError
+from urbantwin.interface.datasets import Datasets
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.selection import Selection
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from urbantwin.campaigns import CampaignFile, Course, Outcome, Step
+    from urbantwin.campaigns.costs import Plan
+    from urbantwin.campaigns.course import Pool
+    from urbantwin.campaigns.grid_file import Shards
+    from urbantwin.exports.frames.shards import ShardSource
+    from urbantwin.interface.dataset import Dataset
+
+__all__ = ["Campaign", "campaign"]
+
+_KIND = "campaign"
+#: In a campaign's folder: the index, the shards, and the split by scenario.
+_INDEX, _SHARDS, _SPLIT = "index", "shards", "split.json"
+#: So many cells are in the picture, and so many failures in a summary.
+_PICTURED, _TOLD = 12, 20
+
+
+class Campaign(Datasets):
+    """All datasets of a campaign as one; those that it was planned to have, before it ran.
+
+    Attributes:
+        folder: where it is; ``index/campaign.html`` in it is the page for people.
+        manifest: ``index/campaign.json``; empty of a plan.
+        plan: what was left to do, when it was planned.
+
+    Example:
+        >>> campaign = ut.open("campaign/")
+        >>> campaign.where(weather="fog", classes=["car"], split="train")
+    """
+
+    def __init__(
+        self,
+        folder: AnyPath,
+        manifest: dict[str, Any] | None = None,
+        plan: Mapping[str, Any] | None = None,
+        rows: Sequence[Mapping[str, Any]] | None = None,
+    ) -> None:
+        self.folder = Path(folder)
+        self.manifest = manifest or {}
+        self.plan = plan
+        self._rows = tuple(self.manifest.get("datasets", []) if rows is None else rows)
+        self._names = [str(row["path"]).rpartition("/")[2] for row in self._rows]
+        self._divided = None
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Campaign:
+        """Open a campaign's folder, or the index in it.
+
+        Raises:
+            InputError: it is none, or damaged.
+        """
+        from urbantwin.campaigns import read_index
+
+        place = Path(folder)
+        found = read_index(place)
+        return cls(place.parent if kind_of(place) == _KIND else place, found)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    @property
+    def datasets(self) -> tuple[Dataset, ...]:
+        """The datasets, in the order of the cells."""
+        return self._opened
+
+    @cached_property
+    def _opened(self) -> tuple[Dataset, ...]:
+        from urbantwin.interface.dataset import Dataset
+
+        return tuple(Dataset(self.folder / row["path"]) for row in self._rows)
+
+    @property
+    def levels(self) -> tuple[dict[str, Any], ...]:
+        """Of each dataset ``site``, ``seed``, ``scenario``, ``rig`` and ``weather``."""
+        return tuple(dict(row["levels"]) for row in self._rows)
+
+    def at(self, **levels: Any) -> Campaign:  # noqa: ANN401 - a level, or several
+        """Return the datasets with some levels: ``at(weather="fog", seed=[1, 2])``.
+
+        Raises:
+            InputError: there is no such axis or level.
+        """
+        axes: Mapping[str, list[Any]] = self.manifest.get("axes", {})
+        wanted = {}
+        for axis, given in levels.items():
+            several = list(given) if isinstance(given, list | tuple | set) else [given]
+            known = axes.get(axis)
+            strange = [one for one in several if known is None or one not in known]
+            if strange:
+                raise InputError(
+                    f"has no {axis} {strange[0]!r:.40}" if known else f"has no axis {axis!r:.40}",
+                    file=self.folder,
+                    expected=", ".join(map(str, known or axes)),
+                )
+            wanted[axis] = several
+        rows = [
+            row for row in self._rows
+            if all(row["levels"][axis] in several for axis, several in wanted.items())
+        ]  # fmt: skip
+        return Campaign(self.folder, self.manifest, self.plan, rows)
+
+    def where(
+        self,
+        *,
+        site: str | Iterable[str] | None = None,
+        seed: int | Iterable[int] | None = None,
+        scenario: str | Iterable[str] | None = None,
+        rig: str | Iterable[str] | None = None,
+        weather: str | Iterable[str] | None = None,
+        **boxes_and_frames: Any,  # noqa: ANN401 - see `Frames.where`
+    ) -> Selection:
+        """Return frames of some levels, with some of their boxes; see `Frames.where`.
+
+        Args:
+            site: of these sites.
+            seed: of these seeds.
+            scenario: of these scenarios.
+            rig: of these rigs.
+            weather: in this weather.
+            boxes_and_frames: what `Frames.where` takes.
+
+        Raises:
+            InputError: there is no such level, class, split, sequence or frame.
+        """
+        given = {"site": site, "seed": seed, "scenario": scenario, "rig": rig, "weather": weather}
+        levels = {axis: level for axis, level in given.items() if level is not None}
+        if levels:
+            return self.at(**levels).where(**boxes_and_frames)
+        return super().where(**boxes_and_frames)
+
+    def _part(self, dataset: Dataset, split: str) -> Any:  # noqa: ANN401
+        if self._divided is None and (self.folder / _SPLIT).is_file():
+            from urbantwin.dataset.split import read_split_document
+
+            self._divided = read_split_document(self.folder / _SPLIT)
+        return super()._part(dataset, split)
+
+    def __repr__(self) -> str:
+        """Return how many datasets and frames there are, and the folder."""
+        if not self.manifest:
+            return f"a plan of a campaign ({self.folder})"
+        frames = sum(row["frames"] for row in self._rows)
+        return f"Campaign of {len(self._rows)} datasets of {frames} frames ({self.folder})"
+
+    def summary(self) -> Summary:
+        """Return what there is and what failed; of a plan, what it takes."""
+        if not self.manifest:
+            return Summary(path=str(self.folder), **dict(self.plan or {}))
+        told = self.manifest
+        failed = [f"{one['path']}: {one['why']}" for one in told["failed"]]
+        more = [f"and {len(failed) - _TOLD} more"] if len(failed) > _TOLD else []
+        shards = self.folder / _SHARDS
+        return Summary(
+            path=str(self.folder),
+            page=str(self.folder / _INDEX / "campaign.html"),
+            cells=told["cells"],
+            datasets=len(told["datasets"]),
+            **told["counts"],
+            axes={axis: len(levels) for axis, levels in told["axes"].items()},
+            **({"shards": str(shards)} if kind_of(shards) else {}),
+            failed=[*failed[:_TOLD], *more],
+        )
+
+    def check(self) -> None:
+        """Refuse a campaign of which cells failed.
+
+        Raises:
+            StageError: the first is named.
+        """
+        failed = self.manifest.get("failed", [])
+        if failed:
+            cells = self.manifest["cells"]
+            raise StageError(
+                f"{self.folder}: {len(failed)} of {cells} cells failed; the same command tries "
+                f"them again; first {failed[0]['path']}: {failed[0]['why']}"
+            )
+
+
+def campaign(
+    grid: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    plan: bool = False,
+    most: int | None = None,
+    workers: int | None = None,
+    progress: ShowProgress = True,
+) -> Campaign:
+    """Record every site with every seed, scenario, rig and weather; the same call goes on.
+
+    A twin is built once for each site, a motion driven once for each site, seed and scenario, and
+    recorded by each rig in each weather. What is done stays done, also where the grid changes; what
+    failed is tried once more, and again by the next call.
+
+    Args:
+        grid: the campaign's file: sites, seeds, scenarios, rigs, weather.
+        out: the folder to write; ``campaign`` beside the file when not given.
+        plan: only say what is left to do, how long it takes and how large it is.
+        most: record so many datasets at most, now; what they take is what a plan then goes by.
+        workers: processes to work with; every number gives the same bytes.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: the file or what it names cannot be used, or ``out`` holds another campaign.
+        StageError: the disk is full.
+
+    Example:
+        >>> ut.campaign("grid.yaml", plan=True).summary()
+        >>> ut.campaign("grid.yaml").where(weather="fog", split="train")
+    """
+    from urbantwin.campaigns import Course, load_campaign, steps_of
+    from urbantwin.campaigns.costs import planned
+    from urbantwin.processes import usable_processors
+
+    for name, value in (("workers", workers), ("most", most)):
+        if value is not None and value < 1:
+            raise InputError(f"is {value}", place=f"--{name}", expected="1 or more")
+    asked = load_campaign(Path(grid))
+    place = beside(asked.file, _KIND, out)
+    check_folder(place / _INDEX, kind=_KIND, inputs=_inputs(asked))
+    steps = steps_of(asked)
+    course = Course(steps, place)
+    _refuse_another(course)
+    count = usable_processors() if workers is None else workers
+    if plan:
+        return Campaign(place, plan=_told_plan(planned(course), course, count))
+    with claimed(place / "journal"):
+        course = Course(steps, place)  # what another run has done meanwhile is done
+        check_room(place, _least_bytes(course), f"the campaign {asked.file.name}")
+        course.journal.note("grid", state="told", name=asked.file.name)
+        running = place / "journal" / "running"
+        shutil.rmtree(running, ignore_errors=True)
+        try:
+            _run(course, count, most, progress)
+        finally:
+            shutil.rmtree(running, ignore_errors=True)
+        return _finished(course, progress)
+
+
+def _inputs(asked: CampaignFile) -> list[Path]:
+    others = (*asked.rigs.values(), *asked.scenarios.values())
+    return [asked.file, *asked.sites.values(), *(one for one in others if one is not None)]
+
+
+def _refuse_another(course: Course) -> None:
+    """Refuse a folder that is another grid's: cells of the same name would replace each other."""
+    name = course.journal.row("grid").get("name")
+    if name is not None and name != course.steps.asked.file.name:
+        raise InputError(
+            f"holds the campaign of {name!s:.80}", file=course.place,
+            expected=f"another folder, or that file ({course.steps.asked.file.name} was given)",
+        )  # fmt: skip
+
+
+def _told_plan(plan: Plan, course: Course, workers: int) -> dict[str, Any]:
+    known = plan.measured["dataset"]
+    done = {kind: course.counts[kind]["done"] for kind in course.counts}
+    return {
+        "cells": course.totals["dataset"],
+        "done": done,
+        "left": plan.steps,
+        "frames_left": plan.frames,
+        "processor_hours": round(plan.seconds / 3600, 3),
+        "hours": round(plan.seconds / 3600 / workers, 3),
+        "workers": workers,
+        "gigabytes": round(plan.size / 1e9, 3),
+        "by": f"what {known} recordings took" if known else "reckoning; --most 1 measures",
+    }
+
+
+def _least_bytes(course: Course) -> float:
+    from urbantwin.dataset.dataset_writer import BYTES_PER_POINT, LEAST_LEFT, LEAST_RETURNED
+
+    least = LEAST_RETURNED * BYTES_PER_POINT * LEAST_LEFT[course.steps.asked.storage]
+    return course.work["dataset"] * least
+
+
+class _Here:
+    """A pool of this process alone: what is submitted is done at once."""
+
+    def submit(self, function: Callable[[Step], Outcome], step: Step, /) -> Future[Outcome]:
+        future: Future[Outcome] = Future()
+        future.set_result(function(step))
+        return future
+
+
+def _run(course: Course, workers: int, most: int | None, progress: ShowProgress) -> None:
+    """Make what is left: cells beside each other, or frames where there are few cells."""
+    from urbantwin.interface.campaign_step import Maker, make
+    from urbantwin.interface.campaign_table import shown_course
+
+    cells = sum(one.kind == "dataset" for one in course.to_make)
+    cells = cells if most is None else min(cells, most)
+    asked, twins = course.steps.asked, dict(course.steps.twins)
+    with shown_course(progress, workers) as tell:
+        tell(course)
+        if workers == 1 or cells < workers:
+            maker = Maker(asked, course.place, twins, workers=workers)
+            course.run(_Here(), maker.outcome, abreast=1, tell=tell, most=most)
+            return
+        maker = Maker(asked, course.place, twins)
+        while True:
+            begun = course.counts["dataset"]["done"]
+            try:
+                with _pool(maker, workers) as pool:
+                    course.run(pool, make, abreast=workers, tell=tell, most=most)
+                return
+            except BrokenExecutor:  # a worker was killed: what it was at is tried again
+                if most is not None:
+                    most -= course.counts["dataset"]["done"] - begun
+
+
+@contextmanager
+def _pool(maker: Any, workers: int) -> Iterator[Pool]:  # noqa: ANN401
+    """Yield a pool of processes that make steps; what is half made when it is cut off goes."""
+    from urbantwin.interface.campaign_step import begin
+    from urbantwin.processes import worker_pool
+
+    before = set(active_children())
+    with worker_pool(workers, begin, maker) as pool:
+        try:
+            yield pool
+        except BaseException:
+            # A cell may take an hour. What is recorded of it stays, for the next run.
+            for worker in set(active_children()) - before:
+                worker.terminate()
+            raise
+
+
+def _finished(course: Course, progress: ShowProgress) -> Campaign:
+    """Write what is over all datasets: the split, the index and the shards."""
+    from urbantwin.artefact import read_json
+    from urbantwin.campaigns.index import index_of, write_index
+
+    place, steps = course.place, course.steps
+    sources: dict[str, Any] = {}
+    for name in steps.asked.sites:
+        file = steps.twins.get(name, place / "twins" / name) / "twin.json"
+        if file.is_file():
+            for one in read_json(file, kind="twin")["inputs"]:
+                sources[str(one.get("sha256") or one["name"])] = one
+    index = index_of(course, list(sources.values()))
+    made = Campaign(place, index)
+    with shown_stage("index", progress, brief=True) as tell:
+        if index["datasets"] and steps.asked.by_scenario is not None:
+            tell(0.0, "which scenario is of which part")
+            _split_by_scenario(made, *steps.asked.by_scenario)
+        with replaced_folder(place / _INDEX, kind=_KIND) as folder:
+            tell(0.3, "pictures")
+            picture = _picture(made, folder)
+            write_index(folder, index, picture)
+    kept = _others(made)
+    if kept:
+        tell_line(
+            f"campaign: {kept} datasets in {place / 'datasets'} are of no cell of this grid; they "
+            "stay, and are not in the index",
+            progress,
+        )
+    if index["datasets"] and steps.asked.shards is not None:
+        _write_shards(made, steps.asked.shards, progress)
+    return made
+
+
+def _others(made: Campaign) -> int:
+    """Return how many datasets of an earlier grid are still there."""
+    names = {str(row["path"]).rpartition("/")[2] for row in made.manifest["datasets"]}
+    names |= {str(row["path"]).rpartition("/")[2] for row in made.manifest["failed"]}
+    folder = made.folder / "datasets"
+    there = [one.name for one in folder.iterdir()] if folder.is_dir() else []
+    return sum(not one.startswith(".") and one not in names for one in there)
+
+
+def _split_by_scenario(made: Campaign, shares: tuple[float, float, float], seed: int) -> None:
+    """Write ``split.json``: recordings of a site and a seed are one scenario, in one part."""
+    from urbantwin.dataset.split import datasets_at, split_by_scenario
+    from urbantwin.dataset.split.document import write_split_document
+    from urbantwin.dataset.split.scenarios import Scenario
+
+    groups: dict[tuple[Any, Any], list[Path]] = {}
+    for row in made.manifest["datasets"]:
+        key = row["levels"]["site"], row["levels"]["seed"]
+        groups.setdefault(key, []).append(made.folder / row["path"])
+    scenarios = [
+        Scenario(tuple(datasets_at(folders)), (f"site {site}, seed {seed_of}",))
+        for (site, seed_of), folders in groups.items()
+    ]
+    told = split_by_scenario(scenarios, shares, moved_m=None, seed=seed)
+    write_split_document(made.folder / _SPLIT, told)
+
+
+def _picture(made: Campaign, folder: Path) -> Path | None:
+    """Draw a frame of some cells, as far apart as they can be."""
+    rows = made.manifest["datasets"]
+    if not rows:
+        return None
+    from urbantwin.view.campaign_cells import cells_picture
+    from urbantwin.view.labelled_frame import read_labelled_points
+    from urbantwin.view.pictures import attributions
+
+    count = min(len(rows), _PICTURED)
+    chosen = [rows[number * len(rows) // count] for number in range(count)]
+    frames = [
+        (str(row["path"]).rpartition("/")[2], read_labelled_points(made.folder / row["path"]))
+        for row in chosen
+    ]
+    (folder / "pictures").mkdir()
+    path = folder / "pictures" / "cells.png"
+    return cells_picture(frames, path, attribution=attributions(made.manifest))
+
+
+def shard_sources(made: Campaign) -> list[ShardSource]:
+    """Return the datasets of a campaign as those who write shards take them."""
+    from urbantwin.dataset.split import read_split_document
+    from urbantwin.exports.frames.shards import ShardSource
+
+    parts: dict[Path, str] = {}
+    file = made.folder / _SPLIT
+    if file.is_file():
+        parts = {path: part for path, part, _ in read_split_document(file).rows}
+    return [
+        ShardSource(folder := made.folder / row["path"], name, row["levels"], parts.get(folder))
+        for name, row in zip(made._names, made._rows, strict=True)
+    ]
+
+
+def _write_shards(made: Campaign, asked: Shards, progress: ShowProgress) -> None:
+    from urbantwin.exports.frames.shards import export_shards
+
+    with shown_stage("shards", progress) as tell:
+        export_shards(
+            shard_sources(made),
+            asked.format,
+            made.folder / _SHARDS,
+            size=asked.megabytes * 1e6,
+            seed=asked.seed,
+            progress=tell,
+        )
