@@ -2,7 +2,7 @@
 
 The library is the one that the ``embreex`` wheel carries. ``embreex`` itself takes arrays of rays
 only; a frame's rays at its actors depend on each other (what a beam's edge meets, what stands
-behind glass), and are cast one by one from code that numba compiles. numba is loaded, and compiles,
+behind glass), and are cast, one or eight at a time, from code that numba compiles. numba is loaded, and compiles,
 when the first ray is cast.
 
 Numbers of the C interface are those of ``embree4/rtcore_{scene,geometry,buffer,common}.h``.
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
 
-__all__ = ["EmbreeScene", "Hits", "intersect_address"]
+__all__ = ["EmbreeScene", "Hits", "intersect_address", "packet_address"]
 
 _TRIANGLES, _INDEX, _VERTEX = 0, 0, 1
 _UINT3, _FLOAT3 = 0x5003, 0x9003
@@ -46,6 +46,7 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
     "rtcReleaseScene": (None, [_POINTER]),
     "rtcGetDeviceError": (ctypes.c_int, [_POINTER]),
     "rtcIntersect1": (None, [_POINTER, _POINTER, _POINTER]),
+    "rtcIntersect8": (None, [_POINTER, _POINTER, _POINTER, _POINTER]),
 }
 
 
@@ -82,6 +83,12 @@ def _device() -> int:
 def intersect_address() -> int:
     """Return where ``rtcIntersect1`` is, for `geometry.compiled.intersect`."""
     return int(ctypes.cast(_library().rtcIntersect1, ctypes.c_void_p).value or 0)
+
+
+@cache
+def packet_address() -> int:
+    """Return where ``rtcIntersect8`` is, for `geometry.compiled.packet`."""
+    return int(ctypes.cast(_library().rtcIntersect8, ctypes.c_void_p).value or 0)
 
 
 class Hits(NamedTuple):

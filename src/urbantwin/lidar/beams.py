@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -94,8 +95,9 @@ class Beams:
             aside = float(np.abs(encoder_errors(sensor, columns)).max())
         return cls(directions, columns, sensor.channels, footprint, believed, aside, rings)
 
+    @cached_property
     def neighbours(self) -> tuple[NDArray[np.int32], int, int, bool]:
-        """Return all beams in rows of neighbours, rows, columns, and whether a row goes around.
+        """All beams in rows of neighbours, rows, columns, and whether a row goes around.
 
         Rows are rings by elevation, each turned so that columns have the same azimuth.
         """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from urbantwin.lidar.background_view import (
 )
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting.tracer import SensorPoses
+from urbantwin.lidar.compiled.view import answer_beams, turn_directions
 from urbantwin.lidar.echoes import Answers, Echoes, static_echoes
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.returns.strays import is_bright
@@ -26,8 +27,6 @@ from urbantwin.lidar.static_world import StaticLayers, World
 from urbantwin.lidar.sweep import Sweep
 
 __all__ = ["StaticAnswers", "StaticView"]
-
-_Value = TypeVar("_Value", bound=np.generic)
 
 
 class StaticAnswers(NamedTuple):
@@ -160,16 +159,14 @@ class StaticView:
                 level = _strongest_levels(static_echoes(layers, share, model, mounted.returns))
             layers = measured_layers(measured, layers, model, len(share), level, several)
         echoes = static_echoes(layers, share, model, mounted.returns)
-        first, has = np.maximum(echoes.first, 0), echoes.first >= 0
-        answers = _answers(echoes, layers, first, has)
-        amplitude = _where(has, echoes.amplitude, first)
+        has = echoes.first >= 0
+        answers, amplitude = _answers(echoes, layers, echoes.first)
         if measured is not None:
             answers = measured_answers(measured, answers, has, mounted.effects, mounted.missing)
         also = np.flatnonzero(echoes.second >= 0)
-        other = np.full(len(first), -1, np.int32)
+        other = np.full(len(has), -1, np.int32)
         other[also] = np.arange(len(also), dtype=np.int32)
-        second = echoes.second[also]
-        everywhere = np.ones(len(second), np.bool_)
+        second = _answers(echoes, layers, echoes.second[also])[0]
         rotation, place = path.reported_poses(times)
         turned = np.asarray(dataset_SE3_site.rotation) @ rotation
         return cls(
@@ -178,7 +175,7 @@ class StaticView:
             layers,
             _directions(beams, beams.believed, turned),
             np.ascontiguousarray(dataset_SE3_site.apply(place).T, np.float32),
-            StaticAnswers(answers, other, _answers(echoes, layers, second, everywhere)),
+            StaticAnswers(answers, other, second),
             amplitude,
             np.flatnonzero(is_bright(amplitude)).astype(np.int32),
             None if measured is None else measured.known & has,
@@ -192,9 +189,9 @@ def _directions(
     """Return directions (3, N) of beams, turned with their columns' rotations (K or 1, 3, 3)."""
     if len(rotation) == 1:
         return np.ascontiguousarray((rotation[0] @ directions.T), np.float32)
-    fans = directions.reshape(beams.channels, beams.columns, 3)
-    turned = np.einsum("kij,ckj->ick", rotation, fans, optimize=True)
-    return np.ascontiguousarray(turned.reshape(3, -1), np.float32)
+    out = np.empty((3, len(directions)), np.float32)
+    turn_directions(directions, rotation, out)
+    return out
 
 
 def _strongest_levels(echoes: Echoes) -> NDArray[np.int32]:
@@ -206,23 +203,20 @@ def _strongest_levels(echoes: Echoes) -> NDArray[np.int32]:
 
 
 def _answers(
-    echoes: Echoes, layers: StaticLayers, which: NDArray[np.int32], has: NDArray[np.bool_]
-) -> Answers:
-    """Return what the sensor answers to echoes (N,) by their numbers; nothing where none is."""
-    semantic = layers.semantic[-1 - echoes.owner]
-    return Answers(
-        _where(has, echoes.level, which),
-        _where(has, echoes.range_m, which),
-        _where(has, echoes.sigma, which),
-        _where(has, echoes.intensity, which),
-        _where(has, semantic, which),
+    echoes: Echoes, layers: StaticLayers, which: NDArray[np.int32]
+) -> tuple[Answers, NDArray[np.float32]]:
+    """Return what the sensor answers to echoes (N,) by their numbers, -1 for none, and amplitudes.
+
+    Without an echo all is 0; of a class: unlabelled.
+    """
+    count = len(which)
+    answers = Answers(
+        np.empty(count, np.int32),
+        np.empty(count, np.float32),
+        np.empty(count, np.float32),
+        np.empty(count, np.float32),
+        np.empty(count, np.uint16),
     )
-
-
-def _where(
-    has: NDArray[np.bool_], values: NDArray[_Value], which: NDArray[np.int32]
-) -> NDArray[_Value]:
-    """Return values (N,) by their numbers; 0 (of a class: unlabelled) where there is none."""
-    if not len(values):
-        return np.zeros(len(which), values.dtype)
-    return np.where(has, values[which], values.dtype.type(0))
+    amplitude = np.empty(count, np.float32)
+    answer_beams(echoes, layers.semantic, which, answers, amplitude)
+    return answers, amplitude

@@ -12,6 +12,7 @@ from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting.cast import cast_world
 from urbantwin.lidar.casting.tracer import Firing, RayTracer, SensorPoses
 from urbantwin.lidar.compiled.order import by_ray
+from urbantwin.lidar.compiled.view import places_along
 from urbantwin.lidar.returns import Scatter
 from urbantwin.lidar.shapes import ActorShape, Shapes
 from urbantwin.lidar.sweep import Sweep
@@ -97,9 +98,9 @@ class World:
             thorough=thorough,
         )
         start, order = by_ray(met.ray, len(beams.directions))
-        ray, face = met.ray[order], met.face[order]
-        range_m, cosine = met.range_m[order], met.cosine[order]
-        material = self._mesh.material[face]
+        ray, face = met.ray.take(order), met.face.take(order)
+        range_m, cosine = met.range_m.take(order), met.cosine.take(order)
+        material = self._mesh.material.take(face)
         grain = scatter.grain(ray, face)
         if scatter.texture > 0 or scatter.swallows:
             ground = np.flatnonzero(self._ground.take(face))
@@ -113,8 +114,8 @@ class World:
             range_m,
             scatter.backscatter(material, cosine) * grain,
             scatter.transmission(material, cosine),
-            met.mask[order],
-            self._mesh.semantic[face],
+            met.mask.take(order),
+            self._mesh.semantic.take(face),
             cosine,
         )
 
@@ -123,11 +124,9 @@ def _places(
     beams: Beams, poses: SensorPoses, ray: NDArray[np.int32], range_m: NDArray[np.float32]
 ) -> NDArray[np.float64]:
     """Return where beams (N,) are at ranges (N,), in the frame of the poses, (N, 3)."""
-    aim = beams.directions[ray]
     if len(poses.translation) == 1:
-        aim, place = aim @ poses.rotation[0].T, poses.translation[0]
-    else:
-        n = ray % beams.columns
-        aim = np.einsum("nij,nj->ni", poses.rotation[n], aim)
-        place = poses.translation[n]
-    return np.asarray(place + aim * range_m[:, None])
+        aim = beams.directions[ray] @ poses.rotation[0].T
+        return np.asarray(poses.translation[0] + aim * range_m[:, None])
+    places = np.empty((len(ray), 3))
+    places_along(beams.directions, poses.rotation, poses.translation, ray, range_m, places)
+    return places

@@ -59,7 +59,7 @@ def cast_world(
         thorough: look at the whole footprint of every beam, and not only where neighbours differ:
             it finds what is thinner than the beams are apart.
     """
-    rays, rows, wide, around = beams.neighbours()
+    rays, rows, wide, around = beams.neighbours
     blocks = Blocks._make((*(np.array([one], np.int64) for one in (0, rows, wide, 0)), rays))
     spread = Spread.NOWHERE
     if len(firing.footprint) > 1:

@@ -1,4 +1,4 @@
-"""Casting on the processor, by Embree: ray after ray, from compiled code."""
+"""Casting on the processor, by Embree, from compiled code."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry.embree import intersect_address
+from urbantwin.geometry.embree import intersect_address, packet_address
 from urbantwin.lidar.actor_path import Paths
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Layers
 from urbantwin.lidar.compiled.cast import cast_blocks
@@ -52,7 +52,8 @@ class EmbreeTracer:
             shapes.triangles,
             actors.paths,
         )
-        address, room = intersect_address(), len(blocks.ray) + len(blocks.ray) // 2 + 1024
+        address = (intersect_address(), packet_address())
+        room = len(blocks.ray) + len(blocks.ray) // 2 + 1024
         while True:
             layers = Layers.room(room, len(shape))
             used = cast_blocks(address, firing, targets, blocks, casting, layers)

@@ -192,6 +192,15 @@ def combine(touched, static, moving, share, pulse_m, echoes, alone):
         echoes.start[m] = used
         last, still = moving.last[touched[m]], static.start[touched[m]]
         stands = static.start[touched[m] + 1] - still
+        if last < 0 and _is_opaque(static, still, stands, whole):
+            if stands:
+                if used < len(echoes.range_m):
+                    echoes.range_m[used], echoes.owner[used] = static.range_m[still], -1 - still
+                    # In single precision, as where several layers are combined.
+                    back = np.float64(np.float32(static.backscatter[still]))
+                    echoes.amplitude[used] = _at_least(light * back)
+                used += 1
+            continue
         if _is_plain(static, moving, last, still, stands, whole):
             amplitude = _at_least(light * moving.backscatter[last])
             who, at = moving.actor[last], moving.range_m[last]
@@ -238,12 +247,20 @@ def _is_plain(static, moving, last, still, stands, whole):
     """
     return (
         last >= 0
-        and stands <= 1
         and moving.before[last] < 0
         and moving.through[last] == 0.0
         and moving.mask[last] & whole == whole
-        and (stands == 0 or (static.through[still] == 0.0 and static.mask[still] & whole == whole))
+        and _is_opaque(static, still, stands, whole)
     )
+
+
+@per_ray
+def _is_opaque(static, still, stands, whole):
+    """Return whether a beam meets nothing of the world, or one opaque surface that fills it."""
+    if stands == 0:
+        return True
+    filled = static.mask[still] & whole == whole
+    return stands == 1 and static.through[still] == 0.0 and filled
 
 
 @per_ray

@@ -48,6 +48,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.compiled.patches import add_patches
+from urbantwin.lidar.compiled.surfaces import mix, read_curves
 from urbantwin.lidar.returns.draws import standard_quantiles
 from urbantwin.lidar.returns.fresnel import pane
 from urbantwin.lidar.returns.swallowed import actor_grain, thrown_on
@@ -156,12 +157,10 @@ class Scatter:
     @staticmethod
     def _read(table: Floats, material: NDArray[np.uint8], cosine: NDArray[np.floating]) -> Floats:
         """Return values of a table along straight lines between its cosines."""
-        place = np.clip(cosine, 0, 1).astype(np.float32) * np.float32(_STEPS)
-        low = np.minimum(place.astype(np.int32), _STEPS - 1)
-        at = material.astype(np.int32) * (_STEPS + 1) + low
-        flat = table.reshape(-1)
-        first = flat.take(at)
-        return np.asarray(first + (flat.take(at + 1) - first) * (place - low))
+        values = np.empty(len(cosine))
+        kinds = np.asarray(np.broadcast_to(material, cosine.shape), np.uint8, order="C")
+        read_curves(table, kinds, np.ascontiguousarray(cosine, np.float32), values)
+        return values
 
 
 @cache
@@ -218,8 +217,6 @@ def scatter_of_materials(
 
 def _mixed(beam: NDArray[np.integer], face: NDArray[np.integer]) -> NDArray[np.uint64]:
     """Return random bits (N,) of beams that meet triangles."""
-    with np.errstate(over="ignore"):
-        mixed = beam.astype(np.uint64) << np.uint64(32) | face.astype(np.uint64)
-        # Steele, Lea and Flood 2014, OOPSLA: the mixing function of SplitMix64.
-        mixed = (mixed ^ mixed >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
-        return np.asarray((mixed ^ mixed >> np.uint64(27)) * np.uint64(0x94D049BB133111EB))
+    bits = np.empty(len(beam), np.uint64)
+    mix(np.ascontiguousarray(beam, np.int32), np.ascontiguousarray(face, np.int32), bits)
+    return bits

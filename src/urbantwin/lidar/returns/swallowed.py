@@ -75,11 +75,16 @@ def thrown_on(places: NDArray[np.float64], cosine: NDArray[np.floating]) -> NDAr
         places: (N, 3) of the ground.
         cosine: (N,) of the angles of incidence.
     """
-    share = np.minimum(GLANCING / np.maximum(cosine.astype(np.float64), 1e-3), MOST_THROWN_ON)
     drawn = np.zeros(len(places))
     east, north = np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1])
     add_patches(east, north, _PLACES, PLACE_M, 1.0, standard_quantiles(), drawn)
-    return np.where(drawn > -ndtri(share), _LEFT, np.float32(1.0))
+    left = np.ones(len(places), np.float32)
+    # Few are drawn so that they may be thrown on at all.
+    rare = np.flatnonzero(drawn > -ndtri(MOST_THROWN_ON) - 1e-6)
+    faced = np.maximum(cosine[rare].astype(np.float64), 1e-3)
+    share = np.minimum(GLANCING / faced, MOST_THROWN_ON)
+    left[rare[drawn[rare] > -ndtri(share)]] = _LEFT
+    return left
 
 
 @cache
