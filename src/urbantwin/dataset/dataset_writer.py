@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_room, sha256_of, write_json
+from urbantwin.dataset.box_columns import packed_columns
 from urbantwin.dataset.box_table import write_boxes
 from urbantwin.dataset.frame_files import RAY_TYPE
 from urbantwin.dataset.frame_motion import FrameMotions
@@ -41,6 +42,8 @@ __all__ = [
 
 #: Folder of the marks of finished frames; no part of the dataset.
 MARKS = "done"
+#: Changes with what they hold: a run does not go on from marks that it cannot read.
+MARKS_FORMAT = 2
 TABLES = ("boxes.parquet", "sweeps.parquet")
 #: Of a point: x, y, z and intensity, its label, and the ray that it came from.
 BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
@@ -93,7 +96,8 @@ def record_datasets(
         progress: called with the number of frames that are there, after each.
 
     Returns:
-        By name of the dataset what ``layout.write_frame`` returned for each frame, and its sweeps.
+        By name of the dataset what ``layout.write_frame`` returned for each frame, its boxes
+        packed, and its sweeps.
     """
     missing: dict[str, list[int]] = {}
     for part, own in parts.items():
@@ -129,7 +133,7 @@ def record_datasets(
         for number, _ in enumerate(record_frames(recipe, tasks(), count), start=there + 1):
             progress(number)
     return {
-        part: [read_json_or_none(_mark(own.folder / MARKS, index)) for index in own.times_s]
+        part: [_entry(own.folder / MARKS, index) for index in own.times_s]
         for part, own in parts.items()
     }
 
@@ -248,6 +252,12 @@ def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
         for entry in own
         for file, digest in entry["sha256"].items()
     }
+
+
+def _entry(done: Path, index: int) -> dict[str, Any]:
+    """Return what a finished frame holds, of which there may be ten thousands, in little memory."""
+    entry: dict[str, Any] = read_json_or_none(_mark(done, index))
+    return {**entry, "boxes": packed_columns(entry["boxes"])}
 
 
 def _mark(done: Path, index: int) -> Path:

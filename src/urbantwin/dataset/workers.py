@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 
 import shapely
@@ -19,14 +19,16 @@ from urbantwin.dataset.motion_interpolation import posed_actors
 from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
-from urbantwin.lidar import Rig, Scanner
+from urbantwin.lidar import LabelledFrame, PosedActor, Rig, Scanner
 from urbantwin.processes import worker_pool
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
 __all__ = ["Part", "Recipe", "Task", "record_frames"]
 
 #: What one worker has in hand besides what it works on: enough that it never waits.
-_QUEUED = 3
+_QUEUED = 2
+#: Frames that a worker is told of at once: the last of them is written while nothing is scanned.
+_LONGEST_RUN = 4
 
 
 @dataclass(frozen=True)
@@ -108,11 +110,22 @@ class _Recorder:
     def _mesh(self, asset: str, phase: int) -> LabelledMesh:
         return mesh_among(self._recipe.meshes, asset, phase, asset_mesh)
 
-    def record(self, task: Task) -> int:
+    def recorded(self, tasks: Iterable[Task]) -> Iterator[int]:
+        """Record frames and yield the number of each; one is written while the next is scanned."""
+        with ThreadPoolExecutor(1) as writer:
+            under_way: Future[int] | None = None
+            for task in tasks:
+                actors = posed_actors(task.motion.rows, task.motion.paths())
+                frame = self._scanner_of(task.part).scan(task.index, actors)
+                if under_way is not None:
+                    yield under_way.result()
+                under_way = writer.submit(self._write, task, frame, actors)
+            if under_way is not None:
+                yield under_way.result()
+
+    def _write(self, task: Task, frame: LabelledFrame, actors: Sequence[PosedActor]) -> int:
         part = self._recipe.parts[task.part]
         rig = part.rig
-        actors = posed_actors(task.motion.rows, task.motion.paths())
-        frame = self._scanner_of(task.part).scan(task.index, actors)
         entry = write_frame(part.folder, task.index, frame, self._recipe.storage)
         carrier = next((one.way for one in actors if one.track == rig.carrier), None)
         entry["sweeps"] = sweep_rows(rig, task.index, part.seed, carrier)
@@ -137,26 +150,35 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterat
         StageError: a worker was killed.
     """
     if workers == 1:
-        recorder = _Recorder(recipe)
-        yield from map(recorder.record, tasks)
+        yield from _Recorder(recipe).recorded(tasks)
         return
-    waiting = iter(tasks)
+    runs = _runs(tasks, workers)
     try:
         with worker_pool(workers, _start, recipe) as pool:
-            under_way: set[Future[int]] = set()
+            under_way: set[Future[list[int]]] = set()
             while True:
                 room = workers * _QUEUED - len(under_way)
-                under_way |= {pool.submit(_record, task) for task in islice(waiting, room)}
+                under_way |= {pool.submit(_record, run) for run in islice(runs, room)}
                 if not under_way:
                     return
                 finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
                 for future in finished:
-                    yield future.result()
+                    yield from future.result()
     except BrokenProcessPool:
         raise StageError(
             "a worker was killed (out of memory?); what is finished is kept: "
             "give the same command again, with fewer workers"
         ) from None
+
+
+def _runs(tasks: Iterable[Task], workers: int) -> Iterator[list[Task]]:
+    """Yield tasks in runs: single ones at first, that all workers have some when they are few."""
+    waiting = iter(tasks)
+    for number in count():
+        run = list(islice(waiting, min(1 + number // (2 * workers), _LONGEST_RUN)))
+        if not run:
+            return
+        yield run
 
 
 _recorder: _Recorder | None = None
@@ -167,6 +189,6 @@ def _start(recipe: Recipe) -> None:
     _recorder = _Recorder(recipe)
 
 
-def _record(task: Task) -> int:
+def _record(run: list[Task]) -> list[int]:
     assert _recorder is not None
-    return _recorder.record(task)
+    return list(_recorder.recorded(run))
