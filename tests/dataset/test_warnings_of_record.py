@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from urbantwin.dataset.box_columns import packed_columns
 from urbantwin.dataset.result_warnings import warnings_of_record
 
 
@@ -21,7 +22,9 @@ def boxes(
 
 
 def frame(*groups: list[dict[str, Any]], points: int = 1000) -> dict[str, Any]:
-    return {"points": points, "boxes": [box for group in groups for box in group]}
+    rows = [box for group in groups for box in group]
+    columns = {name: [box[name] for box in rows] for name in rows[0]}
+    return {"points": points, "boxes": packed_columns(columns)}
 
 
 def test_classes_of_which_most_have_no_points_are_told() -> None:

@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 import shapely
 
+from urbantwin.dataset.box_columns import packed_columns
 from urbantwin.dataset.box_table import write_boxes
 from urbantwin.dataset.layout import FOLDERS, write_frame
 from urbantwin.geometry import LabelledMesh, Pose
@@ -89,6 +90,7 @@ def test_the_table_holds_every_label(scanned, tmp_path):
     parked = pa.Table.from_pylist([{"track": 2}], schema=ACTOR_SCHEMA)
     motion = replace(nobody, parked=parked)
     entry = write_frame(tmp_path, 0, frame)
+    entry["boxes"] = packed_columns(entry["boxes"])
     write_boxes(tmp_path / "boxes.parquet", {0: 0.0}, [entry], motion)
     table = pq.read_table(tmp_path / "boxes.parquet")
     assert table.schema.field("truncation").type == pa.float64()

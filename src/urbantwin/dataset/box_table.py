@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from urbantwin.artefact.tables import PARQUET
+from urbantwin.dataset.box_columns import UNKNOWN_IS_NAN
 from urbantwin.dataset.layout import frame_name
 from urbantwin.lidar.annotated import truck_of_load
 
@@ -51,7 +54,8 @@ def write_boxes(
     Args:
         path: the file.
         times_s: number of each frame -> its time.
-        entries: what ``layout.write_frame`` returned for each frame, in the same order.
+        entries: what ``layout.write_frame`` returned for each frame, in the same order, with the
+            boxes packed.
         motion: whose actors these are: who is parked, and who is towed by whom.
     """
     # Imported here: workers, which start with this package, have no use for it.
@@ -61,21 +65,27 @@ def write_boxes(
     from urbantwin.traffic.paths.coupling import towed_by
 
     parked, pulls = frozenset(motion.parked["track"].to_pylist()), towed_by(motion.rows)
-    rows = [
-        {
-            "frame": frame_name(index),
-            "time_s": time_s,
-            **box,
-            "parked": box["track"] in parked,
-            "towed_by": pulls.get(box["track"], _carries(box)),
-        }
-        for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
-        for box in entry["boxes"]
-    ]
+    each = [entry["boxes"] for entry in entries]
+    of_frame = np.repeat(np.arange(len(each)), [len(one["track"]) for one in each])
+    names = np.array([frame_name(index) for index in times_s], object)
+    columns: dict[str, Any] = {
+        "frame": names[of_frame],
+        "time_s": np.array(list(times_s.values()), np.float64)[of_frame],
+    }
+    for name in each[0] if each else ():
+        columns[name] = np.concatenate([one[name] for one in each])
+    track = columns["track"].tolist()
+    columns["parked"] = np.array([one in parked for one in track], np.bool_)
+    both = zip(track, columns["class"].tolist(), strict=True)
+    columns["towed_by"] = [pulls.get(one, _carries(one, kind)) for one, kind in both]
     schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, **PARQUET)
+    arrays = [
+        pa.array(columns[one.name], one.type, from_pandas=one.name in UNKNOWN_IS_NAN)
+        for one in schema
+    ]
+    pq.write_table(pa.table(arrays, schema=schema), path, **PARQUET)
 
 
-def _carries(box: Mapping[str, Any]) -> int | None:
-    """Return the track of the truck whose load is in a box."""
-    return truck_of_load(box["track"]) if box["class"] == "trailer" else None
+def _carries(track: int, kind: str) -> int | None:
+    """Return the track of the truck whose load has a track and a class."""
+    return truck_of_load(track) if kind == "trailer" else None

@@ -12,8 +12,8 @@ from urbantwin.artefact.damaged_bytes import picture_place
 from urbantwin.artefact.document import read_json_value
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.block_sums import damaged_block
+from urbantwin.dataset.box_columns import label_line
 from urbantwin.dataset.frame_files import read_labels, read_rays
-from urbantwin.dataset.layout import label_line
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.errors import InputError
 

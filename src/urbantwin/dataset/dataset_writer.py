@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_room, sha256_of, write_json
 from urbantwin.cluster import Cluster
+from urbantwin.dataset.box_columns import packed_columns
 from urbantwin.dataset.box_table import write_boxes
 from urbantwin.dataset.frame_files import RAY_TYPE
 from urbantwin.dataset.frame_motion import FrameMotions
@@ -40,6 +41,8 @@ __all__ = [
     "write_datasets",
 ]
 
+#: Changes with what marks hold: a run does not go on from marks that it cannot read.
+MARKS_FORMAT = 2
 TABLES = ("boxes.parquet", "sweeps.parquet")
 #: Of a point: x, y, z and intensity, its label, and the ray that it came from.
 BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
@@ -94,7 +97,8 @@ def record_datasets(
         progress: called with the number of frames that are there, after each.
 
     Returns:
-        By name of the dataset what ``layout.write_frame`` returned for each frame, and its sweeps.
+        By name of the dataset what ``layout.write_frame`` returned for each frame, its boxes
+        packed, and its sweeps.
     """
     missing: dict[str, list[int]] = {}
     for part, own in parts.items():
@@ -246,5 +250,11 @@ def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
 
 
 def _entries(own: Recording) -> list[Any]:
-    """Return what the marks of its frames hold, ``None`` for those that are not there."""
-    return own.place.entries(frame_name(index) for index in own.times_s)
+    """Return what the marks of its frames hold, ``None`` for those that are not there.
+
+    There may be ten thousands, so their boxes are packed into little memory.
+    """
+    return [
+        None if one is None else {**one, "boxes": packed_columns(one["boxes"])}
+        for one in own.place.entries(frame_name(index) for index in own.times_s)
+    ]

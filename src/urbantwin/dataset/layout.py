@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.block_sums import packed_sums
+from urbantwin.dataset.box_columns import box_columns, label_lines
 from urbantwin.dataset.frame_columns import columns_of_frame, parquet_bytes
 from urbantwin.dataset.frame_files import FOLDERS, RAY_TYPE, STORED
 from urbantwin.dataset.frame_las import laz_bytes
 from urbantwin.dataset.frame_place import FolderPlace, FramePlace
-from urbantwin.geometry import wrapped
-from urbantwin.lidar import BoxLabel, LabelledFrame
+from urbantwin.lidar import LabelledFrame
 
-__all__ = ["FOLDERS", "folders_of", "frame_name", "label_line", "label_lines", "write_frame"]
+__all__ = ["FOLDERS", "folders_of", "frame_name", "read_json_or_none", "write_frame"]
 
 _RAY_FIELDS = {name: {"time": "time_s"}.get(name, name) for name in RAY_TYPE.names or ()}
 
@@ -27,20 +26,6 @@ _RAY_FIELDS = {name: {"time": "time_s"}.get(name, name) for name in RAY_TYPE.nam
 def frame_name(index: int) -> str:
     """Return the name of a frame: its number, six digits or more."""
     return f"{index:06d}"
-
-
-def label_lines(boxes: Sequence[BoxLabel]) -> str:
-    """Return ``x y z dx dy dz heading class`` for every box, a line each.
-
-    Metres and radians with four decimals (a tenth of a millimetre). OpenPCDet's reader takes the
-    last token as the class and all before it as the box, so nothing else may stand there.
-    """
-    return "".join(label_line(one.box, one.actor_class) for one in boxes)
-
-
-def label_line(box: NDArray[np.float64], name: str) -> str:
-    """Return the line of `label_lines` for a box (7,) of a class."""
-    return " ".join([*(f"{_plain(value):.4f}" for value in _normal(box)), name]) + "\n"
 
 
 def folders_of(storage: str) -> tuple[str, ...]:
@@ -61,9 +46,9 @@ def write_frame(
 
     Returns:
         What can stand in JSON: ``points`` (their number), ``bounds`` (least and greatest x, y, z,
-        or ``None``), ``semantic`` (number of points by class number), ``boxes`` (one row per
-        box), ``sha256`` (of each file, by its name in the dataset) and ``blocks`` (of each file,
-        see `block_sums.packed_sums`).
+        or ``None``), ``semantic`` (number of points by class number), ``boxes`` (their columns,
+        see `box_columns`), ``sha256`` (of each file, by its name in the dataset) and ``blocks``
+        (of each file, see `block_sums.packed_sums`).
     """
     name = frame_name(index)
     labels = frame.instance.astype("<u4")
@@ -97,7 +82,7 @@ def write_frame(
         "points": len(frame.points),
         "bounds": _bounds(frame.points),
         "semantic": {str(number): int(counts[number]) for number in np.flatnonzero(counts)},
-        "boxes": [_row(one) for one in frame.boxes],
+        "boxes": box_columns(frame.boxes),
         "sha256": sums,
         "blocks": {file: packed_sums(*parts) for file, parts in files.items()},
     }
@@ -120,34 +105,3 @@ def _bounds(points: NDArray[np.float32]) -> list[float] | None:
     # A column at a time: far faster than along the short axis of an (N, 4) array.
     columns = [np.ascontiguousarray(points[:, axis]) for axis in range(3)]
     return [float(c.min()) for c in columns] + [float(c.max()) for c in columns]
-
-
-def _row(one: BoxLabel) -> dict[str, Any]:
-    unknown = one.num_points_alone == 0
-    return {
-        "track": one.track,
-        "class": one.actor_class,
-        **dict(zip(BOX_FIELDS, (float(value) for value in _normal(one.box)), strict=True)),
-        "num_points": one.num_points,
-        "num_points_alone": one.num_points_alone,
-        "occlusion": None if unknown else one.occlusion,
-        "visibility": None if unknown else one.visibility,
-        "truncation": one.truncation,
-        "difficulty": one.difficulty,
-        "ignored": one.ignored,
-        "observed_s": one.observed_s,
-        **dict(zip(("vx", "vy", "vz"), (float(value) for value in one.velocity), strict=True)),
-    }
-
-
-BOX_FIELDS = ("x", "y", "z", "length", "width", "height", "yaw")
-
-
-def _normal(box: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the box with its yaw in [-pi, pi)."""
-    return np.append(box[:6], wrapped(box[6:]))
-
-
-def _plain(value: float) -> float:
-    """Return the value at the precision of the file, without a negative zero."""
-    return round(float(value), 4) + 0.0

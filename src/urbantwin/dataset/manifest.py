@@ -203,13 +203,14 @@ def manifest_of(
         split: what is told of it, see `split.split_in_time`.
         tables: SHA-256 of every file that is of no single frame, by name.
     """
-    boxes = Counter(box["class"] for entry in entries for box in entry["boxes"])
-    seen = Counter(
-        box["class"] for entry in entries for box in entry["boxes"] if box["num_points"] > 0
-    )
-    reach = [box for entry in entries for box in entry["boxes"] if box["ignored"] not in BEYOND]
-    in_reach = Counter(box["class"] for box in reach)
-    seen_in_reach = Counter(box["class"] for box in reach if box["num_points"] > 0)
+    boxes, seen, in_reach, seen_in_reach = (Counter[str]() for _ in range(4))
+    for entry in entries:
+        own = entry["boxes"]
+        hit, reached = own["num_points"] > 0, ~np.isin(own["ignored"], BEYOND)
+        boxes.update(own["class"].tolist())
+        seen.update(own["class"][hit].tolist())
+        in_reach.update(own["class"][reached].tolist())
+        seen_in_reach.update(own["class"][reached & hit].tolist())
     classes = [*ACTOR_CLASSES, *([OBSTACLE] if boxes[OBSTACLE] else [])]
     turns = [turn for entry in entries for turn in entry["sweeps"]]
     points: Counter[int] = Counter()
@@ -266,7 +267,7 @@ def frames_of(
             "name": frame_name(index),
             "time_s": time_s,
             "points": entry["points"],
-            "boxes": len(entry["boxes"]),
+            "boxes": len(entry["boxes"]["track"]),
             "sha256": frame_sha256(entry["sha256"]),
             **{key: entry[key] for key in ("dataset_SE3_site",) if key in entry},
         }

@@ -95,28 +95,28 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
     rotations = rotation_from_ypr(rows["yaw"], rows["pitch"], rows["roll"])
     translations = np.column_stack([rows["x"], rows["y"], rows["z"]])
     ahead = rows["speed"][:, None] * rotations[:, :, 0]
-    velocities = [
-        velocity if way is None else way.velocity_at(0.0)
-        for velocity, way in zip(ahead, ways, strict=True)
-    ]
+    sizes = np.column_stack([rows[name] for name in ("length", "width", "height")])
+    # A column at a time: each field of a row takes as long as a whole column of all of them.
+    columns = [rows[name].tolist() for name in ("track", "class", "asset", "phase")]
     return [
         PosedActor(
-            int(row["track"]),
-            str(row["class"]),
-            str(row["asset"]),
-            int(row["phase"]),
+            track,
+            str(actor_class),
+            str(asset),
+            phase,
             Pose(turn, place),
-            velocity,
+            velocity if path is None else path.velocity_at(0.0),
             path,
-            _size(row),
+            (size[0], size[1], size[2]) if known else None,
         )
-        for row, turn, place, velocity, path in zip(
-            rows, rotations, translations, velocities, ways, strict=True
+        for track, actor_class, asset, phase, turn, place, velocity, path, size, known in zip(
+            *columns,
+            rotations,
+            translations,
+            ahead,
+            ways,
+            sizes.tolist(),
+            (sizes.min(axis=1, initial=np.inf) > 0).tolist(),
+            strict=True,
         )
     ]
-
-
-def _size(row: np.void) -> tuple[float, float, float] | None:
-    """Return the size of an actor's box, metres; ``None`` where the table does not know it."""
-    size = float(row["length"]), float(row["width"]), float(row["height"])
-    return size if min(size) > 0 else None

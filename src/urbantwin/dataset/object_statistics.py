@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from urbantwin.dataset.result_warnings import BEYOND
 
@@ -31,34 +32,44 @@ def object_statistics(
         entries: what ``layout.write_frame`` returned for each frame.
         dataset_SE3_site: (4, 4) rows, of a rig that stands; entries of one that rides have theirs.
     """
-    count, points, distances, occlusions, hidden = 0, [], [], [], []
+    count = 0
+    points, distances, occlusions, hidden = ([np.zeros(0)] for _ in range(4))
     for entry in entries:
         frame = np.array(entry.get("dataset_SE3_site", dataset_SE3_site), np.float64)
         eyes = np.array(
             [[row[f"true_{axis}"] for axis in "xyz"] for row in entry["sweeps"]]
         ).reshape(-1, 3)
         places = (eyes @ frame[:3, :3].T + frame[:3, 3])[:, :2]
-        for box in entry["boxes"]:
-            if box["ignored"] in BEYOND:
-                continue
-            count += 1
-            if box["num_points_alone"] >= _TELLING:
-                occlusions.append(float(box["occlusion"]))
-                hidden.append(not box["num_points"])
-            if box["num_points"]:
-                points.append(box["num_points"])
-            if box["num_points"] and len(places):
-                away = np.hypot(*(places - [box["x"], box["y"]]).T)
-                distances.append(float(away.min()))
+        meant = ~np.isin(entry["boxes"]["ignored"], BEYOND)
+        boxes = {name: values[meant] for name, values in entry["boxes"].items()}
+        count += int(meant.sum())
+        telling, hit = boxes["num_points_alone"] >= _TELLING, boxes["num_points"] > 0
+        occlusions.append(boxes["occlusion"][telling])
+        hidden.append(~hit[telling])
+        points.append(boxes["num_points"][hit])
+        if len(places):
+            away = [places[:, axis, None] - boxes[name][hit] for axis, name in enumerate("xy")]
+            distances.append(np.hypot(*away).min(axis=0))
+    every = [np.concatenate(one) for one in (points, distances, occlusions, hidden)]
+    return _told(count / max(len(entries), 1), *every)
+
+
+def _told(
+    per_frame: float,
+    points: NDArray[Any],
+    distances: NDArray[Any],
+    occlusions: NDArray[Any],
+    hidden: NDArray[Any],
+) -> dict[str, Any]:
     return {
-        "per_frame": round(count / max(len(entries), 1), 3),
-        "occlusion": round(float(np.mean(occlusions)), 4) if occlusions else None,
-        "hidden": round(float(np.mean(hidden)), 4) if hidden else None,
-        "points": round(float(np.median(points)), 1) if points else None,
+        "per_frame": round(per_frame, 3),
+        "occlusion": round(float(np.mean(occlusions)), 4) if len(occlusions) else None,
+        "hidden": round(float(np.mean(hidden)), 4) if len(hidden) else None,
+        "points": round(float(np.median(points)), 1) if len(points) else None,
         "distance_m": {
             "median": round(float(np.median(distances)), 2),
             "p90": round(float(np.percentile(distances, 90)), 2),
         }
-        if distances
+        if len(distances)
         else None,
     }

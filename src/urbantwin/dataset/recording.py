@@ -12,6 +12,7 @@ from urbantwin.artefact.storage import Storage
 from urbantwin.dataset.block_sums import write_block_sums
 from urbantwin.dataset.card.write import write_cards
 from urbantwin.dataset.dataset_writer import (
+    MARKS_FORMAT,
     Recording,
     check_room_for,
     checksums,
@@ -114,7 +115,13 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}
 
     key = recipe_key(
-        {**recipe, "pictures": also is not None, "split": asked_split.told(), "storage": storage}
+        {
+            **recipe,
+            "pictures": also is not None,
+            "split": asked_split.told(),
+            "storage": storage,
+            "marks": MARKS_FORMAT,
+        }
     )
     with opened_output(out, kind="dataset", inputs=inputs, key=key) as made:
         folder = made.folder

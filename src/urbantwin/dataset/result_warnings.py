@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from urbantwin.result_warning import ResultWarning
 
 __all__ = ["warnings_of_record"]
@@ -27,25 +30,25 @@ def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultW
         yield ResultWarning(
             "points", f"{empty} of {len(entries)} frames have none", "the sensors saw nothing"
         )
-    boxes = [box for entry in entries for box in entry["boxes"] if box["ignored"] not in BEYOND]
+    boxes = _in_reach(entries)
     few: dict[str, float] = {}
-    unseen: list[Mapping[str, Any]] = []
-    for kind in sorted({box["class"] for box in boxes}):
-        mine = [box for box in boxes if box["class"] == kind]
-        empty_ones = [box for box in mine if not box["num_points"]]
-        actors = {box["track"] for box in mine}
-        if len(actors) >= FEW and len(empty_ones) > (1 - ENOUGH) * len(mine):
-            few[kind] = 1 - len(empty_ones) / len(mine)
-            unseen += empty_ones
+    alone = [np.zeros(0, np.int32)]
+    for kind in sorted(set(boxes["class"].tolist())):
+        mine = boxes["class"] == kind
+        nothing = mine & (boxes["num_points"] == 0)
+        actors, share = np.unique(boxes["track"][mine]), nothing.sum() / mine.sum()
+        if len(actors) >= FEW and share > 1 - ENOUGH:
+            few[kind] = float(1 - share)
+            alone.append(boxes["num_points_alone"][nothing])
     if few:
         yield ResultWarning(
             "objects",
             "of those in reach few have points: "
             + ", ".join(f"{share:.0%} of {kind} boxes" for kind, share in few.items()),
-            _reason(unseen),
+            _reason(np.concatenate(alone)),
             "move the sensors, or add one: urbantwin coverage shows what they see",
         )
-    if not boxes:
+    if not len(boxes["class"]):
         yield ResultWarning(
             "objects",
             "no actor is ever within the region and in reach of a sensor",
@@ -54,9 +57,22 @@ def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultW
         )
 
 
-def _reason(unseen: Sequence[Mapping[str, Any]]) -> str:
-    """Return why most of the boxes without points have none."""
-    hidden = sum(box["num_points_alone"] > 0 for box in unseen)
-    if 2 * hidden >= len(unseen):
+def _in_reach(entries: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
+    """Return columns of the boxes of all frames that the sensors are meant to see."""
+    none: dict[str, NDArray[Any]] = {
+        "class": np.zeros(0, object),
+        **{name: np.zeros(0, np.int32) for name in ("track", "num_points", "num_points_alone")},
+    }
+    parts = {name: [values] for name, values in none.items()}
+    for entry in entries:
+        reached = ~np.isin(entry["boxes"]["ignored"], BEYOND)
+        for name, found in parts.items():
+            found.append(entry["boxes"][name][reached])
+    return {name: np.concatenate(found) for name, found in parts.items()}
+
+
+def _reason(alone: NDArray[Any]) -> str:
+    """Return why most of the boxes without points have none, from their points if alone."""
+    if 2 * (alone > 0).sum() >= len(alone):
         return "most of the others stand behind something"
     return "most of the others are too far away for the beams, or beside them"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import count, islice
 
 import shapely
 
@@ -19,7 +19,7 @@ from urbantwin.dataset.motion_interpolation import posed_actors
 from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
-from urbantwin.lidar import Rig, Scanner
+from urbantwin.lidar import LabelledFrame, PosedActor, Rig, Scanner
 from urbantwin.processes import worker_pool
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
@@ -29,7 +29,9 @@ __all__ = ["Part", "Recipe", "Task", "Workers", "record_frames"]
 Workers = int | Cluster | None
 
 #: What one worker has in hand besides what it works on: enough that it never waits.
-_QUEUED = 3
+_QUEUED = 2
+#: Frames that a worker is told of at once: the last of them is written while nothing is scanned.
+_LONGEST_RUN = 4
 
 
 @dataclass(frozen=True)
@@ -108,11 +110,22 @@ class _Recorder:
     def _mesh(self, asset: str, phase: int) -> LabelledMesh:
         return mesh_among(self._recipe.meshes, asset, phase, asset_mesh)
 
-    def record(self, task: Task) -> int:
+    def recorded(self, tasks: Iterable[Task]) -> Iterator[int]:
+        """Record frames and yield the number of each; one is written while the next is scanned."""
+        with ThreadPoolExecutor(1) as writer:
+            under_way: Future[int] | None = None
+            for task in tasks:
+                actors = posed_actors(task.motion.rows, task.motion.paths())
+                frame = self._scanner_of(task.part).scan(task.index, actors)
+                if under_way is not None:
+                    yield under_way.result()
+                under_way = writer.submit(self._write, task, frame, actors)
+            if under_way is not None:
+                yield under_way.result()
+
+    def _write(self, task: Task, frame: LabelledFrame, actors: Sequence[PosedActor]) -> int:
         part = self._recipe.parts[task.part]
         rig = part.rig
-        actors = posed_actors(task.motion.rows, task.motion.paths())
-        frame = self._scanner_of(task.part).scan(task.index, actors)
         entry = write_frame(part.place, task.index, frame, self._recipe.storage)
         carrier = next((one.way for one in actors if one.track == rig.carrier), None)
         entry["sweeps"] = sweep_rows(rig, task.index, part.seed, carrier)
@@ -138,15 +151,14 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int | Cluster)
         places = [part.place for part in recipe.parts.values()]
         workers.on_every_node(_check_places, places)  # before any work, and of all nodes
         with workers.worker_pool(_start, recipe) as crew:
-            yield from _recorded(crew, tasks, crew.room)
+            yield from _recorded(crew, tasks, crew.workers, crew.room)
         return
     if workers == 1:
-        recorder = _Recorder(recipe)
-        yield from map(recorder.record, tasks)
+        yield from _Recorder(recipe).recorded(tasks)
         return
     try:
         with worker_pool(workers, _start, recipe) as pool:
-            yield from _recorded(pool, tasks, workers * _QUEUED)
+            yield from _recorded(pool, tasks, workers, workers * _QUEUED)
     except BrokenProcessPool:
         raise StageError(
             "a worker was killed (out of memory?); what is finished is kept: "
@@ -154,18 +166,30 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int | Cluster)
         ) from None
 
 
-def _recorded(pool: Executor | ClusterWorkers, tasks: Iterable[Task], most: int) -> Iterator[int]:
-    """Yield the number of each frame that a pool recorded; it has so many in hand at most."""
-    waiting = iter(tasks)
-    under_way: set[Future[int]] = set()
+def _recorded(
+    pool: Executor | ClusterWorkers, tasks: Iterable[Task], workers: int, most: int
+) -> Iterator[int]:
+    """Yield the number of each frame that a pool recorded; it has so many runs in hand at most."""
+    runs = _runs(tasks, workers)
+    under_way: set[Future[list[int]]] = set()
     while True:
         room = most - len(under_way)
-        under_way |= {pool.submit(_record, task) for task in islice(waiting, room)}
+        under_way |= {pool.submit(_record, run) for run in islice(runs, room)}
         if not under_way:
             return
         finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
         for future in finished:
-            yield future.result()
+            yield from future.result()
+
+
+def _runs(tasks: Iterable[Task], workers: int) -> Iterator[list[Task]]:
+    """Yield tasks in runs: single ones at first, that all workers have some when they are few."""
+    waiting = iter(tasks)
+    for number in count():
+        run = list(islice(waiting, min(1 + number // (2 * workers), _LONGEST_RUN)))
+        if not run:
+            return
+        yield run
 
 
 _recorder: _Recorder | None = None
@@ -182,6 +206,6 @@ def _check_places(places: Iterable[FramePlace]) -> None:
         place.check()
 
 
-def _record(task: Task) -> int:
+def _record(run: list[Task]) -> list[int]:
     assert _recorder is not None
-    return _recorder.record(task)
+    return list(_recorder.recorded(run))

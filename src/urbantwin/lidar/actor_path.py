@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -37,7 +38,7 @@ class ActorPath:
 
     def _leg(self, time_s: float) -> int:
         last = len(self.time_s) - 2
-        return int(np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, last))
+        return min(max(bisect_right(self.time_s, time_s) - 1, 0), last)
 
     def at(self, time_s: float) -> Pose:
         """Return the pose at a time: rotations turn about one axis at one speed in between."""

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
+from urbantwin.dataset.box_columns import BOX_FIELDS
 from urbantwin.dataset.fleet import FleetFiles, fused_cloud
-from urbantwin.dataset.layout import BOX_FIELDS
 from urbantwin.geometry import Pose, box_corners
 from urbantwin.view import style
 

@@ -12,9 +12,10 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import PARQUET
+from urbantwin.dataset.box_columns import BOX_FIELDS, box_rows
 from urbantwin.dataset.fleet.node import Node
 from urbantwin.dataset.frame_motion import FrameMotions
-from urbantwin.dataset.layout import BOX_FIELDS, frame_name
+from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.motion_interpolation import posed_actors
 from urbantwin.geometry import LabelledMesh, wrapped
 from urbantwin.lidar import PosedActor
@@ -125,7 +126,7 @@ def common_rows(
         region: where labels count.
     """
     of_nodes = {
-        name: {int(box["track"]): box for box in entry["boxes"]}
+        name: {box["track"]: box for box in box_rows(entry["boxes"])}
         for name, entry in entries.items()
         if entry is not None
     }

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.dataset.box_columns import BOX_FIELDS
 from urbantwin.dataset.fleet.manifest_schema import read_fleet_manifest
 from urbantwin.dataset.frame_files import FrameFiles
-from urbantwin.dataset.layout import BOX_FIELDS
 from urbantwin.dataset.table_form import read_table
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose

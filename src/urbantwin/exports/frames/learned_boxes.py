@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.layout import label_line
+from urbantwin.dataset.box_columns import label_line
 from urbantwin.exports.frames.source import SourceBoxes
 from urbantwin.taxonomy import classes_in
 

@@ -197,9 +197,7 @@ def _first_met(address, targets, actor, room, near, ox, oy, oz, dx, dy, dz):
     """Return range and face of what a ray meets first of an actor beyond ``near``."""
     scene = targets.scene[actor]
     found, hit = intersect(address, scene, room, near, ox, oy, oz, dx, dy, dz)
-    return _confirmed(
-        address, targets, actor, room, near, found, hit, ox, oy, oz, dx, dy, dz
-    )
+    return _confirmed(address, targets, actor, room, near, found, hit, ox, oy, oz, dx, dy, dz)
 
 
 @per_ray
