@@ -13,11 +13,51 @@ from __future__ import annotations
 import argparse
 import resource
 import tempfile
+import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import urbantwin as ut
 from urbantwin.traffic import run_traffic
+
+#: How often is looked at how much memory processes have, seconds.
+_EVERY_S = 0.2
+
+
+class ChildrensMemory(threading.Thread):
+    """Looks at the most memory that any one child of this process has ever had (Linux).
+
+    ``ru_maxrss`` of children does not tell: it has what their parent had when it started them
+    (getrusage(2); the kernel's ``exec_mmap``).
+
+    Attributes:
+        most: bytes.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.most = 0
+        self._done = threading.Event()
+
+    def run(self) -> None:
+        """Look until `stop`."""
+        while not self._done.wait(_EVERY_S):
+            for task in Path("/proc/self/task").iterdir():
+                with suppress(OSError):
+                    for child in (task / "children").read_text().split():
+                        self._look(Path("/proc") / child / "status")
+
+    def stop(self) -> None:
+        """Look no longer."""
+        self._done.set()
+        self.join()
+
+    def _look(self, status: Path) -> None:
+        with suppress(OSError):  # it has ended
+            for line in status.read_text().splitlines():
+                if line.startswith("VmHWM:"):
+                    self.most = max(self.most, int(line.split()[1]) * 1024)
 
 
 def main() -> None:
@@ -34,11 +74,14 @@ def main() -> None:
     asked = twin.site["traffic"]["per_hour"]
     fewer = {"per_hour": {name: count * given.share for name, count in asked.items()}}
     began = time.perf_counter()
+    children = ChildrensMemory()
+    children.start()
     with tempfile.TemporaryDirectory() as folder:
         motion = run_traffic(
             twin, Path(folder) / "motion", seconds=given.seconds, seed=given.seed, changes=fewer
         )
     took = time.perf_counter() - began
+    children.stop()
     own, sumo = (
         resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     )
@@ -49,8 +92,8 @@ def main() -> None:
     print(
         f"SUMO {theirs:.0f} s of processor time, the rest {ours:.0f} s: {ours / theirs:.2f} of it"
     )
-    most, most_of_sumo = (one.ru_maxrss * 1024 / 1e9 for one in (own, sumo))  # kibibytes
-    print(f"memory at most {most:.2f} GB, SUMO {most_of_sumo:.2f} GB")
+    most = own.ru_maxrss * 1024  # kibibytes
+    print(f"memory at most {most / 1e9:.2f} GB, SUMO {children.most / 1e9:.2f} GB")
     told = motion.manifest["overlaps"]
     print(f"pairs in each other {told['between']}, with the scene {told['with']}")
 

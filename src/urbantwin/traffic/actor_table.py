@@ -23,6 +23,7 @@ from urbantwin.traffic.actor_rows import KeptRows, actor_rows
 from urbantwin.traffic.actor_ways import actor_ways
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.freed_memory import hand_back_freed_memory
 from urbantwin.traffic.motion_rows import ActorRows
 from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders, absent_from
 from urbantwin.traffic.paths.apart import Parted
@@ -146,6 +147,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     """
     solids = _solids(simulated, demand, place)
     ground, lanes, shown = place.ground, simulated.lanes, simulated.signals
+    hand_back_freed_memory()
     with _folder_for(len(simulated.step), scratch) as folder:
         ways = actor_ways(
             simulated, demand, place.roads, ground, place.blocks.low, solids,
@@ -153,6 +155,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
             tell=between(tell, 0.0, 0.4),
         )  # fmt: skip
         del simulated  # of an hour it takes hundreds of megabytes
+        hand_back_freed_memory()
         tell(0.4, "past each other")
         parting = Parted(
             ways, ground.levels(lanes), place.blocks, solids.shapes,
@@ -189,11 +192,13 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
             outside += sum(one.result() for one in made)
         whose = parting.vehicles.astype(np.int32)
         del parting
+        hand_back_freed_memory()
         trip = kept.trips()
         absent = absent_from(
             kept, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
             place.obstacles, place.region, step_s=step_s, beside=beside,
         )  # fmt: skip
+        hand_back_freed_memory()
         number = ways.who if by_trip else None
         rows = kept.rows(trip, ~absent.rows, number, file if folder else None)
     overlaps = overlaps_told(absent.left, rows.parts(), place.parked)

@@ -24,7 +24,7 @@ from urbantwin.traffic.paths.bending import steering_part, vehicles, with_bodies
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.corner_cutting import corner_cutters, with_rigid
 from urbantwin.traffic.paths.detours import round_blocks
-from urbantwin.traffic.paths.kept_ways import KeptColumns, KeptWays
+from urbantwin.traffic.paths.kept_ways import KeptColumns, KeptWays, some_actors
 from urbantwin.traffic.paths.placement import Ground
 from urbantwin.traffic.paths.solids import Solids
 from urbantwin.traffic.paths.steering import steered
@@ -36,8 +36,8 @@ __all__ = ["actor_ways"]
 
 #: Room that who is led needs beyond that of people, metres.
 _LED_M = 0.2
-#: So many rows are made at a time, and so many steps are looked at for who cuts corners.
-_ROWS, _STEPS = 500_000, 2000
+#: So many steps are looked at together for who cuts corners.
+_STEPS = 2000
 
 Columns = dict[str, NDArray[Any]]
 
@@ -86,7 +86,7 @@ class _Between:
 
     def smooth(self, simulated: Simulated, demand: Demand, tell: Progress) -> Columns:
         """Return smoothed poses, trip by trip, as columns."""
-        order = np.lexsort([simulated.step, simulated.trip])
+        order = simulated.by_trip()
         trip, step = simulated.trip[order], simulated.step[order]
         breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(step) != 1)) + 1
         xy = np.empty((len(order), 2))
@@ -162,7 +162,7 @@ def actor_ways(  # noqa: PLR0913 - all that they go between
         return KeptWays(kept, trips, who, rigid, frozenset(), 0, steps)
     every, number = list(demand.trips), list(range(len(demand.trips)))
     count = 0
-    parts = list(_some_actors(simulated))
+    parts = list(some_actors(simulated.trip))
     for n, rows in enumerate(parts):
         telling = between(tell, n / len(parts), (n + 1) / len(parts))
         seen = simulated.only(rows)
@@ -188,18 +188,6 @@ def actor_ways(  # noqa: PLR0913 - all that they go between
         kept.add(way.smooth(_of_trips(simulated, rigid), demand, untold))
         trips = tuple(demand.trips[n] if n in rigid else trip for n, trip in enumerate(trips))
     return KeptWays(kept, trips, who, rigid, gone, count, steps)
-
-
-def _some_actors(simulated: Simulated) -> Iterator[NDArray[np.int64]]:
-    """Yield the rows of some actors after the other."""
-    order = np.argsort(simulated.trip, kind="stable")
-    ends = np.unique(np.cumsum(np.bincount(simulated.trip)))
-    first = 0
-    while first < len(order):
-        fit = ends[(ends > first) & (ends <= first + _ROWS)]
-        last = int(fit[-1] if len(fit) else ends[ends > first][0])
-        yield order[first:last]
-        first = last
 
 
 def _some_steps(kept: KeptColumns, steps: tuple[int, int]) -> Iterator[Columns]:

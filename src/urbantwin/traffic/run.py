@@ -35,6 +35,7 @@ from urbantwin.traffic.events.reacting import (
 from urbantwin.traffic.events.scenario import PlacedEvent, scenario_events
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
+from urbantwin.traffic.freed_memory import hand_back_freed_memory
 from urbantwin.traffic.motion import Motion
 from urbantwin.traffic.motion_rows import ACTOR_SCHEMA, ActorRows, as_rows
 from urbantwin.traffic.parked import ParkedVehicles, park
@@ -134,6 +135,7 @@ def _driven(
         (n, one) for n, one in scenario if one.event in REACTING and isinstance(one, PlacedEvent)
     ]
 
+    hand_back_freed_memory()
     tell = between(told, 0.6, 0.85, "actors")
     drive = streets.tabled(
         streets.drive(
@@ -283,6 +285,7 @@ class _Streets:
         beside: Bystanders = NOBODY,
     ) -> _Drive:
         """Make the table of what SUMO did."""
+        hand_back_freed_memory()
         told = arrivals(simulated, demand)
         simulated = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
         rows = [

@@ -55,19 +55,24 @@ def with_parties(
     parties = _parties(demand)
     if not parties:
         return simulated
-    walkable = _Walkable(network, simulated.lanes)
-    order = np.lexsort([simulated.step, simulated.trip])
-    trip = simulated.trip[order]
+    new = _followers(simulated, parties, _Walkable(network, simulated.lanes), step_s)
+    came = {n for leader, all_ in parties.items() if leader in simulated.departed for n in all_}
+    return replace(simulated.with_rows(new), departed=simulated.departed | came)
+
+
+def _followers(
+    simulated: Simulated, parties: dict[int, list[int]], walkable: _Walkable, step_s: float
+) -> list[dict[str, NDArray[np.generic]]]:
+    """Return the rows of those who walk with somebody, by leader."""
+    by_trip = simulated.by_trip()
     new: list[dict[str, NDArray[np.generic]]] = []
     for leader, followers in parties.items():
-        begin, end = np.searchsorted(trip, [leader, leader + 1])
-        rows = order[begin:end]
+        rows = simulated.of_trip(leader, by_trip)
         breaks = np.flatnonzero(np.diff(simulated.step[rows]) != 1) + 1
         for part in np.split(rows, breaks):
             if len(part):
                 new += _beside(simulated, part, followers, walkable, step_s)
-    came = {n for leader, all_ in parties.items() if leader in simulated.departed for n in all_}
-    return replace(simulated.with_rows(new), departed=simulated.departed | came)
+    return new
 
 
 def _parties(demand: Demand) -> dict[int, list[int]]:

@@ -18,6 +18,7 @@ import pyarrow as pa
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.traffic.paths.kept_ways import some_actors
 from urbantwin.traffic.paths.obstacles import Obstacles
 from urbantwin.traffic.paths.overlap import Overlapping, rows_that_overlap, told_of
 
@@ -177,31 +178,41 @@ def _visits(
     step: NDArray[np.integer],
     inside: NDArray[np.bool_],
     near: NDArray[np.bool_],
-) -> tuple[NDArray[np.int32], NDArray[np.integer], NDArray[np.int64]]:
+) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
     """Return the visit of each row (N,), the step with which each begins (V,), and its poses (V,).
 
     A visit is how long one is there without coming into the region or leaving it. Whoever is near
     the region, but not in it, is in it if it comes in before it goes farther away, or came.
     """
-    # Of millions of rows each column counts.
-    order = np.lexsort([step, whose]).astype(np.int32)
-    who, when = whose[order], step[order]
-    new = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) != 0)])[: len(order)]
-    first = np.flatnonzero(new).astype(np.int32)
+    visit = np.empty(len(whose), np.int32)
+    begins, poses, count = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], 0
+    for rows in some_actors(whose):  # of all rows of an hour each column takes megabytes
+        mine, begun = _visits_of(whose[rows], step[rows], inside[rows], near[rows])
+        visit[rows] = mine + count
+        count += len(begun)
+        begins.append(begun.astype(np.int64))
+        poses.append(np.bincount(mine, minlength=len(begun)))
+    return visit, np.concatenate(begins), np.concatenate(poses)
+
+
+def _visits_of(
+    who: NDArray[np.integer],
+    when: NDArray[np.integer],
+    inside: NDArray[np.bool_],
+    near: NDArray[np.bool_],
+) -> tuple[NDArray[np.int64], NDArray[np.integer]]:
+    """Return the visit of each row (N,), and when each begins; rows are by actor and step."""
+    new = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) != 0)])[: len(who)]
+    first = np.flatnonzero(new)
     who, when = who[first], when[first]
     # Of a vehicle that bends any body counts.
-    within, beside = (
-        np.logical_or.reduceat(one[order], first) if len(first) else one for one in (inside, near)
-    )
-    broken = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) > 1)])[: len(first)]
-    runs = np.flatnonzero(broken | np.concatenate([[True], np.diff(beside)])[: len(first)])
-    comes_in = np.logical_or.reduceat(within, runs) if len(runs) else within
+    within, beside = (np.logical_or.reduceat(one, first) for one in (inside, near))
+    broken = np.concatenate([[True], (np.diff(who) != 0) | (np.diff(when) > 1)])
+    runs = np.flatnonzero(broken | np.concatenate([[True], np.diff(beside)]))
+    comes_in = np.logical_or.reduceat(within, runs)
     there = np.repeat(comes_in, np.diff(np.append(runs, len(first))))
-    begun = broken | np.concatenate([[True], np.diff(there)])[: len(first)]
-    of_cell = np.cumsum(begun, dtype=np.int32) - 1
-    visit = np.empty(len(order), np.int32)
-    visit[order] = of_cell[np.cumsum(new, dtype=np.int32) - 1]
-    return visit, when[begun], np.bincount(visit, minlength=int(begun.sum()))
+    begun = broken | np.concatenate([[True], np.diff(there)])
+    return (np.cumsum(begun) - 1)[np.cumsum(new) - 1], when[begun]
 
 
 def _first_rows(visit: NDArray[np.integer], count: int) -> NDArray[np.int64]:

@@ -73,13 +73,25 @@ def with_passengers_at_stops(
     """
     if not simulated.boarded or not len(simulated.step):
         return simulated
-    order = np.lexsort([simulated.step, simulated.trip])
-    doors = _Doors(simulated, order, demand, step_s, asset)
+    new, lanes = _at_stops(simulated, demand, blocks, step_s, asset)
+    return replace(simulated.with_rows(new), lanes=lanes)
+
+
+def _at_stops(
+    simulated: Simulated,
+    demand: Demand,
+    blocks: PlanBoxes,
+    step_s: float,
+    asset: Callable[[str], Asset],
+) -> tuple[list[dict[str, NDArray[np.generic]]], tuple[str, ...]]:
+    """Return the rows of everybody at stops, and the lanes that they refer to."""
+    by_trip = simulated.by_trip()
+    doors = _Doors(simulated, by_trip, demand, step_s, asset)
     first, last = int(simulated.step.min()), int(simulated.step.max())
     lanes = list(simulated.lanes)
     new: list[dict[str, NDArray[np.generic]]] = []
     for stay in _stays(simulated, demand.passengers.places, blocks, doors):
-        rows = order[slice(*np.searchsorted(simulated.trip[order], [stay.trip, stay.trip + 1]))]
+        rows = simulated.of_trip(stay.trip, by_trip)
         steps = _steps_between_walks(
             stay, np.asarray(simulated.step[rows] * step_s), first, last, step_s
         )
@@ -105,7 +117,7 @@ def with_passengers_at_stops(
                 "lane": np.full(kept.sum(), lanes.index(stay.place.lane), simulated.lane.dtype),
             }
         )
-    return replace(simulated.with_rows(new), lanes=tuple(lanes))
+    return new, tuple(lanes)
 
 
 def _stays(
@@ -202,7 +214,7 @@ class _Doors:
 
     Args:
         simulated: what SUMO saw.
-        order: of its rows, by trip and step.
+        by_trip: its rows by trip and step.
         demand: the trips.
         step_s: time between steps.
         asset: an asset's dimensions by name.
@@ -211,19 +223,18 @@ class _Doors:
     def __init__(
         self,
         simulated: Simulated,
-        order: NDArray[np.int64],
+        by_trip: NDArray[np.int64],
         demand: Demand,
         step_s: float,
         asset: Callable[[str], Asset],
     ) -> None:
-        self._simulated, self._order, self._demand = simulated, order, demand
+        self._simulated, self._by_trip, self._demand = simulated, by_trip, demand
         self._step_s, self._asset = step_s, asset
 
     def of(self, vehicle: int, place: StopPlace, at_s: float, which: int) -> _Floats:
         """Return where people stand before a door: the one to get on (0) or off (1)."""
         seen = self._simulated
-        trip = seen.trip[self._order]
-        rows = self._order[slice(*np.searchsorted(trip, [vehicle, vehicle + 1]))]
+        rows = seen.of_trip(vehicle, self._by_trip)
         away_s = np.abs(seen.step[rows] * self._step_s - at_s)
         if not len(rows) or away_s.min() > 0.5:
             return np.asarray(place.doors[which])

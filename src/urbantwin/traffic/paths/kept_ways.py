@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 
 from urbantwin.traffic.demand.demand import Trip
 
-__all__ = ["KeptColumns", "KeptWays"]
+__all__ = ["KeptColumns", "KeptWays", "some_actors"]
+
+#: So many rows are looked at together.
+_ROWS = 500_000
 
 Columns = dict[str, NDArray[Any]]
 
@@ -107,3 +111,19 @@ class KeptWays:
     gone: frozenset[int]
     since: int
     steps: tuple[int, int]
+
+
+def some_actors(actor: NDArray[np.integer]) -> Iterator[NDArray[np.int64]]:
+    """Yield the rows of some actors after the other, each actor's in their order.
+
+    Args:
+        actor: (N,) whose row each is.
+    """
+    order = np.argsort(actor, kind="stable")
+    ends = np.unique(np.cumsum(np.bincount(actor)))
+    first = 0
+    while first < len(order):
+        fit = ends[(ends > first) & (ends <= first + _ROWS)]
+        last = int(fit[-1] if len(fit) else ends[ends > first][0])
+        yield order[first:last]
+        first = last

@@ -16,6 +16,8 @@ ROOM_M = 0.4
 _NEAR_M = 12.0
 #: Ways are looked at so coarsely for that, metres.
 _COARSE_M = 4.0
+#: So many points are looked at together.
+_POINTS = 1 << 17
 #: A court is solid that has less footway than this share.
 _COURT = 0.2
 
@@ -38,7 +40,10 @@ class Solids:
         found = []
         if len(blocks.yaw) and len(points):
             shapes = blocks.polygons
-            cells = np.unique(np.round(points / _COARSE_M), axis=0) * _COARSE_M
+            # Of all points of an hour at once that would take a hundred megabytes.
+            some = [points[k : k + _POINTS] for k in range(0, len(points), _POINTS)]
+            every = [np.unique(np.round(one / _COARSE_M), axis=0) for one in some]
+            cells = np.unique(np.concatenate(every), axis=0) * _COARSE_M
             tree = shapely.STRtree(shapely.points(cells))
             near = tree.query(shapes, predicate="dwithin", distance=_NEAR_M)[0]
             wide = shapely.buffer(shapes[np.unique(near)], ROOM_M, quad_segs=2)

@@ -143,6 +143,20 @@ class Simulated:
         rows: dict[str, Any] = {name: getattr(self, name)[chosen] for name in ROWS}
         return replace(self, **rows)
 
+    def by_trip(self) -> NDArray[np.int64]:
+        """Return the rows by trip and step."""
+        return np.lexsort([self.step, self.trip])
+
+    def of_trip(self, trip: int, by_trip: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the rows of a trip, by step.
+
+        Args:
+            trip: its number.
+            by_trip: the rows as `by_trip` returns them.
+        """
+        ends = np.array([trip, trip + 1], self.trip.dtype)  # of another type all would be copied
+        return by_trip[slice(*np.searchsorted(self.trip, ends, sorter=by_trip))]
+
     def with_rows(self, more: Sequence[Mapping[str, NDArray[np.generic]]]) -> Simulated:
         """Return these rows and then those of each of ``more``, by the names of `ROWS`."""
         rows: dict[str, Any] = {
