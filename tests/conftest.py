@@ -5,6 +5,7 @@ import gc
 import json
 import math
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -140,6 +141,46 @@ def two_avenues_twin(made_once: Callable[[str, Callable[[Path], object]], Path])
         build_twin(load_site(ROOT / "examples" / "two-avenues" / "site.yaml"), folder / "twin")
 
     return load_twin(made_once("two-avenues", make) / "twin")
+
+
+@pytest.fixture(scope="session")
+def open_avenues_twin(made_once: Callable[[str, Callable[[Path], object]], Path]) -> "Twin":
+    """Return the twin of the example whose streets are not closed to a loop."""
+    from urbantwin.site import load_site
+    from urbantwin.twin import build_twin, load_twin
+
+    def make(folder: Path) -> None:
+        shutil.copytree(ROOT / "examples" / "two-avenues", folder, dirs_exist_ok=True)
+        site = folder / "site.yaml"
+        site.write_text(f"{site.read_text()}\nclosed_loop: false\n")
+        build_twin(load_site(site), folder / "twin")
+
+    return load_twin(made_once("open-avenues", make) / "twin")
+
+
+@pytest.fixture(scope="session")
+def planned_once(
+    made_once: Callable[[str, Callable[[Path], object]], Path],
+) -> Iterator[Callable[..., Any]]:
+    """Plan a twin's traffic once for all exports: in a closed loop that takes pilot simulations."""
+    from urbantwin.traffic.demand.site_demand import demand_of
+
+    known: dict[str, Any] = {}
+
+    def planned(twin: "Twin", *, duration_s: float, seed: int, scratch: Path | None = None) -> Any:
+        def make(folder: Path) -> None:
+            found = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
+            (folder / "demand.pickle").write_bytes(pickle.dumps(found))
+
+        key = f"demand-{twin.sha256}-{duration_s}-{seed}"
+        if key not in known:
+            known[key] = pickle.loads((made_once(key, make) / "demand.pickle").read_bytes())
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("sumo", "carla.traffic"):
+            patch.setattr(f"urbantwin.exports.{module}.demand_of", planned)
+        yield planned
 
 
 @pytest.fixture

@@ -58,7 +58,7 @@ def test_geojson_is_where_the_lanes_are(twin, run_here, tmp_path):
             assert ring.is_ccw  # RFC 7946, 3.1.6
 
 
-def test_sumo_runs_the_exported_folder_as_it_is(twin, run_here, tmp_path):
+def test_sumo_runs_the_exported_folder_as_it_is(twin, planned_once, run_here, tmp_path):
     folder = tmp_path / "sumo"
     for _ in range(2):  # an older export is replaced
         assert run_here("export", twin, "--to", "sumo", "-o", folder).code == 0

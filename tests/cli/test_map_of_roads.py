@@ -10,19 +10,12 @@ import yaml
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive import write_opendrive
-from urbantwin.site import load_site
-from urbantwin.twin import build_twin
 
 
 @pytest.fixture(scope="module")
-def map_file(two_avenues, tmp_path_factory):
+def map_file(open_avenues_twin, tmp_path_factory):
     """The example's roads as OpenDRIVE, as somebody might hand them over."""
-    folder = tmp_path_factory.mktemp("map")
-    shutil.copytree(two_avenues, folder / "site")
-    fields = yaml.safe_load((folder / "site" / "site.yaml").read_text())
-    fields |= {"closed_loop": False}
-    (folder / "site" / "site.yaml").write_text(yaml.safe_dump(fields))
-    twin = build_twin(load_site(folder / "site" / "site.yaml"), folder / "twin")
+    folder, twin = tmp_path_factory.mktemp("map"), open_avenues_twin
     model = LaneModel.load(twin.folder / "lane_model.json")
     write_opendrive(model, twin.frame, folder / "avenues.xodr", name="avenues")
     return folder / "avenues.xodr"
@@ -46,7 +39,9 @@ def test_from_a_map_to_frames(map_file, run_here, tmp_path):
     assert outcome.code == 0, outcome.err
     assert json.loads(outcome.out)["actors"]["car"] > 0
     out = tmp_path / "dataset"
-    outcome = run_here("record", twin, motion, "-o", out, "--stop", "0.2", "--no-pictures")
+    outcome = run_here(
+        "record", twin, motion, "-o", out, "--stop", "0.2", "--no-pictures", "--workers", "1"
+    )
     assert outcome.code == 0, outcome.err
     points = np.load(out / "points" / "000000.npy")
     assert len(points) > 1000

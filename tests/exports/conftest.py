@@ -5,30 +5,18 @@ from pathlib import Path
 
 import pytest
 
+from urbantwin.exports import export_twin
 from urbantwin.exports.carla import write_carla
 from urbantwin.site import load_site
 from urbantwin.site.initial_site import init_site
-from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.twin import build_twin, load_twin
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="session", autouse=True)
-def planned_once():
-    """Plan a twin's traffic once for all exports: in a closed loop that takes pilot simulations."""
-    known = {}
-
-    def planned(twin, *, duration_s, seed, scratch=None):
-        key = twin.sha256, duration_s, seed
-        if key not in known:
-            known[key] = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
-        return known[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        for module in ("sumo", "carla.traffic"):
-            patch.setattr(f"urbantwin.exports.{module}.demand_of", planned)
-        yield planned
+def _planned_once(planned_once):
+    """Plan a twin's traffic once for all exports."""
 
 
 @pytest.fixture(scope="session")
@@ -49,6 +37,16 @@ def two_avenues_package(two_avenues_twin, made_once):
         )
         / "carla"
     )
+
+
+@pytest.fixture(scope="session")
+def perth_package(perth_twin, made_once):
+    """The real place as a package for CARLA."""
+
+    def make(folder):
+        assert not export_twin(perth_twin, "carla", folder / "carla").notes
+
+    return made_once("perth-carla", make) / "carla"
 
 
 @pytest.fixture(scope="session")

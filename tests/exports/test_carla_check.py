@@ -11,7 +11,6 @@ from lxml import etree
 
 import urbantwin as ut
 from urbantwin.errors import InputError
-from urbantwin.exports import export_twin
 from urbantwin.exports.carla.check import check_package, import_rules, road_rules, walking_rules
 from urbantwin.exports.carla.check.read import _asked, read_package
 from urbantwin.exports.carla.check.rules import findings
@@ -40,9 +39,8 @@ def test_a_package_as_it_was_written_breaks_no_rule(folder, carla_python):
     assert heights.endswith("m")
 
 
-def test_a_real_place_of_left_hand_traffic_breaks_no_rule(perth_twin, carla_python, tmp_path):
-    path = export_twin(perth_twin, "carla", tmp_path / "carla").path
-    found = check_package(path, python=carla_python)
+def test_a_real_place_of_left_hand_traffic_breaks_no_rule(perth_package, carla_python):
+    found = check_package(perth_package, python=carla_python)
     assert by_rule(found) == {one.rule: () for one in found}
 
 

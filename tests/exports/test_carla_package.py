@@ -26,11 +26,9 @@ from urbantwin.site.rig import RideSpec
 
 
 @pytest.fixture(scope="module")
-def exported(perth_twin, tmp_path_factory):
+def exported(perth_twin, perth_package):
     """A twin and its package."""
-    folder = tmp_path_factory.mktemp("carla") / "package"
-    assert not export_twin(perth_twin, "carla", folder).notes
-    return perth_twin, folder
+    return perth_twin, perth_package
 
 
 def files(folder):

@@ -172,13 +172,12 @@ def test_real_lanelet2_becomes_roads_that_sumo_drives(shared_data, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def both_twins(tmp_path_factory):
+def both_twins(open_avenues_twin, tmp_path_factory):
     """The example as built from OpenStreetMap, and from the OpenDRIVE written of that."""
     folder = tmp_path_factory.mktemp("both")
     shutil.copytree(EXAMPLE, folder, dirs_exist_ok=True)
     fields = yaml.safe_load((EXAMPLE / "site.yaml").read_text()) | {"closed_loop": False}
-    (folder / "osm.yaml").write_text(yaml.safe_dump(fields))
-    first = build_twin(load_site(folder / "osm.yaml"), folder / "first")
+    first = open_avenues_twin
     model = LaneModel.load(first.folder / "lane_model.json")
     write_opendrive(model, first.frame, folder / "map.xodr", name="example")
     (folder / "site.yaml").write_text(yaml.safe_dump(fields | {"roads": "map.xodr"}))
