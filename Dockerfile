@@ -15,7 +15,7 @@ RUN npm run --silent build
 FROM python:3.11-slim AS environment
 WORKDIR /build
 ENV UV_LINK_MODE=copy UV_NO_CACHE=1
-RUN pip install --no-cache-dir --disable-pip-version-check uv==0.8.17 \
+RUN pip install --no-cache-dir --disable-pip-version-check uv==0.13.9 \
   && python -m venv /opt/urbantwin
 COPY requirements.lock ./
 RUN uv pip install --python /opt/urbantwin/bin/python -r requirements.lock
