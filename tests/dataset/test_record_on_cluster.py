@@ -60,6 +60,7 @@ def nodes(tmp_path_factory) -> Iterator[list]:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))
         patch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
+        patch.setenv("RAY_worker_niceness", "0")  # 15 else: a busy machine would never come to it
         head = {**own, "include_dashboard": False}
         started = Cluster(initialize_head=True, head_node_args=head)
         try:

@@ -163,7 +163,8 @@ def connected(
     with _own_signals():
         _join(address, workers)
     try:
-        yield Cluster(address, agreed, workers)
+        with _without_remarks():
+            yield Cluster(address, agreed, workers)
     finally:
         with _own_signals():
             ray.shutdown()
@@ -233,6 +234,20 @@ def _environment(told: dict[str, str]) -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+@contextmanager
+def _without_remarks() -> Iterator[None]:
+    """Keep Ray from printing to stdout, where results go, that it does a task again."""
+    from ray._private import worker  # no setting turns it off (2.60)
+
+    name = "print_to_stdstream"
+    before = getattr(worker, name, None)
+    setattr(worker, name, lambda *_, **__: None)
+    try:
+        yield
+    finally:
+        setattr(worker, name, before)
 
 
 @contextmanager
