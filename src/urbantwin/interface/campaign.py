@@ -179,7 +179,7 @@ class Campaign(Datasets):
             page=str(self.folder / _INDEX / "campaign.html"),
             cells=told["cells"],
             datasets=len(told["datasets"]),
-            **told["counts"],
+            **{name: told["counts"][name] for name in ("frames", "points", "boxes", "bytes")},
             axes={axis: len(levels) for axis, levels in told["axes"].items()},
             **({"shards": str(shards)} if kind_of(shards) else {}),
             failed=[*failed[:_TOLD], *more],
