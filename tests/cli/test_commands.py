@@ -18,7 +18,7 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "actors align background build calibrate card carla check compare coverage curriculum "
+    "actors align background build calibrate campaign card carla check compare coverage curriculum "
     "demo detect discover evaluate explain export film fuse improve init inspect label "
     "observe place pretrain record replay reproduce run sensors sequence split study suite "
     "teach track traffic train tune vary verify view".split()

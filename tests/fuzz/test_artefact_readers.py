@@ -401,6 +401,12 @@ CELLS = (
     b'{"cell": "cd", "state": "failed", "attempts": 2, "why": "SUMO fell over"}\n'
 )
 
+CAMPAIGN = (
+    b'{"kind": "campaign", "cells": 2, "axes": {"site": ["a"], "seed": [1]}, "counts": '
+    b'{"frames": 4, "points": 9, "boxes": 3, "bytes": 70}, "datasets": [{"path": "datasets/a-1", "levels": {"site": "a", "seed": 1}, '
+    b'"frames": 4, "manifest_sha256": "00"}], "failed": [{"path": "datasets/b", "why": "SUMO"}]}'
+)
+
 PLACEMENT = (
     b'{"kind": "placement", "layouts": 1, "views_cast": 1, "candidates": 2, "moments": 3, '
     b'"actors": {"car": 4}, "objectives": ["cost", "seen_20"], "front": ["layout-0000"]}'
@@ -471,6 +477,7 @@ READERS = [
     Reader("carla navigation", triangles_of_obj, "a.obj", lambda: [WALKED]),
     Reader("journal", _kept_journal, "journal", lambda: [JOURNAL]),
     Reader("journal of a grid", GridJournal, "cells.jsonl", lambda: [CELLS]),
+    Reader("campaign", inspected, "campaign.json", lambda: [CAMPAIGN]),
 ]  # fmt: skip
 
 

@@ -16,6 +16,7 @@ import shapely
 import yaml
 from affine import Affine
 
+from urbantwin.campaigns import load_campaign
 from urbantwin.geometry import SiteFrame
 from urbantwin.interface.inspection import summary_of as summary
 from urbantwin.lidar import load_scan_pattern, load_sensor
@@ -363,6 +364,22 @@ def _own_sensors() -> list[bytes]:
     return [(folder / name).read_bytes() for name in ("vlp-16.yaml", "os1-32.yaml")]
 
 
+CAMPAIGN = b"""sites: {a: twin}
+seeds: {first: 1, count: 3}
+rigs: [own, m]
+weather:
+  dry: {}
+  fog: {weather: fog, visibility_m: 90, effects: "no-sun", missing: 0.1}
+scenarios: {none: none, s: m}
+exclude: [{seed: [1, 2], weather: fog}, {rig: m, scenario: s}]
+duration_s: 12
+start_s: 1
+every: 2
+storage: zstd
+split: {by: scenario, shares: [70, 30], seed: 4}
+shards: {format: parquet, megabytes: 20, seed: 2}
+"""
+
 STUDY = b"""twin: twin
 seeds: [1, 2]
 seconds: 12
@@ -391,6 +408,7 @@ READERS = [
     Reader("rig", read_rig, "rig.yaml", _rigs),
     Reader("nodes", read_nodes, "nodes.yaml", _nodes),
     Reader("study", load_study, "grid.yaml", lambda: [STUDY], lambda: {"twin": b"", "m": b""}),
+    Reader("campaign", load_campaign, "grid.yaml", lambda: [CAMPAIGN], {"twin": b"", "m": b""}),
     Reader("placement", read_placement, "place.yaml", _placements),
     Reader("traffic changes", load_traffic_changes, "traffic.yaml", _traffic),
     Reader("dem", read_dem, "dem.tif", _dems),

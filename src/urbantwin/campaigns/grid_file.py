@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from urbantwin.artefact import kind_of, read_json
 from urbantwin.campaigns.weather import Setting, settings_of
 from urbantwin.dataset.frame_files import STORED
 from urbantwin.dataset.split import SplitAsked, shares_of
@@ -230,6 +231,8 @@ def _files(
         path = document.file.parent / text
         kind = {"sites": "a site.yaml or a twin's folder", "rigs": "a rig's file"}.get(field)
         must_exist(document, tuple(place), path, kind or "a scenario's file", folders=folders)
+        if folders and (path / "site.yaml").is_file() and kind_of(path) != "twin":
+            path = path / "site.yaml"
         names.append(_name_of(path) if name is None else name)
         found[names[-1]] = path
     _check_names(document, field, names, given)
@@ -238,8 +241,6 @@ def _files(
 
 def _name_of(path: Path) -> str:
     """Return what a file is called where nobody names it: a site by its own name."""
-    from urbantwin.artefact import kind_of, read_json
-
     if path.is_dir() and kind_of(path) == "twin":
         said = str(read_json(path / "twin.json", kind="twin").get("name", ""))
     elif path.is_dir() or path.stem == "site":

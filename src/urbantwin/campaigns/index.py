@@ -37,9 +37,25 @@ class _Row(Part):
     manifest_sha256: str
 
 
+class _Failed(Part):
+    path: str
+    why: str
+
+
+class _Counts(Part):
+    frames: int
+    points: int
+    boxes: int
+    bytes: int
+
+
 class _Index(Part):
     kind: Literal["campaign"]
+    cells: int
+    axes: dict[str, list[Level]]
+    counts: _Counts
     datasets: Annotated[list[_Row], Field(max_length=100_000)]
+    failed: list[_Failed]
 
 
 def dataset_told(folder: Path) -> dict[str, Any]:

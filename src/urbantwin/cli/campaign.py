@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet, Workers
+from urbantwin.cli.options import AsJson, Out, Quiet, Ray, Workers
 
 __all__ = ["EXAMPLES", "campaign"]
 
@@ -17,6 +17,7 @@ EXAMPLES = """
 urbantwin campaign grid.yaml --plan
 urbantwin campaign grid.yaml -o campaign/ --workers 8
 urbantwin campaign grid.yaml -o campaign/ --most 1
+urbantwin campaign grid.yaml -o /shared/campaign/ --ray auto
 """
 
 
@@ -33,10 +34,13 @@ def campaign(
         typer.Option(min=1, metavar="N", help="Record so many datasets at most, now."),
     ] = None,
     workers: Workers = None,
+    ray: Ray = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Record every site with every seed, scenario, rig and weather. Run again, it goes on."""
-    made = ut.campaign(grid, out, plan=plan, most=most, workers=workers, progress=not quiet)
+    made = ut.campaign(
+        grid, out, plan=plan, most=most, workers=workers, ray=ray, progress=not quiet
+    )
     Console(quiet=quiet, as_json=as_json).result(made.summary())
     made.check()

@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.errors import InputError
 
-__all__ = ["COLUMNS", "columns_of_frame", "parquet_bytes", "read_columns"]
+__all__ = [
+    "COLUMNS",
+    "DICTIONARY",
+    "ENCODINGS",
+    "LEVEL",
+    "columns_of_frame",
+    "parquet_bytes",
+    "read_columns",
+]
 
 #: NumPy's type of each column.
 COLUMNS = {
@@ -30,13 +38,14 @@ COLUMNS = {
     "time": "f4",
     "echo": "u1",
 }
-_ENCODINGS = {
+#: How each is written, but for the one that is few values.
+ENCODINGS = {
     **dict.fromkeys(COLUMNS, "BYTE_STREAM_SPLIT"),
     "column": "DELTA_BINARY_PACKED",
     "time": "PLAIN",
 }
-_DICTIONARY = "intensity"
-_LEVEL = 3
+DICTIONARY = "intensity"
+LEVEL = 3
 
 
 def columns_of_frame(
@@ -62,9 +71,9 @@ def parquet_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
         pa.table(arrays),
         file,
         compression="zstd",
-        compression_level=_LEVEL,
-        use_dictionary=[_DICTIONARY],
-        column_encoding={k: one for k, one in _ENCODINGS.items() if k != _DICTIONARY},
+        compression_level=LEVEL,
+        use_dictionary=[DICTIONARY],
+        column_encoding={k: one for k, one in ENCODINGS.items() if k != DICTIONARY},
         write_statistics=False,
         row_group_size=1 << 30,
     )

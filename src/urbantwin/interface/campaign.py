@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cached_property, partial
 from multiprocessing import active_children
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -179,7 +179,7 @@ class Campaign(Datasets):
             page=str(self.folder / _INDEX / "campaign.html"),
             cells=told["cells"],
             datasets=len(told["datasets"]),
-            **told["counts"],
+            **{name: told["counts"][name] for name in ("frames", "points", "boxes", "bytes")},
             axes={axis: len(levels) for axis, levels in told["axes"].items()},
             **({"shards": str(shards)} if kind_of(shards) else {}),
             failed=[*failed[:_TOLD], *more],
@@ -207,6 +207,7 @@ def campaign(
     plan: bool = False,
     most: int | None = None,
     workers: int | None = None,
+    ray: str | None = None,
     progress: ShowProgress = True,
 ) -> Campaign:
     """Record every site with every seed, scenario, rig and weather; the same call goes on.
@@ -221,6 +222,9 @@ def campaign(
         plan: only say what is left to do, how long it takes and how large it is.
         most: record so many datasets at most, now; what they take is what a plan then goes by.
         workers: processes to work with; every number gives the same bytes.
+        ray: a Ray cluster whose nodes all see the files and ``out``, a cell on each of their
+            processors: ``HOST:PORT`` of its head, ``auto`` for the one that runs here, ``local`` to
+            start one.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -238,8 +242,9 @@ def campaign(
     for name, value in (("workers", workers), ("most", most)):
         if value is not None and value < 1:
             raise InputError(f"is {value}", place=f"--{name}", expected="1 or more")
-    asked = load_campaign(Path(grid))
+    asked = load_campaign(Path(grid) if ray is None else Path(grid).absolute())
     place = beside(asked.file, _KIND, out)
+    place = place if ray is None else place.absolute()
     check_folder(place / _INDEX, kind=_KIND, inputs=_inputs(asked))
     steps = steps_of(asked)
     course = Course(steps, place)
@@ -254,7 +259,10 @@ def campaign(
         running = place / "journal" / "running"
         shutil.rmtree(running, ignore_errors=True)
         try:
-            _run(course, count, most, progress)
+            if ray is None:
+                _run(course, count, most, progress)
+            else:
+                _run_on_cluster(course, ray, workers, most, progress)
         finally:
             shutil.rmtree(running, ignore_errors=True)
         return _finished(course, progress)
@@ -318,7 +326,7 @@ def _run(course: Course, workers: int, most: int | None, progress: ShowProgress)
     with shown_course(progress, workers) as tell:
         tell(course)
         if workers == 1 or cells < workers:
-            maker = Maker(asked, course.place, twins, workers=workers)
+            maker = Maker(asked, course.place, twins, workers, watch=lambda: tell(course))
             course.run(_Here(), maker.outcome, abreast=1, tell=tell, most=most)
             return
         maker = Maker(asked, course.place, twins)
@@ -331,6 +339,26 @@ def _run(course: Course, workers: int, most: int | None, progress: ShowProgress)
             except BrokenExecutor:  # a worker was killed: what it was at is tried again
                 if most is not None:
                     most -= course.counts["dataset"]["done"] - begun
+
+
+def _run_on_cluster(
+    course: Course, ray: str, workers: int | None, most: int | None, progress: ShowProgress
+) -> None:
+    """Make what is left on the nodes of a Ray cluster, which share the campaign's folder."""
+    from urbantwin.cluster import connected
+    from urbantwin.dataset.manifest import versions_here
+    from urbantwin.interface.campaign_step import Maker, begin, check_seen, make
+    from urbantwin.interface.campaign_table import shown_course
+
+    asked = course.steps.asked
+    twins = {name: one.absolute() for name, one in course.steps.twins.items()}
+    with connected(ray, agreed=partial(versions_here, "embree"), workers=workers) as cluster:
+        cluster.on_every_node(check_seen, [course.place / "journal", *_inputs(asked)])
+        with (
+            cluster.worker_pool(begin, Maker(asked, course.place, twins)) as pool,
+            shown_course(progress, pool.workers) as tell,
+        ):
+            course.run(pool, make, abreast=pool.workers, tell=tell, most=most)
 
 
 @contextmanager

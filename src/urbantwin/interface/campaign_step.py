@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,12 +20,16 @@ if TYPE_CHECKING:
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
 
-__all__ = ["RUNNING", "Maker", "begin", "make"]
+__all__ = ["RUNNING", "Maker", "begin", "check_seen", "make"]
 
 #: Where in a campaign's folder each step that is under way says how far it is.
 RUNNING = "journal/running"
 #: It says so at most this often, seconds.
 _SAID_S = 1.0
+
+
+def _nobody() -> None:
+    """Watch nothing."""
 
 
 @dataclass
@@ -37,12 +41,14 @@ class Maker:
         place: its folder.
         twins: folders of twins that were built before, by the name of their site.
         workers: processes to record each dataset with; every number gives the same bytes.
+        watch: called now and then while a step is made, in the process that makes it.
     """
 
     asked: CampaignFile
     place: Path
     twins: dict[str, Path]
     workers: int = 1
+    watch: Callable[[], None] = _nobody
     # Motions are large: recordings of one follow each other.
     _last: tuple[str, Twin, Motion] | None = None
 
@@ -71,7 +77,8 @@ class Maker:
 
     def _make(self, step: Step) -> dict[str, Any]:
         folder = self.place / step.place
-        with _says_how_far(self.place / RUNNING / f"{step.kind}-{step.name}") as tell:
+        file = self.place / RUNNING / f"{step.kind}-{step.name}"
+        with _says_how_far(file, self.watch) as tell:
             if step.kind == "twin":
                 from urbantwin.interface.twin import build_of, site_with_known_sensors
 
@@ -152,6 +159,19 @@ def make(step: Step) -> Outcome:
         return _maker.outcome(step)
 
 
+def check_seen(files: Sequence[Path]) -> None:
+    """Refuse files on a machine that does not see them.
+
+    Raises:
+        InputError: one is not there.
+    """
+    for file in files:
+        if not file.exists():
+            raise InputError(
+                "is not seen from there", file=file, expected="a folder that every node sees"
+            )
+
+
 def _processor_s() -> float:
     """Return the time of processors that this process and its children took, seconds."""
     return sum(
@@ -161,7 +181,7 @@ def _processor_s() -> float:
 
 
 @contextmanager
-def _says_how_far(file: Path) -> Iterator[Progress]:
+def _says_how_far(file: Path, watch: Callable[[], None]) -> Iterator[Progress]:
     """Yield what writes into a file how far a step is; the file goes when the step ends."""
     said = 0.0
 
@@ -175,6 +195,7 @@ def _says_how_far(file: Path) -> Iterator[Progress]:
         part = file.with_name(f".{file.name}")
         part.write_text(f"{share:.4f} {doing}")
         part.replace(file)
+        watch()
 
     try:
         yield tell

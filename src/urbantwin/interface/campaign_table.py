@@ -69,7 +69,7 @@ def _said(course: Course, place: str) -> tuple[float, str]:
 def _left_s(course: Course) -> float | None:
     """Return how long it will take by what this run took so far; ``None``: too early to say."""
     share, took = _share(course), time.monotonic() - course.began
-    return took * (1 - share) / share if share > 0.005 and took > 5 else None
+    return took * (1 - share) / share if share > 0.02 and took > 10 else None
 
 
 def _counted(course: Course) -> str:
@@ -152,6 +152,7 @@ def _bytes(size: float) -> str:
 
 
 def _time(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02d} min" if hours else f"{minutes}:{rest:02d} min"
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min"

@@ -99,8 +99,8 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
         A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run`,
         `SequenceFiles`, `Fleet`, `Campaign`, `StoredDataset` or `Package`; `Datasets`, of any
         other folder with several or a split by scenario; a `Site`, a `RigSpec`, a `NodesFile` or
-        a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type matters to a type checker,
-        ``ut.Dataset.open(path)`` and its like say it.
+        a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type matters to a
+        type checker, ``ut.Dataset.open(path)`` and its like say it.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import PARQUET
+from urbantwin.dataset.frame_columns import COLUMNS, DICTIONARY, ENCODINGS, LEVEL
 from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.exports.frames.box_rows import BOX, box_rows
 from urbantwin.exports.frames.shards import write_in_order
@@ -44,16 +45,6 @@ _BOXES = pa.struct(
         ("towed_by", _whole),
     ]
 )
-#: Columns of points, each a list of one value a point.
-_POINTS = {
-    **dict.fromkeys(("x", "y", "z", "intensity"), pa.float32()),
-    **dict.fromkeys(("semantic", "instance"), pa.uint16()),
-    "sensor": pa.uint8(),
-    "ring": pa.uint16(),
-    "column": pa.uint16(),
-    "time": pa.float32(),
-    "echo": pa.uint8(),
-}
 _FRAME = (
     ("dataset", _text),
     ("frame", _text),
@@ -66,7 +57,18 @@ _FRAME = (
     ),
     ("boxes", pa.list_(_BOXES)),
 )
-_SCHEMA = pa.schema([*_FRAME, *((name, pa.list_(kind)) for name, kind in _POINTS.items())])
+_SCHEMA = pa.schema(
+    [*_FRAME, *((name, pa.list_(pa.from_numpy_dtype(kind))) for name, kind in COLUMNS.items())]
+)
+#: As `frame_columns` writes a frame alone.
+_WRITTEN: dict[str, Any] = {
+    **PARQUET,
+    "compression_level": LEVEL,
+    "use_dictionary": [f"{DICTIONARY}.list.element"],
+    "column_encoding": {
+        f"{name}.list.element": kind for name, kind in ENCODINGS.items() if name != DICTIONARY
+    },
+}
 
 
 def write_parquet(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
@@ -101,14 +103,14 @@ class _Shard:
         if self._writer is None:
             kinds = {axis: _whole if isinstance(x, int) else _text for axis, x in levels.items()}
             self._schema = pa.schema([*kinds.items(), *_SCHEMA])
-            self._writer = pq.ParquetWriter(self._sink, self._schema, **PARQUET)
+            self._writer = pq.ParquetWriter(self._sink, self._schema, **_WRITTEN)
         rays = frame.rays.dtype.names or ()
         columns: dict[str, NDArray[Any]] = {
             **dict(zip("xyz", frame.points.T, strict=True)),
             "intensity": frame.intensity,
             "semantic": frame.semantic,
             "instance": frame.instance,
-            **{name: frame.rays[name] for name in _POINTS if name in rays},
+            **{name: frame.rays[name] for name in COLUMNS if name in rays},
         }
         self._rows.append(
             {
@@ -126,8 +128,8 @@ class _Shard:
                 **columns,
             }
         )
-        # A guess, until they are written: compression leaves about half.
-        self._waiting += sum(one.nbytes for one in columns.values()) // 2
+        # A guess, until they are written: compression leaves about a third.
+        self._waiting += sum(one.nbytes for one in columns.values()) // 3
         if len(self._rows) == _ROWS:
             self._flush()
 
