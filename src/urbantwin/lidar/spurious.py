@@ -133,9 +133,9 @@ class Spurious:
 
     def _strength_of(self, detections: Detections, where: NDArray[np.int32]) -> NDArray[np.float32]:
         """Return strengths (M,) of what is reported; 0 but along the beams asked for."""
-        asked = np.zeros(len(self.view.amplitude), np.bool_)
-        asked[where] = True
-        row = np.flatnonzero(asked[detections.beam])
+        first, last = (np.searchsorted(detections.beam, where, side) for side in ("left", "right"))
+        # No beam has more than two.
+        row = np.concatenate([first[first < last], first[first + 1 < last] + 1])
         amplitude = self.view.amplitude.take(detections.beam[row])
         source = detections.source[row]
         amplitude[source >= 0] = self.echoes.amplitude[source[source >= 0]]
