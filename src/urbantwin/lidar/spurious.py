@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.lidar.compiled.report import merge
 from urbantwin.lidar.detections import Detections
 from urbantwin.lidar.echoes import Echoes
 from urbantwin.lidar.returns import Purpose, ReturnModel, draw, standard_noise
@@ -74,10 +74,9 @@ class Spurious:
             intensity,
             none,
         )
-        pairs: list[tuple[NDArray[Any], NDArray[Any]]]
-        pairs = list(zip(detections, spurious, strict=True))
-        together = Detections._make(np.concatenate(pair).take(out.order) for pair in pairs)
-        return together._replace(echo=out.echo)
+        together = Detections.room(len(out.order))._replace(echo=out.echo)
+        merge(detections, spurious, out.order, together)
+        return together
 
     def _air(self) -> list[Stray]:
         clutter = self.model.clutter
@@ -133,9 +132,9 @@ class Spurious:
 
     def _strength_of(self, detections: Detections, where: NDArray[np.int32]) -> NDArray[np.float32]:
         """Return strengths (M,) of what is reported; 0 but along the beams asked for."""
-        asked = np.zeros(len(self.view.amplitude), np.bool_)
-        asked[where] = True
-        row = np.flatnonzero(asked[detections.beam])
+        first, last = (np.searchsorted(detections.beam, where, side) for side in ("left", "right"))
+        # No beam has more than two.
+        row = np.concatenate([first[first < last], first[first + 1 < last] + 1])
         amplitude = self.view.amplitude.take(detections.beam[row])
         source = detections.source[row]
         amplitude[source >= 0] = self.echoes.amplitude[source[source >= 0]]

@@ -51,10 +51,12 @@ class _Waiting(NamedTuple):
     Attributes:
         at: (8,) int64, whose ray it is, among the rays of all blocks.
         ray: (8, 6) float64, origin and unit vector.
+        hits: (8,) what they met.
     """
 
     at: NDArray[np.int64]
     ray: NDArray[np.float64]
+    hits: Hits
 
 
 class _Room(NamedTuple):
@@ -98,7 +100,11 @@ def _room(columns, rays):
         ),
         new_ray(),
         _new_packet(),
-        _Waiting(np.empty(_LANES, np.int64), np.empty((_LANES, 6))),
+        _Waiting(
+            np.empty(_LANES, np.int64),
+            np.empty((_LANES, 6)),
+            Hits(np.empty(_LANES, np.float32), np.empty(_LANES, np.int32)),
+        ),
     )
 
 
@@ -166,27 +172,43 @@ def _cast_axes(address, firing, targets, blocks, block, casting, room):
                 address[0], targets, actor, room.ray, np.float32(0.0), ox, oy, oz, dx, dy, dz
             )
             continue
-        _aim(room.packet, lanes, ox, oy, oz, dx, dy, dz)
+        _wait(room, lanes, ox, oy, oz, dx, dy, dz)
         waiting.at[lanes] = at
-        one = waiting.ray
-        one[lanes, 0], one[lanes, 1], one[lanes, 2] = ox, oy, oz
-        one[lanes, 3], one[lanes, 4], one[lanes, 5] = dx, dy, dz
         lanes += 1
         if lanes == _LANES:
             _cast_waiting(address, targets, actor, room, lanes)
+            _axes_met(room, lanes)
             lanes = 0
     if lanes:
         _cast_waiting(address, targets, actor, room, lanes)
+        _axes_met(room, lanes)
+
+
+@per_ray
+def _wait(room, lane, ox, oy, oz, dx, dy, dz):
+    """Put a ray into a lane of the packet."""
+    _aim(room.packet, lane, ox, oy, oz, dx, dy, dz)
+    ray = room.waiting.ray
+    ray[lane, 0], ray[lane, 1], ray[lane, 2] = ox, oy, oz
+    ray[lane, 3], ray[lane, 4], ray[lane, 5] = dx, dy, dz
+
+
+@per_ray
+def _axes_met(room, count):
+    """Write what the rays in the first lanes met: they are axes."""
+    at, met = room.waiting.at, room.waiting.hits
+    for lane in range(count):
+        room.hits.range_m[at[lane]], room.hits.face[at[lane]] = met.range_m[lane], met.face[lane]
 
 
 @per_ray
 def _cast_waiting(address, targets, actor, room, count):
-    """Cast the rays of the first lanes at an actor, and write what they meet."""
-    at, ray = room.waiting
+    """Cast the rays of the first lanes at an actor."""
+    ray, met = room.waiting.ray, room.waiting.hits
     _cast(address[1], targets.scene[actor], room.packet, count)
     for lane in range(count):
         found, hit = _met_by(room.packet, lane)
-        room.hits.range_m[at[lane]], room.hits.face[at[lane]] = _confirmed(
+        met.range_m[lane], met.face[lane] = _confirmed(
             address[0], targets, actor, room.ray, np.float32(0.0), found, hit,
             ray[lane, 0], ray[lane, 1], ray[lane, 2], ray[lane, 3], ray[lane, 4], ray[lane, 5],
         )  # fmt: skip
@@ -228,6 +250,7 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
     beams, footprint = firing.directions, firing.footprint
     range_m, face, rays = room.hits.range_m, room.hits.face, blocks.ray
     poses, edges, surfaces = room.columns.poses, room.edge, room.surfaces
+    waiting = room.waiting
     whole = (1 << len(footprint)) - 1
     start = blocks.start[block]
     channel, first = np.int64(0), np.int64(0)
@@ -256,14 +279,26 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
             surfaces.mask[0], surfaces.face[0] = whole, own
             surfaces.total_m[0], surfaces.rays[0] = range_m[at], 1
             met = 1
+        if edge and casting.around:
+            for sample in range(1, len(footprint)):
+                x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
+                dx, dy, dz = turned(pose, x, y, z)
+                _wait(room, sample - 1, ox, oy, oz, dx, dy, dz)
+            _cast_waiting(address, targets, actor, room, len(footprint) - 1)
         for sample in range(0 if met else (len(footprint) if edge else 1)):
-            x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
-            dx, dy, dz = turned(pose, x, y, z)
+            if sample > 0 and casting.around:
+                one = waiting.ray
+                dx, dy, dz = one[sample - 1, 3], one[sample - 1, 4], one[sample - 1, 5]
+            else:
+                x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
+                dx, dy, dz = turned(pose, x, y, z)
             bit = 1 << sample if edge else whole
             near = np.float32(0.0)
             for pane in range(MOST_PANES):
                 if sample == 0 and pane == 0:
                     far, hit = range_m[at], own
+                elif pane == 0 and casting.around:
+                    far, hit = waiting.hits.range_m[sample - 1], waiting.hits.face[sample - 1]
                 else:
                     far, hit = _first_met(
                         address[0], targets, actor, room.ray, near, ox, oy, oz, dx, dy, dz

@@ -40,57 +40,69 @@ def find_edges(firing, planes, blocks, block, around, range_m, face, poses, dept
     _find_steps(start, rows, wide, around, range_m, face, depth, edge)
     count, ring_time, beams = len(firing.column_time_s), firing.ring_time_s, firing.directions
     rays = blocks.ray
-    for at in range(start, start + rows * wide):
-        if not edge[at]:
-            continue
-        own, ray = face[at], rays[at]
-        row, n, column = (at - start) // wide, (at - start) % wide, ray % count
-        pose = poses[column]
-        ox, oy, oz = leaves(pose, ring_time[ray // count])
-        found = False
-        for r in range(max(row - 1, 0), min(row + 2, rows)):
-            for c in range(n - 1, n + 2):
-                if found or (not around and not 0 <= c < wide):
-                    continue
-                other = start + r * wide + c % wide
-                if face[other] == NO_RAY:
-                    continue
-                if (face[other] < 0) != (own < 0):
-                    found = True
-                elif own >= 0 and abs(range_m[other] - range_m[at]) > STEP_M:
-                    x, y, z = beams[rays[other], 0], beams[rays[other], 1], beams[rays[other], 2]
-                    dx, dy, dz = turned(pose, x, y, z)
-                    told = on_plane(planes[own], ox, oy, oz, dx, dy, dz)
-                    found = not _is_predicted(told, np.float64(range_m[other]))
-        edge[at] = found
+    channel, first = np.int64(0), np.int64(0)
+    for row in range(rows):
+        for n in range(wide):
+            at = start + row * wide + n
+            if not edge[at]:
+                continue
+            own, ray = face[at], np.int64(rays[at])
+            # Rays of a row are of one channel.
+            if not first <= ray < first + count:
+                channel = ray // count
+                first = channel * count
+            pose = poses[ray - first]
+            ox, oy, oz = leaves(pose, ring_time[channel])
+            found = False
+            for r in range(max(row - 1, 0), min(row + 2, rows)):
+                for c in range(n - 1, n + 2):
+                    if found or (not around and not 0 <= c < wide):
+                        continue
+                    other = start + r * wide + _wrapped(c, wide)
+                    if face[other] == NO_RAY:
+                        continue
+                    if (face[other] < 0) != (own < 0):
+                        found = True
+                    elif own >= 0 and abs(range_m[other] - range_m[at]) > STEP_M:
+                        to = rays[other]
+                        dx, dy, dz = turned(pose, beams[to, 0], beams[to, 1], beams[to, 2])
+                        told = on_plane(planes[own], ox, oy, oz, dx, dy, dz)
+                        found = not _is_predicted(told, np.float64(range_m[other]))
+            edge[at] = found
 
 
 @per_ray
 def _find_steps(start, rows, wide, around, range_m, face, depth, edge):
     """Write which beams have a neighbour about `STEP_M` nearer or farther, or that alone hits.
 
-    Few have; the rest are no edges. The inner loop has no branches: it is a handful of vector
-    instructions for eight beams.
+    The rest are no edges. The inner loop has no branches, and numba sees that its indices are not
+    negative: it becomes vector instructions for eight beams.
     """
     for at in range(start, start + rows * wide):
         depth[at] = range_m[at] if face[at] >= 0 else (_FAR if face[at] == -1 else np.nan)
         edge[at] = False
     for row in range(rows):
         own = start + row * wide
+        here, found = depth[own : own + wide], edge[own : own + wide]
         for r in range(max(row - 1, 0), min(row + 2, rows)):
-            beside = start + r * wide
+            beside = depth[start + r * wide : start + (r + 1) * wide]
             for n in range(1, wide - 1):
-                here = depth[own + n]
-                steps = abs(depth[beside + n - 1] - here) > _NEARLY_STEP
-                steps |= abs(depth[beside + n] - here) > _NEARLY_STEP
-                steps |= abs(depth[beside + n + 1] - here) > _NEARLY_STEP
-                edge[own + n] |= steps
+                steps = abs(beside[n - 1] - here[n]) > _NEARLY_STEP
+                steps |= abs(beside[n] - here[n]) > _NEARLY_STEP
+                steps |= abs(beside[n + 1] - here[n]) > _NEARLY_STEP
+                found[n] |= steps
             for n in (0, wide - 1):
-                here = depth[own + n]
                 for c in range(n - 1, n + 2):
                     if around or 0 <= c < wide:
-                        beyond = depth[beside + c % wide]
-                        edge[own + n] |= abs(beyond - here) > _NEARLY_STEP
+                        found[n] |= abs(beside[_wrapped(c, wide)] - here[n]) > _NEARLY_STEP
+
+
+@per_ray
+def _wrapped(column, wide):
+    """Return a column of a row that goes around, from one beside it."""
+    if column < 0:
+        return column + wide
+    return column - wide if column >= wide else column
 
 
 @per_ray

@@ -10,7 +10,7 @@ from urbantwin.geometry.compiled import per_ray
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.taxonomy import semantic_id
 
-__all__ = ["OUTLIER", "detect", "write_points"]
+__all__ = ["OUTLIER", "detect", "merge", "write_points"]
 
 #: Class of a point between an actor and what is behind it, which belongs to neither.
 OUTLIER = np.uint16(semantic_id("outlier"))
@@ -41,6 +41,19 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out):
         if len(dead) and dead[beam]:
             continue
         touched = place[beam]
+        if touched < 0 and not both:
+            # Most beams: they touch no actor, and report one echo.
+            drawn, jitter = detection[beam], noise[beam]
+            if drawn < alone.level[beam]:
+                at = _measured(alone, beam, quantiles[jitter], step_m)
+                _write(out, count, beam, 0, -1, alone.semantic[beam], alone.intensity[beam], -1, at)
+                count += 1
+            elif other[beam] >= 0 and drawn < also.level[other[beam]]:
+                n = other[beam]
+                at = _measured(also, n, quantiles[jitter], step_m)
+                _write(out, count, beam, 0, -1, also.semantic[n], also.intensity[n], -1, at)
+                count += 1
+            continue
         reported = 0
         for turn in range(2):
             if turn == 1 and reported == 1 and not both:
@@ -50,40 +63,73 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out):
             else:
                 drawn, jitter = detection[beam], noise[beam]
             if touched < 0:
-                if turn == 0:
-                    if drawn >= alone.level[beam]:
-                        continue
-                    at, wide = alone.range_m[beam], alone.sigma[beam]
-                    bright, kind = alone.intensity[beam], alone.semantic[beam]
-                else:
-                    n = other[beam]
-                    if n < 0 or drawn >= also.level[n]:
-                        break
-                    at, wide = also.range_m[n], also.sigma[n]
-                    bright, kind = also.intensity[n], also.semantic[n]
-                source, actor = -1, -1
+                report, n = alone, np.int64(beam)
+                if turn == 1:
+                    report, n = also, np.int64(other[beam])
+                if n < 0 or drawn >= report.level[n]:
+                    continue
+                at = _measured(report, n, quantiles[jitter], step_m)
+                kind, bright = report.semantic[n], report.intensity[n]
+                _write(out, count, beam, reported, -1, kind, bright, -1, at)
             else:
                 source = first_of[touched] if turn == 0 else second_of[touched]
                 if source < 0 or drawn >= echoes.level[source]:
                     continue
-                at, wide = echoes.range_m[source], echoes.sigma[source]
-                bright, kind, actor = echoes.intensity[source], np.uint16(0), -1
-                if owner[source] < 0:
-                    kind = layer_class[-1 - owner[source]]
-                elif owner[source] >= BESIDE:
-                    kind = OUTLIER
-                else:
+                kind, actor, at = np.uint16(0), -1, echoes.range_m[source]
+                if owner[source] >= 0 and owner[source] < BESIDE:
                     actor = owner[source]
-            out.beam[count], out.echo[count], out.source[count] = beam, reported, source
-            out.semantic[count], out.intensity[count], out.actor[count] = kind, bright, actor
-            if actor < 0:
-                at = at + wide * quantiles[jitter]
-                if step_m > 0:
-                    at = np.float32(np.rint(at / step_m)) * step_m
-            out.range_m[count] = at
+                else:
+                    kind = OUTLIER if owner[source] >= 0 else layer_class[-1 - owner[source]]
+                    at = _measured(echoes, source, quantiles[jitter], step_m)
+                bright = echoes.intensity[source]
+                _write(out, count, beam, reported, source, kind, bright, actor, at)
             reported += 1
             count += 1
     return count
+
+
+@per_ray
+def _measured(echoes, n, jitter, step_m):
+    """Return the range of an echo with noise, in the sensor's steps."""
+    at = echoes.range_m[n] + echoes.sigma[n] * jitter
+    if step_m > 0:
+        at = np.float32(np.rint(at / step_m)) * step_m
+    return at
+
+
+@per_ray
+def _write(out, count, beam, echo, source, kind, bright, actor, at):
+    """Write a detection."""
+    out.beam[count], out.echo[count], out.source[count] = beam, echo, source
+    out.semantic[count], out.intensity[count], out.actor[count] = kind, bright, actor
+    out.range_m[count] = at
+
+
+@per_ray
+def merge(detections, added, order, out):
+    """Write detections and added ones together.
+
+    Args:
+        detections: `detections.Detections`, M.
+        added: A more.
+        order: (M',) int64, the rows: below M those of the former, from M on those of the latter.
+        out: `detections.Detections` to write, (M',).
+    """
+    many = len(detections.beam)
+    for row in range(len(order)):
+        n = order[row]
+        if n < many:
+            _copy(detections, n, out, row)
+        else:
+            _copy(added, n - many, out, row)
+
+
+@per_ray
+def _copy(given, n, out, row):
+    """Copy a detection, but for its number among those of its beam."""
+    out.beam[row], out.source[row], out.actor[row] = given.beam[n], given.source[n], given.actor[n]
+    out.semantic[row], out.range_m[row] = given.semantic[n], given.range_m[n]
+    out.intensity[row] = given.intensity[n]
 
 
 @per_ray
