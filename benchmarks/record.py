@@ -1,20 +1,34 @@
 """Frames per second of `record` against a full recast of the same frames by Open3D.
 
 An OS1-128 at 2048 columns over a static world of about 480,000 triangles with 50 actors in range.
-`record` is timed whole: starting its workers, casting, returns, labels and every file. Open3D
+`record` is timed whole: starting its workers, casting, returns, labels, files and tables. Open3D
 is timed for what people write without us: all triangles, static and moving, put into a new
 `RaycastingScene` and all rays cast, each frame, with every processor; no labels, no files.
+Both by the clock and by processor time, which other work on the machine moves less.
 
     python benchmarks/record.py --frames 600 --workers 2
+    python benchmarks/record.py --frames 600 --efficiency
+    python benchmarks/record.py --frames 10000 --memory
+
+With ``--efficiency`` the same frames are recorded by one worker, too; what is lost is what the
+workers do anew, and what one process does for all. With ``--memory`` a VLP-16 records instead, and
+what all processes hold together (their proportional set sizes) is told as frames go by.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import resource
+import shutil
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import active_children
+from os import getpid
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -177,8 +191,60 @@ def touch_memory(folder: Path, size: int) -> None:
     path.unlink()
 
 
-def time_open3d(twin: Twin, motion: Motion, rig: Rig, frames: list[int]) -> float:
-    """Seconds per frame when everything is rebuilt and recast."""
+class Cost:
+    """What something takes: seconds by the clock, and of processors."""
+
+    clock_s = 0.0
+    processor_s = 0.0
+
+
+@contextmanager
+def costing() -> Iterator[Cost]:
+    """Yield what the block takes, here and in processes that have ended by its end."""
+    cost, began, before = Cost(), time.perf_counter(), _processor_s()
+    yield cost
+    cost.clock_s, cost.processor_s = time.perf_counter() - began, _processor_s() - before
+
+
+def _processor_s() -> float:
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used)
+
+
+class Memory:
+    """What this process and its workers hold as frames go by; a `Progress`.
+
+    Args:
+        frames: that will be recorded.
+    """
+
+    def __init__(self, frames: int) -> None:
+        self._frames, self._next = frames, 0.0
+        #: MB by what has been done.
+        self.held: dict[str, int] = {}
+
+    def __call__(self, share: float, doing: str) -> None:
+        """Look, ten times while frames are recorded and once at every other step."""
+        number = doing.split()[1] if doing.startswith("frame ") else ""
+        if number:
+            if int(number) < self._next:
+                return
+            self._next = int(number) + self._frames / 10
+        pids = [getpid(), *(one.pid for one in active_children())]
+        sizes = [_proportional_kb(Path(f"/proc/{pid}/smaps_rollup")) for pid in pids]
+        self.held[f"after frame {number}" if number else doing] = sum(sizes) // 1000
+
+
+def _proportional_kb(file: Path) -> int:
+    try:
+        lines = file.read_text().splitlines()
+    except OSError:  # it has ended
+        return 0
+    return next((int(line.split()[1]) for line in lines if line.startswith("Pss:")), 0)
+
+
+def time_open3d(twin: Twin, motion: Motion, rig: Rig, frames: list[int]) -> Cost:
+    """Return what frames cost when everything is rebuilt and recast."""
     import open3d as o3d
 
     mounted = rig.sensors[0]
@@ -192,18 +258,18 @@ def time_open3d(twin: Twin, motion: Motion, rig: Rig, frames: list[int]) -> floa
         for actor in posed_actors(rows_at(motion, index / RATE_HZ)):
             asset_mesh(actor.asset, actor.phase)
 
-    began = time.perf_counter()
-    for index in frames:
-        scene = o3d.t.geometry.RaycastingScene()
-        scene.add_triangles(static_vertices, static_faces)
-        for actor in posed_actors(rows_at(motion, index / RATE_HZ)):
-            mesh = asset_mesh(actor.asset, actor.phase)
-            vertices = actor.site_SE3_asset.apply(mesh.vertices).astype(np.float32)
-            scene.add_triangles(
-                o3d.core.Tensor(vertices), o3d.core.Tensor(mesh.faces.astype(np.uint32))
-            )
-        scene.cast_rays(rays)
-    return (time.perf_counter() - began) / len(frames)
+    with costing() as cost:
+        for index in frames:
+            scene = o3d.t.geometry.RaycastingScene()
+            scene.add_triangles(static_vertices, static_faces)
+            for actor in posed_actors(rows_at(motion, index / RATE_HZ)):
+                mesh = asset_mesh(actor.asset, actor.phase)
+                vertices = actor.site_SE3_asset.apply(mesh.vertices).astype(np.float32)
+                scene.add_triangles(
+                    o3d.core.Tensor(vertices), o3d.core.Tensor(mesh.faces.astype(np.uint32))
+                )
+            scene.cast_rays(rays)
+    return cost
 
 
 def main() -> None:
@@ -214,6 +280,8 @@ def main() -> None:
     parser.add_argument("--recast", type=int, default=20, help="of them, how many Open3D recasts")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--actors", type=int, default=50)
+    parser.add_argument("--efficiency", action="store_true", help="record with one worker, too")
+    parser.add_argument("--memory", action="store_true", help="of a long recording by a VLP-16")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
 
@@ -221,34 +289,61 @@ def main() -> None:
         folder = Path(name)
         twin = twin_of(static_world(), folder / "twin")
         motion = circling_motion(twin, given.actors, given.frames)
-        spec = SensorSpec(
-            name="os1", model="OS1-128", columns=2048, east_m=0.0, north_m=0.0, height_m=5.0
-        )
-        rig = place_rig(RigSpec(rate_hz=RATE_HZ, sensors=[spec]), twin.mesh)
-        touch_memory(folder, given.frames * 5_000_000)
-        began = time.perf_counter()
-        record(twin, motion, rig, folder / "dataset", workers=given.workers)
-        ours_s = (time.perf_counter() - began) / given.frames
-        counts = json.loads((folder / "dataset" / "dataset.json").read_text())["counts"]
-    few = np.linspace(0, given.frames - 1, min(given.recast, given.frames)).astype(int).tolist()
-    theirs_s = time_open3d(twin, motion, rig, few)
-
-    result = {
-        "static_triangles": len(twin.mesh.faces),
-        "actors": given.actors,
-        "rays": 128 * 2048,
-        "frames": given.frames,
-        "workers": given.workers,
-        "points_per_frame": counts["points"] // counts["frames"],
-        "boxes_with_points_per_frame": sum(counts["boxes_with_points"].values()) / counts["frames"],
-        "record_frames_per_s": round(1 / ours_s, 2),
-        "open3d_frames_per_s": round(1 / theirs_s, 2),
-        "ratio": round(theirs_s / ours_s, 1),
-    }
+        result = (memory if given.memory else speed)(twin, motion, folder, given)
     if given.json:
         print(json.dumps(result, indent=2))
     else:
         print("\n".join(f"{key}: {value}" for key, value in result.items()))
+
+
+def rig_of(twin: Twin, **options: Any) -> Rig:
+    """Return a sensor in the middle of the world."""
+    spec = SensorSpec(name="eye", east_m=0.0, north_m=0.0, height_m=5.0, **options)
+    return place_rig(RigSpec(rate_hz=RATE_HZ, sensors=[spec]), twin.mesh)
+
+
+def speed(twin: Twin, motion: Motion, folder: Path, given: argparse.Namespace) -> dict[str, Any]:
+    """Return what frames cost, and Open3D's."""
+    rig, frames = rig_of(twin, model="OS1-128", columns=2048), given.frames
+    touch_memory(folder, frames * 5_000_000)
+    with costing() as ours:
+        record(twin, motion, rig, folder / "dataset", workers=given.workers, seed=1)
+    counts = json.loads((folder / "dataset" / "dataset.json").read_text())["counts"]
+    few = np.linspace(0, frames - 1, min(given.recast, frames)).astype(int).tolist()
+    theirs = time_open3d(twin, motion, rig, few)
+    result = {
+        "static_triangles": len(twin.mesh.faces),
+        "actors": given.actors,
+        "rays": 128 * 2048,
+        "frames": frames,
+        "workers": given.workers,
+        "points_per_frame": counts["points"] // counts["frames"],
+        "boxes_with_points_per_frame": sum(counts["boxes_with_points"].values()) / counts["frames"],
+        "record_frames_per_s": round(frames / ours.clock_s, 2),
+        "open3d_frames_per_s": round(len(few) / theirs.clock_s, 2),
+        "ratio": round(theirs.clock_s / len(few) / ours.clock_s * frames, 1),
+        "record_processor_ms_per_frame": round(1e3 * ours.processor_s / frames, 1),
+        "open3d_processor_ms_per_frame": round(1e3 * theirs.processor_s / len(few), 1),
+    }
+    if given.efficiency:
+        shutil.rmtree(folder / "dataset")
+        with costing() as alone:
+            record(twin, motion, rig, folder / "dataset", workers=1, seed=1)
+        result |= {
+            "one_worker_frames_per_s": round(frames / alone.clock_s, 2),
+            "one_worker_processor_ms_per_frame": round(1e3 * alone.processor_s / frames, 1),
+            "efficiency": round(alone.clock_s / ours.clock_s / given.workers, 3),
+            "efficiency_by_processor_time": round(alone.processor_s / ours.processor_s, 3),
+        }
+    return result
+
+
+def memory(twin: Twin, motion: Motion, folder: Path, given: argparse.Namespace) -> dict[str, Any]:
+    """Return what all processes hold together, MB, in the course of a recording."""
+    looks = Memory(given.frames)
+    rig = rig_of(twin, model="VLP-16")
+    record(twin, motion, rig, folder / "dataset", workers=given.workers, seed=1, progress=looks)
+    return {"frames": given.frames, "actors": given.actors, **looks.held}
 
 
 if __name__ == "__main__":

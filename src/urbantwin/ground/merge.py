@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from rasterio.fill import fillnodata
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from urbantwin.errors import InputError
@@ -97,6 +96,8 @@ def _filled(heights: NDArray[np.float64]) -> NDArray[np.float64]:
     nearest = heights[rows, columns]
     # GDAL computes in single precision: centred, so that heights keep their millimetres.
     middle = float(np.mean(heights[known]))
+    from rasterio.fill import fillnodata
+
     smooth = fillnodata(
         (nearest - middle).astype(np.float32),
         mask=known.astype(np.uint8),

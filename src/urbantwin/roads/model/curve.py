@@ -11,7 +11,6 @@ from itertools import accumulate
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from urbantwin.geometry import stations_of_points
@@ -339,6 +338,8 @@ def splined(points: NDArray[np.float64], start: float, end: float) -> Curve:
         np.array([math.cos(h), math.sin(h)]) * speed
         for h, speed in ((start, chord[0]), (end, chord[-1]))
     )
+    from scipy.interpolate import CubicSpline
+
     spline = CubicSpline(knots, points, bc_type=((1, first), (1, last)))
     fine = np.linspace(0.0, knots[-1], 40 * len(points) + 1)
     xy = spline(fine)

@@ -5,13 +5,16 @@ from __future__ import annotations
 import csv
 from functools import cache
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from urbantwin.traffic.assets.person import Figure, Posture, figure_solids
 from urbantwin.traffic.assets.solid import Solid
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 __all__ = [
     "GAIT_PHASES",
@@ -37,6 +40,8 @@ PUSHING = np.radians(28.0), np.radians(50.0)
 
 @cache
 def _curves() -> CubicSpline:
+    from scipy.interpolate import CubicSpline
+
     lines = files(__package__).joinpath("gait.csv").read_text().splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     part = [float(row["percent"]) / 100 for row in rows]

@@ -16,7 +16,6 @@ import numpy as np
 import pythoncdt
 import shapely
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from urbantwin.traffic.assets.solid import Solid
 
@@ -120,6 +119,8 @@ class Section:
 
     def at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the half-width (N,) at (N, 2) places x, z of the profile, before rounding."""
+        from scipy.interpolate import PchipInterpolator
+
         width = np.full(len(points), self.half_width)
         for axis, knots in ((1, self.by_height), (0, self.by_length)):
             where, factor = np.array(knots).T
