@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -99,8 +100,9 @@ def test_workers_begin_once_and_each_node_gets_what_they_share_once(cluster, wor
 
 
 def test_errors_come_back_as_themselves_and_a_task_that_kills_its_worker_ends(
-    cluster, work, tmp_path
+    cluster, work, tmp_path, monkeypatch
 ):
+    monkeypatch.setattr("urbantwin.cluster.workers.MOST_RETRIES", 1)
     with cluster.worker_pool(work.begin, None, tmp_path) as pool:
         with pytest.raises(InputError, match=r"^a.yaml: b: is wrong; expected c$"):
             pool.submit(work.fail, "input").result(300)
@@ -129,6 +131,9 @@ def test_a_node_is_killed_and_the_bytes_are_those_of_one_worker(
         told.append(doing)
         if doing.startswith("frame 2 "):
             started.remove_node(victim, allow_graceful=False)
+            deadline = time.monotonic() + 60
+            while len(cluster.nodes) == 3 and time.monotonic() < deadline:
+                time.sleep(0.2)
 
     record(twin, motion, rig, out, workers=cluster, seed=5, progress=progress)
     assert (out / "SHA256SUMS").read_bytes() == (dataset / "SHA256SUMS").read_bytes()

@@ -204,7 +204,7 @@ def _join(address: str, workers: int | None) -> None:
         told = {}
         if not {_MODE, _TOKEN}.intersection(os.environ):
             # Of its own, which goes with it: Ray would leave one in the person's home.
-            told = {_MODE: "token", _TOKEN: secrets.token_hex(32)}
+            told = {_TOKEN: secrets.token_hex(32)}
     try:
         with _environment(told), _silent():
             ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, **options)
@@ -224,7 +224,7 @@ def _join(address: str, workers: int | None) -> None:
 @contextmanager
 def _environment(told: dict[str, str]) -> Iterator[None]:
     """Tell Ray something by the environment, while the block runs."""
-    before = {name: os.environ.get(name) for name in told}
+    before = {name: os.environ.get(name) for name in (*told, _MODE)}  # Ray sets the mode itself
     os.environ.update(told)
     try:
         yield
