@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 import os
 import pickle
+import secrets
 import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -29,6 +31,8 @@ _NODE_ANSWERS_S = 120.0
 #: both sides send a frame. Ray waits 80 s for something else that listens.
 _SETTINGS = b"\x04"
 _HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
+_WAITS = "RAY_gcs_server_port_wait_time_s"
+_MODE, _TOKEN = "RAY_AUTH_MODE", "RAY_AUTH_TOKEN"
 _EXPECTED = "HOST:PORT of a cluster's head, auto for the one that runs here, or local to start one"
 
 
@@ -147,7 +151,6 @@ def connected(
         # No word to its makers of who uses it; nothing of it is shown but what we say.
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-        os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
         import ray
     except ImportError:
         raise InputError(
@@ -160,7 +163,8 @@ def connected(
     with _own_signals():
         _join(address, workers)
     try:
-        yield Cluster(address, agreed, workers)
+        with _without_remarks():
+            yield Cluster(address, agreed, workers)
     finally:
         with _own_signals():
             ray.shutdown()
@@ -192,31 +196,80 @@ def _check_address(address: str) -> None:
 def _join(address: str, workers: int | None) -> None:
     import ray
 
-    options: dict[str, Any] = {"include_dashboard": False, "num_cpus": workers}
+    options: dict[str, Any] = {}
+    told = {_WAITS: "2"}  # attempts of some seconds; Ray's own would be twenty
     if address == "local":
+        options = {"include_dashboard": False}
         options["num_cpus"] = usable_processors() if workers is None else workers
-    else:
-        options = {}
-    waits = "RAY_gcs_server_port_wait_time_s"
-    before = os.environ.get(waits)
-    if address != "local":
-        os.environ[waits] = "2"  # attempts of some seconds; Ray's own would be twenty
+        told = {}
+        if not {_MODE, _TOKEN}.intersection(os.environ):
+            # Of its own, which goes with it: Ray would leave one in the person's home.
+            told = {_MODE: "token", _TOKEN: secrets.token_hex(32)}
     try:
-        ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, **options)
+        with _environment(told), _silent():
+            ray.init(address, log_to_driver=False, logging_level=logging.CRITICAL, **options)
     except ConnectionError:
         where = "on this machine" if address == "auto" else f"at {address}"
         raise InputError(
-            f"no Ray cluster answers {where}", place="--ray", expected=_EXPECTED
+            f"no Ray cluster answers {where}, or it asks for a token",
+            place="--ray",
+            expected=f"{_EXPECTED}; with RAY_AUTH_MODE and RAY_AUTH_TOKEN as on its head",
         ) from None
     except Exception as error:
         raise InputError(
             f"{address} cannot be joined ({_reason(error)})", place="--ray", expected=_EXPECTED
         ) from None
+
+
+@contextmanager
+def _environment(told: dict[str, str]) -> Iterator[None]:
+    """Tell Ray something by the environment, while the block runs."""
+    before = {name: os.environ.get(name) for name in told}
+    os.environ.update(told)
+    try:
+        yield
     finally:
-        if before is None:
-            os.environ.pop(waits, None)
-        else:
-            os.environ[waits] = before
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _without_remarks() -> Iterator[None]:
+    """Keep Ray from printing to stdout, where results go, that it does a task again."""
+    from ray._private import worker  # no setting turns it off (2.60)
+
+    name = "print_to_stdstream"
+    before = getattr(worker, name, None)
+    setattr(worker, name, lambda *_, **__: None)
+    try:
+        yield
+    finally:
+        setattr(worker, name, before)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Show nothing of what Ray's own code writes to the process's stderr, but all else."""
+    shown = sys.stderr
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        is_ours = shown.fileno() == 2
+    except (AttributeError, OSError, ValueError):
+        is_ours = False
+    with os.fdopen(kept, "w", buffering=1) as stream:
+        os.dup2(nowhere, 2)
+        if is_ours:
+            sys.stderr = stream
+        try:
+            yield
+        finally:
+            sys.stderr = shown
+            stream.flush()
+            os.dup2(kept, 2)
+            os.close(nowhere)
 
 
 def _reason(error: Exception) -> str:

@@ -102,11 +102,10 @@ class ClusterWorkers:
         with self._lock:
             if self._waiting.pop(future, None) is None:  # closed, or given up
                 return
-        error = done.exception()
-        if error is not None:
-            future.set_exception(StageError(f"{_why(error)}; {_THEN}"))
-            return
-        well, what = pickle.loads(done.result())
+        try:
+            well, what = pickle.loads(done.result())
+        except Exception as error:  # Ray's own: whoever waits for the future hears of it
+            well, what = False, StageError(f"{_why(error)}; {_THEN}")
         if well:
             future.set_result(what)
         else:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import INVENTORY, check_folder, passing_folder, replaced_folder
-from urbantwin.artefact.disk_space import says_no_room
 from urbantwin.artefact.storage import Storage
 from urbantwin.dataset.frame_files import FOLDERS
 from urbantwin.dataset.frame_place import MARKS, FolderPlace, FramePlace, StoredPlace
@@ -106,7 +105,7 @@ def opened_output(
         return
     _check_storage(out, kind, key)
     partial = out / _PARTIAL
-    with passing_folder("urbantwin-storage") as folder, says_no_room(folder, folder, goes_on=True):
+    with passing_folder("urbantwin-storage") as folder:
         yield OutputPlace(folder, out, partial / key)
         files = (one for one in folder.rglob("*") if one.is_file())
         own = [one for one in files if one.parent.name not in FOLDERS]

@@ -1,4 +1,4 @@
-"""Frames on processes of this machine, or on a cluster. Who records a frame changes nothing in it."""
+"""Frames on processes of this machine or of a cluster; which of them changes nothing in it."""
 
 from __future__ import annotations
 
@@ -134,8 +134,8 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int | Cluster)
         InputError: a worker does not see where the frames go.
         StageError: a worker was killed; on a cluster, a frame was lost with its worker many times.
     """
+    places = [part.place for part in recipe.parts.values()]
     if isinstance(workers, Cluster):
-        places = [part.place for part in recipe.parts.values()]
         workers.on_every_node(_check_places, places)  # before any work, and of all nodes
         with workers.worker_pool(_start, recipe) as crew:
             yield from _recorded(crew, tasks, crew.room)
@@ -146,6 +146,7 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int | Cluster)
         return
     try:
         with worker_pool(workers, _start, recipe) as pool:
+            pool.submit(_check_places, places).result()
             yield from _recorded(pool, tasks, workers * _QUEUED)
     except BrokenProcessPool:
         raise StageError(
@@ -173,7 +174,6 @@ _recorder: _Recorder | None = None
 
 def _start(recipe: Recipe) -> None:
     global _recorder  # noqa: PLW0603 - a worker's only state: what its static rays hit
-    _check_places([part.place for part in recipe.parts.values()])
     _recorder = _Recorder(recipe)
 
 

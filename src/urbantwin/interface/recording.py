@@ -206,11 +206,21 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
 
 @overload
 def recorded(
-    on: Twin, moving: Motion, spec: RigSpec, rig_file: Path, place: Path, **options: Any
+    on: Twin,
+    moving: Motion,
+    spec: RigSpec,
+    rig_file: Path,
+    place: Path,
+    **options: Any,  # noqa: ANN401
 ) -> Dataset: ...
 @overload
 def recorded(
-    on: Twin, moving: Motion, spec: RigSpec, rig_file: Path, place: Storage, **options: Any
+    on: Twin,
+    moving: Motion,
+    spec: RigSpec,
+    rig_file: Path,
+    place: Storage,
+    **options: Any,  # noqa: ANN401
 ) -> StoredDataset: ...
 def recorded(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     on: Twin,
