@@ -106,6 +106,7 @@ def test_a_changed_map_changes_everything_of_its_site(tmp_path: Path) -> None:
         ({"storage": "zst"}, "storage (line 3): is 'zst'; expected 'zstd'"),
         ({"duration_s": 2, "start_s": 2}, "start_s (line 4): is 2; expected less than duration_s"),
         ({"split": {"shares": [0, 1]}}, "split.shares (line 4): nothing is left to train on"),
+        ({"split": {"by": "scenario"}}, "split.by (line 4): divides a single site and seed"),
         ({"shards": {"format": "zip"}}, "shards.format (line 4): is 'zip'"),
         ({"seeds": {"count": 100_000}, "weather": ["clear", "fog"]}, "200000 combinations"),
     ],

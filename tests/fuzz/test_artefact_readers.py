@@ -403,7 +403,8 @@ CELLS = (
 
 CAMPAIGN = (
     b'{"kind": "campaign", "cells": 2, "axes": {"site": ["a"], "seed": [1]}, "counts": '
-    b'{"frames": 4, "points": 9, "boxes": 3, "bytes": 70}, "datasets": [{"path": "datasets/a-1", "levels": {"site": "a", "seed": 1}, '
+    b'{"frames": 4, "points": 9, "boxes": 3, "bytes": 70}, "datasets": '
+    b'[{"path": "datasets/a-1", "levels": {"site": "a", "seed": 1}, '
     b'"frames": 4, "manifest_sha256": "00"}], "failed": [{"path": "datasets/b", "why": "SUMO"}]}'
 )
 

@@ -9,7 +9,7 @@ from urbantwin.taxonomy import BOX_SEMANTICS, classes_in, kitti_labels, semantic
 from urbantwin.taxonomy.semantic import table_rows
 
 #: What names boxes and points as we do.
-OURS = {"pcd", "las", "laz", "mcap", "webdataset"}
+OURS = {"pcd", "las", "laz", "mcap", "parquet", "webdataset"}
 #: Not a format of ``--to`` but the standard's own codes within one.
 CODES = {"las1.4"}
 ROWS = table_rows("format_classes.csv")

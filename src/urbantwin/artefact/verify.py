@@ -114,8 +114,8 @@ def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
         if _is_artefact(entry):
             yield entry, ""
         else:  # a folder of artefacts in a folder of folders: the datasets of a campaign
-            below = (one for one in sorted(entry.iterdir()) if one.is_dir())
-            named = (one for one in below if not one.name.startswith("."))
+            inside_it = (one for one in sorted(entry.iterdir()) if one.is_dir())
+            named = (one for one in inside_it if not one.name.startswith("."))
             yield from ((one, "") for one in named if _is_artefact(one))
 
 

@@ -206,7 +206,11 @@ def load_campaign(path: Path) -> CampaignFile:
     )
     excluded = _excluded(document, fields.exclude, made.axes)
     made = CampaignFile(**{**vars(made), "exclude": excluded})
-    made.cells()
+    cells = made.cells()
+    if scenarios and len({(one.levels["site"], one.levels["seed"]) for one in cells}) < 2:
+        raise document.error(
+            "divides a single site and seed", ["split", "by"], "several seeds, or by: time"
+        )
     return made
 
 

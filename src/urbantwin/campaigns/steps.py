@@ -33,6 +33,10 @@ __all__ = ["KINDS", "Step", "Steps", "rig_at_rate", "steps_of"]
 KINDS = ("twin", "motion", "dataset")
 
 
+#: Letters of a dataset's name: shards hold it, and a tar file has room for as many.
+_LONGEST = 150
+
+
 @dataclass(frozen=True)
 class Step:
     """Something that is made once.
@@ -255,6 +259,11 @@ def _dataset(cell: Cell, motion: Step, rig: _RigTold, asked: CampaignFile) -> St
             file=asked.file, place="start_s", expected="less, or more duration_s",
         )  # fmt: skip
     name = "-".join(str(one) for one in levels.values())
+    if len(name) > _LONGEST:
+        raise InputError(
+            f"{name:.60}... would be a folder of {len(name)} letters",
+            file=asked.file, expected=f"shorter names of levels, {_LONGEST} letters together",
+        )  # fmt: skip
     needs = (*motion.needs, motion.place)
     return Step("dataset", name, key, needs, levels, max(1.0, round(frames)), rig.rays)
 

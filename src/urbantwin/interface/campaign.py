@@ -393,18 +393,19 @@ def _finished(course: Course, progress: ShowProgress) -> Campaign:
     index = index_of(course, list(sources.values()))
     made = Campaign(place, index)
     with shown_stage("index", progress, brief=True) as tell:
-        if index["datasets"] and steps.asked.by_scenario is not None:
+        kept = {(row["levels"]["site"], row["levels"]["seed"]) for row in index["datasets"]}
+        if len(kept) > 1 and steps.asked.by_scenario is not None:
             tell(0.0, "which scenario is of which part")
             _split_by_scenario(made, *steps.asked.by_scenario)
         with replaced_folder(place / _INDEX, kind=_KIND) as folder:
             tell(0.3, "pictures")
             picture = _picture(made, folder)
             write_index(folder, index, picture)
-    kept = _others(made)
-    if kept:
+    others = _others(made)
+    if others:
         tell_line(
-            f"campaign: {kept} datasets in {place / 'datasets'} are of no cell of this grid; they "
-            "stay, and are not in the index",
+            f"campaign: {others} datasets in {place / 'datasets'} are of no cell of this grid: "
+            "they stay, and are not in the index",
             progress,
         )
     if index["datasets"] and steps.asked.shards is not None:

@@ -106,8 +106,8 @@ def export(
 
         folder = place or Path(f"{Path(twin).resolve().stem}-{to}")
         with shown_stage("export", progress) as tell:
-            told = export_shards(several, to, folder, inputs=[Path(twin)], progress=tell)
-        note = f"{told['frames']} frames of {len(several)} datasets, in an order that was drawn"
+            shards = export_shards(several, to, folder, inputs=[Path(twin)], progress=tell)
+        note = f"{shards['frames']} frames of {len(several)} datasets, in an order that was drawn"
         return Exported(folder, to, (note,))
     from urbantwin.exports.frames.formats import DATASET_FORMATS
 

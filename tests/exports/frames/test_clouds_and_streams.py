@@ -122,6 +122,31 @@ def test_webdataset_reads_its_samples(written):
         assert sample["json"]["time_s"] == frame.time_s
 
 
+def test_pyarrow_reads_a_row_for_each_frame(written):
+    dataset, out, _ = written("two_sensors", "parquet")
+    source = FrameSource(dataset)
+    rows = {}
+    for part in ("train", "val", "test", "rest"):
+        for file in out.glob(f"{part}-*.parquet"):
+            rows |= {row["frame"]: (part, row) for row in pq.read_table(file).to_pylist()}
+    assert sorted(rows) == sorted(source.names)
+    for frame in source:
+        part, row = rows[frame.name]
+        assert row["part"] == source.part_of(frame.name) == (None if part == "rest" else part)
+        assert (np.column_stack([row[axis] for axis in "xyz"]) == frame.points).all()
+        assert (np.array(row["intensity"], np.float32) == frame.intensity).all()
+        for name in ("semantic", "instance"):
+            assert row[name] == getattr(frame, name).tolist()
+        for name in frame.rays.dtype.names:
+            assert (np.array(row[name], frame.rays.dtype[name]) == frame.rays[name]).all()
+        boxes = [[one[key] for key in ("x", "y", "z", "length")] for one in row["boxes"]]
+        assert boxes == frame.boxes.box[:, :4].tolist()
+        pose = np.reshape(row["site_SE3_frame"], (4, 4))
+        assert (pose[:3, 3] == frame.site_SE3_frame.translation).all()
+        sensors = {one["sensor"] for one in row["site_SE3_sensors"]}
+        assert sensors == set(frame.site_SE3_sensors)
+
+
 def test_ros_decodes_the_messages_of_an_mcap(written):
     decoder = pytest.importorskip("mcap_ros2.decoder")
     from mcap.reader import make_reader

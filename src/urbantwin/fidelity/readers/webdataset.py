@@ -65,7 +65,10 @@ def open_webdataset(path: Path) -> Recording:
     samples: dict[str, dict[str, _Member]] = {}
     for shard in _shards(path):
         for name, member in _members(shard):
-            stem, _, kind = name.partition(".")
+            # Of several datasets the name of each stands before it, as a folder.
+            dataset, slash, base = name.rpartition("/")
+            stem, _, kind = base.partition(".")
+            stem = f"{dataset}{slash}{stem}"
             if kind in samples.setdefault(stem, {}):
                 raise InputError(f"holds {name} again", file=shard, expected=_EXPECTED)
             samples[stem][kind] = member
