@@ -4,7 +4,7 @@ import numpy as np
 
 from urbantwin.geometry.compiled import per_ray
 from urbantwin.lidar.casting import layer_rule
-from urbantwin.lidar.casting.layer_rule import GRAZING, STEP_M
+from urbantwin.lidar.casting.layer_rule import STEP_M
 from urbantwin.lidar.compiled.sensor_pose import leaves, turned
 
 __all__ = ["NO_RAY", "find_edges", "on_plane", "plane_range", "slant"]

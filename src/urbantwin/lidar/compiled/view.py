@@ -1,7 +1,5 @@
 """The static world as a sensor sees it: loops over all of its beams."""
 
-import numpy as np
-
 from urbantwin.geometry.compiled import per_ray
 
 __all__ = ["answer_beams", "places_along", "turn_directions"]
