@@ -47,6 +47,7 @@ class _Room(NamedTuple):
         edge: (R,) whether a neighbour meets another surface.
         surfaces: of one beam.
         trace: for the rays that are cast.
+        together: whether neighbours are cast together.
     """
 
     columns: PoseRoom
@@ -55,10 +56,11 @@ class _Room(NamedTuple):
     edge: NDArray[np.bool_]
     surfaces: _Surfaces
     trace: TraceRoom
+    together: bool
 
 
 @per_block
-def _room(columns, rays, edge):
+def _room(columns, rays, edge, together):
     return _Room(
         pose_room(columns),
         Hits(np.empty(rays, np.float32), np.empty(rays, np.int32)),
@@ -71,6 +73,7 @@ def _room(columns, rays, edge):
             np.empty(MOST_SURFACES),
         ),
         trace_room(),
+        together,
     )
 
 
@@ -91,11 +94,15 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
         How many layers there are (written only while there is room).
     """
     everywhere = casting.spread == _EVERYWHERE
-    room = _room(len(firing.column_time_s), len(blocks.ray), everywhere)
+    # The street, of a sensor that rides: most beams meet what their neighbours meet. An actor's
+    # triangles are as small as its beams are apart, and rays at it do better alone. One that stands
+    # still looks once: where two triangles meet, packets may name the other one.
+    together = casting.around and len(firing.translation) > 1
+    room = _room(len(firing.column_time_s), len(blocks.ray), everywhere, together)
     used = np.int64(0)  # a literal 0 would compile `_find_layers` once more
     for block in range(len(blocks.actor)):
         set_poses(firing, targets.paths, blocks, block, room.columns)
-        _cast_axes(address, firing, targets, blocks, block, casting, room)
+        _cast_axes(address, firing, targets, blocks, block, room)
         if casting.spread == _AT_EDGES:
             planes = targets.triangles.planes[targets.first_face[blocks.actor[block]] :]
             find_edges(
@@ -107,12 +114,8 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
 
 
 @per_ray
-def _cast_axes(address, firing, targets, blocks, block, casting, room):
-    """Cast the axes of a block's beams.
-
-    Those of a whole turn together: most meet what their neighbours meet. An actor's triangles are
-    as small as its beams are apart, and rays at it do better alone.
-    """
+def _cast_axes(address, firing, targets, blocks, block, room):
+    """Cast the axes of a block's beams."""
     actor = blocks.actor[block]
     count = len(firing.column_time_s)
     ring_time, beams = firing.ring_time_s, firing.directions
@@ -133,7 +136,7 @@ def _cast_axes(address, firing, targets, blocks, block, casting, room):
         pose = poses[ray - first]
         ox, oy, oz = leaves(pose, ring_time[channel])
         dx, dy, dz = turned(pose, beams[ray, 0], beams[ray, 1], beams[ray, 2])
-        if not casting.around:
+        if not room.together:
             range_m[at], face[at] = first_of(
                 address, targets, actor, trace, np.float32(0.0), ox, oy, oz, dx, dy, dz
             )
@@ -201,14 +204,14 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
             surfaces.mask[0], surfaces.face[0] = whole, own
             surfaces.total_m[0], surfaces.rays[0] = range_m[at], 1
             met = 1
-        if edge and casting.around:
+        if edge and room.together:
             for sample in range(1, len(footprint)):
                 x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
                 dx, dy, dz = turned(pose, x, y, z)
                 wait(trace, sample - 1, ox, oy, oz, dx, dy, dz)
             cast_waiting(address, targets, actor, trace, len(footprint) - 1)
         for sample in range(0 if met else (len(footprint) if edge else 1)):
-            if sample > 0 and casting.around:
+            if sample > 0 and room.together:
                 one = waiting.ray
                 dx, dy, dz = one[sample - 1, 3], one[sample - 1, 4], one[sample - 1, 5]
             else:
@@ -219,7 +222,7 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
             for pane in range(MOST_PANES):
                 if sample == 0 and pane == 0:
                     far, hit = range_m[at], own
-                elif pane == 0 and casting.around:
+                elif pane == 0 and room.together:
                     far, hit = waiting.hits.range_m[sample - 1], waiting.hits.face[sample - 1]
                 else:
                     far, hit = first_of(
