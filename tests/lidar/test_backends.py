@@ -31,6 +31,7 @@ from scipy.spatial.transform import Rotation
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.embree import EmbreeScene, Hits
 from urbantwin.lidar.actor_path import Paths
+from urbantwin.lidar.casting.embree import EmbreeTracer
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Spread
 from urbantwin.lidar.shapes import ActorShape, PresentActors, Shapes
 
@@ -52,7 +53,12 @@ def warp(vertices, faces, origins, directions):
     return thin_rays(WarpTracer("cpu"), vertices, faces, origins, directions)
 
 
-def thin_rays(tracer, vertices, faces, origins, directions):
+def packets(vertices, faces, origins, directions):
+    """Cast eight at a time, as Embree casts whole turns at the street."""
+    return thin_rays(EmbreeTracer(), vertices, faces, origins, directions, around=True)
+
+
+def thin_rays(tracer, vertices, faces, origins, directions, *, around=False):
     """Cast rays as the beams of a turn in which each column stands somewhere else."""
     rays, face = len(directions), np.zeros(len(faces))
     mesh = LabelledMesh(np.asarray(vertices, np.float64), faces, face, face.astype(int), face)
@@ -67,7 +73,7 @@ def thin_rays(tracer, vertices, faces, origins, directions):
     world = Shapes.of([ActorShape(mesh, with_hull=False)])
     standing = PresentActors(world, np.zeros(1, np.int64), Paths.standing())
     block = Blocks(*np.array([[0], [1], [rays], [0]]), np.arange(rays, dtype=np.int32))
-    met = tracer.layers(firing, standing, block, Casting(False, Spread.NOWHERE, False))
+    met = tracer.layers(firing, standing, block, Casting(False, Spread.NOWHERE, around))
     hits = Hits(np.full(rays, np.inf, np.float32), np.full(rays, -1, np.int32))
     hits.range_m[met.ray], hits.face[met.ray] = met.range_m, met.face
     return hits
@@ -198,6 +204,7 @@ def assert_same(vertices, faces, origins, directions):
     double = meetings(corners, origins, directions, DOUBLE, 1.01e-9)
     ours = {
         "embree": embree(vertices, faces, origins, directions),
+        "packets": packets(vertices, faces, origins, directions),
         "warp": warp(vertices, faces, origins, directions),
     }
     for name, hits in ours.items():
@@ -215,7 +222,7 @@ def assert_same(vertices, faces, origins, directions):
     sure = certain(single)
     # Open3D sees a triangle that a ray runs along metres away from where it is.
     judged = sure & ~runs_along(corners, origins, directions)
-    for hits, chosen in ((ours["warp"], sure), (judge, judged)):
+    for hits, chosen in ((ours["packets"], sure), (ours["warp"], sure), (judge, judged)):
         one, other = ours["embree"].range_m[chosen], hits.range_m[chosen]
         np.testing.assert_array_equal(np.isinf(one), np.isinf(other))
         hit = np.isfinite(one)
@@ -345,7 +352,7 @@ def test_random_worlds(seed, world, size, kind, anchor):
         assert sure.mean() > 0.95
 
 
-@pytest.mark.parametrize("backend", [embree, warp])
+@pytest.mark.parametrize("backend", [embree, packets, warp])
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([0.5, 8.0, 120.0]))
 def test_no_ray_leaves_a_closed_surface(backend, seed, size):
@@ -364,7 +371,7 @@ def test_no_ray_leaves_a_closed_surface(backend, seed, size):
         planes = -(normal @ origin + offset) / (directions.astype(float) @ normal.T)
     expected = np.where(planes > 0, planes, np.inf).min(axis=1)
     hits = backend(hull.points, hull.simplices.astype(np.int32), origin, directions)
-    if backend is embree:
+    if backend is not warp:
         # Exactly at a corner, a ray may slip through in Embree, as it does in Open3D.
         away = hull.points[hull.vertices] - origin
         aside = np.linalg.norm(np.cross(away[None], directions[:, None]), axis=2)

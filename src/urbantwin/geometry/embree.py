@@ -2,8 +2,8 @@
 
 The library is the one that the ``embreex`` wheel carries. ``embreex`` itself takes arrays of rays
 only; a frame's rays at its actors depend on each other (what a beam's edge meets, what stands
-behind glass), and are cast, one or eight at a time, from code that numba compiles. numba is loaded, and compiles,
-when the first ray is cast.
+behind glass), and are cast, one or eight at a time, from code that numba compiles. numba is loaded,
+and compiles, when the first ray is cast.
 
 Numbers of the C interface are those of ``embree4/rtcore_{scene,geometry,buffer,common}.h``.
 """

@@ -96,13 +96,13 @@ class Scanner:
                 self._shared = self._shared or World(static, np.zeros(3), surface, self._tracer)
                 self._eyes.append(_Eye(number, one, model, self._shared, beams))
                 continue
-            world = World(static, one.site_SE3_sensor.translation, surface, self._tracer)
-            kept = None
+            sees: World | StaticView
+            sees = World(static, one.site_SE3_sensor.translation, surface, self._tracer)
             if beams is not None:
                 sweep = Sweep.snapshot(one.columns, one.sensor.channels)
                 frame = rig.dataset_SE3_site
-                kept = StaticView.of(one, beams, model, world, path, sweep, frame)
-            self._eyes.append(_Eye(number, one, model, world, beams, kept))
+                sees = StaticView.of(one, beams, model, sees, path, sweep, frame)
+            self._eyes.append(_Eye(number, one, model, sees, beams))
 
     def scan(self, index: int, actors: Sequence[PosedActor]) -> LabelledFrame:
         """Return the frame of that number.
@@ -191,17 +191,16 @@ class _Eye:
         number: of the sensor.
         mounted: the sensor.
         model: what it makes of echoes.
-        world: the static world.
+        sees: what it sees of the static world in every turn; where it moves, or its beams do, all
+            of that world: a hundred megabytes, of which one that stands still needs no more.
         beams: of every turn; ``None``: they are others in each.
-        view: the static world as it sees it in every turn; ``None``: it moves, or its beams do.
     """
 
     number: int
     mounted: MountedSensor
     model: ReturnModel
-    world: World
+    sees: World | StaticView
     beams: Beams | None
-    view: StaticView | None = None
 
     def turns(
         self, index: int, seed: int, path: SensorPath, dataset_SE3_site: Pose
@@ -211,12 +210,10 @@ class _Eye:
         dead = dead_beams(one, index / one.rate_hz)
         dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
         for sweep in sweeps_of(one, index, seed):
-            view = self.view
-            if view is None:
+            view = self.sees
+            if isinstance(view, World):
                 beams = self.beams or Beams.of(one, sweep.turn)
-                view = StaticView.of(
-                    one, beams, self.model, self.world, path, sweep, dataset_SE3_site
-                )
+                view = StaticView.of(one, beams, self.model, view, path, sweep, dataset_SE3_site)
             elif one.pose_error is not None:
                 begin_s = float(sweep.column_time_s.min())
                 view = view.believed_from(path, begin_s, dataset_SE3_site)

@@ -27,8 +27,8 @@ class StaticLayers(NamedTuple):
     Attributes:
         start: (N + 1,) int64, where the layers of each beam begin.
         range_m: (L,) float32.
-        backscatter: (L,) float32, see ``returns.scatter``.
-        through: (L,) float32, share of the light that passes, to and fro.
+        backscatter: (L,) float64, see ``returns.scatter``.
+        through: (L,) float64, share of the light that passes, to and fro.
         mask: (L,) uint8, which of the beam's rays meet it.
         semantic: (L,) uint16.
         cosine: (L,) float32, of the angles of incidence; (0,): all are faced squarely.
@@ -36,8 +36,8 @@ class StaticLayers(NamedTuple):
 
     start: NDArray[np.int64]
     range_m: NDArray[np.float32]
-    backscatter: NDArray[np.float32]
-    through: NDArray[np.float32]
+    backscatter: NDArray[np.floating]
+    through: NDArray[np.floating]
     mask: NDArray[np.uint8]
     semantic: NDArray[np.uint16]
     cosine: NDArray[np.float32] = np.zeros(0, np.float32)

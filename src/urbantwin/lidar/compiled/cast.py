@@ -10,27 +10,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry.compiled import packet, per_block, per_ray
-from urbantwin.geometry.compiled.intersect import intersect, new_ray
-from urbantwin.geometry.compiled.planes import first_met
+from urbantwin.geometry.compiled import per_block, per_ray
+from urbantwin.geometry.compiled.packet import LANES
 from urbantwin.geometry.embree import Hits
 from urbantwin.lidar.casting import layer_rule
-from urbantwin.lidar.casting.layer_rule import (
-    BEHIND_M,
-    GRAZING,
-    MOST_PANES,
-    MOST_SURFACES,
-    ON_AXIS,
-)
+from urbantwin.lidar.casting.layer_rule import BEHIND_M, MOST_PANES, MOST_SURFACES, ON_AXIS
 from urbantwin.lidar.compiled.edges import NO_RAY, find_edges, on_plane, slant
 from urbantwin.lidar.compiled.sensor_pose import PoseRoom, leaves, pose_room, set_poses, turned
+from urbantwin.lidar.compiled.trace import TraceRoom, cast_waiting, first_of, trace_room, wait
 
 __all__ = ["cast_blocks"]
 
 _is_same_surface = per_ray(layer_rule.is_same_surface)
 _layer_range = per_ray(layer_rule.layer_range)
-_LANES = packet.LANES
-_aim, _cast, _met_by, _new_packet = packet.aim, packet.cast, packet.met_by, packet.new_packet
 
 #: Ways to spread beams over their footprint, see `tracer.Casting`.
 _AT_EDGES, _EVERYWHERE = 1, 2
@@ -45,20 +37,6 @@ class _Surfaces(NamedTuple):
     rays: NDArray[np.float64]
 
 
-class _Waiting(NamedTuple):
-    """Rays that are cast together, by lane of the packet.
-
-    Attributes:
-        at: (8,) int64, whose ray it is, among the rays of all blocks.
-        ray: (8, 6) float64, origin and unit vector.
-        hits: (8,) what they met.
-    """
-
-    at: NDArray[np.int64]
-    ray: NDArray[np.float64]
-    hits: Hits
-
-
 class _Room(NamedTuple):
     """What the passes over a block's R rays, in K columns, hand on to each other.
 
@@ -68,9 +46,8 @@ class _Room(NamedTuple):
         depth: (R,) float32, room for `edges.find_edges`.
         edge: (R,) whether a neighbour meets another surface.
         surfaces: of one beam.
-        ray: one ray for Embree, see `intersect.new_ray`.
-        packet: eight, see `packet.new_packet`.
-        waiting: those eight.
+        trace: for the rays that are cast.
+        together: whether neighbours are cast together.
     """
 
     columns: PoseRoom
@@ -78,33 +55,25 @@ class _Room(NamedTuple):
     depth: NDArray[np.float32]
     edge: NDArray[np.bool_]
     surfaces: _Surfaces
-    ray: tuple[NDArray[np.float32], NDArray[np.uint32], np.uint64]
-    packet: tuple[
-        NDArray[np.float32], NDArray[np.uint32], NDArray[np.int32], np.uint64, np.uint64, np.uint64
-    ]
-    waiting: _Waiting
+    trace: TraceRoom
+    together: bool
 
 
 @per_block
-def _room(columns, rays):
+def _room(columns, rays, edge, together):
     return _Room(
         pose_room(columns),
         Hits(np.empty(rays, np.float32), np.empty(rays, np.int32)),
         np.empty(rays, np.float32),
-        np.empty(rays, np.bool_),
+        np.full(rays, edge, np.bool_),
         _Surfaces(
             np.empty(MOST_SURFACES, np.int64),
             np.empty(MOST_SURFACES, np.int64),
             np.empty(MOST_SURFACES),
             np.empty(MOST_SURFACES),
         ),
-        new_ray(),
-        _new_packet(),
-        _Waiting(
-            np.empty(_LANES, np.int64),
-            np.empty((_LANES, 6)),
-            Hits(np.empty(_LANES, np.float32), np.empty(_LANES, np.int32)),
-        ),
+        trace_room(),
+        together,
     )
 
 
@@ -124,12 +93,16 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
     Returns:
         How many layers there are (written only while there is room).
     """
-    room = _room(len(firing.column_time_s), len(blocks.ray))
-    room.edge[:] = casting.spread == _EVERYWHERE
+    everywhere = casting.spread == _EVERYWHERE
+    # The street, of a sensor that rides: most beams meet what their neighbours meet. An actor's
+    # triangles are as small as its beams are apart, and rays at it do better alone. One that stands
+    # still looks once: where two triangles meet, packets may name the other one.
+    together = casting.around and len(firing.translation) > 1
+    room = _room(len(firing.column_time_s), len(blocks.ray), everywhere, together)
     used = np.int64(0)  # a literal 0 would compile `_find_layers` once more
     for block in range(len(blocks.actor)):
         set_poses(firing, targets.paths, blocks, block, room.columns)
-        _cast_axes(address, firing, targets, blocks, block, casting, room)
+        _cast_axes(address, firing, targets, blocks, block, room)
         if casting.spread == _AT_EDGES:
             planes = targets.triangles.planes[targets.first_face[blocks.actor[block]] :]
             find_edges(
@@ -141,17 +114,13 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
 
 
 @per_ray
-def _cast_axes(address, firing, targets, blocks, block, casting, room):
-    """Cast the axes of a block's beams.
-
-    Those of a whole turn together: most meet what their neighbours meet. An actor's triangles are
-    as small as its beams are apart, and rays at it do better alone.
-    """
+def _cast_axes(address, firing, targets, blocks, block, room):
+    """Cast the axes of a block's beams."""
     actor = blocks.actor[block]
     count = len(firing.column_time_s)
     ring_time, beams = firing.ring_time_s, firing.directions
     rays, range_m, face = blocks.ray, room.hits.range_m, room.hits.face
-    poses, waiting = room.columns.poses, room.waiting
+    poses, trace = room.columns.poses, room.trace
     start = blocks.start[block]
     until = start + blocks.rows[block] * blocks.wide[block]
     channel, first, lanes = np.int64(0), np.int64(0), 0
@@ -167,73 +136,29 @@ def _cast_axes(address, firing, targets, blocks, block, casting, room):
         pose = poses[ray - first]
         ox, oy, oz = leaves(pose, ring_time[channel])
         dx, dy, dz = turned(pose, beams[ray, 0], beams[ray, 1], beams[ray, 2])
-        if not casting.around:
-            range_m[at], face[at] = _first_met(
-                address[0], targets, actor, room.ray, np.float32(0.0), ox, oy, oz, dx, dy, dz
+        if not room.together:
+            range_m[at], face[at] = first_of(
+                address, targets, actor, trace, np.float32(0.0), ox, oy, oz, dx, dy, dz
             )
             continue
-        _wait(room, lanes, ox, oy, oz, dx, dy, dz)
-        waiting.at[lanes] = at
+        wait(trace, lanes, ox, oy, oz, dx, dy, dz)
+        trace.waiting.at[lanes] = at
         lanes += 1
-        if lanes == _LANES:
-            _cast_waiting(address, targets, actor, room, lanes)
+        if lanes == LANES:
+            cast_waiting(address, targets, actor, trace, lanes)
             _axes_met(room, lanes)
             lanes = 0
     if lanes:
-        _cast_waiting(address, targets, actor, room, lanes)
+        cast_waiting(address, targets, actor, trace, lanes)
         _axes_met(room, lanes)
-
-
-@per_ray
-def _wait(room, lane, ox, oy, oz, dx, dy, dz):
-    """Put a ray into a lane of the packet."""
-    _aim(room.packet, lane, ox, oy, oz, dx, dy, dz)
-    ray = room.waiting.ray
-    ray[lane, 0], ray[lane, 1], ray[lane, 2] = ox, oy, oz
-    ray[lane, 3], ray[lane, 4], ray[lane, 5] = dx, dy, dz
 
 
 @per_ray
 def _axes_met(room, count):
     """Write what the rays in the first lanes met: they are axes."""
-    at, met = room.waiting.at, room.waiting.hits
+    at, met = room.trace.waiting.at, room.trace.waiting.hits
     for lane in range(count):
         room.hits.range_m[at[lane]], room.hits.face[at[lane]] = met.range_m[lane], met.face[lane]
-
-
-@per_ray
-def _cast_waiting(address, targets, actor, room, count):
-    """Cast the rays of the first lanes at an actor."""
-    ray, met = room.waiting.ray, room.waiting.hits
-    _cast(address[1], targets.scene[actor], room.packet, count)
-    for lane in range(count):
-        found, hit = _met_by(room.packet, lane)
-        met.range_m[lane], met.face[lane] = _confirmed(
-            address[0], targets, actor, room.ray, np.float32(0.0), found, hit,
-            ray[lane, 0], ray[lane, 1], ray[lane, 2], ray[lane, 3], ray[lane, 4], ray[lane, 5],
-        )  # fmt: skip
-
-
-@per_ray
-def _first_met(address, targets, actor, room, near, ox, oy, oz, dx, dy, dz):
-    """Return range and face of what a ray meets first of an actor beyond ``near``."""
-    scene = targets.scene[actor]
-    found, hit = intersect(address, scene, room, near, ox, oy, oz, dx, dy, dz)
-    return _confirmed(address, targets, actor, room, near, found, hit, ox, oy, oz, dx, dy, dz)
-
-
-@per_ray
-def _confirmed(address, targets, actor, room, near, found, hit, ox, oy, oz, dx, dy, dz):
-    """Return range and face of a hit, or of what comes in its place."""
-    planes, vertices, corners = targets.triangles
-    base = targets.first_face[actor]
-    if hit < 0 or abs(slant(planes[base + hit], dx, dy, dz)) >= GRAZING:
-        return found, hit
-    # Along a triangle single precision knows but rounding: see ``planes``.
-    return first_met(
-        address, targets.scene[actor], room, vertices, corners[base:], near,
-        ox, oy, oz, dx, dy, dz,
-    )  # fmt: skip
 
 
 @per_ray
@@ -250,7 +175,7 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
     beams, footprint = firing.directions, firing.footprint
     range_m, face, rays = room.hits.range_m, room.hits.face, blocks.ray
     poses, edges, surfaces = room.columns.poses, room.edge, room.surfaces
-    waiting = room.waiting
+    trace, waiting = room.trace, room.trace.waiting
     whole = (1 << len(footprint)) - 1
     start = blocks.start[block]
     channel, first = np.int64(0), np.int64(0)
@@ -279,14 +204,14 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
             surfaces.mask[0], surfaces.face[0] = whole, own
             surfaces.total_m[0], surfaces.rays[0] = range_m[at], 1
             met = 1
-        if edge and casting.around:
+        if edge and room.together:
             for sample in range(1, len(footprint)):
                 x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
                 dx, dy, dz = turned(pose, x, y, z)
-                _wait(room, sample - 1, ox, oy, oz, dx, dy, dz)
-            _cast_waiting(address, targets, actor, room, len(footprint) - 1)
+                wait(trace, sample - 1, ox, oy, oz, dx, dy, dz)
+            cast_waiting(address, targets, actor, trace, len(footprint) - 1)
         for sample in range(0 if met else (len(footprint) if edge else 1)):
-            if sample > 0 and casting.around:
+            if sample > 0 and room.together:
                 one = waiting.ray
                 dx, dy, dz = one[sample - 1, 3], one[sample - 1, 4], one[sample - 1, 5]
             else:
@@ -297,11 +222,11 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
             for pane in range(MOST_PANES):
                 if sample == 0 and pane == 0:
                     far, hit = range_m[at], own
-                elif pane == 0 and casting.around:
+                elif pane == 0 and room.together:
                     far, hit = waiting.hits.range_m[sample - 1], waiting.hits.face[sample - 1]
                 else:
-                    far, hit = _first_met(
-                        address[0], targets, actor, room.ray, near, ox, oy, oz, dx, dy, dz
+                    far, hit = first_of(
+                        address, targets, actor, trace, near, ox, oy, oz, dx, dy, dz
                     )
                 if hit < 0:
                     break

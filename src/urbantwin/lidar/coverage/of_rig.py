@@ -246,7 +246,7 @@ class _Looking:
 
     def _returned(
         self, aims: NDArray[np.float64], face: NDArray[np.int32], range_m: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
         """Return where rays (N, 3) meet faces (N,), (N, 3), what these send back, its peak (N,)."""
         place = self._origin + aims * range_m[:, None]
         material = self._solid.material[face]

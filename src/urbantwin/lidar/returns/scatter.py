@@ -143,19 +143,25 @@ class Scatter:
             return 0.0
         return float(np.sqrt(self.texture**2 + sum(sigma**2 for _, sigma in PATCHES)))
 
-    def backscatter(self, material: NDArray[np.uint8], cosine: NDArray[np.floating]) -> Floats:
+    def backscatter(
+        self, material: NDArray[np.uint8], cosine: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
         """Return the backscatter (N,) of materials (N,) met at some cosine of incidence (N,).
 
         Above 1 where a retroreflector returns more than white paper.
         """
         return self._read(self.curve, material, cosine)
 
-    def transmission(self, material: NDArray[np.uint8], cosine: NDArray[np.floating]) -> Floats:
+    def transmission(
+        self, material: NDArray[np.uint8], cosine: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
         """Return the share (N,) of a beam that passes to and fro through materials (N,)."""
         return self._read(self.passes, material, cosine)
 
     @staticmethod
-    def _read(table: Floats, material: NDArray[np.uint8], cosine: NDArray[np.floating]) -> Floats:
+    def _read(
+        table: Floats, material: NDArray[np.uint8], cosine: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
         """Return values of a table along straight lines between its cosines."""
         values = np.empty(len(cosine))
         kinds = np.asarray(np.broadcast_to(material, cosine.shape), np.uint8, order="C")

@@ -1,0 +1,114 @@
+"""Rays at actors: one by one, or eight neighbours together."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry.compiled import packet, per_block, per_ray
+from urbantwin.geometry.compiled.intersect import intersect, new_ray
+from urbantwin.geometry.compiled.planes import first_met
+from urbantwin.geometry.embree import Hits
+from urbantwin.lidar.casting.layer_rule import GRAZING
+from urbantwin.lidar.compiled.edges import slant
+
+__all__ = ["TraceRoom", "cast_waiting", "first_of", "trace_room", "wait"]
+
+_LANES = packet.LANES
+_aim, _cast, _met_by, _new_packet = packet.aim, packet.cast, packet.met_by, packet.new_packet
+
+
+class _Waiting(NamedTuple):
+    """Rays that are cast together, by lane of the packet.
+
+    Attributes:
+        at: (8,) int64, whose ray it is, among the rays of all blocks.
+        ray: (8, 6) float64, origin and unit vector.
+        hits: (8,) what they met.
+    """
+
+    at: NDArray[np.int64]
+    ray: NDArray[np.float64]
+    hits: Hits
+
+
+class TraceRoom(NamedTuple):
+    """Rays as Embree takes them.
+
+    Attributes:
+        ray: one, see `intersect.new_ray`.
+        packet: eight, see `packet.new_packet`.
+        waiting: those eight.
+    """
+
+    ray: tuple[NDArray[np.float32], NDArray[np.uint32], np.uint64]
+    packet: tuple[
+        NDArray[np.float32], NDArray[np.uint32], NDArray[np.int32], np.uint64, np.uint64, np.uint64
+    ]
+    waiting: _Waiting
+
+
+@per_block
+def trace_room():
+    """Return room for rays."""
+    return TraceRoom(
+        new_ray(),
+        _new_packet(),
+        _Waiting(
+            np.empty(_LANES, np.int64),
+            np.empty((_LANES, 6)),
+            Hits(np.empty(_LANES, np.float32), np.empty(_LANES, np.int32)),
+        ),
+    )
+
+
+@per_ray
+def wait(room, lane, ox, oy, oz, dx, dy, dz):
+    """Put a ray into a lane of the packet."""
+    _aim(room.packet, lane, ox, oy, oz, dx, dy, dz)
+    ray = room.waiting.ray
+    ray[lane, 0], ray[lane, 1], ray[lane, 2] = ox, oy, oz
+    ray[lane, 3], ray[lane, 4], ray[lane, 5] = dx, dy, dz
+
+
+@per_ray
+def cast_waiting(address, targets, actor, room, count):
+    """Cast the rays of the first lanes at an actor.
+
+    Args:
+        address: of ``rtcIntersect1`` and of ``rtcIntersect8``.
+        targets: `embree.Targets`.
+        actor: its number.
+        room: `TraceRoom`; its ``waiting.hits`` are written.
+        count: how many lanes.
+    """
+    ray, met = room.waiting.ray, room.waiting.hits
+    _cast(address[1], targets.scene[actor], room.packet, count)
+    for lane in range(count):
+        found, hit = _met_by(room.packet, lane)
+        met.range_m[lane], met.face[lane] = _confirmed(
+            address, targets, actor, room, np.float32(0.0), found, hit,
+            ray[lane, 0], ray[lane, 1], ray[lane, 2], ray[lane, 3], ray[lane, 4], ray[lane, 5],
+        )  # fmt: skip
+
+
+@per_ray
+def first_of(address, targets, actor, room, near, ox, oy, oz, dx, dy, dz):
+    """Return range and face of what a ray meets first of an actor beyond ``near``."""
+    scene = targets.scene[actor]
+    found, hit = intersect(address[0], scene, room.ray, near, ox, oy, oz, dx, dy, dz)
+    return _confirmed(address, targets, actor, room, near, found, hit, ox, oy, oz, dx, dy, dz)
+
+
+@per_ray
+def _confirmed(address, targets, actor, room, near, found, hit, ox, oy, oz, dx, dy, dz):
+    """Return range and face of a hit, or of what comes in its place."""
+    planes, vertices, corners = targets.triangles
+    base = targets.first_face[actor]
+    if hit < 0 or abs(slant(planes[base + hit], dx, dy, dz)) >= GRAZING:
+        return found, hit
+    # Along a triangle single precision knows but rounding: see ``planes``.
+    return first_met(
+        address[0], targets.scene[actor], room.ray, vertices, corners[base:], near,
+        ox, oy, oz, dx, dy, dz,
+    )  # fmt: skip
