@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import ks_2samp
 
 from urbantwin.traffic.calibration.measured import Measured
 
@@ -84,7 +83,14 @@ def _error(counts: Mapping[Any, int]) -> float | None:
 def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float | None:
     if len(first) < _FEWEST or len(second) < _FEWEST:
         return None
-    return round(float(ks_2samp(first, second, method="asymp").statistic), 3)
+    return round(_furthest(first, second), 3)
+
+
+def _furthest(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
+    """Return the Kolmogorov-Smirnov distance: SciPy's test takes long to find its chance too."""
+    every = np.concatenate([first, second])
+    shares = [np.searchsorted(np.sort(x), every, side="right") / len(x) for x in (first, second)]
+    return float(np.abs(shares[0] - shares[1]).max())
 
 
 def _halves(
@@ -96,7 +102,7 @@ def _halves(
     for _ in range(_HALVINGS):
         order = random.permutation(len(parts))
         one, two = (np.concatenate([parts[k] for k in half]) for half in np.array_split(order, 2))
-        found.append(float(ks_2samp(one, two, method="asymp").statistic))
+        found.append(_furthest(one, two))
     return {
         "median": round(float(np.median(found)), 3),
         "p95": round(float(np.quantile(found, 0.95)), 3),
