@@ -65,7 +65,7 @@ def box_columns(boxes: Sequence[BoxLabel]) -> dict[str, list[Any]]:
 
 
 def packed_columns(columns: Mapping[str, Sequence[Any]]) -> dict[str, NDArray[Any]]:
-    """Return columns as arrays, a tenth of the memory: numbers that are unknown are ``nan``."""
+    """Return columns as arrays, a fifth of the memory: numbers that are unknown are ``nan``."""
     packed: dict[str, NDArray[Any]] = {}
     for name, values in columns.items():
         if name in _TEXT:

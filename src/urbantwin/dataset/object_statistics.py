@@ -33,7 +33,10 @@ def object_statistics(
         dataset_SE3_site: (4, 4) rows, of a rig that stands; entries of one that rides have theirs.
     """
     count = 0
-    points, distances, occlusions, hidden = ([np.zeros(0)] for _ in range(4))
+    points: list[NDArray[Any]] = [np.zeros(0)]
+    distances: list[NDArray[Any]] = [np.zeros(0)]
+    occlusions: list[NDArray[Any]] = [np.zeros(0)]
+    hidden: list[NDArray[Any]] = [np.zeros(0)]
     for entry in entries:
         frame = np.array(entry.get("dataset_SE3_site", dataset_SE3_site), np.float64)
         eyes = np.array(
