@@ -17,7 +17,7 @@ ONLY_FILES = {"cmaes", "cmeel-assimp", "eclipse-sumo", "embreex", "tzdata"}
 #: The package itself, and pydantic's other half, of which pydantic names the one version it needs.
 NOT_DECLARED = {"urbantwin", "pydantic_core"}
 #: Extras of what only some users need: modules that import them are imported where they are.
-EXTRAS = ("carla", "warp", "learn", "rerun")
+EXTRAS = ("carla", "warp", "learn", "ray", "rerun")
 
 
 def plain(name: str) -> str:

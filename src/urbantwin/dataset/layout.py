@@ -18,7 +18,7 @@ from urbantwin.dataset.frame_las import laz_bytes
 from urbantwin.dataset.frame_place import FolderPlace, FramePlace
 from urbantwin.lidar import LabelledFrame
 
-__all__ = ["FOLDERS", "folders_of", "frame_name", "read_json_or_none", "write_frame"]
+__all__ = ["FOLDERS", "folders_of", "frame_name", "write_frame"]
 
 _RAY_FIELDS = {name: {"time": "time_s"}.get(name, name) for name in RAY_TYPE.names or ()}
 
