@@ -2,13 +2,19 @@
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 
-from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
+from urbantwin.traffic.calibration.agreement import (
+    agreement,
+    chance_between,
+    own_spread,
+    spread_of,
+)
 from urbantwin.traffic.calibration.drivers import fitted_drivers
 from urbantwin.traffic.calibration.gap_acceptance import Decision, conflicts_of, decisions_of
 from urbantwin.traffic.calibration.measured import Measured, measured
@@ -223,6 +229,25 @@ def test_a_measurement_agrees_with_itself_and_not_with_another(
     alike = spread_of([whole] * 8, whole)
     assert alike is not None
     assert alike["speed_ks"] == {"median": 0.0, "p95": 0.0}
+
+
+def test_chance_between_two_parts_is_that_of_draws_from_one_street() -> None:
+    """One pair of parts tells what many pairs of one truth differ by (closed: multinomial)."""
+    random = np.random.default_rng(5)
+    nothing = Measured(1.0, *({} for _ in range(3)), (), {}, *([] for _ in range(11)))
+
+    def part(count: int) -> Measured:
+        new = dict(zip("abcd", random.multinomial(count, [0.7, 0.15, 0.1, 0.05]), strict=True))
+        speeds = tuple(random.normal(9, 2, 20) + random.normal(0, 1) for _ in range(count // 4))
+        lanes = {"x": random.exponential(5, count).tolist()}
+        return replace(nothing, new=new, turns=new, speeds=speeds, headways=lanes)
+
+    told = chance_between(part(600), part(400))
+    pairs = [agreement(part(600), part(400)) for _ in range(200)]
+    for name, one in told.items():
+        seen = np.quantile([pair[name] for pair in pairs], [0.5, 0.95])
+        assert (one["median"], one["p95"]) == pytest.approx(tuple(seen), rel=0.25), name
+    assert chance_between(nothing, nothing) == dict.fromkeys(told)
 
 
 def test_at_signals_gaps_count_between_ways_that_are_green_together(

@@ -118,6 +118,7 @@ class Calibration:
                 for name in (
                     "fitted",
                     "held_out",
+                    "by_chance_held_out",
                     "held_out_in_the_same_part_of_the_cycle",
                     "recording_with_itself_held_out",
                     "simulation_with_itself_held_out",

@@ -246,26 +246,31 @@ class _Streets:
         blocks: PlanBoxes | None = None,
     ) -> Simulated:
         """Let SUMO drive a demand; people cross between crossings where blocks are given."""
-        seen = simulate(
-            self.net,
-            demand,
-            self.own.asset,
-            warmup_s=float(self.asked["warmup_s"]),
-            steps=self.steps,
-            step_s=self.step_s,
-            seed=self.asked["seed"],
-            staged=staged,
-            roads=self.twin.roads,
-            scratch=self.scratch,
-            progress=progress,
-        )
+        rows = [
+            simulate(
+                self.net,
+                demand,
+                self.own.asset,
+                warmup_s=float(self.asked["warmup_s"]),
+                steps=self.steps,
+                step_s=self.step_s,
+                seed=self.asked["seed"],
+                staged=staged,
+                roads=self.twin.roads,
+                scratch=self.scratch,
+                progress=progress,
+            )
+        ]
         share = float(self.asked.get("jaywalking", 0.0))
         if share > 0 and blocks is not None:
             seen = with_jaywalkers(
-                seen, demand, self.twin.roads, blocks, share=share, seed=self.asked["seed"],
+                rows.pop(), demand, self.twin.roads, blocks, share=share, seed=self.asked["seed"],
                 step_s=self.step_s, asset=self.own.asset,
             )  # fmt: skip
-        return with_parties(seen, demand, self.twin.roads, self.step_s)
+            rows.append(seen)
+            del seen
+        # Out of the list nobody has them but who makes more of them, and lets go of them in time.
+        return with_parties(rows.pop(), demand, self.twin.roads, self.step_s)
 
     def _on_the_map(self, simulated: Simulated) -> Simulated:
         """Return what was simulated, without roads that are longer than the map's."""
@@ -287,13 +292,13 @@ class _Streets:
         """Make the table of what SUMO did."""
         hand_back_freed_memory()
         told = arrivals(simulated, demand)
-        simulated = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
-        rows = [
+        rows = [on_footways(self._on_the_map(simulated), demand, self.twin.roads)]
+        del simulated
+        rows += [
             with_passengers_at_stops(
-                simulated, demand, place.blocks.low, step_s=self.step_s, asset=self.own.asset
+                rows.pop(), demand, place.blocks.low, step_s=self.step_s, asset=self.own.asset
             )
         ]
-        del simulated  # whoever makes the table of actors lets go of them in time
         made = actor_table(
             rows.pop(),
             demand,

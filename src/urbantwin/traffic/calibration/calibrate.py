@@ -16,7 +16,12 @@ from urbantwin.errors import InputError
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
+from urbantwin.traffic.calibration.agreement import (
+    agreement,
+    chance_between,
+    own_spread,
+    spread_of,
+)
 from urbantwin.traffic.calibration.arrivals import arrivals_of, platoons_of
 from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers, of_classes
 from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
@@ -323,6 +328,7 @@ def _judged(
         spans = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
         found["simulation_with_itself_held_out"] = spread_of(spans, simulated)
         found["fitted_with_held_out"] = agreement(other, part)
+        found["by_chance_held_out"] = chance_between(part, other)
     return found
 
 

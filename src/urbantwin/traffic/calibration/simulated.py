@@ -21,14 +21,16 @@ from urbantwin.twin import Twin
 __all__ = ["seen_area", "simulated_tracks"]
 
 _STEP_S = 0.2
-#: Beside the recorded paths so much is seen, metres.
-_BESIDE_M = 3.0
+#: Beside the recorded paths so much is seen, metres; paths are taken so coarsely.
+_BESIDE_M, _COARSE_M = 3.0, 0.5
 
 
 def seen_area(tracks: list[SeenTrack]) -> shapely.Geometry:
     """Return where tracks were seen."""
     lines = [shapely.LineString(one.xy) for one in tracks if len(one.xy) > 1]
-    return shapely.union_all([line.simplify(0.2).buffer(_BESIDE_M) for line in lines])
+    return shapely.union_all(
+        [line.simplify(_COARSE_M, preserve_topology=False).buffer(_BESIDE_M) for line in lines]
+    )
 
 
 def simulated_tracks(

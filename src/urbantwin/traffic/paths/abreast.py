@@ -20,7 +20,7 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.paths.footing import Footways
 from urbantwin.traffic.paths.trajectory import smoothed
-from urbantwin.traffic.sumo.simulation import Simulated
+from urbantwin.traffic.sumo.simulation import Simulated, with_rows
 
 __all__ = ["with_parties"]
 
@@ -57,7 +57,9 @@ def with_parties(
         return simulated
     new = _followers(simulated, parties, _Walkable(network, simulated.lanes), step_s)
     came = {n for leader, all_ in parties.items() if leader in simulated.departed for n in all_}
-    return replace(simulated.with_rows(new), departed=simulated.departed | came)
+    whole, departed = [simulated], simulated.departed | came
+    del simulated
+    return replace(with_rows(whole, new), departed=departed)
 
 
 def _followers(

@@ -18,7 +18,7 @@ from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.stop_places import DOORS_M, WALKING_MS, StopPlace
 from urbantwin.traffic.paths.box_plan import PlanBoxes
-from urbantwin.traffic.sumo.simulation import Simulated
+from urbantwin.traffic.sumo.simulation import Simulated, with_rows
 
 __all__ = ["with_passengers_at_stops"]
 
@@ -74,7 +74,9 @@ def with_passengers_at_stops(
     if not simulated.boarded or not len(simulated.step):
         return simulated
     new, lanes = _at_stops(simulated, demand, blocks, step_s, asset)
-    return replace(simulated.with_rows(new), lanes=lanes)
+    whole = [simulated]
+    del simulated
+    return replace(with_rows(whole, new), lanes=lanes)
 
 
 def _at_stops(

@@ -120,7 +120,7 @@ def some_actors(actor: NDArray[np.integer]) -> Iterator[NDArray[np.int64]]:
         actor: (N,) whose row each is.
     """
     order = np.argsort(actor, kind="stable")
-    ends = np.unique(np.cumsum(np.bincount(actor)))
+    ends = np.append(np.flatnonzero(np.diff(actor[order])) + 1, len(order))
     first = 0
     while first < len(order):
         fit = ends[(ends > first) & (ends <= first + _ROWS)]

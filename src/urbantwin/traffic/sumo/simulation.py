@@ -45,6 +45,7 @@ __all__ = [
     "simulate",
     "sumo_options",
     "sumo_substeps",
+    "with_rows",
     "write_routes",
     "write_stops",
 ]
@@ -157,13 +158,25 @@ class Simulated:
         ends = np.array([trip, trip + 1], self.trip.dtype)  # of another type all would be copied
         return by_trip[slice(*np.searchsorted(self.trip, ends, sorter=by_trip))]
 
-    def with_rows(self, more: Sequence[Mapping[str, NDArray[np.generic]]]) -> Simulated:
-        """Return these rows and then those of each of ``more``, by the names of `ROWS`."""
-        rows: dict[str, Any] = {
-            name: np.concatenate([getattr(self, name), *(one[name] for one in more)])
-            for name in ROWS
-        }
-        return replace(self, **rows)
+
+def with_rows(
+    whole: list[Simulated], more: Sequence[Mapping[str, NDArray[np.generic]]]
+) -> Simulated:
+    """Return the rows of the one in a list, which is taken out of it, and then those of ``more``.
+
+    Where nobody else has it, no more than a column is in memory twice: of an hour that is a hundred
+    megabytes less.
+
+    Args:
+        whole: what SUMO did, one.
+        more: further rows, by the names of `ROWS`.
+    """
+    one = whole.pop()
+    rows: dict[str, Any] = {name: getattr(one, name) for name in ROWS}
+    one = one.only(np.zeros(0, np.int64))
+    for name in ROWS:
+        rows[name] = np.concatenate([rows[name], *(part[name] for part in more)])
+    return replace(one, **rows)
 
 
 def simulate(  # noqa: PLR0913 - SUMO has as many sides
