@@ -19,6 +19,7 @@ from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand, Trip
+from urbantwin.traffic.freed_memory import hand_back_freed_memory
 from urbantwin.traffic.paths.apart import rear_of
 from urbantwin.traffic.paths.bending import steering_part, vehicles, with_bodies
 from urbantwin.traffic.paths.box_plan import PlanBoxes
@@ -176,6 +177,9 @@ def actor_ways(  # noqa: PLR0913 - all that they go between
         number += who[len(demand.trips) :].tolist()
         count += len(bent["trip"])
         kept.add(bent)
+        del seen, bent, rows
+    del parts
+    hand_back_freed_memory()
     trips, who = tuple(every), np.array(number, np.int64)
     if rigid is None:
         rigid = frozenset().union(

@@ -25,6 +25,8 @@ BODY_M = 0.3
 #: Nobody is moved farther, metres: who is farther away is where no footway was found, or where a
 #: crossing begins that does not reach one, and would slide.
 FARTHEST_M = 1.2
+#: So many rows are looked at together.
+_ROWS = 1 << 18
 
 
 class Footways:
@@ -90,7 +92,9 @@ def on_footways(simulated: Simulated, demand: Demand, network: RoadNetwork) -> S
         return simulated
     rows = np.flatnonzero(on_foot[simulated.trip])
     front = simulated.front.copy()
-    way = Footways(network, simulated.lanes).way_in(simulated.lane[rows], front[rows])
-    near = np.linalg.norm(way, axis=1) <= FARTHEST_M
-    front[rows[near]] += way[near]
+    footways = Footways(network, simulated.lanes)
+    for some in (rows[k : k + _ROWS] for k in range(0, len(rows), _ROWS)):
+        way = footways.way_in(simulated.lane[some], front[some])
+        near = np.linalg.norm(way, axis=1) <= FARTHEST_M
+        front[some[near]] += way[near]
     return replace(simulated, front=front)
