@@ -146,7 +146,7 @@ class Simulated:
 
     def by_trip(self) -> NDArray[np.int64]:
         """Return the rows by trip and step."""
-        return np.lexsort([self.step, self.trip])
+        return np.asarray(np.lexsort([self.step, self.trip]))
 
     def of_trip(self, trip: int, by_trip: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the rows of a trip, by step.
