@@ -11,7 +11,8 @@ from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.demand.circulation import Circulation
-from urbantwin.traffic.sumo.simulation import DWELL_S, simulate
+from urbantwin.traffic.sumo.route_file import DWELL_S
+from urbantwin.traffic.sumo.simulation import simulate
 
 #: A ring of four streets with two short cuts across its middle; buses run on the ring.
 NODES = """<node id="a" x="0" y="0"/><node id="b" x="150" y="0"/><node id="c" x="150" y="150"/>

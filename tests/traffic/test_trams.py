@@ -16,7 +16,8 @@ from urbantwin.roads.rails import add_rails
 from urbantwin.traffic import run_traffic
 from urbantwin.traffic.assets import asset, asset_names
 from urbantwin.traffic.demand.demand import plan_demand
-from urbantwin.traffic.sumo.simulation import TRAM_DWELL_S, simulate
+from urbantwin.traffic.sumo.route_file import TRAM_DWELL_S
+from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.twin import load_twin
 
 #: Over the inner lanes of the street from west to east; the stop is before the crossing.

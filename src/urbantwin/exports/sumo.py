@@ -14,11 +14,11 @@ from urbantwin.traffic import sumo
 from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.fleet_of_twin import own_bodies
 from urbantwin.traffic.sumo.driven_net import driven_net
+from urbantwin.traffic.sumo.route_file import write_routes
 from urbantwin.traffic.sumo.simulation import (
     curves_of,
     sumo_options,
     sumo_substeps,
-    write_routes,
     write_stops,
 )
 from urbantwin.twin import Twin
