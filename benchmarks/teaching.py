@@ -1,6 +1,6 @@
 """Small trials of what teaches a detector, seed by seed: docs/learning.md.
 
-    python benchmarks/teaching.py pretraining WORK DATASET ...   # plain, masked
+    python benchmarks/teaching.py pretraining WORK DATASET ...   # plain, masked, next-sweep
     python benchmarks/teaching.py curriculum WORK EASIEST ... HARDEST
     python benchmarks/teaching.py frames WORK DATASET ...        # an eighth, a quarter, a half, all
     python benchmarks/teaching.py sites WORK DATASET ...         # the first, the first two, ...
@@ -40,9 +40,11 @@ from urbantwin.learn import (
     labelled_frames,
     pretrained,
     trained,
+    unlabelled_frames,
     write_model,
 )
 from urbantwin.learn.frames import write_level_frame
+from urbantwin.learn.pretraining import TASKS
 from urbantwin.progress import untold
 
 #: Steps of an arm, and how many of them a pre-training takes.
@@ -87,10 +89,6 @@ def arms_of(subject: str, given: Sequence[str], work: Path) -> list[Arm]:
     return [Arm(f"{count} of the datasets", datasets[:count]) for count in counts]
 
 
-#: What pre-training learns to say.
-TASKS = ("masked",)
-
-
 def levelled(work: Path, arm: Arm) -> LabelledFrames:
     """Return the frames of an arm on level ground, which are made once."""
     names = [set(open_recording(one).names[::every]) for one, every in arm.datasets]
@@ -99,8 +97,12 @@ def levelled(work: Path, arm: Arm) -> LabelledFrames:
     return labelled_frames(paths, DESIGN, work / "levelled" / key, untold, names=names)
 
 
-def without_labels(frames: LabelledFrames) -> LabelledFrames:
-    """Return the same frames as they are without a label."""
+def without_labels(frames: LabelledFrames, arm: Arm) -> LabelledFrames:
+    """Return the same frames as they are without a label; for the next sweep, all that have one."""
+    if arm.before == "next-sweep":
+        folder = frames.folder.with_name(f"{frames.folder.name}-followed")
+        paths = [one for one, _ in arm.datasets]
+        return unlabelled_frames(paths, DESIGN, folder, untold, following=True)
     folder = frames.folder.with_name(f"{frames.folder.name}-without-labels")
     folder.mkdir(exist_ok=True)
     for number in range(len(frames)):
@@ -120,8 +122,9 @@ def learned(work: Path, place: Path, arm: Arm, seed: int) -> None:
     began = time.process_time()
     if arm.before is not None:
         first, bare = replace(recipe, steps=BEFORE), replace(DESIGN, classes=())
-        seen = without_labels(frames)
-        network, *_ = pretrained(seen, bare, first, place / "before.safetensors", untold)
+        seen = without_labels(frames, arm)
+        state = place / "before.safetensors"
+        network, *_ = pretrained(seen, bare, first, state, untold, arm.before)
         start, recipe = network.state_dict(), replace(recipe, steps=STEPS - BEFORE)
     state = place / "state.safetensors"
     network, steps, loss = trained(frames, DESIGN, recipe, state, untold, start)
