@@ -38,8 +38,6 @@ from urbantwin.learn.heads import OUTPUTS, class_heads  # noqa: E402
 from urbantwin.learn.labelling import write_labelled  # noqa: E402
 from urbantwin.learn.model import first_weights  # noqa: E402
 from urbantwin.learn.onnx_file import write_onnx  # noqa: E402
-from urbantwin.learn.pillars import pillars_of  # noqa: E402
-from urbantwin.learn.pretraining import hidden_of  # noqa: E402
 from urbantwin.learn.sample import Varied  # noqa: E402
 from urbantwin.learn.targets import ClassTarget, targets_of  # noqa: E402
 from urbantwin.progress import untold  # noqa: E402
@@ -215,25 +213,6 @@ def same_in_onnxruntime_of(folder: Path, file: Path) -> None:
     model = read_model(folder)
     write_onnx(file, model)
     same_in_onnxruntime(model, file)
-
-
-def test_blocks_are_hidden_and_what_was_in_them_is_asked_for() -> None:
-    draw = np.random.default_rng(5)
-    grid = Grid.around(0, 0, 12.8, 0.4)
-    points = draw.uniform((-12, -12, 0), (12, 12, 2), (3000, 3)).astype("f4")
-    whole = pillars_of(points, grid)
-    hidden = hidden_of(whole, grid.cells, draw)
-    column, row = np.floor((points[:, :2].astype(float) - grid.low) / grid.cell_m).astype(int).T
-    high = np.zeros((grid.cells, grid.cells))
-    np.maximum.at(high, (row, column), points[:, 2] / 2)
-    assert np.array_equal(hidden.occupied > 0, high > 0)
-    assert np.abs(hidden.highest - high).max() < 1e-6
-    assert 0.35 < hidden.asked.mean() < 0.65
-    shown = np.zeros(grid.cells**2, bool)
-    shown[hidden.pillars.cell] = True
-    assert np.array_equal(shown.reshape(high.shape), (high > 0) & ~hidden.asked)
-    blocks = hidden.asked.reshape(16, 4, 16, 4).mean(axis=(1, 3))
-    assert set(np.unique(blocks)) == {0, 1}
 
 
 def test_what_was_learned_without_labels_begins_a_detector(street: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ __all__ = ["EXAMPLES", "pretrain"]
 EXAMPLES = """
 urbantwin pretrain real/ -o pretrained/
 urbantwin pretrain real/ dataset/ -o pretrained/ --minutes 20
+urbantwin pretrain dataset/ -o pretrained/ --task next-sweep
 urbantwin train dataset/ -o model/ --from pretrained/
 """
 
@@ -23,6 +24,10 @@ urbantwin train dataset/ -o model/ --from pretrained/
 def pretrain(
     frames: Annotated[list[Path], typer.Argument(help="Frames, real or simulated.")],
     out: Out = None,
+    task: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="masked (hidden pillars), or next-sweep."),
+    ] = "masked",
     steps: Annotated[int | None, typer.Option(min=1, help="Train for so many steps.")] = None,
     minutes: Annotated[
         float | None,
@@ -49,10 +54,11 @@ def pretrain(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Train a network without labels, for `train --from`: it guesses what is hidden from it."""
+    """Train a network without labels, for `train --from`: it guesses what it is not shown."""
     made = ut.pretrain(
         frames,
         out,
+        task=task,
         steps=steps,
         minutes=minutes,
         reach=reach,

@@ -249,6 +249,7 @@ def pretrain(  # noqa: PLR0913 - the options of the command
     frames: Sequence[AnyPath] | AnyPath,
     out: AnyPath | None = None,
     *,
+    task: str = "masked",
     steps: int | None = None,
     minutes: float | None = None,
     reach: float = 60.0,
@@ -264,11 +265,14 @@ def pretrain(  # noqa: PLR0913 - the options of the command
 ) -> TrainedModel:
     """Train a network without labels, to begin a detector with; interrupted, the call goes on.
 
-    Blocks of pillars are hidden, and it learns to say where anything is in them, and how high.
+    It learns to say where anything is, and how high it reaches: in blocks of pillars that are
+    hidden (``masked``), or in the sweep that comes next (``next-sweep``).
 
     Args:
         frames: recordings, real or simulated; no label of them is looked at.
         out: the folder to write; ``pretrained`` beside the first recording when not given.
+        task: ``masked``, or ``next-sweep`` of sweeps one after the other, whose sensors stand or
+            whose poses are told.
         steps: so many; when neither is given, ten minutes.
         minutes: as many steps as this machine does in so long, reading left out.
         reach: as of `train`.
@@ -283,7 +287,8 @@ def pretrain(  # noqa: PLR0913 - the options of the command
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
-        InputError: torch is not installed, or a recording cannot be used.
+        InputError: torch is not installed, there is no such task, a recording cannot be used, or
+            the next sweep is asked for and no frame is followed by one of the same place.
     """
     from urbantwin.learn.torch_device import check_torch
 
@@ -301,8 +306,10 @@ def pretrain(  # noqa: PLR0913 - the options of the command
         write_model,
     )
     from urbantwin.learn.model import KIND
+    from urbantwin.learn.pretraining import TASKS
     from urbantwin.progress import between
 
+    _check_names("task", [task], TASKS)
     given = _several(frames)
     chosen = chosen_frames(given, part)
     sources = list(chosen.folders)
@@ -318,6 +325,7 @@ def pretrain(  # noqa: PLR0913 - the options of the command
         asked: dict[str, Any] = {"urbantwin": __version__, "frames": digests}
         asked["part"] = chosen.digests()
         asked |= {
+            "task": task,
             "design": asdict(design),
             "steps": steps,
             "minutes": minutes,
@@ -333,14 +341,17 @@ def pretrain(  # noqa: PLR0913 - the options of the command
                 work,
                 between(tell, 0.0, 0.1),
                 names=chosen.names,
+                following=task == "next-sweep",
                 workers=workers,
             )
+            state = work / "state.safetensors"
             network, done, loss = pretrained(
-                seen, design, recipe, work / "state.safetensors", between(tell, 0.1, 1.0)
+                seen, design, recipe, state, between(tell, 0.1, 1.0), task
             )
             told = {
                 "urbantwin": __version__,
                 "without_labels": True,
+                "task": task,
                 "datasets": [
                     {"name": one.name, "sha256": digest}
                     for one, digest in zip(sources, digests, strict=True)

@@ -1,9 +1,12 @@
-"""Pre-training without labels: what stands in cells that were hidden, and how high.
+"""Pre-training without labels: the network says where anything is, and how high it reaches.
 
-Masked pillars: blocks of cells are taken from the input, and the network says of each of their
-cells whether anything is there and how high it reaches, as Hess et al. 2023, "Masked Autoencoder
-for Self-Supervised Pre-training on Lidar Point Clouds", do with voxels. What it learned begins a
-detector; its last layer is thrown away.
+- ``masked``: blocks of cells are taken from the input, and it is asked about these, as Hess et al.
+  2023, "Masked Autoencoder for Self-Supervised Pre-training on Lidar Point Clouds", do with voxels;
+- ``next-sweep``: it is asked about all cells as the next sweep shows them in this one's place, as
+  Khurana et al. 2023, "Point Cloud Forecasting as a Proxy for 4D Occupancy Forecasting", ask for
+  what comes.
+
+What it learned begins a detector; its last layer is thrown away.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from urbantwin.learn.augmentation.placement import Placement
 from urbantwin.learn.batches import Arrays
 from urbantwin.learn.grid import Grid
 from urbantwin.learn.labelled_frames import LabelledFrames
@@ -29,7 +33,10 @@ from urbantwin.learn.torch_device import on_device
 from urbantwin.learn.training import Recipe, optimised
 from urbantwin.progress import Progress
 
-__all__ = ["Hidden", "hidden_of", "pretrained"]
+__all__ = ["TASKS", "Question", "hidden_of", "next_of", "pretrained"]
+
+#: What is asked for.
+TASKS = ("masked", "next-sweep")
 
 #: Blocks of so many cells each way are hidden, so many of all.
 _BLOCK, _SHARE = 4, 0.5
@@ -40,12 +47,12 @@ _OCCUPIED_WEIGHT = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Hidden:
+class Question:
     """A sample.
 
     Attributes:
         pillars: those that are shown.
-        asked: (cells, cells) bool, which cells are hidden.
+        asked: (cells, cells) bool, which cells are asked about.
         occupied: (cells, cells) float32, 1 where anything is.
         highest: (cells, cells) float32, as `pillars.Pillars.features` tells it; 0 where nothing is.
     """
@@ -56,8 +63,8 @@ class Hidden:
     highest: NDArray[np.float32]
 
 
-def hidden_of(pillars: Pillars, cells: int, draw: np.random.Generator) -> Hidden:
-    """Return pillars of one grid with blocks of them hidden.
+def hidden_of(pillars: Pillars, cells: int, draw: np.random.Generator) -> Question:
+    """Return pillars of one grid with blocks of them hidden, and these asked for.
 
     Args:
         pillars: of the grid.
@@ -66,9 +73,6 @@ def hidden_of(pillars: Pillars, cells: int, draw: np.random.Generator) -> Hidden
     """
     blocks = draw.random((cells // _BLOCK, cells // _BLOCK)) < _SHARE
     asked = np.repeat(np.repeat(blocks, _BLOCK, axis=0), _BLOCK, axis=1)
-    occupied, highest = np.zeros((2, cells * cells), np.float32)
-    occupied[pillars.cell] = 1.0
-    highest[pillars.cell] = pillars.features[:, 0, _HIGHEST]
     shown = ~asked.ravel()[pillars.cell]
     rest = replace(
         pillars,
@@ -76,29 +80,53 @@ def hidden_of(pillars: Pillars, cells: int, draw: np.random.Generator) -> Hidden
         points=pillars.points[shown],
         cell=pillars.cell[shown],
     )
-    shape = (cells, cells)
-    return Hidden(rest, asked, occupied.reshape(shape), highest.reshape(shape))
+    return Question(rest, asked, *_said(pillars, cells))
+
+
+def next_of(pillars: Pillars, after: Pillars, cells: int) -> Question:
+    """Return pillars of one grid, and all of the next sweep's asked for.
+
+    Args:
+        pillars: of the grid.
+        after: those of the next sweep in the same grid.
+        cells: along its sides.
+    """
+    return Question(pillars, np.ones((cells, cells), bool), *_said(after, cells))
+
+
+def _said(pillars: Pillars, cells: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return where anything is, and how high it reaches (cells, cells)."""
+    occupied, highest = np.zeros((2, cells * cells), np.float32)
+    occupied[pillars.cell] = 1.0
+    highest[pillars.cell] = pillars.features[:, 0, _HIGHEST]
+    return occupied.reshape(cells, cells), highest.reshape(cells, cells)
 
 
 def pretrained(
-    frames: LabelledFrames, design: Design, recipe: Recipe, state: Path, tell: Progress
+    frames: LabelledFrames,
+    design: Design,
+    recipe: Recipe,
+    state: Path,
+    tell: Progress,
+    task: str = TASKS[0],
 ) -> tuple[Detector, int, float]:
-    """Return a network without heads that was trained on what was hidden from it.
+    """Return a network without heads that was trained on what it was not shown.
 
     Args:
-        frames: their labels are not looked at.
+        frames: without labels; for ``next-sweep`` some of them with the sweep after them.
         design: of the network, without classes.
         recipe: how.
         state: a file that keeps the state: where it is, training goes on from it.
         tell: called with the share that is done and the loss.
+        task: one of `TASKS`.
 
     Returns:
         The network, the number of steps, and the mean loss of the last tenth of them.
     """
     torch.manual_seed(recipe.seed)
     network = on_device(_Guesser(new_network(design)), recipe.device)
-    task = _FromHidden(network, _HiddenWindows(frames, design, recipe))
-    steps, loss = optimised(network, task, recipe, state, tell)
+    source = (_NextWindows if task == "next-sweep" else _Windows)(frames, design, recipe)
+    steps, loss = optimised(network, _FromFrames(network, source), recipe, state, tell)
     return network.body, steps, loss
 
 
@@ -116,33 +144,52 @@ class _Guesser(nn.Module):
         return torch.as_tensor(self.last(fine))
 
 
-class _HiddenWindows:
+class _Windows:
     """Batches of windows of frames with blocks hidden."""
 
     def __init__(self, frames: LabelledFrames, design: Design, recipe: Recipe) -> None:
         self._frames, self.recipe = frames, recipe
+        self._varied = replace(recipe.varied, objects=False)
         self.grid = Grid.around(0.0, 0.0, recipe.window_m / 2, design.cell_m)
 
     def batch(self, step: int) -> Arrays:
         """Return the samples of a step as one batch."""
-        samples = [self._made(step, slot) for slot in range(self.recipe.batch)]
+        draws = [
+            np.random.default_rng([self.recipe.seed, step, slot])
+            for slot in range(self.recipe.batch)
+        ]
+        samples = [self._made(draw) for draw in draws]
         return stacked([one.pillars for one in samples], self.grid.cells) | {
             name: np.stack([getattr(one, name) for one in samples])
             for name in ("asked", "occupied", "highest")
         }
 
-    def _made(self, step: int, slot: int) -> Hidden:
-        draw = np.random.default_rng([self.recipe.seed, step, slot])
-        frame = self._frames.frame(int(draw.integers(len(self._frames))))
-        varied = replace(self.recipe.varied, objects=False)
-        frame, _ = varied_window(frame, self.recipe.window_m, draw, varied=varied)
-        return hidden_of(pillars_of(frame.points, self.grid), self.grid.cells, draw)
+    def _made(self, draw: np.random.Generator) -> Question:
+        pillars, _ = self._seen(int(draw.integers(len(self._frames))), draw)
+        return hidden_of(pillars, self.grid.cells, draw)
+
+    def _seen(self, number: int, draw: np.random.Generator) -> tuple[Pillars, Placement]:
+        """Return the pillars of a window of a frame, varied, and how the frame is placed in it."""
+        frame, placement = varied_window(
+            self._frames.frame(number), self.recipe.window_m, draw, varied=self._varied
+        )
+        return pillars_of(frame.points, self.grid), placement
 
 
-class _FromHidden:
-    """How wrong a network is about what was hidden."""
+class _NextWindows(_Windows):
+    """Batches of windows of frames and of the sweeps after them."""
 
-    def __init__(self, network: _Guesser, source: _HiddenWindows) -> None:
+    def _made(self, draw: np.random.Generator) -> Question:
+        number = self._frames.followed[int(draw.integers(len(self._frames.followed)))]
+        pillars, placement = self._seen(number, draw)
+        after = pillars_of(placement.points(self._frames.following(number)), self.grid)
+        return next_of(pillars, after, self.grid.cells)
+
+
+class _FromFrames:
+    """How wrong a network is about what it was not shown."""
+
+    def __init__(self, network: _Guesser, source: _Windows) -> None:
         self._network, self.source = network, source
 
     def loss(self, batch: Mapping[str, Tensor]) -> Tensor:
