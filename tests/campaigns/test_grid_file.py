@@ -97,12 +97,20 @@ def test_a_changed_map_changes_everything_of_its_site(tmp_path: Path) -> None:
         ({"weather": {"w": {"visibility": 3}}}, "expected 'visibility_m'"),
         ({"weather": {"w": {"visibility_m": -3}}}, "weather.w.visibility_m (line 5): is -3"),
         ({"weather": {"w": {"missing": 3}}}, "weather.w.missing (line 5): is 3; expected 0 to 1"),
-        ({"weather": {"w": {"effects": "dust"}}}, "there is no effect 'dust'"),
+        (
+            {"weather": {"w": {"effects": "dust"}}},
+            "grid.yaml: weather.w: there is no effect 'dust'",
+        ),
         ({"scenarios": ["gone.yaml"]}, "is not found; expected a scenario's file"),
         ({"exclude": [{"weather": "fog"}]}, "exclude[0].weather (line 4): there is no weather"),
         ({"exclude": [{"wether": "clear"}]}, "is no axis; expected 'weather'"),
         ({"exclude": [{"seed": 1}]}, "exclude: leaves no cell"),
         ({"exclude": [{}]}, "names no level"),
+        ({"exclude": [{"seed": []}]}, "exclude[0].seed (line 4): names no level"),
+        ({"exclude": [{"seed": "1"}]}, "there is no seed '1'; expected 1, a number"),
+        ({"exclude": [{"seed": True}], "seeds": [1, 2]}, "there is no seed True"),
+        ({"seeds": {"first": 2**31 - 2, "count": 3}}, "seeds (line 3): goes beyond the largest"),
+        ({"rate_hz": 1000}, "grid.yaml: rate_hz: the rig own cannot have it: "),
         ({"storage": "zst"}, "storage (line 3): is 'zst'; expected 'zstd'"),
         ({"duration_s": 2, "start_s": 2}, "start_s (line 4): is 2; expected less than duration_s"),
         ({"split": {"shares": [0, 1]}}, "split.shares (line 4): nothing is left to train on"),
@@ -118,6 +126,24 @@ def test_what_is_wrong_is_one_line_with_its_place(
         steps_of(load_campaign(written(tmp_path, **fields)))
     assert said in str(wrong.value)
     assert "\n" not in str(wrong.value)
+
+
+@pytest.mark.parametrize(
+    ("event", "said"),
+    [
+        ({"event": "debriss", "at_s": 1}, "events[0].event (line 3): is 'debriss'"),
+        ({"event": "debris", "at_s": 1, "plaec": {}}, "expected 'place'"),
+        ({"event": "debris", "at_s": 4, "place": {"x": 0, "y": 0}}, "expected less than 3 s"),
+    ],
+)
+def test_a_scenario_is_read_before_anything_is_made(
+    tmp_path: Path, event: dict[str, object], said: str
+) -> None:
+    (tmp_path / "odd.yaml").write_text(yaml.safe_dump({"events": [event]}))
+    path = written(tmp_path, scenarios=["none", "odd.yaml"], duration_s=3)
+    with pytest.raises(InputError, match=r"odd.yaml: ") as wrong:
+        steps_of(load_campaign(path))
+    assert said in str(wrong.value)
 
 
 def test_names_that_give_one_folder_are_refused(tmp_path: Path, rig: Path) -> None:

@@ -164,6 +164,10 @@ def load_campaign(path: Path) -> CampaignFile:
     fields = document.validated(_Fields)
     seeds = fields.seeds
     if isinstance(seeds, _SeedRange):
+        if seeds.first + seeds.count > 2**31:
+            raise document.error(
+                "goes beyond the largest seed", ["seeds"], f"seeds of at most {2**31 - 1}"
+            )
         seeds = list(range(seeds.first, seeds.first + seeds.count))
     if len(set(seeds)) < len(seeds):
         raise document.error("names a seed twice", ["seeds"], "each seed once")
@@ -287,10 +291,15 @@ def _excluded(
             if axis not in known:
                 raise document.error("is no axis", place, nearest(str(axis), AXES))
             several = given if isinstance(given, list) else [given]
+            if not several:
+                raise document.error("names no level", place, "a level, or a list of levels")
             for level in several:
-                if level not in known[axis]:
+                # ``true`` is 1 in Python, and no seed.
+                if not any(type(level) is type(one) and level == one for one in known[axis]):
                     names = [str(one) for one in known[axis]]
                     expected = nearest(str(level), names[:20])
+                    if str(level) in names:
+                        expected = f"{level}, a number"
                     raise document.error(f"there is no {axis} {level!r:.40}", place, expected)
             levels[axis] = tuple(several)
         found.append(levels)

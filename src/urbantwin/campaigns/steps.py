@@ -7,7 +7,7 @@ another level adds what is new alone, and a file that changed does again what de
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -24,6 +24,7 @@ from urbantwin.grid import Cell
 from urbantwin.lidar.sensor_options import check_models, columns_of
 from urbantwin.site import RigSpec, Site, load_rig_spec, load_site
 from urbantwin.studies.robustness.factors import first_problem
+from urbantwin.traffic.events import load_scenario
 from urbantwin.twin import load_twin
 from urbantwin.twin.provenance import made_from, rig_and_files
 
@@ -133,7 +134,14 @@ class _Rigs:
                 spec = site.rig
             else:
                 spec = load_rig_spec(file, site.frame)
-            spec = rig_at_rate(spec, self.asked.rate_hz)
+            try:
+                spec = rig_at_rate(spec, self.asked.rate_hz)
+            except ValueError as error:
+                raise InputError(
+                    f"the rig {name} cannot have it: {first_problem(error)}",
+                    file=self.asked.file, place="rate_hz",
+                    expected="a rate that every rig can have",
+                ) from None  # fmt: skip
             check_models(spec, file=file)
             if not spec.fused:
                 raise InputError(
@@ -154,6 +162,11 @@ class _Rigs:
             spec, file = self.on(site, name)
             try:
                 its = setting.applied_to(spec)
+            except InputError as error:
+                raise InputError(
+                    error.problem, file=self.asked.file, place=f"weather.{setting.name}",
+                    expected=error.expected,
+                ) from None  # fmt: skip
             except ValueError as error:
                 raise InputError(
                     f"the rig {name} cannot have {setting.name}: {first_problem(error)}",
@@ -186,9 +199,7 @@ def steps_of(asked: CampaignFile) -> Steps:
     cells = asked.cells()
     named = {cell.levels["site"] for cell in cells}
     places = {name: _site(name, path, asked) for name, path in asked.sites.items() if name in named}
-    events = {
-        name: "" if path is None else sha256_of(path) for name, path in asked.scenarios.items()
-    }
+    events = _events(asked, cells, places)
     settings = {one.name: one for one in asked.weather}
     rigs = _Rigs(asked)
     found: dict[str, Step] = {}
@@ -205,6 +216,26 @@ def steps_of(asked: CampaignFile) -> Steps:
     listed = sorted(found.values(), key=lambda one: order[one.kind])
     twins = {name: one.twin for name, one in places.items() if one.twin is not None}
     return Steps(asked, twins, {one.place: one for one in listed})
+
+
+def _events(
+    asked: CampaignFile, cells: Sequence[Cell], places: Mapping[str, _Place]
+) -> dict[str, str]:
+    """Return the hash of each scenario's file.
+
+    Raises:
+        InputError: what no twin is needed for is wrong in one, or an event comes after the motion.
+    """
+    found = {}
+    for name, path in asked.scenarios.items():
+        found[name] = "" if path is None else sha256_of(path)
+        lengths = [
+            places[str(one.levels["site"])].seconds for one in cells
+            if one.levels["scenario"] == name
+        ]  # fmt: skip
+        if path is not None and lengths:
+            load_scenario(path, None, min(lengths))
+    return found
 
 
 def _add(found: dict[str, Step], step: Step, asked: CampaignFile) -> None:
@@ -306,7 +337,11 @@ def _digests(site: Site) -> list[str]:
 
 
 def rig_at_rate(spec: RigSpec, rate_hz: float | None) -> RigSpec:
-    """Return a rig with so many frames a second; as it is for ``None``."""
+    """Return a rig with so many frames a second; as it is for ``None``.
+
+    Raises:
+        ValueError: it cannot have them.
+    """
     if rate_hz is None:
         return spec
     return RigSpec.model_validate({**spec.written(), "rate_hz": rate_hz}, strict=True)

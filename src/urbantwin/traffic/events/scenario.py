@@ -297,12 +297,12 @@ EVENTS: dict[str, type[Event]] = {
 }
 
 
-def load_scenario(path: Path, twin: Twin, until_s: float) -> list[dict[str, Any]]:
+def load_scenario(path: Path, twin: Twin | None, until_s: float) -> list[dict[str, Any]]:
     """Read a scenario and return its events as ``traffic.scenario`` holds them.
 
     Args:
         path: the ``scenario.yaml``, or a ``.xosc`` (ASAM OpenSCENARIO XML).
-        twin: whose lanes, streets and crossings it names.
+        twin: whose lanes, streets and crossings it names; ``None``: they are not looked for.
         until_s: length of the motion, seconds.
 
     Raises:
@@ -333,7 +333,7 @@ def load_scenario(path: Path, twin: Twin, until_s: float) -> list[dict[str, Any]
         event = one.validated(EVENTS[name])
         if event.at_s >= until_s:
             raise one.error(f"is {event.at_s:g}", ["at_s"], f"less than {until_s:g} s, the motion")
-        if isinstance(event, PlacedEvent):
+        if twin is not None and isinstance(event, PlacedEvent):
             try:
                 find_spot(event.place, twin, event.users)
             except InputError as error:
