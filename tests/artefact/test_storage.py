@@ -82,6 +82,18 @@ def test_what_a_library_says_is_one_line(limited, raised, kind, said):
     assert "\n" not in str(found.value)
 
 
+@pytest.mark.parametrize("url", ["file:///", "s3:///", "s3://a/b*", "file:///a[1]/b"])
+def test_an_address_that_names_no_place_is_refused(url):
+    with pytest.raises(InputError, match="names no place; expected an address like"):
+        Storage.of(url)
+
+
+def test_a_name_that_no_bucket_can_have_is_told_with_what_is_wrong(limited):
+    limited.error = type("ParamValidationError", (Exception,), {})("validation failed:\nbad name\n")
+    with pytest.raises(InputError, match="limited://a/c: validation failed: bad name; expected"):
+        Storage.of("limited://a").write("c", b"1234567891011")
+
+
 def test_an_address_that_nothing_reaches_is_refused():
     with pytest.raises(InputError, match=r"nobody://a.*nobody"):
         Storage.of("nobody://a")

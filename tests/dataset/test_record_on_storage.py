@@ -38,6 +38,10 @@ def filling():
     return FillingFileSystem
 
 
+def interrupted(*_) -> None:
+    raise KeyboardInterrupt
+
+
 def files_of(place: Storage) -> dict[str, bytes]:
     return place.read_all(place.names())
 
@@ -68,6 +72,38 @@ def test_it_fills_up_and_the_same_call_goes_on_to_the_same_bytes(
     assert files_of(place) == expected
     with pytest.raises(InputError, match="holds a dataset already"):
         record(twin, motion, rig, place, workers=1, seed=5)
+
+
+def test_a_run_that_was_killed_before_the_marks_went_is_finished(filling, twin, motion, rig):
+    place = Storage.of("filling://bucket/dataset")
+    options = {"workers": 1, "seed": 5, "stop_s": 0.2}
+    with pytest.MonkeyPatch.context() as killed, pytest.raises(KeyboardInterrupt):
+        killed.setattr(Storage, "remove", interrupted)
+        record(twin, motion, rig, place, **options)
+    before = files_of(place)
+    assert any(name.startswith(".urbantwin-partial/") for name in before)
+    filling.written.clear()
+    record(twin, motion, rig, place, **options)
+    assert not filling.written
+    marks = {name for name in before if name.startswith(".urbantwin-partial/")}
+    assert files_of(place) == {name: before[name] for name in before.keys() - marks}
+
+
+def test_one_of_two_runs_to_one_place_is_told_that_the_other_was_first(filling, twin, motion, rig):
+    place = Storage.of("filling://bucket/dataset")
+    options = {"workers": 1, "seed": 5, "stop_s": 0.4}
+    others = []
+
+    def other(share: float, doing: str) -> None:
+        if doing.startswith("frame 2") and not others:
+            others.append(doing)
+            record(twin, motion, rig, place, **options)
+
+    with pytest.raises(StageError, match="another run writes to the same place"):
+        record(twin, motion, rig, place, **options, progress=other)
+    whole = {name: it for name, it in files_of(place).items() if not name.startswith(".")}
+    record(twin, motion, rig, place, **options)  # which removes the marks of the slower one
+    assert files_of(place) == whole
 
 
 def test_the_memory_of_one_process_is_no_place_for_several(twin, motion, rig):

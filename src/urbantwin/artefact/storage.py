@@ -14,6 +14,8 @@ from urbantwin.errors import InputError, StageError, UrbanTwinError
 __all__ = ["Storage", "is_url"]
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://.+")
+#: What libraries take for many names.
+_PATTERN = re.compile(r"[*?\[]")
 _PASSWORD = re.compile(r"(?<=://)([^/@:]*):[^/@]*@")
 #: Here a file appears whole, and folders are but names; elsewhere it is written beside, and moved.
 _OBJECTS = {"s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "adl", "oss", "memory"}
@@ -46,6 +48,9 @@ class Storage:
             InputError: nothing here can reach it.
         """
         found = cls(url.rstrip("/"))
+        if not is_url(found.url) or _PATTERN.search(url):
+            expected = "an address like s3://bucket/name, without *, ? and ["
+            raise InputError("names no place", file=str(found), expected=expected)
         with found._told():
             found._reached()
         return found
@@ -164,6 +169,8 @@ class Storage:
         except ValueError as error:  # a protocol that nobody knows, a bucket that none can be
             raise InputError(_first_line(error), file=place, expected=expected) from None
         except Exception as error:  # each library has its own
+            if "Validation" in type(error).__name__:  # a name that no bucket can have
+                raise InputError(_first_line(error), file=place, expected=expected) from None
             if "redential" in type(error).__name__ or "redential" in str(error):
                 raise InputError(
                     f"is refused ({_first_line(error)})", file=place, expected="credentials for it"
@@ -172,5 +179,5 @@ class Storage:
 
 
 def _first_line(error: BaseException) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0] if lines else type(error).__name__
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    return " ".join(lines[:2]) if lines[0].endswith(":") else lines[0]

@@ -24,6 +24,7 @@ from urbantwin.dataset.split.image_sets import FILES, write_image_sets
 from urbantwin.dataset.split.time_split import Split, split_in_time
 from urbantwin.dataset.sweep_table import write_sweeps
 from urbantwin.dataset.workers import Part, Recipe, Task, Workers, record_frames
+from urbantwin.errors import StageError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
 from urbantwin.lidar.timing import span_of
@@ -130,7 +131,13 @@ def record_datasets(
         done = sum(len(own.times_s) for own in parts.values()) - left
         for number, _ in enumerate(record_frames(recipe, tasks(), workers), start=done + 1):
             progress(number)
-    return {part: _entries(own) for part, own in parts.items()}
+    entries = {part: _entries(own) for part, own in parts.items()}
+    if any(entry is None for own in entries.values() for entry in own):
+        raise StageError(
+            "marks of finished frames are gone: another run writes to the same place; "
+            "look whether it is finished there, or give the same command again"
+        )
+    return entries
 
 
 def write_datasets(

@@ -38,6 +38,8 @@ class OutputPlace:
     @property
     def is_whole(self) -> bool:
         """Whether an interrupted run came as far as the inventory, which is written last."""
+        if self.storage is not None:
+            return INVENTORY in self.storage.names()
         return (self.folder / INVENTORY).is_file()
 
     @property
@@ -124,7 +126,7 @@ def _check_storage(out: Storage, kind: str, key: str | None) -> None:
     names = out.names()
     left = {name.split("/")[1] for name in names if name.startswith(f"{_PARTIAL}/")}
     expected = "an empty place: what is on storage is never replaced"
-    if INVENTORY in names:
+    if INVENTORY in names and not left:  # else only marks are left to be removed
         raise InputError(f"holds a {kind} already", file=str(out), expected=expected)
     if left and key is not None and left != {key}:
         raise InputError(
