@@ -112,10 +112,15 @@ class LabelledMesh:
 
     def normals(self) -> NDArray[np.float64]:
         """Return unit normals (F, 3); zero where a triangle has no area."""
-        a, b, c = np.moveaxis(self.triangles(), 1, 0)
-        cross = np.cross(b - a, c - a)
-        length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return np.asarray(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
+        # Column by column: a third of the time of np.cross on rows.
+        x, y, z = np.ascontiguousarray(self.vertices.T)
+        first, second, third = np.ascontiguousarray(self.faces.T)
+        ux, uy, uz = (one[second] - one[first] for one in (x, y, z))
+        vx, vy, vz = (one[third] - one[first] for one in (x, y, z))
+        cross = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+        length = np.sqrt(cross[0] ** 2 + cross[1] ** 2 + cross[2] ** 2)
+        np.divide(cross, length, out=cross, where=length > 0)
+        return np.ascontiguousarray(cross.T)
 
     def areas(self) -> NDArray[np.float64]:
         """Return areas (F,) in square metres."""

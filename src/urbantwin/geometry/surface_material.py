@@ -21,7 +21,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry.mesh import LabelledMesh
 from urbantwin.taxonomy import GROUND_CLASSES, materials, semantic_id
 
-__all__ = ["TILE", "MaterialLayer", "SurfaceMaterials"]
+__all__ = ["TILE", "MaterialLayer", "SurfaceMaterials", "taking"]
 
 #: Cells along a tile's side.
 TILE = 64
@@ -145,11 +145,7 @@ class SurfaceMaterials:
         material: NDArray[np.uint8] = mesh.material[face]
         if not self.layers:
             return material
-        ground = np.isin(mesh.semantic[face], [semantic_id(name) for name in GROUND_CLASSES])
-        which = np.flatnonzero(ground)
-        a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face[which]]], 1, 0)
-        normal = np.cross(b - a, c - a)
-        which = which[normal[:, 2] > UP * np.linalg.norm(normal, axis=1)]
+        which = np.flatnonzero(taking(mesh, face))
         own = self.at(points[which])
         material[which] = np.where(own > 0, own, material[which])
         return material
@@ -196,6 +192,16 @@ class SurfaceMaterials:
         if any((np.diff(layer._keys) <= 0).any() for layer in layers):
             raise InputError("are not sorted", file=path, place="tiles", expected=_EXPECTED)
         return cls(layers)
+
+
+def taking(mesh: LabelledMesh, face: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Return which faces (N,) of a mesh take materials finer than their own: ground, facing up."""
+    takes = np.isin(mesh.semantic[face], [semantic_id(name) for name in GROUND_CLASSES])
+    ground = np.flatnonzero(takes)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face[ground]]], 1, 0)
+    normal = np.cross(b - a, c - a)
+    takes[ground] = normal[:, 2] > UP * np.linalg.norm(normal, axis=1)
+    return takes
 
 
 def _joined(

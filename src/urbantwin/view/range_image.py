@@ -200,6 +200,7 @@ def _outline_boxes(axes: Axes, frame: LabelledPoints, sensor: int, image: RangeI
     if rows < 2:
         return
     steps = np.linspace(0, 1, 12)[:, None]
+    lines, colours = [], []
     for box, name, count in zip(frame.boxes, frame.classes, frame.box_points, strict=True):
         if not count:
             continue
@@ -212,4 +213,6 @@ def _outline_boxes(axes: Axes, frame: LabelledPoints, sensor: int, image: RangeI
             y[elevation > image.elevation[0]] = -1
             y[elevation < image.elevation[-1]] = rows
             x[1:][np.abs(np.diff(x)) > columns / 2] = np.nan
-            axes.plot(x, y, color=style.actor_colour(name), linewidth=0.9)
+            lines.append(np.column_stack([x, y]))
+            colours.append(style.actor_colour(name))
+    style.draw_lines(axes, lines, colours, linewidth=0.9)

@@ -20,6 +20,7 @@ from scipy.ndimage import uniform_filter
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh, PartColours, SurfaceMaterials
 from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.surface_material import taking
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.view import style
 from urbantwin.view.surface_colours import material_colours, surface_colours
@@ -149,7 +150,9 @@ def scene_figure(
 ) -> Figure:
     """Return the figure of ``scene_picture``."""
     width, height = size
-    picture = render(mesh, camera or clear_camera(mesh), width, height, surface, colours)
+    caster = _Caster(mesh)
+    camera = camera or _clearest(caster, Camera(), ELEVATIONS_DEG)
+    picture = _rendered(caster, camera, width, height, surface, colours)
     figure = style.new_figure(width / 100, height / 100)
     axes = figure.add_axes((0, 0, 1, 1))
     style.bare(axes)
@@ -197,10 +200,14 @@ def clear_camera(
         usual: its distance, field and azimuth are those of the cameras that are tried.
         elevations_deg: how high they stand, seen from the target; the lowest first.
     """
-    caster = _Caster(mesh)
-    middle = np.asarray(target, np.float64)
-    places = _streets_about(mesh, middle)
     like = replace(usual or Camera(), target=target)
+    return _clearest(_Caster(mesh), like, elevations_deg)
+
+
+def _clearest(caster: _Caster, like: Camera, elevations_deg: Sequence[float]) -> Camera:
+    """Return the camera of `clear_camera`: that about its target, with its distance and field."""
+    middle = np.asarray(like.target, np.float64)
+    places = _streets_about(caster, middle)
     best, most = like, -np.inf
     for elevation in elevations_deg:
         for turn in TURNS_DEG:
@@ -213,13 +220,14 @@ def clear_camera(
     return best
 
 
-def _streets_about(mesh: LabelledMesh, middle: NDArray[np.float64]) -> NDArray[np.float64]:
+def _streets_about(caster: _Caster, middle: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return places (N, 3) half a metre above the streets, or the ground, about a place."""
     spread = np.arange(-JUNCTION_M, JUNCTION_M + 1, 3.5)
     x, y = (grid.ravel() for grid in np.meshgrid(spread, spread))
     xy = np.column_stack([x, y])[np.hypot(x, y) <= JUNCTION_M] + middle[:2]
     above = np.column_stack([xy, np.full(len(xy), middle[2] + 3.0)])
-    up = mesh.normals()[:, 2] > 0.5
+    mesh = caster.mesh
+    up = caster.normals[:, 2] > 0.5
     for classes in (("road", "sidewalk"), GROUND_CLASSES):
         streets = up & np.isin(mesh.semantic, [semantic_id(name) for name in classes])
         height = DownwardProbe(mesh.select(streets)).height_below(above)
@@ -266,7 +274,18 @@ def render(
         surface: materials of the ground that are finer than the mesh.
         colours: of its buildings.
     """
-    caster = _Caster(mesh)
+    return _rendered(_Caster(mesh), camera, width, height, surface, colours)
+
+
+def _rendered(
+    caster: _Caster,
+    camera: Camera,
+    width: int,
+    height: int,
+    surface: SurfaceMaterials | None,
+    colours: PartColours | None,
+) -> NDArray[np.uint8]:
+    """Return the picture of `render`."""
     rays = camera.rays(width * _SAMPLES, height * _SAMPLES)
     sun = camera.sun
     origin = camera.place.astype(np.float32)
@@ -275,11 +294,11 @@ def render(
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         list(pool.map(lambda band: _look(caster, origin, rays, sun, seen, band), bands))
         ambient = _smoothed(seen.sky)
-        seen_colours = _Colours(mesh, surface, colours, camera.place)
+        seen_colours = _Colours(caster.mesh, surface, colours, camera.place)
         picture = np.empty((height, width, 3), np.float32)
 
         def paint(band: slice) -> None:
-            shaded = _shade(caster, seen_colours, rays, sun, seen, ambient, band, camera.distance_m)
+            shaded = _shade(seen_colours, rays, sun, seen, ambient, band, camera.distance_m)
             rows = slice(band.start // _SAMPLES, band.start // _SAMPLES + len(shaded) // _SAMPLES)
             picture[rows] = shaded.reshape(-1, _SAMPLES, width, _SAMPLES, 3).mean(axis=(1, 3))
 
@@ -295,10 +314,11 @@ class _Seen:
     distance: NDArray[np.float32]
     sun: NDArray[np.float32]
     sky: NDArray[np.float32]
+    up: NDArray[np.float32]  # z of the normal that looks at the camera
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> _Seen:
-        floats = [np.full(shape, np.nan, np.float32) for _ in range(3)]
+        floats = [np.full(shape, np.nan, np.float32) for _ in range(4)]
         return cls(np.full(shape, -1, np.int32), *floats)
 
 
@@ -312,7 +332,11 @@ class _Colours:
         colours: PartColours | None,
         origin: NDArray[np.float64],
     ) -> None:
-        self._mesh, self._surface, self._origin = mesh, surface, origin
+        self._surface = surface if surface is not None and surface.layers else None
+        self._origin = origin
+        if self._surface is not None:
+            self._own = mesh.material
+            self._takes = taking(mesh, np.arange(len(mesh.faces)))
         self._faces = surface_colours(mesh, colours).astype(np.float32)
         self._materials = material_colours().astype(np.float32)
 
@@ -324,11 +348,13 @@ class _Colours:
     ) -> NDArray[np.float32]:
         """Return the colour (N, 3) where rays that run along ``way`` (N, 3) meet faces (N,)."""
         found = self._faces[face]
-        if self._surface is not None and len(face):
-            places = self._origin + way.astype(np.float64) * distance[:, None]
-            material = self._surface.materials_of(self._mesh, face, places)
-            finer = material != self._mesh.material[face]
-            found[finer] = self._materials[material[finer]]
+        if self._surface is not None:
+            which = np.flatnonzero(self._takes[face])
+            places = self._origin + way[which].astype(np.float64) * distance[which, None]
+            material = self._surface.at(places)
+            own = self._own[face[which]]
+            finer = (material > 0) & (material != own)
+            found[which[finer]] = self._materials[material[finer]]
         return found
 
 
@@ -342,7 +368,7 @@ def _look(
 ) -> None:
     """Cast the rays of a band of rows: to the mesh, from there to the sun and into the open."""
     directions = rays[band].reshape(-1, 3)
-    face, distance = caster.first(np.tile(origin, (len(directions), 1)), directions)
+    face, distance = caster.first(origin, directions, beside=True)
     hit = np.flatnonzero(face >= 0)
     way = directions[hit]
     normal = caster.normals[face[hit]]
@@ -350,7 +376,7 @@ def _look(
     place = origin + way * distance[hit, None] + normal * _OFFSET_M
     facing = np.maximum(normal @ sun, np.float32(0))
     lit = np.flatnonzero(facing > 0)
-    _, to_sun = caster.first(place[lit], np.tile(sun, (len(lit), 1)))
+    _, to_sun = caster.first(place[lit], sun, beside=True)
     facing[lit[np.isfinite(to_sun)]] = 0
     # One of a pixel's sub-pixels looks into the open: its neighbours' average is what is used.
     shape = seen.face[band].shape
@@ -362,10 +388,10 @@ def _look(
     seen.distance[band] = distance.reshape(shape)
     seen.sun[band].ravel()[hit] = facing
     seen.sky[band].ravel()[hit[few]] = around >= _AMBIENT_M
+    seen.up[band].ravel()[hit] = normal[:, 2]
 
 
 def _shade(
-    caster: _Caster,
     colours: _Colours,
     rays: NDArray[np.float32],
     sun: NDArray[np.float32],
@@ -378,12 +404,11 @@ def _shade(
     face, distance = seen.face[band].ravel(), seen.distance[band].ravel()
     colour = _sky(rays[band].reshape(-1, 3)[:, 2])
     hit = np.flatnonzero(face >= 0)
-    normal = caster.normals[face[hit]]
-    normal *= -np.sign(np.einsum("ij,ij->i", normal, rays[band].reshape(-1, 3)[hit]))[:, None]
+    up = seen.up[band].ravel()[hit]
     sky = ambient[band].ravel()[hit]
     light = seen.sun[band].ravel()[hit, None] * _SUNLIGHT
-    light += (sky * (0.65 + 0.35 * normal[:, 2]))[:, None] * _SKYLIGHT
-    light += (sky * 0.12 * (1 - normal[:, 2]))[:, None] * _GROUNDLIGHT
+    light += (sky * (0.65 + 0.35 * up))[:, None] * _SKYLIGHT
+    light += (sky * 0.12 * (1 - up))[:, None] * _GROUNDLIGHT
     haze = (1 - np.exp(-np.maximum(distance[hit] - distance_m, 0) / np.float32(700)))[:, None]
     own = colours.of(face[hit], rays[band].reshape(-1, 3)[hit], distance[hit])
     colour[hit] = own * light * (1 - haze) + _HORIZON * haze
@@ -394,14 +419,19 @@ class _Caster:
     """Casts rays; bands of a picture may be cast in threads."""
 
     def __init__(self, mesh: LabelledMesh) -> None:
+        self.mesh = mesh
         self._scene = EmbreeScene(mesh.vertices, mesh.faces)
         self.normals = mesh.normals().astype(np.float32)
 
     def first(
-        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32], *, beside: bool = False
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Return the first face (N,) along each ray, -1 for none, and its distance (N,)."""
-        found = self._scene.cast_single(origins, directions)
+        """Return the first face (N,) along each ray, -1 for none, and its distance (N,).
+
+        Origins or directions may be one (3,) for all; ``beside`` as `EmbreeScene.cast_single`.
+        """
+        origins, directions = np.broadcast_arrays(origins, directions)
+        found = self._scene.cast_single(origins, directions, beside=beside)
         return found.face, found.range_m
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -13,6 +13,7 @@ import matplotlib.image
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.font_manager import get_font
 from matplotlib.patches import Polygon, Rectangle
@@ -30,6 +31,7 @@ __all__ = [
     "actor_colour",
     "bare",
     "class_colours",
+    "draw_lines",
     "figure_of_picture",
     "joined",
     "legible",
@@ -132,6 +134,20 @@ def _readable(colour: tuple[int, int, int]) -> NDArray[np.float64]:
     light = float(rgb @ [0.299, 0.587, 0.114])
     share = max(0.0, (_LEAST_LIGHT - light) / (255.0 - light))
     return (rgb + share * (255.0 - rgb)) / 255.0
+
+
+def draw_lines(
+    axes: Axes,
+    lines: Sequence[NDArray[np.float64]],
+    colours: Sequence[ArrayLike],
+    **look: Any,  # noqa: ANN401 - matplotlib's properties of a collection
+) -> None:
+    """Draw lines (N, 2), each in its colour, as ``Axes.plot`` does, in a fraction of the time.
+
+    The limits of the axes are left as they are.
+    """
+    look = {"zorder": 2, "capstyle": "projecting", "joinstyle": "round"} | look
+    axes.add_collection(LineCollection(lines, colors=colours, **look), autolim=False)
 
 
 def bare(axes: Axes) -> None:

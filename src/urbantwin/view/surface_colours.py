@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh, PartColours
-from urbantwin.taxonomy import material_id, materials, semantic_id
+from urbantwin.taxonomy import material_id, materials, semantic_classes, semantic_id
 
 __all__ = ["material_colours", "surface_colours"]
 
@@ -113,18 +115,15 @@ def surface_colours(
         mesh: the triangles.
         colours_of: colours of buildings; those that it does not know differ a little in shade.
     """
-    colours = np.full((len(mesh.faces), 3), 0.4)
-    for name, colour in _BY_CLASS.items():
-        colours[mesh.semantic == semantic_id(name)] = _linear(colour)
-    for (name, material), colour in _BY_CLASS_AND_MATERIAL.items():
-        chosen = (mesh.semantic == semantic_id(name)) & (mesh.material == material_id(material))
-        colours[chosen] = _linear(colour)
-    actor = np.isin(mesh.semantic, [semantic_id(name) for name in _ACTORS])
+    number = mesh.semantic.astype(np.int64) << 8 | mesh.material
+    kinds, kind = _numbered(number)
+    colours = np.array([_colour_of(one >> 8, one & 255) for one in kinds.tolist()]).reshape(-1, 3)
+    actor = np.isin(kinds >> 8, [semantic_id(name) for name in _ACTORS])
+    paint = np.isin(kinds & 255, [material_id("metal-painted"), material_id("cloth")])
+    painted = np.flatnonzero((actor & paint)[kind])
+    colours = colours[kind]
     paints = np.array([_linear(paint) for paint in _PAINTS])
-    painted = actor & np.isin(mesh.material, [material_id("metal-painted"), material_id("cloth")])
     colours[painted] = paints[_scattered(mesh.part[painted]) % len(paints)]
-    for material, colour in _ON_ACTORS.items():
-        colours[actor & (mesh.material == material_id(material))] = _linear(colour)
 
     building = mesh.semantic == semantic_id("building")
     spread = (_scattered(mesh.part[building]) % 1000) / 1000.0 - 0.5
@@ -137,6 +136,29 @@ def surface_colours(
     spread = (_scattered(mesh.part[plant]) % 1000) / 1000.0 - 0.5
     colours[plant] *= 1 + spread[:, None] * np.array([0.5, 0.3, 0.3])
     return colours
+
+
+def _numbered(values: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the values that there are, and which of them each is: ``np.unique`` of small ones."""
+    there = np.bincount(values, minlength=1) > 0
+    return np.flatnonzero(there), (np.cumsum(there) - 1)[values]
+
+
+def _colour_of(semantic: int, material: int) -> NDArray[np.float64]:
+    """Return the colour (3,) of a class and material, linear light, 0..1."""
+    name, stuff = _names()[0].get(semantic, ""), _names()[1].get(material, "")
+    colour = _BY_CLASS.get(name)
+    colour = _BY_CLASS_AND_MATERIAL.get((name, stuff), colour)
+    if name in _ACTORS:
+        colour = _ON_ACTORS.get(stuff, colour)
+    return np.full(3, 0.4) if colour is None else _linear(colour)
+
+
+@cache
+def _names() -> tuple[dict[int, str], dict[int, str]]:
+    """Return the names of classes and of materials by number."""
+    classes = {one.id: one.name for one in semantic_classes().values()}
+    return classes, {one.id: one.name for one in materials().values()}
 
 
 def material_colours() -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from numba.extending import intrinsic
 
 from urbantwin.geometry.compiled import per_block, per_ray
 
-__all__ = ["LANES", "aim", "cast", "met_by", "new_packet"]
+__all__ = ["LANES", "aim", "cast", "cast_beside", "met_by", "new_packet"]
 
 #: Rays in a packet.
 LANES = 8
@@ -82,3 +82,26 @@ def met_by(packet, lane):
     if words[144 + lane] == 0xFFFFFFFF:
         return np.float32(np.inf), np.int32(-1)
     return floats[64 + lane], np.int32(words[136 + lane])
+
+
+@per_block
+def cast_beside(address, scene, origins, directions, hits):
+    """Write the first `embree.Hits` of rays from origins (N, 3) float32, neighbours in packets."""
+    packet = new_packet()
+    for start in range(0, len(directions), LANES):
+        count = min(LANES, len(directions) - start)
+        for lane in range(count):
+            n = start + lane
+            aim(
+                packet,
+                lane,
+                origins[n, 0],
+                origins[n, 1],
+                origins[n, 2],
+                directions[n, 0],
+                directions[n, 1],
+                directions[n, 2],
+            )
+        cast(address, scene, packet, count)
+        for lane in range(count):
+            hits.range_m[start + lane], hits.face[start + lane] = met_by(packet, lane)
