@@ -1,6 +1,7 @@
 """Campaigns, end to end on a small place."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -128,7 +129,7 @@ def test_what_fails_is_told_and_all_else_is_made(
 ) -> None:
     (tmp_path / "tram.yaml").write_text(yaml.safe_dump(RIDING))
     (tmp_path / "ball.yaml").write_text(
-        yaml.safe_dump({"events": [{"event": "fallen_object", "at_s": 0.1, "place": "nowhere"}]})
+        yaml.safe_dump({"events": [{"event": "debris", "at_s": 0.1, "place": {"street": "No"}}]})
     )
     path = tmp_path / "grid.yaml"
     fields = {
@@ -165,3 +166,30 @@ def test_a_cluster_makes_the_same_bytes(grid: Path, made: ut.Campaign, tmp_path:
     assert len(there.datasets) == 2
     for row in there.manifest["datasets"]:
         assert bytes_of(there.folder / row["path"]) == bytes_of(made.folder / row["path"])
+
+
+def test_a_split_is_of_the_cells_of_the_grid_and_goes_with_it(
+    grid: Path, made: ut.Campaign, tmp_path: Path
+) -> None:
+    fields = yaml.safe_load(grid.read_text())
+    place = tmp_path / "campaign"
+    shutil.copytree(made.folder, place)
+    grid = tmp_path / grid.name
+    grid.write_text(yaml.safe_dump({**fields, "weather": {"dry": {}}}))
+    ut.campaign(grid, place, workers=1, progress=False)
+    assert (place / "datasets" / "a-1-own-fog-none").is_dir()
+    mine = tmp_path / "mine" / "split.json"
+    mine.parent.mkdir()
+    told = ut.split(place, mine, progress=False).told
+    listed = [Path(one["path"]).name for one in told["datasets"]]
+    assert sorted(listed) == ["a-1-own-dry-none", "a-2-own-dry-none"]
+    by_time = {**fields, "weather": {"dry": {}}, "split": {"shares": [50, 50]}}
+    grid.write_text(yaml.safe_dump({**by_time, "seeds": [1]}))
+    again = ut.campaign(grid, place, workers=1, progress=False)
+    assert not (place / "split.json").exists()
+    # Of a split in time each dataset has frames of both parts.
+    assert len(again.where(split="train")) == len(again.where(split="val")) == 2
+    own = mine.read_text().replace("../campaign/", "")
+    (place / "split.json").write_text(own)
+    ut.campaign(grid, place, workers=1, progress=False)
+    assert (place / "split.json").read_text() == own

@@ -393,10 +393,8 @@ def _finished(course: Course, progress: ShowProgress) -> Campaign:
     index = index_of(course, list(sources.values()))
     made = Campaign(place, index)
     with shown_stage("index", progress, brief=True) as tell:
-        kept = {(row["levels"]["site"], row["levels"]["seed"]) for row in index["datasets"]}
-        if len(kept) > 1 and steps.asked.by_scenario is not None:
-            tell(0.0, "which scenario is of which part")
-            _split_by_scenario(made, *steps.asked.by_scenario)
+        tell(0.0, "which scenario is of which part")
+        _divide(made, course)
         with replaced_folder(place / _INDEX, kind=_KIND) as folder:
             tell(0.3, "pictures")
             picture = _picture(made, folder)
@@ -420,6 +418,22 @@ def _others(made: Campaign) -> int:
     folder = made.folder / "datasets"
     there = [one.name for one in folder.iterdir()] if folder.is_dir() else []
     return sum(not one.startswith(".") and one not in names for one in there)
+
+
+def _divide(made: Campaign, course: Course) -> None:
+    """Write the split that is asked for; one that an earlier grid asked for goes."""
+    from urbantwin.artefact import sha256_of
+
+    file, asked = made.folder / _SPLIT, course.steps.asked.by_scenario
+    rows = made.manifest["datasets"]
+    kept = {(row["levels"]["site"], row["levels"]["seed"]) for row in rows}
+    if asked is not None and len(kept) > 1:  # one alone cannot be divided
+        _split_by_scenario(made, *asked)
+        course.journal.note("split", state="told", sha256=sha256_of(file))
+    elif asked is None and file.is_file():
+        # What `urbantwin split` put there since is not the campaign's, and stays.
+        if course.journal.row("split").get("sha256") == sha256_of(file):
+            file.unlink()
 
 
 def _split_by_scenario(made: Campaign, shares: tuple[float, float, float], seed: int) -> None:

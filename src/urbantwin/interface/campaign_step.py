@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -151,12 +152,18 @@ def begin(maker: Maker) -> None:
 
 
 def make(step: Step) -> Outcome:
-    """Make a step in a worker; a SIGTERM takes back what is half made, and the worker goes on."""
-    from urbantwin.interruption import unwinds
+    """Make a step in a worker; a SIGTERM takes back what is half made, and ends the worker."""
+    from urbantwin.interruption import EXIT_CODE, Interruptions, unwinds
 
     assert _maker is not None
-    with unwinds():
-        return _maker.outcome(step)
+    interruptions = Interruptions()
+    try:
+        with unwinds() as interruptions:
+            return _maker.outcome(step)
+    finally:
+        # Of a pool whose other workers have ended already nobody would ever tell this one to.
+        if interruptions.count:
+            os._exit(EXIT_CODE)
 
 
 def check_seen(files: Sequence[Path]) -> None:

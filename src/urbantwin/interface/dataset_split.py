@@ -92,8 +92,8 @@ def split(
     datasets stay as they are, and a document says which is what.
 
     Args:
-        datasets: folders of datasets, or folders that hold some: of seeds, of a curriculum, of a
-            variation, of a suite.
+        datasets: folders of datasets, or folders that hold some: of seeds, of a campaign, of a
+            curriculum, of a variation, of a suite.
         out: by scenario, the document to write; ``split.json`` beside the first when not given.
         by: ``time`` or ``scenario``; by scenario where several are given.
         shares: of training, validation and test.
@@ -109,6 +109,7 @@ def split(
     Example:
         >>> ut.train(ut.split(["seed1/dataset", "seed2/dataset", "seed3/dataset"]))
     """
+    from urbantwin.campaigns.index import datasets_of
     from urbantwin.dataset.split import (
         SplitAsked,
         datasets_at,
@@ -127,7 +128,9 @@ def split(
         raise InputError(f"unknown way {by!r:.40}", place="--by", expected=" or ".join(_WAYS))
     if seed < 0:
         raise InputError(f"is {seed}", place="--seed", expected="0 or more")
-    sources = datasets_at([Path(one) for one in given])
+    # Of a campaign those that its index has: others may lie there, of cells that are no more.
+    inside = [of for one in given for of in datasets_of(Path(one)) or [Path(one)]]
+    sources = datasets_at(inside)
     way = by or ("time" if len(sources) == 1 else "scenario")
     if way == "scenario" and gap is not None:
         raise InputError("is for parts of one recording", place="--gap", expected="--by time")
