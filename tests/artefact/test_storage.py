@@ -58,6 +58,17 @@ def test_what_is_written_is_read(scheme, tmp_path):
     assert place.names() == []
 
 
+def test_another_run_may_have_moved_the_same_file(limited, monkeypatch):
+    def moved_before(system, source, target, **options):
+        system.pipe_file(target, system.cat_file(source))
+        raise FileNotFoundError(source)
+
+    monkeypatch.setattr(LimitedFileSystem, "mv", moved_before)
+    place = Storage.of("limited://a")
+    place.write("b", b"1234")
+    assert place.read("b") == b"1234"
+
+
 def test_a_full_one_is_told_with_what_to_do(limited):
     place = Storage.of("limited://a")
     place.write("b", b"12345")
@@ -69,6 +80,7 @@ def test_a_full_one_is_told_with_what_to_do(limited):
 @pytest.mark.parametrize(
     ("raised", "kind", "said"),
     [
+        (OSError(errno.EROFS, "Read-only file system"), InputError, "limited://a/c: is read-only"),
         (PermissionError("Access Denied\nat once"), InputError, "is refused (Access Denied)"),
         (type("NoCredentialsError", (Exception,), {})("none"), InputError, "expected credentials"),
         (RuntimeError("the service\nis away"), StageError, "the service; give the same command"),

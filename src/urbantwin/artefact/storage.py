@@ -79,7 +79,11 @@ class Storage:
                 return
             system.makedirs(path.rpartition("/")[0], exist_ok=True)
             system.pipe_file(f"{path}.part", content)
-            system.mv(f"{path}.part", path)
+            try:
+                system.mv(f"{path}.part", path)
+            except FileNotFoundError:  # another run of the same command has moved the same bytes
+                if not system.exists(path):
+                    raise
 
     def read(self, name: str) -> bytes:
         """Return what a file holds.
@@ -165,6 +169,8 @@ class Storage:
         except OSError as error:
             if error.errno in _FULL:
                 raise StageError(f"{place}: {_FULL[error.errno]}; {_GO_ON}") from error
+            if error.errno == errno.EROFS:
+                raise InputError("is read-only", file=place, expected=expected) from None
             raise StageError(f"{place}: {_first_line(error)}; {_GO_ON}") from error
         except ValueError as error:  # a protocol that nobody knows, a bucket that none can be
             raise InputError(_first_line(error), file=place, expected=expected) from None
