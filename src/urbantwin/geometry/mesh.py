@@ -112,10 +112,14 @@ class LabelledMesh:
 
     def normals(self) -> NDArray[np.float64]:
         """Return unit normals (F, 3); zero where a triangle has no area."""
-        a, b, c = np.moveaxis(self.triangles(), 1, 0)
-        cross = np.cross(b - a, c - a)
-        length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return np.asarray(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
+        # By coordinate: `np.cross` and sums over three take several times as long.
+        of_corners = np.ascontiguousarray(self.vertices.T)[:, np.ascontiguousarray(self.faces.T)]
+        first = of_corners[:, 0]
+        (ux, uy, uz), (vx, vy, vz) = of_corners[:, 1] - first, of_corners[:, 2] - first
+        cross = np.array([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+        length = np.sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2])
+        np.divide(cross, length, out=cross, where=length > 0)
+        return np.ascontiguousarray(cross.T)
 
     def areas(self) -> NDArray[np.float64]:
         """Return areas (F,) in square metres."""
