@@ -20,8 +20,10 @@ def tight_box(mesh, pose):
     )[0]  # fmt: skip
 
 
-@pytest.mark.parametrize("actor_class", ["car", "pedestrian"])
-@pytest.mark.parametrize("angles", [(0, 0, 0), (2.5, 0.06, -0.04), (-1.1, -0.3, 0.4)])
+@pytest.mark.parametrize("actor_class", ["car", "truck", "pedestrian"])
+@pytest.mark.parametrize(
+    "angles", [(0, 0, 0), (2.5, 0.06, -0.04), (-1.1, -0.3, 0.4), (0.7, 1.5, 3.0)]
+)
 def test_box_is_the_tight_bounds_of_every_posed_vertex(actor_class, angles):
     mesh = asset_mesh(asset_names(actor_class)[0], 0)
     pose = Pose.from_ypr((40, -13, 2), *angles)

@@ -112,13 +112,12 @@ class LabelledMesh:
 
     def normals(self) -> NDArray[np.float64]:
         """Return unit normals (F, 3); zero where a triangle has no area."""
-        # Column by column: a third of the time of np.cross on rows.
-        x, y, z = np.ascontiguousarray(self.vertices.T)
-        first, second, third = np.ascontiguousarray(self.faces.T)
-        ux, uy, uz = (one[second] - one[first] for one in (x, y, z))
-        vx, vy, vz = (one[third] - one[first] for one in (x, y, z))
-        cross = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
-        length = np.sqrt(cross[0] ** 2 + cross[1] ** 2 + cross[2] ** 2)
+        # By coordinate: `np.cross` and sums over three take several times as long.
+        of_corners = np.ascontiguousarray(self.vertices.T)[:, np.ascontiguousarray(self.faces.T)]
+        first = of_corners[:, 0]
+        (ux, uy, uz), (vx, vy, vz) = of_corners[:, 1] - first, of_corners[:, 2] - first
+        cross = np.array([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+        length = np.sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2])
         np.divide(cross, length, out=cross, where=length > 0)
         return np.ascontiguousarray(cross.T)
 

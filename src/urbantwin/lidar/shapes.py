@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import product
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -35,6 +35,11 @@ MeshSource = Callable[[str, int], LabelledMesh]
 #: triangle lets light through.
 PLANE = np.dtype([(name, np.float64) for name in ("x", "y", "z", "offset")] + [("pane", np.bool_)])
 
+#: To the sides, edges and corners of a cube (26, 3).
+_DIRECTIONS = np.array([one for one in product((-1.0, 0.0, 1.0), repeat=3) if any(one)])
+#: A vertex so deep within a hull touches no bound: more than rounding puts it off.
+_WITHIN_M = 1e-9
+
 
 class ActorShape:
     """A mesh with its tree for rays. All in the mesh's own frame, metres.
@@ -43,31 +48,49 @@ class ActorShape:
         scene: its triangles as Embree casts at them.
         low: (3,) lower corner of its bounds.
         high: (3,) upper corner of its bounds.
-        hull: (3, H) vertices of its convex hull: the only ones that can touch a bound of the
-            mesh, however it is turned.
+        hull: (3, H) those of its vertices that can touch a bound of the mesh, however it is
+            turned, and few others.
         planes: (F,) records `PLANE` of its triangles.
         material: (F,) uint8.
     """
 
     def __init__(self, mesh: LabelledMesh, *, with_hull: bool = True) -> None:
-        used = np.zeros((1, 3))
+        used = np.zeros((3, 1))
         if len(mesh.faces):
-            used = mesh.vertices[np.flatnonzero(np.bincount(mesh.faces.ravel()))]
+            used = mesh.vertices.T[:, np.flatnonzero(np.bincount(mesh.faces.ravel()))]
         self.scene = EmbreeScene(mesh.vertices, mesh.faces, many_rays=True)
-        self.low, self.high = used.min(axis=0), used.max(axis=0)
-        if with_hull:
-            with suppress(QhullError):  # A flat mesh has no volume.
-                used = used[ConvexHull(used).vertices]
-        else:
-            used = np.stack([self.low, self.high])
-        self.hull = np.ascontiguousarray(used.T)
+        self.low, self.high = used.min(axis=1), used.max(axis=1)
+        self.hull = _outer_vertices(used) if with_hull else np.stack([self.low, self.high], axis=1)
         self.material = mesh.material
-        normals = mesh.normals()
-        clear = np.array([one.transmission > 0 for one in materials().values()])
-        self.planes = np.zeros(len(normals), PLANE)
-        self.planes["x"], self.planes["y"], self.planes["z"] = normals.T
-        self.planes["offset"] = (normals * mesh.vertices[mesh.faces[:, 0]]).sum(axis=1)
+        normals = mesh.normals().T
+        reach = normals * mesh.vertices.T[:, mesh.faces[:, 0]]
+        clear = _lets_light_through()
+        self.planes = np.zeros(len(mesh.faces), PLANE)
+        self.planes["x"], self.planes["y"], self.planes["z"] = normals
+        self.planes["offset"] = reach[0] + reach[1] + reach[2]
         self.planes["pane"] = clear[mesh.material]
+
+
+def _outer_vertices(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return vertices (3, H) without those that lie within the hull of the outermost 26.
+
+    The vertices of the convex hull are among them. A hull of all would leave a third of these, and
+    take several times as long as it saves.
+    """
+    vertices = np.ascontiguousarray(vertices)
+    outermost = np.unique((_DIRECTIONS @ vertices).argmax(axis=1))
+    try:
+        sides = ConvexHull(vertices[:, outermost].T).equations
+    except QhullError:  # A flat mesh has no volume.
+        return vertices
+    outside = (sides[:, :3] @ vertices + sides[:, 3:]).max(axis=0)
+    return np.ascontiguousarray(vertices[:, outside > -_WITHIN_M])
+
+
+@cache
+def _lets_light_through() -> NDArray[np.bool_]:
+    """Return of each material, by its number, whether it does."""
+    return np.array([one.transmission > 0 for one in materials().values()])
 
 
 class Triangles(NamedTuple):
@@ -93,7 +116,7 @@ class Shapes:
         first_face: (S,) int64, where the faces of each begin among the triangles.
         triangles: of all.
         material: (F,) uint8.
-        hull: (3, H) float64, vertices of the convex hulls.
+        hull: (3, H) float64, vertices that can touch a bound.
         first_hull: (S,) int64, where the vertices of each begin.
         hull_size: (S,) int64, how many it has.
         low: (S, 3) float64, lower corners of the bounds.

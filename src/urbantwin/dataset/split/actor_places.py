@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,19 @@ class ActorPlaces:
         """Return the rows of a moment."""
         first, last = np.searchsorted(self.moment, [moment, moment + 1])
         return slice(int(first), int(last))
+
+    def rows_at(
+        self, moments: NDArray[np.int64], tracks: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the rows (R,) of actors (R,) at moments (R,), and which of them there are."""
+        wanted = moments * _TRACKS + tracks
+        rows = np.minimum(np.searchsorted(self._order, wanted), len(self._order) - 1)
+        return rows, self._order[rows] == wanted
+
+    @cached_property
+    def _order(self) -> NDArray[np.int64]:
+        """What rows are ordered by."""
+        return self.moment * _TRACKS + self.track
 
     def within(self, moments: NDArray[np.int64], *, parked: bool) -> set[int]:
         """Return the tracks of actors, parked or not, that are there at some moments."""

@@ -23,16 +23,22 @@ def still_there(
     Whoever went less than its own length still overlaps with its old place: the second frame shows
     it with nearly the same points.
     """
-    first, second = places.at(one), places.at(other)
-    mine = np.flatnonzero(moves[first]) + first.start
-    both, left, right = np.intersect1d(
-        places.track[mine], places.track[second], assume_unique=True, return_indices=True
-    )
-    if not len(both):
-        return 0, len(mine)
-    here, there = mine[left], right + second.start
+    mine = _movers(places, moves, one)
+    return _still(places, mine, np.full(len(mine), other)), len(mine)
+
+
+def _movers(places: ActorPlaces, moves: NDArray[np.bool_], moment: int) -> NDArray[np.int64]:
+    """Return the rows of those who move at a moment."""
+    rows = places.at(moment)
+    return np.flatnonzero(moves[rows]) + rows.start
+
+
+def _still(places: ActorPlaces, here: NDArray[np.int64], later: NDArray[np.int64]) -> int:
+    """Return how many of some rows (R,) stand there still at later moments (R,)."""
+    there, found = places.rows_at(later, places.track[here])
+    here, there = here[found], there[found]
     way = (places.ends[there] - places.ends[here]).reshape(-1, 2, 2).mean(axis=1)
-    return int((np.hypot(*way.T) < places.length[here]).sum()), len(mine)
+    return int((np.hypot(*way.T) < places.length[here]).sum())
 
 
 def seconds_to_change(places: ActorPlaces, moves: NDArray[np.bool_]) -> float | None:
@@ -50,14 +56,14 @@ def seconds_to_change(places: ActorPlaces, moves: NDArray[np.bool_]) -> float | 
     most = float(times[-1] - times[0]) / 2
     lags = np.unique(np.round(np.geomspace(1, max(1.0, most / step), _LAGS)))
     starts = np.unique(np.linspace(0, len(times) - 1, _MOMENTS).astype(int))
+    movers = [_movers(places, moves, one) for one in starts.tolist()]
+    mine, counts = np.concatenate(movers), np.array([len(one) for one in movers])
     for lag in lags * step:
         later = np.searchsorted(times, times[starts] + lag - step / 100)
-        pairs = [
-            still_there(places, moves, int(one), int(other))
-            for one, other in zip(starts, later, strict=True)
-            if other < len(times)
-        ]
-        still, of = (sum(column) for column in zip(*pairs, strict=True)) if pairs else (0, 0)
+        within = later < len(times)
+        compared = np.repeat(within, counts)
+        still = _still(places, mine[compared], np.repeat(later, counts)[compared])
+        of = int(counts[within].sum())
         if of and still <= CHANGED * of:
             return round(float(lag), 3)
     return None

@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from urbantwin.traffic.assets import AssetName, asset, bending_names
+from urbantwin.traffic.assets import AssetName, bending_names, bodies_of_asset
 from urbantwin.traffic.motion_rows import ActorRows, as_rows
 
 __all__ = ["are_coupled", "towed_by"]
@@ -92,7 +92,7 @@ def _joints() -> dict[tuple[str, str], tuple[tuple[float, float], ...]]:
     """Return how far joints lie behind the middle of a body, and ahead of that of the next."""
     found: dict[tuple[str, str], set[tuple[float, float]]] = {}
     for name in bending_names():
-        for one, other in pairwise(asset(name).bodies):
+        for one, other in pairwise(bodies_of_asset(name)):
             joint_m = other.guides_m[0]
             places = joint_m - one.middle_m, other.middle_m - joint_m
             found.setdefault((one.asset, other.asset), set()).add(places)
