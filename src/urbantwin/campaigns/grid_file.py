@@ -184,6 +184,9 @@ def load_campaign(path: Path) -> CampaignFile:
     except InputError as error:
         raise document.error(error.problem, ["split", "shares"], error.expected) from None
     scenarios = fields.split.by == "scenario"
+    idle, wanted = ("gap_s", "time") if scenarios else ("seed", "scenario")
+    if idle in fields.split.model_fields_set:
+        raise document.error("does nothing here", ["split", idle], f"no {idle}, or by: {wanted}")
     weather = settings_of(document, fields.weather)
     _check_names(document, "weather", [one.name for one in weather], fields.weather)
     made = CampaignFile(

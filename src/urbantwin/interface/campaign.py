@@ -430,10 +430,13 @@ def _divide(made: Campaign, course: Course) -> None:
     if asked is not None and len(kept) > 1:  # one alone cannot be divided
         _split_by_scenario(made, *asked)
         course.journal.note("split", state="told", sha256=sha256_of(file))
-    elif asked is None and file.is_file():
-        # What `urbantwin split` put there since is not the campaign's, and stays.
-        if course.journal.row("split").get("sha256") == sha256_of(file):
-            file.unlink()
+    # What `urbantwin split` put there since is not the campaign's, and stays.
+    elif (
+        asked is None
+        and file.is_file()
+        and course.journal.row("split").get("sha256") == sha256_of(file)
+    ):
+        file.unlink()
 
 
 def _split_by_scenario(made: Campaign, shares: tuple[float, float, float], seed: int) -> None:

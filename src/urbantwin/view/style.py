@@ -146,7 +146,7 @@ def draw_lines(
 
     The limits of the axes are left as they are.
     """
-    look = {"zorder": 2, "capstyle": "projecting", "joinstyle": "round"} | look
+    look = {"zorder": 2, "capstyle": "projecting", "joinstyle": "round", **look}
     axes.add_collection(LineCollection(lines, colors=colours, **look), autolim=False)
 
 

@@ -108,7 +108,8 @@ def rig_at(spec: RigSpec, asked: Sequence[FactorAsked], levels: Mapping[str, Lev
 def first_problem(error: ValueError) -> str:
     """Return what `rig_at` found wrong: of pydantic's error its first problem."""
     lines = str(error).splitlines()
-    return (lines[2] if len(lines) > 2 else lines[0]).strip()[:160]
+    problem = lines[2] if len(lines) > 2 else lines[0]
+    return problem.partition(" [type=")[0].strip()[:160]
 
 
 def by_clock(asked: Sequence[FactorAsked]) -> bool:
