@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from urbantwin.fidelity.readers.recording import Recording
     from urbantwin.interface.actor_catalogue import ActorCatalogue, actors
     from urbantwin.interface.aligned_rig import AlignedRig, align
-    from urbantwin.interface.campaign import Campaign, campaign
+    from urbantwin.interface.campaign import campaign
+    from urbantwin.interface.campaign_folder import Campaign
     from urbantwin.interface.carla_frames import CarlaFrames, carla
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum

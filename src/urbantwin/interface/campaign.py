@@ -1,23 +1,28 @@
-"""Campaigns: sites, seeds, scenarios, rigs and weather recorded with each other, and opened."""
+"""Campaigns: sites, seeds, scenarios, rigs and weather recorded with each other."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
-from functools import cached_property, partial
+from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.artefact import check_folder, check_room, claimed, kind_of, replaced_folder
-from urbantwin.errors import InputError, StageError
-from urbantwin.interface.datasets import Datasets
+from urbantwin.artefact import check_folder, check_room, claimed, replaced_folder
+from urbantwin.errors import InputError
+from urbantwin.interface.campaign_folder import (
+    INDEX,
+    KIND,
+    SHARDS,
+    SPLIT,
+    Campaign,
+    shard_sources,
+)
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.selection import Selection
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
-from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,178 +31,11 @@ if TYPE_CHECKING:
     from urbantwin.campaigns.costs import Plan
     from urbantwin.campaigns.course import Pool
     from urbantwin.campaigns.grid_file import Shards
-    from urbantwin.exports.frames.shards import ShardSource
-    from urbantwin.interface.dataset import Dataset
 
-__all__ = ["Campaign", "campaign"]
+__all__ = ["campaign"]
 
-_KIND = "campaign"
-#: In a campaign's folder: the index, the shards, and the split by scenario.
-_INDEX, _SHARDS, _SPLIT = "index", "shards", "split.json"
-#: So many cells are in the picture, and so many failures in a summary.
-_PICTURED, _TOLD = 12, 20
-
-
-class Campaign(Datasets):
-    """All datasets of a campaign as one; those that it was planned to have, before it ran.
-
-    Attributes:
-        folder: where it is; ``index/campaign.html`` in it is the page for people.
-        manifest: ``index/campaign.json``; empty of a plan.
-        plan: what was left to do, when it was planned.
-
-    Example:
-        >>> campaign = ut.open("campaign/")
-        >>> campaign.where(weather="fog", classes=["car"], split="train")
-    """
-
-    def __init__(
-        self,
-        folder: AnyPath,
-        manifest: dict[str, Any] | None = None,
-        plan: Mapping[str, Any] | None = None,
-        rows: Sequence[Mapping[str, Any]] | None = None,
-    ) -> None:
-        self.folder = Path(folder)
-        self.manifest = manifest or {}
-        self.plan = plan
-        self._rows = tuple(self.manifest.get("datasets", []) if rows is None else rows)
-        self._names = [str(row["path"]).rpartition("/")[2] for row in self._rows]
-        self._divided = None
-
-    @classmethod
-    def open(cls, folder: AnyPath) -> Campaign:
-        """Open a campaign's folder, or the index in it.
-
-        Raises:
-            InputError: it is none, or damaged.
-        """
-        from urbantwin.campaigns import read_index
-
-        place = Path(folder)
-        found = read_index(place)
-        return cls(place.parent if kind_of(place) == _KIND else place, found)
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
-    @property
-    def datasets(self) -> tuple[Dataset, ...]:
-        """The datasets, in the order of the cells."""
-        return self._opened
-
-    @cached_property
-    def _opened(self) -> tuple[Dataset, ...]:
-        from urbantwin.interface.dataset import Dataset
-
-        return tuple(Dataset(self.folder / row["path"]) for row in self._rows)
-
-    @property
-    def levels(self) -> tuple[dict[str, Any], ...]:
-        """Of each dataset ``site``, ``seed``, ``scenario``, ``rig`` and ``weather``."""
-        return tuple(dict(row["levels"]) for row in self._rows)
-
-    def at(self, **levels: Any) -> Campaign:  # noqa: ANN401 - a level, or several
-        """Return the datasets with some levels: ``at(weather="fog", seed=[1, 2])``.
-
-        Raises:
-            InputError: there is no such axis or level.
-        """
-        axes: Mapping[str, list[Any]] = self.manifest.get("axes", {})
-        wanted = {}
-        for axis, given in levels.items():
-            several = list(given) if isinstance(given, list | tuple | set) else [given]
-            known = axes.get(axis)
-            strange = [one for one in several if known is None or one not in known]
-            if strange:
-                raise InputError(
-                    f"has no {axis} {strange[0]!r:.40}" if known else f"has no axis {axis!r:.40}",
-                    file=self.folder,
-                    expected=", ".join(map(str, known or axes)),
-                )
-            wanted[axis] = several
-        rows = [
-            row for row in self._rows
-            if all(row["levels"][axis] in several for axis, several in wanted.items())
-        ]  # fmt: skip
-        return Campaign(self.folder, self.manifest, self.plan, rows)
-
-    def where(
-        self,
-        *,
-        site: str | Iterable[str] | None = None,
-        seed: int | Iterable[int] | None = None,
-        scenario: str | Iterable[str] | None = None,
-        rig: str | Iterable[str] | None = None,
-        weather: str | Iterable[str] | None = None,
-        **boxes_and_frames: Any,  # noqa: ANN401 - see `Frames.where`
-    ) -> Selection:
-        """Return frames of some levels, with some of their boxes; see `Frames.where`.
-
-        Args:
-            site: of these sites.
-            seed: of these seeds.
-            scenario: of these scenarios.
-            rig: of these rigs.
-            weather: in this weather.
-            boxes_and_frames: what `Frames.where` takes.
-
-        Raises:
-            InputError: there is no such level, class, split, sequence or frame.
-        """
-        given = {"site": site, "seed": seed, "scenario": scenario, "rig": rig, "weather": weather}
-        levels = {axis: level for axis, level in given.items() if level is not None}
-        if levels:
-            return self.at(**levels).where(**boxes_and_frames)
-        return super().where(**boxes_and_frames)
-
-    def _part(self, dataset: Dataset, split: str) -> Any:  # noqa: ANN401
-        if self._divided is None and (self.folder / _SPLIT).is_file():
-            from urbantwin.dataset.split import read_split_document
-
-            self._divided = read_split_document(self.folder / _SPLIT)
-        return super()._part(dataset, split)
-
-    def __repr__(self) -> str:
-        """Return how many datasets and frames there are, and the folder."""
-        if not self.manifest:
-            return f"a plan of a campaign ({self.folder})"
-        frames = sum(row["frames"] for row in self._rows)
-        return f"Campaign of {len(self._rows)} datasets of {frames} frames ({self.folder})"
-
-    def summary(self) -> Summary:
-        """Return what there is and what failed; of a plan, what it takes."""
-        if not self.manifest:
-            return Summary(path=str(self.folder), **dict(self.plan or {}))
-        told = self.manifest
-        failed = [f"{one['path']}: {one['why']}" for one in told["failed"]]
-        more = [f"and {len(failed) - _TOLD} more"] if len(failed) > _TOLD else []
-        shards = self.folder / _SHARDS
-        return Summary(
-            path=str(self.folder),
-            page=str(self.folder / _INDEX / "campaign.html"),
-            cells=told["cells"],
-            datasets=len(told["datasets"]),
-            **{name: told["counts"][name] for name in ("frames", "points", "boxes", "bytes")},
-            axes={axis: len(levels) for axis, levels in told["axes"].items()},
-            **({"shards": str(shards)} if kind_of(shards) else {}),
-            failed=[*failed[:_TOLD], *more],
-        )
-
-    def check(self) -> None:
-        """Refuse a campaign of which cells failed.
-
-        Raises:
-            StageError: the first is named.
-        """
-        failed = self.manifest.get("failed", [])
-        if failed:
-            cells = self.manifest["cells"]
-            raise StageError(
-                f"{self.folder}: {len(failed)} of {cells} cells failed; the same command tries "
-                f"them again; first {failed[0]['path']}: {failed[0]['why']}"
-            )
+#: So many cells are in the picture.
+_PICTURED = 12
 
 
 def campaign(
@@ -243,9 +81,9 @@ def campaign(
         if value is not None and value < 1:
             raise InputError(f"is {value}", place=f"--{name}", expected="1 or more")
     asked = load_campaign(Path(grid) if ray is None else Path(grid).absolute())
-    place = beside(asked.file, _KIND, out)
+    place = beside(asked.file, KIND, out)
     place = place if ray is None else place.absolute()
-    check_folder(place / _INDEX, kind=_KIND, inputs=_inputs(asked))
+    check_folder(place / INDEX, kind=KIND, inputs=_inputs(asked))
     steps = steps_of(asked)
     course = Course(steps, place)
     _refuse_another(course)
@@ -395,7 +233,7 @@ def _finished(course: Course, progress: ShowProgress) -> Campaign:
     with shown_stage("index", progress, brief=True) as tell:
         tell(0.0, "which scenario is of which part")
         _divide(made, course)
-        with replaced_folder(place / _INDEX, kind=_KIND) as folder:
+        with replaced_folder(place / INDEX, kind=KIND) as folder:
             tell(0.3, "pictures")
             picture = _picture(made, folder)
             write_index(folder, index, picture)
@@ -424,7 +262,7 @@ def _divide(made: Campaign, course: Course) -> None:
     """Write the split that is asked for; one that an earlier grid asked for goes."""
     from urbantwin.artefact import sha256_of
 
-    file, asked = made.folder / _SPLIT, course.steps.asked.by_scenario
+    file, asked = made.folder / SPLIT, course.steps.asked.by_scenario
     rows = made.manifest["datasets"]
     kept = {(row["levels"]["site"], row["levels"]["seed"]) for row in rows}
     if asked is not None and len(kept) > 1:  # one alone cannot be divided
@@ -454,7 +292,7 @@ def _split_by_scenario(made: Campaign, shares: tuple[float, float, float], seed:
         for (site, seed_of), folders in groups.items()
     ]
     told = split_by_scenario(scenarios, shares, moved_m=None, seed=seed)
-    write_split_document(made.folder / _SPLIT, told)
+    write_split_document(made.folder / SPLIT, told)
 
 
 def _picture(made: Campaign, folder: Path) -> Path | None:
@@ -477,21 +315,6 @@ def _picture(made: Campaign, folder: Path) -> Path | None:
     return cells_picture(frames, path, attribution=attributions(made.manifest))
 
 
-def shard_sources(made: Campaign) -> list[ShardSource]:
-    """Return the datasets of a campaign as those who write shards take them."""
-    from urbantwin.dataset.split import read_split_document
-    from urbantwin.exports.frames.shards import ShardSource
-
-    parts: dict[Path, str] = {}
-    file = made.folder / _SPLIT
-    if file.is_file():
-        parts = {path: part for path, part, _ in read_split_document(file).rows}
-    return [
-        ShardSource(folder := made.folder / row["path"], name, row["levels"], parts.get(folder))
-        for name, row in zip(made._names, made._rows, strict=True)
-    ]
-
-
 def _write_shards(made: Campaign, asked: Shards, progress: ShowProgress) -> None:
     from urbantwin.exports.frames.shards import export_shards
 
@@ -499,7 +322,7 @@ def _write_shards(made: Campaign, asked: Shards, progress: ShowProgress) -> None
         export_shards(
             shard_sources(made),
             asked.format,
-            made.folder / _SHARDS,
+            made.folder / SHARDS,
             size=asked.megabytes * 1e6,
             seed=asked.seed,
             progress=tell,

@@ -154,7 +154,7 @@ def _several(path: Path, to: str) -> list[ShardSource]:
     """
     from urbantwin.dataset.split import read_split_document, says_split
     from urbantwin.exports.frames.shards import FORMATS, ShardSource
-    from urbantwin.interface.campaign import Campaign, shard_sources
+    from urbantwin.interface.campaign_folder import Campaign, shard_sources
     from urbantwin.interface.datasets import datasets_inside, short_names
 
     if to not in FORMATS:

@@ -36,7 +36,7 @@ _CLASSES = {
     "sequence": ("sequence", "SequenceFiles"),
     "fleet": ("fleet", "Fleet"),
     "study": ("study", "Study"),
-    "campaign": ("campaign", "Campaign"),
+    "campaign": ("campaign_folder", "Campaign"),
     "explanation": ("explanation", "Explanation"),
     "fusion": ("fusion_study", "FusionStudy"),
     "placement": ("placement", "Placement"),

@@ -1,0 +1,204 @@
+"""A campaign's folder: its datasets as one, by the levels that they were recorded at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import kind_of
+from urbantwin.errors import InputError, StageError
+from urbantwin.interface.datasets import Datasets
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.selection import Selection
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.exports.frames.shards import ShardSource
+    from urbantwin.interface.dataset import Dataset
+
+__all__ = ["INDEX", "KIND", "SHARDS", "SPLIT", "Campaign", "shard_sources"]
+
+KIND = "campaign"
+#: In a campaign's folder: the index, the shards, and the split by scenario.
+INDEX, SHARDS, SPLIT = "index", "shards", "split.json"
+#: So many failures are in a summary.
+_TOLD = 20
+
+
+class Campaign(Datasets):
+    """All datasets of a campaign as one; those that it was planned to have, before it ran.
+
+    Attributes:
+        folder: where it is; ``index/campaign.html`` in it is the page for people.
+        manifest: ``index/campaign.json``; empty of a plan.
+        plan: what was left to do, when it was planned.
+
+    Example:
+        >>> campaign = ut.open("campaign/")
+        >>> campaign.where(weather="fog", classes=["car"], split="train")
+    """
+
+    def __init__(
+        self,
+        folder: AnyPath,
+        manifest: dict[str, Any] | None = None,
+        plan: Mapping[str, Any] | None = None,
+        rows: Sequence[Mapping[str, Any]] | None = None,
+    ) -> None:
+        self.folder = Path(folder)
+        self.manifest = manifest or {}
+        self.plan = plan
+        self._rows = tuple(self.manifest.get("datasets", []) if rows is None else rows)
+        self._names = [str(row["path"]).rpartition("/")[2] for row in self._rows]
+        self._divided = None
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Campaign:
+        """Open a campaign's folder, or the index in it.
+
+        Raises:
+            InputError: it is none, or damaged.
+        """
+        from urbantwin.campaigns import read_index
+
+        place = Path(folder)
+        found = read_index(place)
+        return cls(place.parent if kind_of(place) == KIND else place, found)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    @property
+    def datasets(self) -> tuple[Dataset, ...]:
+        """The datasets, in the order of the cells."""
+        return self._opened
+
+    @cached_property
+    def _opened(self) -> tuple[Dataset, ...]:
+        from urbantwin.interface.dataset import Dataset
+
+        return tuple(Dataset(self.folder / row["path"]) for row in self._rows)
+
+    @property
+    def levels(self) -> tuple[dict[str, Any], ...]:
+        """Of each dataset ``site``, ``seed``, ``scenario``, ``rig`` and ``weather``."""
+        return tuple(dict(row["levels"]) for row in self._rows)
+
+    def at(self, **levels: Any) -> Campaign:  # noqa: ANN401 - a level, or several
+        """Return the datasets with some levels: ``at(weather="fog", seed=[1, 2])``.
+
+        Raises:
+            InputError: there is no such axis or level.
+        """
+        axes: Mapping[str, list[Any]] = self.manifest.get("axes", {})
+        wanted = {}
+        for axis, given in levels.items():
+            several = list(given) if isinstance(given, list | tuple | set) else [given]
+            known = axes.get(axis)
+            strange = [one for one in several if known is None or one not in known]
+            if strange:
+                raise InputError(
+                    f"has no {axis} {strange[0]!r:.40}" if known else f"has no axis {axis!r:.40}",
+                    file=self.folder,
+                    expected=", ".join(map(str, known or axes)),
+                )
+            wanted[axis] = several
+        rows = [
+            row for row in self._rows
+            if all(row["levels"][axis] in several for axis, several in wanted.items())
+        ]  # fmt: skip
+        return Campaign(self.folder, self.manifest, self.plan, rows)
+
+    def where(
+        self,
+        *,
+        site: str | Iterable[str] | None = None,
+        seed: int | Iterable[int] | None = None,
+        scenario: str | Iterable[str] | None = None,
+        rig: str | Iterable[str] | None = None,
+        weather: str | Iterable[str] | None = None,
+        **boxes_and_frames: Any,  # noqa: ANN401 - see `Frames.where`
+    ) -> Selection:
+        """Return frames of some levels, with some of their boxes; see `Frames.where`.
+
+        Args:
+            site: of these sites.
+            seed: of these seeds.
+            scenario: of these scenarios.
+            rig: of these rigs.
+            weather: in this weather.
+            boxes_and_frames: what `Frames.where` takes.
+
+        Raises:
+            InputError: there is no such level, class, split, sequence or frame.
+        """
+        given = {"site": site, "seed": seed, "scenario": scenario, "rig": rig, "weather": weather}
+        levels = {axis: level for axis, level in given.items() if level is not None}
+        if levels:
+            return self.at(**levels).where(**boxes_and_frames)
+        return super().where(**boxes_and_frames)
+
+    def _part(self, dataset: Dataset, split: str) -> Any:  # noqa: ANN401
+        if self._divided is None and (self.folder / SPLIT).is_file():
+            from urbantwin.dataset.split import read_split_document
+
+            self._divided = read_split_document(self.folder / SPLIT)
+        return super()._part(dataset, split)
+
+    def __repr__(self) -> str:
+        """Return how many datasets and frames there are, and the folder."""
+        if not self.manifest:
+            return f"a plan of a campaign ({self.folder})"
+        frames = sum(row["frames"] for row in self._rows)
+        return f"Campaign of {len(self._rows)} datasets of {frames} frames ({self.folder})"
+
+    def summary(self) -> Summary:
+        """Return what there is and what failed; of a plan, what it takes."""
+        if not self.manifest:
+            return Summary(path=str(self.folder), **dict(self.plan or {}))
+        told = self.manifest
+        failed = [f"{one['path']}: {one['why']}" for one in told["failed"]]
+        more = [f"and {len(failed) - _TOLD} more"] if len(failed) > _TOLD else []
+        shards = self.folder / SHARDS
+        return Summary(
+            path=str(self.folder),
+            page=str(self.folder / INDEX / "campaign.html"),
+            cells=told["cells"],
+            datasets=len(told["datasets"]),
+            **{name: told["counts"][name] for name in ("frames", "points", "boxes", "bytes")},
+            axes={axis: len(levels) for axis, levels in told["axes"].items()},
+            **({"shards": str(shards)} if kind_of(shards) else {}),
+            failed=[*failed[:_TOLD], *more],
+        )
+
+    def check(self) -> None:
+        """Refuse a campaign of which cells failed.
+
+        Raises:
+            StageError: the first is named.
+        """
+        failed = self.manifest.get("failed", [])
+        if failed:
+            cells = self.manifest["cells"]
+            raise StageError(
+                f"{self.folder}: {len(failed)} of {cells} cells failed; the same command tries "
+                f"them again; first {failed[0]['path']}: {failed[0]['why']}"
+            )
+
+
+def shard_sources(made: Campaign) -> list[ShardSource]:
+    """Return the datasets of a campaign as those who write shards take them."""
+    from urbantwin.dataset.split import read_split_document
+    from urbantwin.exports.frames.shards import ShardSource
+
+    parts: dict[Path, str] = {}
+    file = made.folder / SPLIT
+    if file.is_file():
+        parts = {path: part for path, part, _ in read_split_document(file).rows}
+    return [
+        ShardSource(folder := made.folder / row["path"], name, row["levels"], parts.get(folder))
+        for name, row in zip(made._names, made._rows, strict=True)
+    ]
