@@ -149,6 +149,7 @@ def _draw_boxes(axes: Axes, frame: LabelledPoints) -> None:
     levels = frame.difficulty or tuple(
         "seen" if count else None for count in frame.box_points.tolist()
     )
+    shapes, noses = [], []
     for box, name, level in zip(frame.boxes, frame.classes, levels, strict=True):
         corners = box_corners(box)[:4, :2]
         colour = style.actor_colour(name)
