@@ -337,7 +337,7 @@ class _Colours:
         self._surface = surface if surface is not None and surface.layers else None
         self._origin = origin
         if self._surface is not None:
-            self._own = mesh.material
+            self._own = mesh.material  # of the triangles, by face
             self._takes = taking(mesh, np.arange(len(mesh.faces)))
         self._faces = surface_colours(mesh, colours).astype(np.float32)
         self._materials = material_colours().astype(np.float32)
@@ -352,7 +352,9 @@ class _Colours:
         found = self._faces.take(face, axis=0)
         if self._surface is not None:
             which = np.flatnonzero(self._takes[face])
-            places = self._origin + way.take(which, axis=0).astype(np.float64) * distance[which, None]
+            places = (
+                self._origin + way.take(which, axis=0).astype(np.float64) * distance[which, None]
+            )
             material = self._surface.at(places)
             own = self._own[face[which]]
             finer = (material > 0) & (material != own)
