@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh, Pose
+from urbantwin.geometry.embree import EmbreeScene
 
 TETRAHEDRON = LabelledMesh.build(
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
@@ -64,3 +65,18 @@ def test_the_first_surface_below_counts_and_nothing_above():
     probe = DownwardProbe(floors)
     assert probe.height_below([[0, 0, 5], [0, 0, 2]]) == pytest.approx([3.0, 0.0])
     assert np.isnan(probe.height_below([[0, 0, -1], [5, 5, 5]])).all()
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_rays_meet_a_floor_where_geometry_says(beside):
+    floor = EmbreeScene(
+        np.array([[-1e3, -1e3, 0], [1e3, -1e3, 0], [0, 1e3, 0.0]]), np.array([[0, 1, 2]])
+    )
+    slope = np.linspace(-1.2, 1.2, 1003)  # not a multiple of a packet's rays; level is missed
+    ways = np.column_stack([np.cos(slope), np.zeros(1003), np.sin(slope)])
+    hits = floor.cast_single(np.broadcast_to([0.0, 0.0, 5.0], ways.shape), ways, beside=beside)
+    down = slope < -np.arcsin(5 / 400)
+    np.testing.assert_allclose(hits.range_m[down], -5 / ways[down, 2], rtol=1e-5)
+    assert (hits.face[down] == 0).all()
+    assert (hits.face[slope >= 0] == -1).all()
+    assert np.isinf(hits.range_m[slope >= 0]).all()

@@ -108,7 +108,7 @@ class LabelledMesh:
 
     def triangles(self) -> NDArray[np.float64]:
         """Return the corner positions (F, 3, 3)."""
-        return self.vertices[self.faces]
+        return self.vertices.take(self.faces, axis=0)  # many times faster than by an index
 
     def normals(self) -> NDArray[np.float64]:
         """Return unit normals (F, 3); zero where a triangle has no area."""

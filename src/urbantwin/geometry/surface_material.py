@@ -198,7 +198,7 @@ def taking(mesh: LabelledMesh, face: NDArray[np.integer]) -> NDArray[np.bool_]:
     """Return which faces (N,) of a mesh take materials finer than their own: ground, facing up."""
     takes = np.isin(mesh.semantic[face], [semantic_id(name) for name in GROUND_CLASSES])
     ground = np.flatnonzero(takes)
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face[ground]]], 1, 0)
+    a, b, c = np.moveaxis(mesh.vertices.take(mesh.faces.take(face[ground], axis=0), axis=0), 1, 0)
     normal = np.cross(b - a, c - a)
     takes[ground] = normal[:, 2] > UP * np.linalg.norm(normal, axis=1)
     return takes

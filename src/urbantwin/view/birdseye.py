@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from urbantwin.geometry import box_corners
@@ -149,24 +151,33 @@ def _draw_boxes(axes: Axes, frame: LabelledPoints) -> None:
     levels = frame.difficulty or tuple(
         "seen" if count else None for count in frame.box_points.tolist()
     )
+    shapes, faces, edges, noses, widths = [], [], [], [], []
+    dashes: list[Any] = []
     for box, name, level in zip(frame.boxes, frame.classes, levels, strict=True):
-        corners = box_corners(box)[:4, :2]
+        shapes.append(box_corners(box)[:4, :2])
         colour = style.actor_colour(name)
         # Boxes that do not count are labels too, drawn fainter and broken.
         alpha, line = (1.0, 1.5) if level else (0.5, 1.0)
-        shape = Polygon(
-            corners,
-            facecolor=(*colour, 0.18 if level else 0.06),
-            edgecolor=(*colour, alpha),
-            linewidth=line,
-            linestyle="-" if level else (0, (3, 2)),
-        )
-        shape.set_zorder(15)
-        axes.add_patch(shape)
+        faces.append((*colour, 0.18 if level else 0.06))
+        edges.append((*colour, alpha))
+        widths.append(line)
+        dashes.append("-" if level else (0, (3, 2)))
         along = np.array([np.cos(box[6]), np.sin(box[6])])
         nose = box[:2] + along * box[3] / 2
-        tick = np.array([nose, nose + along * max(0.8, 0.3 * box[3])])
-        axes.plot(*tick.T, color=colour, linewidth=line, alpha=alpha, zorder=15)
+        noses.append(np.array([nose, nose + along * max(0.8, 0.3 * box[3])]))
+    if not shapes:
+        return
+    outlines = PolyCollection(
+        shapes,
+        facecolors=faces,
+        edgecolors=edges,
+        linewidths=widths,
+        linestyles=dashes,
+        joinstyle="miter",
+        zorder=15,
+    )
+    axes.add_collection(outlines, autolim=False)
+    style.draw_lines(axes, noses, edges, linewidths=widths, zorder=15)
 
 
 def _legend(figure: Figure, frame: LabelledPoints) -> None:

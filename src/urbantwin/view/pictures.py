@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.card import PICTURE_OF_SPLIT, read_statistics
@@ -35,7 +38,7 @@ from urbantwin.view.labelled_frame import LabelledPoints, read_labelled_points
 from urbantwin.view.paths import paths_figure
 from urbantwin.view.plan import plan_figure
 from urbantwin.view.range_image import range_image_figure
-from urbantwin.view.scene import scene_figure, scene_picture
+from urbantwin.view.scene import figure_of_pixels, scene_figure, scene_pixels
 from urbantwin.view.sight import sight_figure
 from urbantwin.view.style import legible
 
@@ -216,6 +219,40 @@ def pictures_of_dataset(
     out.mkdir(parents=True, exist_ok=True)
 
     tell(0.0, "drawing the bird's-eye view")
+    with ThreadPoolExecutor(1) as beside:
+        # Rays are cast while matplotlib, which is of one thread, draws the others.
+        pixels = None
+        if twin is not None and motion is not None:
+            pixels = beside.submit(_pixels_of_moment, twin, motion, frame.time_s)
+        drawn = _pictures_of_tables(dataset, frame, manifest, out, sources, tell)
+        if twin is not None and pixels is not None:
+            tell(0.6, "drawing the scene")
+            below = f"frame {frame.name}   {frame.time_s:.1f} s"
+            figure = figure_of_pixels(
+                pixels.result(), title=title_of(twin), below=below, attribution=sources
+            )
+            drawn.append(style.save(figure, out / "scene.png"))
+    tell(1.0, "drawn")
+    return drawn
+
+
+def _pixels_of_moment(twin: Twin, motion: Motion, time_s: float) -> NDArray[np.uint8]:
+    """Return the pixels of the twin with its actors at a moment."""
+    meshes = [twin.mesh, *actor_meshes(rows_at(motion, time_s), motion.mesh)]
+    return scene_pixels(
+        LabelledMesh.concatenate(meshes), surface=twin.surface_materials, colours=twin.colours
+    )
+
+
+def _pictures_of_tables(
+    dataset: Path,
+    frame: LabelledPoints,
+    manifest: dict[str, Any],
+    out: Path,
+    sources: list[str],
+    tell: Progress,
+) -> list[Path]:
+    """Draw what `pictures_of_dataset` draws of the dataset alone."""
     drawn = [style.save(_figure_of_frame(frame, "birdseye", sources), out / "birdseye.png")]
     tell(0.25, "drawing the range image")
     if len(frame.points):
@@ -225,21 +262,6 @@ def pictures_of_dataset(
     drawn.append(style.save(_figure_of_counts(manifest), out / "histogram.png"))
     tell(0.55, "drawing all boxes")
     drawn += pictures_of_boxes(read_statistics(dataset), image_sets(dataset), out, sources)
-    if twin is not None and motion is not None:
-        tell(0.6, "drawing the scene")
-        meshes = [twin.mesh, *actor_meshes(rows_at(motion, frame.time_s), motion.mesh)]
-        drawn.append(
-            scene_picture(
-                LabelledMesh.concatenate(meshes),
-                out / "scene.png",
-                title=title_of(twin),
-                below=f"frame {frame.name}   {frame.time_s:.1f} s",
-                attribution=sources,
-                surface=twin.surface_materials,
-                colours=twin.colours,
-            )
-        )
-    tell(1.0, "drawn")
     return drawn
 
 

@@ -25,7 +25,15 @@ from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.view import style
 from urbantwin.view.surface_colours import material_colours, surface_colours
 
-__all__ = ["Camera", "clear_camera", "render", "scene_figure", "scene_picture"]
+__all__ = [
+    "Camera",
+    "clear_camera",
+    "figure_of_pixels",
+    "render",
+    "scene_figure",
+    "scene_picture",
+    "scene_pixels",
+]
 
 _SUNLIGHT = np.array([1.0, 0.94, 0.83], np.float32)
 _SKYLIGHT = np.array([0.40, 0.46, 0.55], np.float32)
@@ -149,10 +157,33 @@ def scene_figure(
     colours: PartColours | None = None,
 ) -> Figure:
     """Return the figure of ``scene_picture``."""
-    width, height = size
+    pixels = scene_pixels(mesh, camera=camera, size=size, surface=surface, colours=colours)
+    return figure_of_pixels(pixels, title=title, below=below, attribution=attribution)
+
+
+def scene_pixels(
+    mesh: LabelledMesh,
+    *,
+    camera: Camera | None = None,
+    size: tuple[int, int] = (1440, 810),
+    surface: SurfaceMaterials | None = None,
+    colours: PartColours | None = None,
+) -> NDArray[np.uint8]:
+    """Return the pixels (height, width, 3) of ``scene_picture``; any thread may ask for them."""
     caster = _Caster(mesh)
     camera = camera or _clearest(caster, Camera(), ELEVATIONS_DEG)
-    picture = _rendered(caster, camera, width, height, surface, colours)
+    return _rendered(caster, camera, *size, surface, colours)
+
+
+def figure_of_pixels(
+    picture: NDArray[np.uint8],
+    *,
+    title: str = "",
+    below: str = "",
+    attribution: str | Iterable[str] = (),
+) -> Figure:
+    """Return the figure of ``scene_picture`` from its pixels (height, width, 3)."""
+    height, width = picture.shape[:2]
     figure = style.new_figure(width / 100, height / 100)
     axes = figure.add_axes((0, 0, 1, 1))
     style.bare(axes)
@@ -300,7 +331,9 @@ def _rendered(
         def paint(band: slice) -> None:
             shaded = _shade(seen_colours, rays, sun, seen, ambient, band, camera.distance_m)
             rows = slice(band.start // _SAMPLES, band.start // _SAMPLES + len(shaded) // _SAMPLES)
-            picture[rows] = shaded.reshape(-1, _SAMPLES, width, _SAMPLES, 3).mean(axis=(1, 3))
+            every = [(i, j) for i in range(_SAMPLES) for j in range(_SAMPLES)]
+            picture[rows] = sum(shaded[i::_SAMPLES, j::_SAMPLES] for i, j in every)
+            picture[rows] /= np.float32(len(every))
 
         list(pool.map(paint, bands))
     return (np.clip(_toned(picture), 0, 1) * 255 + 0.5).astype(np.uint8)
@@ -335,7 +368,7 @@ class _Colours:
         self._surface = surface if surface is not None and surface.layers else None
         self._origin = origin
         if self._surface is not None:
-            self._own = mesh.material
+            self._own = mesh.material  # of the triangles, by face
             self._takes = taking(mesh, np.arange(len(mesh.faces)))
         self._faces = surface_colours(mesh, colours).astype(np.float32)
         self._materials = material_colours().astype(np.float32)
@@ -347,10 +380,12 @@ class _Colours:
         distance: NDArray[np.float32],
     ) -> NDArray[np.float32]:
         """Return the colour (N, 3) where rays that run along ``way`` (N, 3) meet faces (N,)."""
-        found = self._faces[face]
+        found = self._faces.take(face, axis=0)
         if self._surface is not None:
             which = np.flatnonzero(self._takes[face])
-            places = self._origin + way[which].astype(np.float64) * distance[which, None]
+            places = (
+                self._origin + way.take(which, axis=0).astype(np.float64) * distance[which, None]
+            )
             material = self._surface.at(places)
             own = self._own[face[which]]
             finer = (material > 0) & (material != own)
@@ -370,19 +405,22 @@ def _look(
     directions = rays[band].reshape(-1, 3)
     face, distance = caster.first(origin, directions, beside=True)
     hit = np.flatnonzero(face >= 0)
-    way = directions[hit]
-    normal = caster.normals[face[hit]]
+    # Rows by ``take``: an index does the same in many times the time.
+    way = directions.take(hit, axis=0)
+    normal = caster.normals.take(face[hit], axis=0)
     normal *= -np.sign(np.einsum("ij,ij->i", normal, way))[:, None]
     place = origin + way * distance[hit, None] + normal * _OFFSET_M
     facing = np.maximum(normal @ sun, np.float32(0))
     lit = np.flatnonzero(facing > 0)
-    _, to_sun = caster.first(place[lit], sun, beside=True)
+    _, to_sun = caster.first(place.take(lit, axis=0), sun, beside=True)
     facing[lit[np.isfinite(to_sun)]] = 0
     # One of a pixel's sub-pixels looks into the open: its neighbours' average is what is used.
     shape = seen.face[band].shape
     column, row = hit % shape[1], hit // shape[1]
     few = np.flatnonzero((column % _SAMPLES == 0) & (row % _SAMPLES == 0))
-    _, around = caster.first(place[few], _scattered_about(normal[few], seed=band.start))
+    _, around = caster.first(
+        place.take(few, axis=0), _scattered_about(normal.take(few, axis=0), seed=band.start)
+    )
 
     seen.face[band] = face.reshape(shape)
     seen.distance[band] = distance.reshape(shape)
@@ -402,15 +440,16 @@ def _shade(
 ) -> NDArray[np.float32]:
     """Return the light (rows, W, 3) of a band of rows."""
     face, distance = seen.face[band].ravel(), seen.distance[band].ravel()
-    colour = _sky(rays[band].reshape(-1, 3)[:, 2])
-    hit = np.flatnonzero(face >= 0)
+    colour = np.empty((len(face), 3), np.float32)
+    missed, hit = np.flatnonzero(face < 0), np.flatnonzero(face >= 0)
+    colour[missed] = _sky(rays[band].reshape(-1, 3)[missed, 2])
     up = seen.up[band].ravel()[hit]
     sky = ambient[band].ravel()[hit]
     light = seen.sun[band].ravel()[hit, None] * _SUNLIGHT
     light += (sky * (0.65 + 0.35 * up))[:, None] * _SKYLIGHT
     light += (sky * 0.12 * (1 - up))[:, None] * _GROUNDLIGHT
     haze = (1 - np.exp(-np.maximum(distance[hit] - distance_m, 0) / np.float32(700)))[:, None]
-    own = colours.of(face[hit], rays[band].reshape(-1, 3)[hit], distance[hit])
+    own = colours.of(face[hit], rays[band].reshape(-1, 3).take(hit, axis=0), distance[hit])
     colour[hit] = own * light * (1 - haze) + _HORIZON * haze
     return colour.reshape(*seen.face[band].shape, 3)
 

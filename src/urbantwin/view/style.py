@@ -146,8 +146,8 @@ def draw_lines(
 
     The limits of the axes are left as they are.
     """
-    look = {"zorder": 2, "capstyle": "projecting", "joinstyle": "round", **look}
-    axes.add_collection(LineCollection(lines, colors=colours, **look), autolim=False)
+    usual: dict[str, Any] = {"zorder": 2, "capstyle": "projecting", "joinstyle": "round"}
+    axes.add_collection(LineCollection(lines, colors=colours, **(usual | look)), autolim=False)
 
 
 def bare(axes: Axes) -> None:

@@ -121,9 +121,9 @@ def surface_colours(
     actor = np.isin(kinds >> 8, [semantic_id(name) for name in _ACTORS])
     paint = np.isin(kinds & 255, [material_id("metal-painted"), material_id("cloth")])
     painted = np.flatnonzero((actor & paint)[kind])
-    colours = colours[kind]
+    colours = colours.take(kind, axis=0)
     paints = np.array([_linear(paint) for paint in _PAINTS])
-    colours[painted] = paints[_scattered(mesh.part[painted]) % len(paints)]
+    colours[painted] = paints.take(_scattered(mesh.part[painted]) % len(paints), axis=0)
 
     building = mesh.semantic == semantic_id("building")
     spread = (_scattered(mesh.part[building]) % 1000) / 1000.0 - 0.5
