@@ -75,7 +75,7 @@ def _outer_vertices(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return vertices (3, H) without those that lie within the hull of the outermost 26.
 
     The vertices of the convex hull are among them. A hull of all would leave a third of these, and
-    take several times as long as it saves.
+    take four times as long.
     """
     vertices = np.ascontiguousarray(vertices)
     outermost = np.unique((_DIRECTIONS @ vertices).argmax(axis=1))

@@ -30,8 +30,7 @@ def still_there(
 def _movers(places: ActorPlaces, moves: NDArray[np.bool_], moment: int) -> NDArray[np.int64]:
     """Return the rows of those who move at a moment."""
     rows = places.at(moment)
-    moving: NDArray[np.int64] = np.flatnonzero(moves[rows]) + rows.start
-    return moving
+    return np.asarray(np.flatnonzero(moves[rows]) + rows.start)
 
 
 def _still(places: ActorPlaces, here: NDArray[np.int64], later: NDArray[np.int64]) -> int:
