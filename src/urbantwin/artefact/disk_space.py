@@ -12,7 +12,7 @@ from pathlib import Path
 
 from urbantwin.errors import InputError, NoRoomError, TooLittleRoomError
 
-__all__ = ["check_room", "says_no_room"]
+__all__ = ["check_room", "says_no_room", "told_size"]
 
 _FULL = {
     errno.ENOSPC: "there is no room left on its disk",
@@ -40,7 +40,7 @@ def check_room(folder: Path, needed: float, what: str) -> None:
     free = shutil.disk_usage(there).free
     if needed > free:
         raise TooLittleRoomError(
-            f"{what} needs about {_size(needed)}, and {_size(free)} are free on the disk",
+            f"{what} needs about {told_size(needed)}, and {told_size(free)} are free on the disk",
             file=folder,
             expected="more room, another disk, or less to write",
         )
@@ -103,7 +103,8 @@ def _within(file: str, scratch: Path) -> str:
     return str(path.relative_to(scratch)) if _is_in(file, scratch) else path.name
 
 
-def _size(size: float) -> str:
+def told_size(size: float) -> str:
+    """Return bytes as people read them: ``2.36 MB``."""
     for unit in ("B", "kB", "MB", "GB"):
         if size < 1000:
             return f"{size:.3g} {unit}"

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from urbantwin.artefact.disk_space import told_size
 from urbantwin.campaigns.costs import share_done
 from urbantwin.campaigns.steps import KINDS
 from urbantwin.interface.campaign_step import RUNNING
@@ -85,7 +86,7 @@ def _counted(course: Course) -> str:
 def _rate(course: Course) -> str:
     took = time.monotonic() - course.began
     words = [f"{course.frames / took:.3g} frames/s"] if course.frames and took > 1 else []
-    words.append(_bytes(course.measured["dataset"].size))
+    words.append(told_size(course.measured["dataset"].size))
     left = _left_s(course)
     if left is not None:
         words.append(f"about {_time(left)} to go")
@@ -141,14 +142,6 @@ class _Lines:
         if self._course is not None:
             took = _time(time.monotonic() - self._course.began)
             tell_line(f"campaign: {_counted(self._course)} in {took}")
-
-
-def _bytes(size: float) -> str:
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 1000:
-            return f"{size:.3g} {unit}"
-        size /= 1000
-    return f"{size:.3g} TB"
 
 
 def _time(seconds: float) -> str:
