@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import uniform_filter
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh, PartColours, SurfaceMaterials
 from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.geometry.surface_material import taking
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.view import style
+from urbantwin.view.picture_light import HORIZON, SAMPLES, scattered_about, sky, smoothed, toned
 from urbantwin.view.surface_colours import material_colours, surface_colours
 
 __all__ = [
@@ -38,8 +38,6 @@ __all__ = [
 _SUNLIGHT = np.array([1.0, 0.94, 0.83], np.float32)
 _SKYLIGHT = np.array([0.40, 0.46, 0.55], np.float32)
 _GROUNDLIGHT = np.array([1.0, 0.93, 0.82], np.float32)
-_ZENITH = np.array([0.24, 0.42, 0.66], np.float32)
-_HORIZON = np.array([0.80, 0.86, 0.91], np.float32)
 #: A ray into the open that meets nothing within this distance sees the sky, metres.
 _AMBIENT_M = 12.0
 #: The streets within this distance of a place are the junction that is to be seen, metres.
@@ -51,10 +49,8 @@ TURNS_DEG = (0, 25, -25, 50, -50, 75, -75, 100, -100, 130, -130, 155, -155, 180)
 STEEPNESS = 0.004
 #: What is lower than this above the junction does not stand in the way, metres.
 HIGH_M = 5.0
-#: Sub-pixels along each side of a pixel.
-_SAMPLES = 2
 #: Rows of sub-pixels cast at once.
-_BAND = 32 * _SAMPLES
+_BAND = 32 * SAMPLES
 _OFFSET_M = 2e-3
 
 
@@ -317,26 +313,26 @@ def _rendered(
     colours: PartColours | None,
 ) -> NDArray[np.uint8]:
     """Return the picture of `render`."""
-    rays = camera.rays(width * _SAMPLES, height * _SAMPLES)
+    rays = camera.rays(width * SAMPLES, height * SAMPLES)
     sun = camera.sun
     origin = camera.place.astype(np.float32)
     bands = [slice(at, at + _BAND) for at in range(0, len(rays), _BAND)]
     seen = _Seen.empty(rays.shape[:2])
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         list(pool.map(lambda band: _look(caster, origin, rays, sun, seen, band), bands))
-        ambient = _smoothed(seen.sky)
+        ambient = smoothed(seen.sky)
         seen_colours = _Colours(caster.mesh, surface, colours, camera.place)
         picture = np.empty((height, width, 3), np.float32)
 
         def paint(band: slice) -> None:
             shaded = _shade(seen_colours, rays, sun, seen, ambient, band, camera.distance_m)
-            rows = slice(band.start // _SAMPLES, band.start // _SAMPLES + len(shaded) // _SAMPLES)
-            every = [(i, j) for i in range(_SAMPLES) for j in range(_SAMPLES)]
-            picture[rows] = sum(shaded[i::_SAMPLES, j::_SAMPLES] for i, j in every)
+            rows = slice(band.start // SAMPLES, band.start // SAMPLES + len(shaded) // SAMPLES)
+            every = [(i, j) for i in range(SAMPLES) for j in range(SAMPLES)]
+            picture[rows] = sum(shaded[i::SAMPLES, j::SAMPLES] for i, j in every)
             picture[rows] /= np.float32(len(every))
 
         list(pool.map(paint, bands))
-    return (np.clip(_toned(picture), 0, 1) * 255 + 0.5).astype(np.uint8)
+    return (np.clip(toned(picture), 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -417,9 +413,9 @@ def _look(
     # One of a pixel's sub-pixels looks into the open: its neighbours' average is what is used.
     shape = seen.face[band].shape
     column, row = hit % shape[1], hit // shape[1]
-    few = np.flatnonzero((column % _SAMPLES == 0) & (row % _SAMPLES == 0))
+    few = np.flatnonzero((column % SAMPLES == 0) & (row % SAMPLES == 0))
     _, around = caster.first(
-        place.take(few, axis=0), _scattered_about(normal.take(few, axis=0), seed=band.start)
+        place.take(few, axis=0), scattered_about(normal.take(few, axis=0), seed=band.start)
     )
 
     seen.face[band] = face.reshape(shape)
@@ -442,15 +438,15 @@ def _shade(
     face, distance = seen.face[band].ravel(), seen.distance[band].ravel()
     colour = np.empty((len(face), 3), np.float32)
     missed, hit = np.flatnonzero(face < 0), np.flatnonzero(face >= 0)
-    colour[missed] = _sky(rays[band].reshape(-1, 3)[missed, 2])
+    colour[missed] = sky(rays[band].reshape(-1, 3)[missed, 2])
     up = seen.up[band].ravel()[hit]
-    sky = ambient[band].ravel()[hit]
+    open_sky = ambient[band].ravel()[hit]
     light = seen.sun[band].ravel()[hit, None] * _SUNLIGHT
-    light += (sky * (0.65 + 0.35 * up))[:, None] * _SKYLIGHT
-    light += (sky * 0.12 * (1 - up))[:, None] * _GROUNDLIGHT
+    light += (open_sky * (0.65 + 0.35 * up))[:, None] * _SKYLIGHT
+    light += (open_sky * 0.12 * (1 - up))[:, None] * _GROUNDLIGHT
     haze = (1 - np.exp(-np.maximum(distance[hit] - distance_m, 0) / np.float32(700)))[:, None]
     own = colours.of(face[hit], rays[band].reshape(-1, 3).take(hit, axis=0), distance[hit])
-    colour[hit] = own * light * (1 - haze) + _HORIZON * haze
+    colour[hit] = own * light * (1 - haze) + HORIZON * haze
     return colour.reshape(*seen.face[band].shape, 3)
 
 
@@ -472,41 +468,3 @@ class _Caster:
         origins, directions = np.broadcast_arrays(origins, directions)
         found = self._scene.cast_single(origins, directions, beside=beside)
         return found.face, found.range_m
-
-
-def _scattered_about(normal: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
-    """Return one direction (N, 3) about each normal, as a matt surface scatters light.
-
-    A point on the unit sphere about the normal's tip is such a direction (cosine-weighted).
-    """
-    generator = np.random.Generator(np.random.Philox(key=seed))
-    z = generator.random(len(normal), np.float32) * 2 - 1
-    turn = generator.random(len(normal), np.float32) * np.float32(2 * np.pi)
-    flat = np.sqrt(1 - z * z) * np.float32(0.999)
-    out = normal.copy()
-    out[:, 0] += flat * np.cos(turn)
-    out[:, 1] += flat * np.sin(turn)
-    out[:, 2] += z * np.float32(0.999)
-    out /= np.sqrt(np.einsum("ij,ij->i", out, out))[:, None]
-    return out
-
-
-def _smoothed(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Average noisy values over neighbouring sub-pixels that hit something."""
-    known = np.isfinite(values)
-    size = 7 * _SAMPLES + 1
-    total = uniform_filter(np.where(known, values, np.float32(0)), size)
-    share = uniform_filter(known.astype(np.float32), size)
-    out = np.divide(total, share, out=np.ones_like(total), where=share > 1e-6)
-    return np.asarray(out, np.float32)
-
-
-def _sky(z: NDArray[np.float32]) -> NDArray[np.float32]:
-    share = np.sqrt(np.clip((z + np.float32(0.05)) * 2, 0, 1))[:, None]
-    return np.asarray(_HORIZON * (1 - share) + _ZENITH * share, np.float32)
-
-
-def _toned(colour: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Compress highlights and encode for a screen (colours above are linear light)."""
-    bright = colour * np.float32(1.2)
-    return np.asarray(np.sqrt(bright / (1 + np.float32(0.18) * bright)))
