@@ -1,8 +1,10 @@
 """Recording onto storage with an address: the same bytes, going on, and what is refused."""
 
 import errno
+from collections import Counter
 
 import fsspec
+import pyarrow.parquet as pq
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
@@ -72,6 +74,20 @@ def test_it_fills_up_and_the_same_call_goes_on_to_the_same_bytes(
     assert files_of(place) == expected
     with pytest.raises(InputError, match="holds a dataset already"):
         record(twin, motion, rig, place, workers=1, seed=5)
+
+
+def test_the_frame_with_the_most_labelled_actors_is_here_for_pictures(filling, twin, motion, rig):
+    place, seen = Storage.of("filling://bucket/dataset"), []
+
+    def look(folder) -> None:
+        seen.extend(path.stem for path in (folder / "points").iterdir())
+        boxes = pq.read_table(folder / "boxes.parquet").to_pylist()
+        counts = Counter(box["frame"] for box in boxes if box["num_points"] > 0)
+        assert counts[seen[0]] == max(counts.values()) > 0
+
+    record(twin, motion, rig, place, workers=1, seed=5, also=look)
+    assert len(seen) == 1
+    assert place.read(f"points/{seen[0]}.npy")
 
 
 def test_a_run_that_was_killed_before_the_marks_went_is_finished(filling, twin, motion, rig):

@@ -57,7 +57,7 @@ class OutputPlace:
         """Bring the frame with the most labelled actors here, of which pictures are drawn."""
         if self.storage is None:
             return
-        busiest = max(entries, key=lambda one: sum(row["num_points"] > 0 for row in one["boxes"]))
+        busiest = max(entries, key=lambda one: (one["boxes"]["num_points"] > 0).sum())
         for name in busiest["sha256"]:
             path = self.folder / part / name
             path.parent.mkdir(parents=True, exist_ok=True)

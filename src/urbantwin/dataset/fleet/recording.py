@@ -20,6 +20,7 @@ from urbantwin.artefact import (
 from urbantwin.dataset.block_sums import write_block_sums
 from urbantwin.dataset.card.write import write_cards, write_index
 from urbantwin.dataset.dataset_writer import (
+    MARKS_FORMAT,
     Recording,
     check_room_for,
     checksums,
@@ -127,6 +128,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
             "pictures": also is not None,
             "split": asked_split.told(),
             "storage": storage,
+            "marks": MARKS_FORMAT,
         }
     )
     with replaced_folder(out, kind=KIND, inputs=inputs, key=key) as folder:
