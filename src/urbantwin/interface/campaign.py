@@ -259,7 +259,7 @@ def _others(made: Campaign) -> int:
 
 
 def _divide(made: Campaign, course: Course) -> None:
-    """Write the split that is asked for; one that an earlier grid asked for goes."""
+    """Write the split that is asked for; one of an earlier grid, or of more datasets, goes."""
     from urbantwin.artefact import sha256_of
 
     file, asked = made.folder / SPLIT, course.steps.asked.by_scenario
@@ -269,11 +269,7 @@ def _divide(made: Campaign, course: Course) -> None:
         _split_by_scenario(made, *asked)
         course.journal.note("split", state="told", sha256=sha256_of(file))
     # What `urbantwin split` put there since is not the campaign's, and stays.
-    elif (
-        asked is None
-        and file.is_file()
-        and course.journal.row("split").get("sha256") == sha256_of(file)
-    ):
+    elif file.is_file() and course.journal.row("split").get("sha256") == sha256_of(file):
         file.unlink()
 
 

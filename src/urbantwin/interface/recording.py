@@ -156,14 +156,11 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     check_output(place, kind=kind, inputs=inputs)
     if nodes is not None:
         _refuse_with_nodes(rig=rig, ride=ride, fused=fused, background=measured, fuse=fuse)
-    on = Twin.open(twin)
-    moving = Motion.open(motion)
-    if nodes is not None:
         if isinstance(place, Storage):
             raise InputError("is storage", file=str(place), expected="a folder, for several nodes")
         return _recorded_nodes(
-            on,
-            moving,
+            Twin.open(twin),
+            Motion.open(motion),
             Path(nodes),
             changes,
             place,
@@ -180,10 +177,11 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
             pictures=pictures,
             progress=progress,
         )
+    on = Twin.open(twin)
     spec, file = rig_spec_on(on, rig_file, changes)
     return recorded(
         on,
-        moving,
+        Motion.open(motion),
         spec,
         file,
         place,
