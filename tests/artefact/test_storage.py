@@ -106,6 +106,21 @@ def test_a_name_that_no_bucket_can_have_is_told_with_what_is_wrong(limited):
         Storage.of("limited://a").write("c", b"1234567891011")
 
 
+def test_a_bucket_that_is_missing_is_named_and_not_the_file(limited):
+    class Buckets(LimitedFileSystem):
+        protocol = "oss"
+
+        @classmethod
+        def _strip_protocol(cls, path):
+            return path.removeprefix("oss://")
+
+    fsspec.register_implementation("oss", Buckets, clobber=True)
+    Buckets.error = FileNotFoundError("The specified bucket does not exist")
+    with pytest.raises(InputError, match=r"^oss://absent: is not there; expected a bucket") as found:
+        Storage.of("oss://absent/data/set").write("points/000001.npy", b"1234567891011")
+    assert "points" not in str(found.value)
+
+
 def test_an_address_that_nothing_reaches_is_refused():
     with pytest.raises(InputError, match=r"nobody://a.*nobody"):
         Storage.of("nobody://a")

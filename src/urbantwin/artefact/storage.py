@@ -75,7 +75,13 @@ class Storage:
             path = f"{root}/{name}"
             content = b"".join(parts)
             if self._protocol in _OBJECTS:
-                system.pipe_file(path, content)
+                try:
+                    system.pipe_file(path, content)
+                except FileNotFoundError:  # what holds objects is the one thing that can be missing
+                    raise InputError(
+                        "is not there", file=f"{self._protocol}://{root.partition('/')[0]}",
+                        expected="a bucket that is there",
+                    ) from None  # fmt: skip
                 return
             system.makedirs(path.rpartition("/")[0], exist_ok=True)
             system.pipe_file(f"{path}.part", content)

@@ -140,8 +140,11 @@ def _told_plan(plan: Plan, course: Course, workers: int) -> dict[str, Any]:
 def _least_bytes(course: Course) -> float:
     from urbantwin.dataset.dataset_writer import BYTES_PER_POINT, LEAST_LEFT, LEAST_RETURNED
 
-    least = LEAST_RETURNED * BYTES_PER_POINT * LEAST_LEFT[course.steps.asked.storage]
-    return course.work["dataset"] * least
+    asked, points = course.steps.asked, LEAST_RETURNED * BYTES_PER_POINT
+    room = course.work["dataset"] * points * LEAST_LEFT[asked.storage]
+    if asked.shards is not None:  # hold all frames once more, packed as zstd packs them
+        room += sum(one.work for one in course.steps.of("dataset")) * points * LEAST_LEFT["zstd"]
+    return room
 
 
 class _Here:
