@@ -116,7 +116,9 @@ def test_a_bucket_that_is_missing_is_named_and_not_the_file(limited):
 
     fsspec.register_implementation("oss", Buckets, clobber=True)
     Buckets.error = FileNotFoundError("The specified bucket does not exist")
-    with pytest.raises(InputError, match=r"^oss://absent: is not there; expected a bucket") as found:
+    with pytest.raises(
+        InputError, match=r"^oss://absent: is not there; expected a bucket"
+    ) as found:
         Storage.of("oss://absent/data/set").write("points/000001.npy", b"1234567891011")
     assert "points" not in str(found.value)
 

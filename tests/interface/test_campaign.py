@@ -193,3 +193,48 @@ def test_a_split_is_of_the_cells_of_the_grid_and_goes_with_it(
     (place / "split.json").write_text(own)
     ut.campaign(grid, place, workers=1, progress=False)
     assert (place / "split.json").read_text() == own
+
+
+def test_a_rig_may_leave_a_dataset_for_each_sensor(
+    line: Line, made: ut.Campaign, tmp_path: Path
+) -> None:
+    place = {"model": "VLP-16", "height_m": 4.0, "tilt_deg": 5}
+    sensors = [
+        {"name": "north", "east_m": 0, "north_m": 14, "yaw_deg": -90, **place},
+        {"name": "south", "east_m": 0, "north_m": -14, "yaw_deg": 90, **place},
+    ]
+    rig = {"rate_hz": 10, "fused": False, "sensors": sensors}
+    (tmp_path / "pair.yaml").write_text(yaml.safe_dump(rig))
+    grid = tmp_path / "grid.yaml"
+    fields = {"sites": {"a": str(line.twin.folder)}, "rigs": ["own", "pair.yaml"]}
+    split = {"by": "scenario", "shares": [50, 50]}
+    fields |= {"seeds": [1, 2], "duration_s": 0.4, "split": split}
+    fields["shards"] = {"format": "parquet"}
+    grid.write_text(yaml.safe_dump(fields))
+    pair = ut.campaign(grid, workers=1, progress=False)
+    assert [one["sensor"] for one in pair.levels] == ["fused", "north", "south"] * 2
+    names = ("a-1-own-clear-none", "a-1-pair-clear-none-north", "a-1-pair-clear-none-south")
+    assert tuple(dict.fromkeys(pair.sequences))[:3] == names
+    assert len(pair.where(sensor="south", seed=2)) == 4
+    # A cell is what `record` records, and both sensors of it are in one part.
+    motion = pair.folder / "motions" / "a-2-none"
+    ut.record(
+        line.twin, motion, tmp_path / "alone", rig=tmp_path / "pair.yaml", seed=2,
+        split="1,0", workers=1, pictures=False, progress=False,
+    )  # fmt: skip
+    assert bytes_of(tmp_path / "alone") == bytes_of(
+        pair.folder / "datasets" / "a-2-pair-clear-none"
+    )
+    parts = [set(pair.where(split=part).sequences) for part in ("train", "val")]
+    assert list(map(len, parts)) == [3, 3]
+    assert not parts[0] & parts[1]
+    rows = (pair.folder / "index" / "cells.csv").read_text().splitlines()
+    assert len(rows) == 7
+    assert '"pair","clear","north",4,' in rows[2]
+    assert main(["verify", str(pair.folder), "--quiet"]) == 0
+    assert ut.open(pair.folder).at(sensor="north").levels[0]["rig"] == "pair"
+    shards = pads.dataset(pair.folder / "shards", exclude_invalid_files=True)
+    names = shards.to_table(columns=["sensor_name"])["sensor_name"].to_pylist()
+    assert {name: names.count(name) for name in names} == {"fused": 8, "north": 8, "south": 8}
+    again = ut.campaign(grid, workers=1, plan=True, progress=False)
+    assert again.plan["left"]["dataset"] == 0

@@ -16,6 +16,7 @@ from urbantwin.artefact.tables import write_parquet_and_csv
 from urbantwin.campaigns.course import Course
 from urbantwin.campaigns.grid_file import AXES
 from urbantwin.campaigns.steps import Step
+from urbantwin.dataset.description import parts_of
 from urbantwin.errors import InputError
 from urbantwin.fidelity.report_html import html_picture, html_table, write_html
 from urbantwin.grid import Level
@@ -28,6 +29,10 @@ FOLDER = "index"
 #: So many rows are on the page; the table has all.
 _ON_THE_PAGE = 1000
 _EXPECTED = "the index of a campaign"
+_COUNTED = ("frames", "points", "boxes", "bytes")
+_KEPT = (*_COUNTED, "manifest_sha256")
+#: The axis of rigs that leave a dataset for each sensor, and the level of those that do not.
+_SENSOR, _FUSED = "sensor", "fused"
 
 
 class _Row(Part):
@@ -62,8 +67,20 @@ def dataset_told(folder: Path) -> dict[str, Any]:
     """Return what is noted of a dataset that was made.
 
     ``frames``, ``points``, ``boxes`` (those with points), ``bytes`` of all its files, and
-    ``manifest_sha256``.
+    ``manifest_sha256``. Of a dataset for each sensor of a rig the same of each, ``sensors``, too.
     """
+    parts = parts_of(folder)
+    if parts == [folder]:
+        return _of_one(folder)
+    sensors = {one.name: _of_one(one) for one in parts}
+    return {
+        **{name: sum(one[name] for one in sensors.values()) for name in _COUNTED},
+        "manifest_sha256": sha256_of(folder / "dataset.json"),
+        "sensors": sensors,
+    }
+
+
+def _of_one(folder: Path) -> dict[str, Any]:
     file = folder / "dataset.json"
     counts = read_json(file, kind="dataset")["counts"]
     return {
@@ -88,32 +105,43 @@ def index_of(course: Course, sources: Sequence[Mapping[str, Any]]) -> dict[str, 
         if step.place in course.failed:
             failed.append({"path": step.place, "why": course.failed[step.place]})
         elif course.is_done(step):
-            rows.append(_row(step, course.journal.row(step.place)))
-    names = ("frames", "points", "boxes", "bytes")
+            rows += _rows(step, course.journal.row(step.place))
+    axes = {one.name: list(one.levels) for one in asked.axes}
+    if any(_SENSOR in row["levels"] for row in rows):
+        for row in rows:
+            row["levels"].setdefault(_SENSOR, _FUSED)
+        axes[_SENSOR] = list(dict.fromkeys(row["levels"][_SENSOR] for row in rows))
     return {
         "kind": KIND,
         "schema": 1,
         "urbantwin": __version__,
         "grid": asked.file.name,
-        "axes": {one.name: list(one.levels) for one in asked.axes},
+        "axes": axes,
         "weather": {one.name: as_json(one.told()) for one in asked.weather},
         "storage": asked.storage,
         "inputs": list(sources),
         "cells": course.totals["dataset"],
-        "counts": {name: sum(row[name] for row in rows) for name in names},
+        "counts": {name: sum(row[name] for row in rows) for name in _COUNTED},
         "datasets": rows,
         "failed": failed,
         "warnings": [],
     }
 
 
-def _row(step: Step, told: Mapping[str, Any]) -> dict[str, Any]:
-    names = ("frames", "points", "boxes", "bytes", "manifest_sha256")
-    return {
-        "path": step.place,
-        "levels": {axis: step.cell[axis] for axis in AXES},
-        **{name: told[name] for name in names},
-    }
+def _rows(step: Step, told: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return a row of each dataset of a cell: one, or one for each sensor of its rig."""
+    levels = {axis: step.cell[axis] for axis in AXES}
+    sensors = told.get("sensors")
+    if sensors is None:
+        return [{"path": step.place, "levels": levels, **{name: told[name] for name in _KEPT}}]
+    return [
+        {
+            "path": f"{step.place}/{name}",
+            "levels": {**levels, _SENSOR: name},
+            **{one: own[one] for one in _KEPT},
+        }
+        for name, own in sensors.items()
+    ]
 
 
 def write_index(folder: Path, index: Mapping[str, Any], picture: Path | None = None) -> None:
@@ -129,9 +157,6 @@ def write_index(folder: Path, index: Mapping[str, Any], picture: Path | None = N
         ]
         write_parquet_and_csv(folder / "cells", pa.Table.from_pylist(flat))
     _write_page(folder / f"{KIND}.html", index, picture)
-
-
-_KEPT = ("frames", "points", "boxes", "bytes", "manifest_sha256")
 
 
 def read_index(folder: Path) -> dict[str, Any]:
@@ -185,7 +210,7 @@ def _write_page(path: Path, index: Mapping[str, Any], picture: Path | None) -> N
         parts.append(html_picture("A frame of some cells", picture))
     rows = [
         (
-            *(str(row["levels"][axis]) for axis in AXES),
+            *map(str, row["levels"].values()),
             f"{row['frames']:,}",
             f"{row['points'] / max(row['frames'], 1):,.0f}",
             f"{row['boxes'] / max(row['frames'], 1):.1f}",
@@ -193,7 +218,7 @@ def _write_page(path: Path, index: Mapping[str, Any], picture: Path | None) -> N
         )
         for row in index["datasets"][:_ON_THE_PAGE]
     ]
-    head = (*AXES, "frames", "points a frame", "boxes a frame", "MB")
+    head = (*index["axes"], "frames", "points a frame", "boxes a frame", "MB")
     parts += ["<h2>Datasets</h2>", html_table(head, rows)]
     left = len(index["datasets"]) - len(rows)
     if left:

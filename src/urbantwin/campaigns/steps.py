@@ -105,11 +105,19 @@ class _Place:
 
 @dataclass(frozen=True)
 class _RigTold:
-    """The hash of a rig in a weather with its files, its frames a second, its rays in each."""
+    """What a recording by a rig in a weather follows from, and what it leaves.
+
+    Attributes:
+        key: the hash of the rig with its files.
+        rate_hz: its frames a second.
+        rays: of a frame.
+        longest_name: letters of its sensors' names, where each leaves a dataset of its own.
+    """
 
     key: str
     rate_hz: float
     rays: int
+    longest_name: int
 
 
 @dataclass
@@ -124,7 +132,7 @@ class _Rigs:
         """Return a rig as its file has it, at the campaign's rate.
 
         Raises:
-            InputError: it is wrong, or leaves a dataset for each sensor.
+            InputError: it is wrong.
         """
         found = self._known.get((site.name, name))
         if found is None:
@@ -143,11 +151,6 @@ class _Rigs:
                     expected="a rate that every rig can have",
                 ) from None  # fmt: skip
             check_models(spec, file=file)
-            if not spec.fused:
-                raise InputError(
-                    "leaves a dataset for each sensor", file=file,
-                    expected="a rig with fused: true",
-                )  # fmt: skip
             found = self._known[site.name, name] = spec, file
         return found
 
@@ -179,7 +182,9 @@ class _Rigs:
                 one.channels * columns_of(one, asked, spec.rate_hz) for one, asked in sensors
             )
             key = recipe_key({"rig": written, "files": files, **_versions()})
-            found = self._told[site.name, name, setting.name] = _RigTold(key, spec.rate_hz, rays)
+            longest = 0 if spec.fused else max(len(one.name) for one in spec.sensors)
+            found = _RigTold(key, spec.rate_hz, rays, longest)
+            self._told[site.name, name, setting.name] = found
         return found
 
 
@@ -290,9 +295,10 @@ def _dataset(cell: Cell, motion: Step, rig: _RigTold, asked: CampaignFile) -> St
             file=asked.file, place="start_s", expected="less, or more duration_s",
         )  # fmt: skip
     name = "-".join(str(one) for one in levels.values())
-    if len(name) > _LONGEST:
+    letters = len(name) + rig.longest_name
+    if letters > _LONGEST:
         raise InputError(
-            f"{name:.60}... would be a folder of {len(name)} letters",
+            f"{name:.60}... would be a folder of {letters} letters",
             file=asked.file, expected=f"shorter names of levels, {_LONGEST} letters together",
         )  # fmt: skip
     needs = (*motion.needs, motion.place)

@@ -254,8 +254,8 @@ def _finished(course: Course, progress: ShowProgress) -> Campaign:
 
 def _others(made: Campaign) -> int:
     """Return how many datasets of an earlier grid are still there."""
-    names = {str(row["path"]).rpartition("/")[2] for row in made.manifest["datasets"]}
-    names |= {str(row["path"]).rpartition("/")[2] for row in made.manifest["failed"]}
+    rows = (*made.manifest["datasets"], *made.manifest["failed"])
+    names = {Path(row["path"]).parts[1] for row in rows}
     folder = made.folder / "datasets"
     there = [one.name for one in folder.iterdir()] if folder.is_dir() else []
     return sum(not one.startswith(".") and one not in names for one in there)
@@ -306,7 +306,7 @@ def _picture(made: Campaign, folder: Path) -> Path | None:
     count = min(len(rows), _PICTURED)
     chosen = [rows[number * len(rows) // count] for number in range(count)]
     frames = [
-        (str(row["path"]).rpartition("/")[2], read_labelled_points(made.folder / row["path"]))
+        ("-".join(Path(row["path"]).parts[1:]), read_labelled_points(made.folder / row["path"]))
         for row in chosen
     ]
     (folder / "pictures").mkdir()

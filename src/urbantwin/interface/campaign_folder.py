@@ -51,7 +51,7 @@ class Campaign(Datasets):
         self.manifest = manifest or {}
         self.plan = plan
         self._rows = tuple(self.manifest.get("datasets", []) if rows is None else rows)
-        self._names = [str(row["path"]).rpartition("/")[2] for row in self._rows]
+        self._names = ["-".join(Path(row["path"]).parts[1:]) for row in self._rows]
         self._divided = None
 
     @classmethod
@@ -84,7 +84,10 @@ class Campaign(Datasets):
 
     @property
     def levels(self) -> tuple[dict[str, Any], ...]:
-        """Of each dataset ``site``, ``seed``, ``scenario``, ``rig`` and ``weather``."""
+        """Of each dataset ``site``, ``seed``, ``scenario``, ``rig`` and ``weather``.
+
+        And ``sensor``, where a rig leaves a dataset for each; of other rigs it is ``fused`` then.
+        """
         return tuple(dict(row["levels"]) for row in self._rows)
 
     def at(self, **levels: Any) -> Campaign:  # noqa: ANN401 - a level, or several
@@ -120,6 +123,7 @@ class Campaign(Datasets):
         scenario: str | Iterable[str] | None = None,
         rig: str | Iterable[str] | None = None,
         weather: str | Iterable[str] | None = None,
+        sensor: str | Iterable[str] | None = None,
         **boxes_and_frames: Any,  # noqa: ANN401 - see `Frames.where`
     ) -> Selection:
         """Return frames of some levels, with some of their boxes; see `Frames.where`.
@@ -130,12 +134,14 @@ class Campaign(Datasets):
             scenario: of these scenarios.
             rig: of these rigs.
             weather: in this weather.
+            sensor: of these sensors, where a rig leaves a dataset for each.
             boxes_and_frames: what `Frames.where` takes.
 
         Raises:
             InputError: there is no such level, class, split, sequence or frame.
         """
-        given = {"site": site, "seed": seed, "scenario": scenario, "rig": rig, "weather": weather}
+        given = {"site": site, "seed": seed, "scenario": scenario, "rig": rig}
+        given |= {"weather": weather, "sensor": sensor}
         levels = {axis: level for axis, level in given.items() if level is not None}
         if levels:
             return self.at(**levels).where(**boxes_and_frames)

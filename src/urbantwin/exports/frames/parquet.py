@@ -100,6 +100,8 @@ class _Shard:
         self, frame: SourceFrame, dataset: str, part: str | None, levels: Mapping[str, Any]
     ) -> None:
         """Add a row."""
+        # Points have a `sensor`, too: that of the level is `sensor_name`.
+        levels = {f"{axis}_name" if axis in COLUMNS else axis: one for axis, one in levels.items()}
         if self._writer is None:
             kinds = {axis: _whole if isinstance(x, int) else _text for axis, x in levels.items()}
             self._schema = pa.schema([*kinds.items(), *_SCHEMA])
