@@ -85,14 +85,18 @@ def test_half_of_the_faintest_surface_returns_however_near(os1):
 
 
 def test_the_faintest_surface_is_the_sensors(os1):
-    """One dark pane: an HDL-64E loses most of it, a VLP-32C next to nothing."""
-    seen = {}
-    for name in ("HDL-64E", "VLP-32C"):
+    """One dark pane: HDL-64E and VLP-16 lose most of it, a VLP-32C next to nothing."""
+    seen, black = {}, {}
+    for name in ("HDL-64E", "VLP-16", "VLP-32C"):
         one = ReturnModel(replace(os1, sensor=sensor(name)))
         assert level_shares(one, one.response.faintest, 2.0) == pytest.approx(0.5, abs=0.01)
         seen[name] = level_shares(one, 0.003, 5.0)
+        black[name] = level_shares(one, 0.02, 5.0)
     assert seen["HDL-64E"] < 0.1
+    assert seen["VLP-16"] < 0.1
     assert seen["VLP-32C"] > 0.99
+    # Black paint that is faced squarely is seen by each: it bounds what panes may lose.
+    assert min(black.values()) > 0.95
 
 
 def test_units_with_measured_light_see_so_much_farther(os1):

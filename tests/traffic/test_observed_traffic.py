@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from urbantwin.reconstruct.recording import RecordedFrame
 from urbantwin.traffic.observed.association import tracks_of
 from urbantwin.traffic.observed.box_fit import SeenObject, extents, fitted_yaw
 from urbantwin.traffic.observed.clusters import clusters
+from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight
 from urbantwin.traffic.observed.observed_track import observed_track
 
 SENSOR = np.array([0.0, 0.0])
@@ -71,6 +73,100 @@ def test_a_narrow_car_of_which_both_flanks_are_seen_is_as_narrow():
     moments = [SeenObject(k, at, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(round_it)]
     found = observed_track(moments, None, 1.0)
     np.testing.assert_allclose(found.size, [4.3, 1.62, 1.5], atol=0.1)
+
+
+def test_no_car_is_as_wide_as_one_that_two_sensors_saw_at_different_moments():
+    places = [np.array([6.0 + 3.0 * k, 8.0]) for k in range(3)]
+    twice = [
+        np.vstack([sides_seen(*at, 0.0, 4.4, 2.9), 2 * at - sides_seen(*at, 0.0, 4.4, 2.9)])
+        for at in places
+    ]
+    moments = [SeenObject(k, at, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(twice)]
+    found = observed_track(moments, None, 1.0)
+    assert found.size[1] == 2.05
+    np.testing.assert_allclose(found.boxes[:, :2], places, atol=0.1)  # its middle stays
+
+
+def test_a_car_is_as_wide_as_in_the_middle_one_of_the_frames_that_show_both_flanks():
+    # In two of seven frames one sensor saw it 0.3 m further aside than another; in two
+    # others only one flank and a part of the rear were in sight.
+    moments = []
+    for k, wide in enumerate((1.7, 2.0, 0.5, 0.5, 1.7, 2.0, 1.7)):
+        at = np.array([6.0 + 3.0 * k, 8.0])
+        one = sides_seen(*at, 0.0, 4.4, wide)
+        plan = one if wide < 1.0 else np.vstack([one, 2 * at - one])
+        moments.append(SeenObject(k, plan, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0))
+    assert observed_track(moments, None, 1.0).size[1] == pytest.approx(1.7, abs=0.05)
+
+
+@pytest.mark.parametrize(("long", "name"), [(0.8, "pedestrian"), (1.7, "bicycle")])
+def test_who_is_shorter_than_a_bicycle_rides_none_however_fast(long, name):
+    random = np.random.default_rng(5)
+    body = random.uniform(-0.5, 0.5, (90, 2)) * [long, 0.5]
+    plan = [body + [4.0 * k, 6.0] for k in range(4)]
+    moments = [SeenObject(k, at, 1.7, 1.7, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(plan)]
+    assert observed_track(moments, None, 1.0).actor_class == name
+
+
+def cast_from(eye, azimuths, elevations, box):
+    """Return points (N, 3) of beams from a sensor to level ground at 0, or to a box before it.
+
+    The box is x, y, length and width, as tall as 1.5 m and open up to 0.2 m above the ground;
+    beams meet the nearer of its sides (slabs of Kay and Kajiya 1986).
+    """
+    a, e = (np.radians(one).ravel() for one in np.meshgrid(azimuths, elevations))
+    way = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    reach = -eye[2] / way[:, 2]
+    if box is not None:
+        x, y, length, width = box
+        low = np.array([x - length / 2, y - width / 2, 0.2])
+        high = np.array([x + length / 2, y + width / 2, 1.5])
+        with np.errstate(divide="ignore"):
+            one, other = (low - eye) / way, (high - eye) / way
+        begin, end = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
+        met = (begin < end) & (begin > 0)
+        reach = np.where(met, np.minimum(begin, reach), reach)
+    return eye + reach[:, None] * way
+
+
+@pytest.mark.parametrize("yaw_deg", [0, 35, 90, 217])
+@pytest.mark.parametrize("there", [True, False])
+def test_beams_go_through_where_nobody_is(yaw_deg, there):
+    eye = np.array([0.0, 0.0, 1.6])
+    box = (12.0, 5.0, 4.4, 1.8) if there else None
+    points = cast_from(eye, np.arange(-60, 120, 0.2), np.arange(-24.0, -1.0, 0.5), box)
+    c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    moved = points @ turn.T + [30.0, -7.0, -2.0]
+    none = np.zeros(len(points), np.int64)
+    frame = RecordedFrame("1", moved, none, none, none)
+    stands = (turn @ eye + [30.0, -7.0, -2.0])[None]
+    place = (turn @ [12.0, 5.0, 0.0] + [30.0, -7.0, -2.0])[:2]
+    assert looked_through(frame, stands, place, -2.0) != there
+
+
+def test_what_another_hides_is_not_looked_through():
+    # A van stands right before the sensor: no beam says who is behind it.
+    eye = np.array([0.0, 0.0, 1.6])
+    points = cast_from(eye, np.arange(-60, 60, 0.2), np.arange(-24.0, -4.0, 0.5), (4, 0, 2.0, 6.0))
+    none = np.zeros(len(points), np.int64)
+    frame = RecordedFrame("1", points, none, none, none)
+    assert not looked_through(frame, eye[None], np.array([12.0, 0.0]), 0.0)
+
+
+def test_a_track_ends_before_a_frame_in_which_it_was_not_there():
+    moments = [seen(k, 9.0 + 4.0 * k, 8.0, 0.0, 4.4, 1.8, 1.5) for k in (0, 2, 3, 5)]
+    (track,) = tracks_of([[one for one in moments if one.frame == k] for k in range(6)], 1.0)
+    asked = []
+
+    def nobody(frame, place):
+        asked.append((frame, *np.round(place)))
+        return frame == 1
+
+    parts = list(parts_in_sight(track, nobody))
+    assert [[one.frame for one in part.seen] for part in parts] == [[0], [2, 3, 5]]
+    assert asked == [(1, 13.0, 8.0), (4, 25.0, 8.0)]
+    assert [len(part.seen) for part in parts_in_sight(track, lambda *_: False)] == [4]
 
 
 @pytest.mark.parametrize("step", [0.0, 1.2])

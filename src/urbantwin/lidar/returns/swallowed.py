@@ -17,8 +17,9 @@ is missed. That is the receiver's, not the surface's (``measured_faintest`` of a
 where nobody measured it). An HDL-64E turns its lasers down where they meet something bright, in
 eight steps, and drops what lies below a fixed noise floor (User Manual 63-HDL64ES3, Laser Output
 Power, Noise Level Adjustment); a VLP-32C still sees black cars whose codes are all 0. With a
-threshold for each, one population of coats and panes gives what both lose of real cars. A Pandar64
-(PandaSet) loses as little at panes as the VLP-32C, so that is what is believed of others.
+threshold for each, one population of coats and panes gives what both lose of real cars. Two VLP-16
+at a roadside (LUMPI) see as little of panes as the HDL-64E. A Pandar64 (PandaSet) loses as little
+at panes as the VLP-32C, so that is what is believed of others.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from urbantwin.traffic.observed.association import tracks_of
 from urbantwin.traffic.observed.box_fit import SeenObject, fitted_yaw, highest
 from urbantwin.traffic.observed.clusters import clusters
 from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
+from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight
 from urbantwin.traffic.observed.observed_track import ObservedTrack, observed_track
 
 __all__ = ["Observation", "observe"]
@@ -83,7 +84,17 @@ def observe(
         objects.append(found)
         trails.append(moving)
     tell(0.9, "tracks")
-    tracks = [observed_track(one.seen, lanes, rate_hz) for one in tracks_of(objects, rate_hz)]
+    stand = np.array([sensor.place for sensor in frames.sensors])
+
+    def nobody(number: int, place: NDArray[np.float64]) -> bool:
+        height = -float(ground.above(np.array([[*place, 0.0]]))[0])
+        return looked_through(frames.read(number), stand, place, height)
+
+    tracks = [
+        observed_track(part.seen, lanes, rate_hz)
+        for one in tracks_of(objects, rate_hz)
+        for part in parts_in_sight(one, nobody)
+    ]
     kept = [one for one in tracks if one is not None]
     return Observation(
         tuple(sorted(kept, key=lambda one: (one.frames[0], tuple(one.boxes[0])))),
