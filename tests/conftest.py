@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 if TYPE_CHECKING:
     from urbantwin.twin import Twin
@@ -38,6 +39,9 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "seeded"))
+# It would try the numbers in the code of all modules that are imported so far, which takes
+# seconds to read, and makes the examples depend on which tests ran before.
+providers._get_local_constants = lambda: providers._local_constants
 
 
 @pytest.hookimpl(tryfirst=True)
