@@ -18,17 +18,16 @@ from urbantwin.roads.loop import close_loop
 from urbantwin.roads.loop.exit_matching import match_exits
 from urbantwin.site import read_extract
 
+from ..thorough import further
 from .controllers import signalised_junctions
 
 HERE = SiteFrame(48.7, 9.18)
 REGION = shapely.box(-90, -90, 90, 90)
 EXTRACTS = (
-    "taipei",
-    "neukolln",
     "quad_intersection",
     "perth_stretched_lights",
-    "munich",
     "West-Oakland",
+    *further("taipei", "neukolln", "munich"),
 )
 
 
