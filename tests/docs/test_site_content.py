@@ -30,6 +30,7 @@ def scripts() -> Iterator[SimpleNamespace]:
     sys.path.remove(str(BUILD))
 
 
+@pytest.mark.thorough
 def test_the_tutorial_ends_with_a_detector_that_runs(
     scripts: SimpleNamespace, tmp_path: Path
 ) -> None:
