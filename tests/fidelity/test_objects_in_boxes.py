@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import urbantwin as ut
@@ -285,6 +286,26 @@ def test_what_belongs_to_the_other_comparison_is_refused(tmp_path: Path) -> None
 
 
 @pytest.mark.real
+def test_a_report_of_two_real_cars(shared_data: Path, tmp_path: Path) -> None:
+    log = argoverse_log(shared_data)
+    one, *later = sorted(path.name for path in (log / "sensors/lidar").iterdir())
+    first = shutil.copytree(log, tmp_path / "log", ignore=shutil.ignore_patterns(*later))
+    boxes = pd.read_feather(log / "annotations.feather")
+    cars = boxes[boxes.timestamp_ns.astype(str).eq(one.split(".")[0])]
+    cars = cars[cars.category.eq("REGULAR_VEHICLE")].nlargest(2, "num_interior_pts")
+    (first / "annotations.feather").unlink()
+    cars.reset_index(drop=True).to_feather(first / "annotations.feather")
+    report = ut.compare(first, out=tmp_path / "out", objects=True, progress=False)
+    assert {path.name for path in report.folder.iterdir()} >= {
+        *("objects.json", "objects.html", "objects.png"),
+    }
+    (row,) = (one for one in report.figures if (one["from_m"], one["to_m"]) == (0.0, 80.0))
+    assert (row["class"], row["boxes"]) == ("car", 2)
+    assert row["chamfer_m"] < 0.35
+
+
+@pytest.mark.real
+@pytest.mark.thorough
 def test_real_cars_and_people(shared_data: Path, tmp_path: Path) -> None:
     log = argoverse_log(shared_data)
     _, *later = sorted(path.name for path in (log / "sensors/lidar").iterdir())

@@ -29,7 +29,8 @@ def site(tmp_path: Path) -> Path:
     shutil.copytree(EXAMPLE, folder)
     file = folder / "site.yaml"
     told = yaml.safe_load(file.read_text())
-    told["region"]["radius_m"] = 80
+    told |= {"closed_loop": False}
+    told["region"]["radius_m"] = 60
     told["traffic"] |= {"warmup_s": 10}
     told["rig"]["sensors"] = told["rig"]["sensors"][1:]
     file.write_text(yaml.safe_dump(told))

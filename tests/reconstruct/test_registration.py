@@ -16,6 +16,7 @@ from urbantwin.reconstruct import ImportedModel, PointCloud, Surroundings, Trian
 from urbantwin.view.registration import registration_picture
 
 from ..real_files import AHN3
+from ..thorough import further
 from .placing_site import (
     FRAME,
     elevation,
@@ -48,10 +49,12 @@ def errors(model: ImportedModel) -> tuple[float, float]:
     ("turn", "scale", "spec"),
     [
         (Y_UP * Rotation.from_euler("z", 137, degrees=True), 1.0, {"register": True}),
-        (
-            Y_UP * Rotation.from_euler("z", 137, degrees=True),
-            0.01,
-            {"register": {"scale": True}},
+        *further(
+            (
+                Y_UP * Rotation.from_euler("z", 137, degrees=True),
+                0.01,
+                {"register": {"scale": True}},
+            )
         ),
     ],
     ids=["y-up", "unknown scale"],

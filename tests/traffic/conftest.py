@@ -146,11 +146,24 @@ def crossing_twin(crossing_net: Path, tmp_path_factory: pytest.TempPathFactory) 
 
 @pytest.fixture(scope="session")
 def real_drive(
-    shared_data: Path, made_once: Callable[[str, Callable[[Path], object]], Path]
+    request: pytest.FixtureRequest,
+    shared_data: Path,
+    made_once: Callable[[str, Callable[[Path], object]], Path],
 ) -> Callable[[str], tuple[Twin, Motion]]:
-    """Return what gives the twin of an extract, as `init` proposes it, and 25 s of its traffic."""
+    """Return what gives the twin of an extract, as `init` proposes it, and 25 s of its traffic.
+
+    ``two-avenues`` is the example, with 40 s of its traffic.
+    """
 
     def driven(place: str) -> tuple[Twin, Motion]:
+        if place == "two-avenues":
+            twin = request.getfixturevalue("open_avenues_twin")
+            folder = made_once(
+                "drive-two-avenues",
+                lambda folder: ut.drive(twin.folder, folder / "motion", seconds=40, progress=False),
+            )
+            return twin, Motion.load(folder / "motion")
+
         def make(folder: Path) -> None:
             ut.init(folder / "site", osm=shared_data / "osm" / f"{place}.osm", progress=False)
             site = folder / "site/site.yaml"
