@@ -67,8 +67,14 @@ def ways_through(net):
     }
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize("gap", [9, 14, 24])
+@pytest.mark.parametrize(
+    ("gap", "side"),
+    [
+        (9, "right"),
+        (24, "left"),
+        *further((14, "right"), (24, "right"), (9, "left"), (14, "left")),
+    ],
+)
 def test_carriageways_that_cross_are_one_junction(side, gap, build):
     nodes, ways = carriageways(gap)
     if side == "left":
@@ -247,7 +253,7 @@ def test_nothing_floats_in_real_junctions(name, real_roads):
             assert a is b or to is there or not way.crosses(other), (a.getID(), b.getID())
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("side", ["right", *further("left")])
 def test_nobody_turns_a_corner_tighter_than_a_car_can(side, build):
     """A street of one lane comes to one of three, at 65 degrees: who turns to the near kerb."""
     turn = -1 if side == "right" else 1
@@ -277,7 +283,7 @@ def areas(network, *ways):
     ]
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("side", ["right", *further("left")])
 def test_ways_that_part_lie_side_by_side(side, build):
     """Four lanes that part into three and one at 4 degrees: each has its own asphalt."""
     turn = -1 if side == "right" else 1

@@ -68,7 +68,7 @@ def test_nobody_drives_over_a_red_light(
     assert states.count("r") >= 4
 
 
-@pytest.mark.parametrize("place", ["two-avenues", *further("manchester-kingsway")])
+@pytest.mark.parametrize("place", ["crossing", *further("manchester-kingsway")])
 def test_nobody_walks_over_a_red_light(
     real_drive: Callable[[str], tuple[Twin, Motion]], place: str
 ) -> None:

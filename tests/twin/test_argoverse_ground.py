@@ -15,12 +15,12 @@ from urbantwin.site import load_site
 from urbantwin.twin import build_twin
 
 from ..real_files import argoverse_map
-from ..thorough import further
 
 STREETS = runpy.run_path(str(Path(__file__).parent / "argoverse_streets.py"))
 
 
-@pytest.mark.parametrize("source", ["vector map", *further("streets")])
+@pytest.mark.thorough
+@pytest.mark.parametrize("source", ["streets", "vector map"])
 def test_roads_lie_within_5_cm_rms_of_the_measured_ground(shared_data, tmp_path, source):
     log = STREETS["Log"](shared_data)
     log.write_dem(tmp_path / "ground.tif")
