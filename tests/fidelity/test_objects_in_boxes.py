@@ -260,14 +260,15 @@ def test_a_body_that_is_not_there_changes_the_figures() -> None:
     """Boxes in the wrong places are told from those in the right ones."""
     frame = made_frame()
     assert frame.boxes is not None
-    moved = frame.boxes.box.copy()
-    moved[:2, 6] += np.pi / 2
-    wrong = replace(frame, boxes=replace(frame.boxes, box=moved))
-    right, other = (compare_objects(one, sensor("OS1-64"), scale=1.0) for one in (frame, wrong))
-    for k in range(2):
-        there, off = right[k].chamfer_m["annotated"], other[k].chamfer_m["annotated"]
-        assert there is not None
-        assert off is None or off > 3 * there
+    cars = [Boxes(frame.boxes.box[:2].copy(), ("car", "car"), np.array([1, 2])) for _ in range(2)]
+    cars[1].box[:, 6] += np.pi / 2
+    right, other = (
+        compare_objects(replace(frame, boxes=one), sensor("OS1-64"), scale=1.0) for one in cars
+    )
+    for there, off in zip(right, other, strict=True):
+        assert there.chamfer_m["annotated"] is not None
+        away = off.chamfer_m["annotated"]
+        assert away is None or away > 3 * there.chamfer_m["annotated"]
 
 
 def test_what_belongs_to_the_other_comparison_is_refused(tmp_path: Path) -> None:
