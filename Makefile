@@ -8,9 +8,10 @@ BIN    := $(VENV)/bin
 # Judges: TrackEval of tracks; ASAM's checker (which needs numpy 1) and CARLA's map of OpenDRIVE.
 JUDGES := .venv-judges
 
-# Tests that call nearly all that numba compiles and keeps, which takes a minute: they run first.
-COMPILING := tests/interface/test_same_as_commands.py tests/lidar/test_scanner.py \
-  tests/lidar/test_coverage.py tests/fidelity/test_measures.py \
+# Tests that call nearly all that numba compiles and keeps, which takes two minutes: they run first,
+# one half beginning with what traffic calls, the other with what is called for every ray.
+LINE := tests/interface/test_same_as_commands.py
+RAYS := tests/lidar/test_scanner.py tests/lidar/test_coverage.py tests/fidelity/test_measures.py \
   tests/fidelity/test_background_estimation.py
 
 # Packages come by uv, in a tenth of pip's time; by pip where uv cannot reach the index as pip is set up to.
@@ -31,12 +32,13 @@ DEVELOPMENT := $(VENV)/.development-installed
 # What the wheels of SUMO link to and do not carry (README, "Debian packages").
 DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
 
-.PHONY: demo test web webtest compiled fuzz kills lint bench judges docs lock clean help
+.PHONY: demo test thorough web webtest compiled compiled-rays fuzz kills lint bench judges docs lock clean help
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
 	@echo "make test    create .venv, install, check style and types, run the tests"
 	@echo "make web     the page of urbantwin view, from web/ (demo and test do it, too)"
+	@echo "make thorough  more places, sensors and formats, and longer runs"
 	@echo "make fuzz    2,000 bad files for every reader (an hour)"
 	@echo "make lint    style and types only"
 	@echo "make bench   the benchmarks"
@@ -49,19 +51,25 @@ help:
 demo: $(RUNTIME) $(PAGE)
 	$(BIN)/urbantwin demo -o urbantwin-demo
 
-WANTED := -m 'not fuzz and not kills'
+WANTED := -m 'not fuzz and not kills and not thorough'
 
-# All is downloaded at once; types are checked while numba compiles, once for all workers.
+# All is downloaded at once; numba compiles once for all workers, then types are checked.
 test:
 	@$(MAKE) --no-print-directory -j2 $(DEVELOPMENT) judges
-	@$(MAKE) --no-print-directory -j2 --output-sync=target compiled lint webtest
-	$(BIN)/pytest -n auto --dist worksteal $(WANTED) $(addprefix --ignore=,$(COMPILING))
+	@$(MAKE) --no-print-directory -j2 --output-sync=target compiled compiled-rays lint webtest
+	$(BIN)/pytest -n auto --dist worksteal $(WANTED) $(addprefix --ignore=,$(LINE) $(RAYS))
+
+thorough: $(DEVELOPMENT) judges
+	$(BIN)/pytest -n auto --dist worksteal -m thorough
 
 fuzz: $(DEVELOPMENT)
 	$(BIN)/pytest -n auto --dist loadgroup -m fuzz tests/fuzz
 
 compiled: $(DEVELOPMENT)
-	$(BIN)/pytest $(WANTED) $(COMPILING)
+	$(BIN)/pytest $(WANTED) $(LINE)
+
+compiled-rays: $(DEVELOPMENT)
+	$(BIN)/pytest $(WANTED) $(RAYS)
 
 lint: $(DEVELOPMENT)
 	$(BIN)/ruff check

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 
 if TYPE_CHECKING:
     from urbantwin.twin import Twin
@@ -38,6 +39,9 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "seeded"))
+# It would try the numbers in the code of all modules that are imported so far, which takes
+# seconds to read, and makes the examples depend on which tests ran before.
+providers._get_local_constants = lambda: providers._local_constants
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -48,12 +52,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.real)
 
 
+# Nothing of what is imported and collected is garbage.
+gc.disable()
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish() -> None:
     """Take what stays until the end out of every later search for garbage.
 
-    Modules and 6,000 tests are a million objects, which each full search goes through.
+    Modules and 8,000 tests are a million objects, which each full search goes through.
     """
+    gc.enable()
     gc.collect()
     gc.freeze()
 

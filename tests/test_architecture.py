@@ -3,12 +3,9 @@
 import ast
 import re
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
-SOURCE = ROOT / "src" / "urbantwin"
-MODULES = sorted(SOURCE.rglob("*.py"))
+from .source_imports import MODULES, ROOT, SOURCE, imports_of
 
 
 def floors() -> list[str]:
@@ -19,28 +16,17 @@ def floors() -> list[str]:
     return [name for cell in first_cells for name in re.findall(r"`(\w+)`", cell)]
 
 
-@cache
-def nodes_of(module: Path) -> list[ast.AST]:
-    """Every node of a module's syntax."""
-    return list(ast.walk(ast.parse(module.read_text())))
-
-
 def imported_packages(module: Path) -> Iterator[tuple[str, int]]:
     """Every part of urbantwin that a module imports, inside functions too, with the line."""
-    for node in nodes_of(module):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{module}:{node.lineno}: a relative import"
-            names = [node.module or ""]
-            if node.module == "urbantwin":
-                names = [f"urbantwin.{alias.name}" for alias in node.names]
-        else:
-            continue
+    for one in imports_of(module):
+        assert one.level == 0, f"{module}:{one.line}: a relative import"
+        names = one.names if one.source is None else (one.source,)
+        if one.source == "urbantwin":
+            names = tuple(f"urbantwin.{name}" for name in one.names)
         for name in names:
             parts = name.split(".")
             if parts[0] == "urbantwin" and len(parts) > 1 and parts[1] != "__version__":
-                yield parts[1], node.lineno
+                yield parts[1], one.line
 
 
 def test_the_document_lists_every_package_and_no_other() -> None:
@@ -85,7 +71,10 @@ def test_only_the_command_line_prints_and_exits() -> None:
     for module in MODULES:
         if module.is_relative_to(SOURCE / "cli") or module in programs:
             continue
-        for node in nodes_of(module):
+        text = module.read_text()
+        if "print(" not in text and "exit(" not in text:
+            continue
+        for node in ast.walk(ast.parse(text)):
             match node:
                 case (
                     ast.Call(func=ast.Name(id="print" | "exit"))

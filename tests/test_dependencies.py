@@ -1,16 +1,15 @@
 """What the package imports is what it declares, and the lock files hold all of it."""
 
-import ast
 import re
 import sys
 import tomllib
 from functools import cache
 from importlib.metadata import packages_distributions
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from .source_imports import MODULES, ROOT, imports_of
+
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 #: Not imported: run as a program, loaded by ctypes, only its files are read, or optuna imports it.
 ONLY_FILES = {"cmaes", "cmeel-assimp", "eclipse-sumo", "embreex", "tzdata"}
@@ -33,19 +32,11 @@ def named(requirements: list[str]) -> set[str]:
 def imported() -> dict[str, str]:
     """Top-level modules that the package imports, and a file that does."""
     found = {}
-    for path in sorted((ROOT / "src").rglob("*.py")):
-        tree = ast.parse(path.read_text())
-        for node in ast.walk(tree):
-            match node:
-                case ast.If(test=ast.Name(id="TYPE_CHECKING")):
-                    node.body = []  # what only the type checker reads
-        for node in ast.walk(tree):
-            names = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom):
-                names = [node.module or ""]
-            found |= {name.split(".")[0]: path.name for name in names}
+    for path in MODULES:
+        for one in imports_of(path):
+            if not one.typing:
+                names = one.names if one.source is None else (one.source,)
+                found |= {name.split(".")[0]: path.name for name in names}
     return found
 
 

@@ -11,6 +11,8 @@ import yaml
 
 from urbantwin.geometry import SiteFrame
 
+from ..thorough import further
+
 Run = Callable[..., Any]
 Edit = Callable[[Path, dict[str, Any]], None]
 
@@ -107,7 +109,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("command", ["run", "build"])
+@pytest.mark.parametrize("command", ["build", *further("run")])
 @pytest.mark.parametrize(
     ("spoil", "file", "place", "word"), CASES, ids=lambda case: getattr(case, "__name__", None)
 )

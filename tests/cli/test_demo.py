@@ -16,6 +16,7 @@ from urbantwin.twin import load_twin
 Run = Callable[..., Any]
 
 
+@pytest.mark.thorough
 def test_the_place_has_mapped_signals_and_the_twin_has_them_too(
     run_here: Run, tmp_path: Path
 ) -> None:

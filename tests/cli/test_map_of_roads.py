@@ -21,12 +21,24 @@ def map_file(open_avenues_twin, tmp_path_factory):
     return folder / "avenues.xodr"
 
 
-def test_from_a_map_to_frames(map_file, run_here, tmp_path):
-    site, twin, motion = tmp_path / "site", tmp_path / "twin", tmp_path / "motion"
-    outcome = run_here("init", map_file, "-o", site, "--json")
+@pytest.fixture(scope="module")
+def begun(map_file, run_program, tmp_path_factory):
+    """What `init` makes of it, and what it tells."""
+    folder = tmp_path_factory.mktemp("begun") / "site"
+    outcome = run_program("init", map_file, "-o", folder, "--json")
     assert outcome.code == 0, outcome.err
-    assert json.loads(outcome.out)["name"] == "Long Avenue / Cross Street"
-    assert json.loads(outcome.out)["next"] == f"urbantwin run {site / 'site.yaml'}"
+    return folder, json.loads(outcome.out)
+
+
+@pytest.fixture
+def site(begun, tmp_path):
+    return shutil.copytree(begun[0], tmp_path / "site")
+
+
+def test_from_a_map_to_frames(begun, site, run_here, tmp_path):
+    twin, motion = tmp_path / "twin", tmp_path / "motion"
+    assert begun[1]["name"] == "Long Avenue / Cross Street"
+    assert begun[1]["next"] == f"urbantwin run {begun[0] / 'site.yaml'}"
     fields = yaml.safe_load((site / "site.yaml").read_text())
     fields |= {"region": {"radius_m": 60}, "closed_loop": False}
     fields["traffic"] |= {"duration_s": 1, "warmup_s": 20, "per_hour": {"car": 300}}
@@ -63,11 +75,10 @@ def test_inspect_tells_what_a_map_holds(map_file, run_here, shared_data):
     assert json.loads(run_here("inspect", extract, "--json").out)["kind"] == "osm"
 
 
-def test_the_folder_may_come_first_too(map_file, run_here, tmp_path):
+def test_the_folder_may_come_first_too(map_file, begun, run_here, tmp_path):
     outcome = run_here("init", tmp_path / "a", "--roads", map_file)
     assert outcome.code == 0, outcome.err
-    run_here("init", map_file, "-o", tmp_path / "b")
-    assert (tmp_path / "a" / "site.yaml").read_text() == (tmp_path / "b" / "site.yaml").read_text()
+    assert (tmp_path / "a" / "site.yaml").read_text() == (begun[0] / "site.yaml").read_text()
 
 
 def test_an_extract_may_come_with_it(map_file, run_here, two_avenues, tmp_path):
@@ -118,14 +129,13 @@ def test_a_site_without_a_map_is_told_in_a_line(run_here, tmp_path):
     assert "osm: is missing; expected an OpenStreetMap extract, or else a map" in outcome.err
 
 
-def test_a_map_far_away_is_told_with_the_distance(map_file, run_here, tmp_path):
-    run_here("init", map_file, "-o", tmp_path)
-    fields = yaml.safe_load((tmp_path / "site.yaml").read_text())
+def test_a_map_far_away_is_told_with_the_distance(site, run_here, tmp_path):
+    fields = yaml.safe_load((site / "site.yaml").read_text())
     frame = SiteFrame(fields["anchor"]["latitude"], fields["anchor"]["longitude"])
     longitude, latitude = frame.lonlat_from_site([[0.0, 1500.0]])[0]
     fields["anchor"] = {"latitude": float(latitude), "longitude": float(longitude)}
-    (tmp_path / "site.yaml").write_text(yaml.safe_dump(fields))
-    outcome = run_here("build", tmp_path / "site.yaml", "-o", tmp_path / "twin")
+    (site / "site.yaml").write_text(yaml.safe_dump(fields))
+    outcome = run_here("build", site / "site.yaml", "-o", tmp_path / "twin")
     assert outcome.code == 2
     assert "has no road within the region: the nearest is 1" in outcome.err
     assert not (tmp_path / "twin").exists()

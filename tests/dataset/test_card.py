@@ -197,6 +197,7 @@ def test_damage_stays_known_when_the_card_is_written_anew(copy: Path) -> None:
     assert [one.name for one in verify(copy)[0].damages] == ["points/000003.npy"]
 
 
+@pytest.mark.thorough
 def test_killed_before_every_change_of_the_disk(dataset: Path, tmp_path: Path) -> None:
     """The dataset is the older or the new one, whole; the next run leaves no rubbish."""
     for n in (*range(1, 20), 30, 50, 500):

@@ -21,6 +21,8 @@ from urbantwin.geometry import Pose, points_in_box
 from urbantwin.lidar import place_rig
 from urbantwin.taxonomy import ACTOR_SEMANTICS, semantic_id
 
+from ..thorough import further
+
 NAMES = [f"{index:06d}" for index in range(12)]
 FOREGROUND = [semantic_id(name) for name in ACTOR_SEMANTICS.values()]
 
@@ -225,6 +227,7 @@ def test_no_file_says_where_or_when_it_was_made(dataset, tmp_path_factory):
     assert not re.search(r"20\d\d-\d\d-\d\d", text)
 
 
+@pytest.mark.thorough
 def test_two_workers_give_the_same_bytes(dataset, twin, motion, rig, tmp_path, digests):
     record(twin, motion, rig, tmp_path / "two", workers=2, seed=5)
     assert digests(tmp_path / "two") == digests(dataset)
@@ -260,7 +263,7 @@ def stop_at(frame, told=None):
     return progress
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, *further(2)])
 def test_an_interrupted_run_goes_on_where_it_stopped(
     dataset, twin, motion, rig, tmp_path, digests, workers
 ):

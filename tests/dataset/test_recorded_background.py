@@ -84,6 +84,7 @@ def test_a_twin_records_what_it_lacks_and_is_near(dataset, bare, folder, tmp_pat
     assert found["anchors"]["ratio_to_real"]["hausdorff_p95_m"] < 2
 
 
+@pytest.mark.thorough
 def test_the_same_bytes_with_workers_and_after_an_interruption(
     dataset, bare, driven, rig_spec, digests, tmp_path
 ):

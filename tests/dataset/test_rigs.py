@@ -12,6 +12,8 @@ from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
 from urbantwin.site.rig import RigSpec
 
+from ..thorough import further
+
 
 def two_sensors(twin, **changed):
     """A steady sensor, and one that turns twice as fast, late, and with a clock of its own."""
@@ -161,7 +163,7 @@ def test_both_echoes_of_a_beam_are_told_apart(twin, motion, rig_spec, tmp_path):
     assert len(np.unique(rays[["ring", "column", "echo"]])) == len(rays)
 
 
-@pytest.mark.parametrize("fuse", [True, False])
+@pytest.mark.parametrize("fuse", [True, *further(False)])
 def test_nothing_depends_on_who_records_what_when(
     twin, motion, fused, separate, digests, tmp_path, fuse
 ):

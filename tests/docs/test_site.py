@@ -99,6 +99,7 @@ def broken(
     return wrong
 
 
+@pytest.mark.thorough
 def test_every_link_of_the_site_leads_somewhere(site: Path) -> None:
     pages = sorted(site.rglob("*.html"))
     assert len(pages) > len(PAGES)
@@ -138,6 +139,7 @@ def test_every_link_on_github_leads_somewhere(page: Path) -> None:
     assert broken(page, [*html.links, *html.loaded], github_anchors) == []
 
 
+@pytest.mark.thorough
 def test_the_site_shows_what_github_shows(site: Path) -> None:
     """Lists, tables, code: Python-Markdown and CommonMark read some of it in two ways."""
     counted = ("h1", "h2", "h3", "h4", "li", "tr", "td", "th", "pre", "blockquote", "strong")
@@ -157,6 +159,7 @@ def test_the_site_shows_what_github_shows(site: Path) -> None:
     assert differ == {}
 
 
+@pytest.mark.thorough
 def test_nothing_is_fetched_from_another_host(site: Path) -> None:
     loaded = {(page.name, what) for page in site.rglob("*.html") for what in read(page).loaded}
     assert len(loaded) > 100
@@ -165,6 +168,7 @@ def test_nothing_is_fetched_from_another_host(site: Path) -> None:
         assert not re.search(r"(@import|url\()\s*[\"']?(https?:)?//", style.read_text()), style
 
 
+@pytest.mark.thorough
 def test_every_public_name_is_in_the_reference(site: Path) -> None:
     anchors = set[str]().union(
         *(read(page).anchors for page in (site / "reference").glob("*.html"))
@@ -173,6 +177,7 @@ def test_every_public_name_is_in_the_reference(site: Path) -> None:
     assert {name for name in names if f"urbantwin.{name}" not in anchors} == set()
 
 
+@pytest.mark.thorough
 def test_every_command_is_in_the_reference(site: Path) -> None:
     anchors = read(site / "reference" / "commands.html").anchors
     done = subprocess.run(
@@ -184,6 +189,7 @@ def test_every_command_is_in_the_reference(site: Path) -> None:
     assert set(commands) <= anchors
 
 
+@pytest.mark.thorough
 def test_search_works_from_disk(site: Path, tmp_path: Path) -> None:
     """In real Chromium, without a server: a page says what it found, and logs no error."""
     browser = shutil.which("chromium")

@@ -11,6 +11,8 @@ from types import SimpleNamespace
 
 import pytest
 
+import urbantwin
+from urbantwin.cli import app
 from urbantwin.lidar.catalogue import sensor_names
 from urbantwin.taxonomy import materials
 
@@ -24,12 +26,14 @@ def scripts() -> Iterator[SimpleNamespace]:
     sys.path.insert(0, str(BUILD))
     import basis
     import gallery
+    import reference
     import tutorial
 
-    yield SimpleNamespace(basis=basis, gallery=gallery, tutorial=tutorial)
+    yield SimpleNamespace(basis=basis, gallery=gallery, reference=reference, tutorial=tutorial)
     sys.path.remove(str(BUILD))
 
 
+@pytest.mark.thorough
 def test_the_tutorial_ends_with_a_detector_that_runs(
     scripts: SimpleNamespace, tmp_path: Path
 ) -> None:
@@ -56,6 +60,14 @@ def test_what_sets_the_tutorial_up_exists(scripts: SimpleNamespace) -> None:
                 assert importlib.metadata.version(name)
         elif text.startswith("source "):
             assert text == "source .venv/bin/activate"
+
+
+def test_the_reference_has_every_public_name_and_every_command(scripts: SimpleNamespace) -> None:
+    told = "\n".join(scripts.reference.python_pages().values())
+    found = set(re.findall(r"^::: urbantwin\.(\w+)$", told, re.MULTILINE))
+    assert {name for name in urbantwin.__all__ if not name.startswith("__")} == found
+    commands = re.findall(r"^## ([a-z]+)$", scripts.reference.command_page(), re.MULTILINE)
+    assert {one.name or one.callback.__name__ for one in app.registered_commands} == {*commands}
 
 
 def test_the_tables_of_what_is_guessed_are_those_of_the_code(scripts: SimpleNamespace) -> None:

@@ -65,6 +65,7 @@ def test_they_are_what_trackeval_says(judge: Callable[..., Any]) -> None:
         assert figures(moments) == pytest.approx(figures_there, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_they_are_what_motmetrics_says(judge: Callable[..., Any]) -> None:
     """It lets who was followed once be followed on after a gap, which TrackEval does not."""
     near = [wandering(seed) for seed in range(40, 60)]

@@ -39,6 +39,7 @@ def test_a_package_as_it_was_written_breaks_no_rule(folder, carla_python):
     assert heights.endswith("m")
 
 
+@pytest.mark.thorough
 def test_a_real_place_of_left_hand_traffic_breaks_no_rule(perth_package, carla_python):
     found = check_package(perth_package, python=carla_python)
     assert by_rule(found) == {one.rule: () for one in found}

@@ -12,6 +12,8 @@ from urbantwin.errors import InputError
 from urbantwin.exports import export_twin
 from urbantwin.exports.geojson import LAYERS
 
+from ..thorough import further
+
 KINDS = {
     **{key: {"Polygon", "MultiPolygon"} for key in ("lane", "junction", "crossing", "island")},
     **{key: {"LineString"} for key in ("centre_line", "stop_line")},
@@ -19,7 +21,7 @@ KINDS = {
 }
 
 
-@pytest.fixture(scope="module", params=["two_avenues_twin", "perth_twin"])
+@pytest.fixture(scope="module", params=["two_avenues_twin", *further("perth_twin")])
 def layers(request, tmp_path_factory):
     """A twin, and its layers as GDAL reads them: geometries, fields, in site metres."""
     twin = request.getfixturevalue(request.param)

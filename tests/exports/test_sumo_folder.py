@@ -16,6 +16,8 @@ from urbantwin.traffic.assets import asset
 from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.view.footprint import footprints
 
+from ..thorough import further
+
 
 def sumo(folder, *options):
     return subprocess.run(
@@ -28,7 +30,7 @@ def sumo(folder, *options):
     )
 
 
-@pytest.fixture(scope="module", params=["two_avenues_twin", "perth_twin"])
+@pytest.fixture(scope="module", params=["two_avenues_twin", *further("perth_twin")])
 def exported(request, tmp_path_factory):
     twin = request.getfixturevalue(request.param)
     folder = tmp_path_factory.mktemp("sumo") / "run"

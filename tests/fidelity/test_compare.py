@@ -41,6 +41,7 @@ def sweeps(shared_data, tmp_path_factory):
     return root
 
 
+@pytest.mark.thorough
 def test_real_is_near_real_and_far_from_another_site(sweeps, tmp_path):
     report = compare(
         sweeps / "real",

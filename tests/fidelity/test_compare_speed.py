@@ -109,6 +109,7 @@ def started_by(process):
     return [int(word) for word in listed.stdout.split()]
 
 
+@pytest.mark.thorough
 def test_an_interrupted_comparison_leaves_nothing(tmp_path):
     # A script without a guard: workers must not run it again.
     script = tmp_path / "script.py"

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import urbantwin as ut
@@ -259,14 +260,15 @@ def test_a_body_that_is_not_there_changes_the_figures() -> None:
     """Boxes in the wrong places are told from those in the right ones."""
     frame = made_frame()
     assert frame.boxes is not None
-    moved = frame.boxes.box.copy()
-    moved[:2, 6] += np.pi / 2
-    wrong = replace(frame, boxes=replace(frame.boxes, box=moved))
-    right, other = (compare_objects(one, sensor("OS1-64"), scale=1.0) for one in (frame, wrong))
-    for k in range(2):
-        there, off = right[k].chamfer_m["annotated"], other[k].chamfer_m["annotated"]
-        assert there is not None
-        assert off is None or off > 3 * there
+    cars = [Boxes(frame.boxes.box[:2].copy(), ("car", "car"), np.array([1, 2])) for _ in range(2)]
+    cars[1].box[:, 6] += np.pi / 2
+    right, other = (
+        compare_objects(replace(frame, boxes=one), sensor("OS1-64"), scale=1.0) for one in cars
+    )
+    for there, off in zip(right, other, strict=True):
+        assert there.chamfer_m["annotated"] is not None
+        away = off.chamfer_m["annotated"]
+        assert away is None or away > 3 * there.chamfer_m["annotated"]
 
 
 def test_what_belongs_to_the_other_comparison_is_refused(tmp_path: Path) -> None:
@@ -285,6 +287,26 @@ def test_what_belongs_to_the_other_comparison_is_refused(tmp_path: Path) -> None
 
 
 @pytest.mark.real
+def test_a_report_of_two_real_cars(shared_data: Path, tmp_path: Path) -> None:
+    log = argoverse_log(shared_data)
+    one, *later = sorted(path.name for path in (log / "sensors/lidar").iterdir())
+    first = shutil.copytree(log, tmp_path / "log", ignore=shutil.ignore_patterns(*later))
+    boxes = pd.read_feather(log / "annotations.feather")
+    cars = boxes[boxes.timestamp_ns.astype(str).eq(one.split(".")[0])]
+    cars = cars[cars.category.eq("REGULAR_VEHICLE")].nlargest(2, "num_interior_pts")
+    (first / "annotations.feather").unlink()
+    cars.reset_index(drop=True).to_feather(first / "annotations.feather")
+    report = ut.compare(first, out=tmp_path / "out", objects=True, progress=False)
+    assert {path.name for path in report.folder.iterdir()} >= {
+        *("objects.json", "objects.html", "objects.png"),
+    }
+    (row,) = (one for one in report.figures if (one["from_m"], one["to_m"]) == (0.0, 80.0))
+    assert (row["class"], row["boxes"]) == ("car", 2)
+    assert row["chamfer_m"] < 0.35
+
+
+@pytest.mark.real
+@pytest.mark.thorough
 def test_real_cars_and_people(shared_data: Path, tmp_path: Path) -> None:
     log = argoverse_log(shared_data)
     _, *later = sorted(path.name for path in (log / "sensors/lidar").iterdir())

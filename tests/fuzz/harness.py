@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 
+from ..thorough import further
 from .artefact_set import PLACE
 from .mutation import mutation
 from .one_child import place
@@ -27,8 +28,8 @@ from .reader import Reader
 
 __all__ = ["NUMBERS", "Server", "kept"]
 
-#: How many mutations: each time, and when they are asked for (``make fuzz``).
-NUMBERS = [25, pytest.param(2000, marks=pytest.mark.fuzz)]
+#: How many mutations: each time, and when they are asked for (``make thorough``, ``make fuzz``).
+NUMBERS = [8, *further(25), pytest.param(2000, marks=pytest.mark.fuzz)]
 
 ROOT = Path(__file__).parents[2]
 #: Where bad files go that a reader did not take as it should.

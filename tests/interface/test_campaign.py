@@ -155,6 +155,7 @@ def test_what_fails_is_told_and_all_else_is_made(
     assert "holds the campaign of grid.yaml; expected another folder" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_cluster_makes_the_same_bytes(grid: Path, made: ut.Campaign, tmp_path: Path) -> None:
     pytest.importorskip("ray", reason="ray is not installed: pip install 'urbantwin[ray]'")
     path = tmp_path / grid.name

@@ -110,6 +110,7 @@ def test_the_study_holds_what_it_tells(study: ut.FusionStudy) -> None:
     assert told.num_rows == len((study.folder / "settings.csv").read_text().splitlines()) - 1
 
 
+@pytest.mark.thorough
 def test_interrupted_it_goes_on_and_the_command_writes_the_same(
     study: ut.FusionStudy, fleet: Path, model: Path, tmp_path: Path
 ) -> None:

@@ -24,6 +24,7 @@ def executed(source: str, names: dict[str, Any]) -> Any:
     )
 
 
+@pytest.mark.thorough
 def test_the_notebook_runs(site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copytree(

@@ -10,6 +10,8 @@ import yaml
 
 import urbantwin as ut
 
+from ..thorough import further
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "two-avenues"
 
 
@@ -27,9 +29,19 @@ def site_with(folder: Path, sensor: dict[str, Any]) -> Path:
     ("sensor", "place", "problem"),
     [
         ({"east_m": 28.0, "north_m": -65.0, "height_m": 5.0}, "height_m", "inside a building"),
-        ({"east_m": 500.0, "north_m": 0.0, "height_m": 5.0}, "east_m", "no ground at 500 m east"),
-        ({"east_m": 12.0, "north_m": 12.0, "up_m": -9.0}, "up_m", "-9 m is under the ground"),
-        ({"east_m": 12.0, "north_m": 12.0, "altitude_m": -900.0}, "altitude_m", "under the ground"),
+        *further(
+            (
+                {"east_m": 500.0, "north_m": 0.0, "height_m": 5.0},
+                "east_m",
+                "no ground at 500 m east",
+            ),
+            ({"east_m": 12.0, "north_m": 12.0, "up_m": -9.0}, "up_m", "-9 m is under the ground"),
+            (
+                {"east_m": 12.0, "north_m": 12.0, "altitude_m": -900.0},
+                "altitude_m",
+                "under the ground",
+            ),
+        ),
     ],
 )
 def test_a_sensor_that_cannot_stand_is_refused_before_the_scene(
@@ -47,6 +59,7 @@ def test_a_sensor_that_cannot_stand_is_refused_before_the_scene(
     assert not (tmp_path / "twin").exists()
 
 
+@pytest.mark.thorough
 def test_what_is_about_right_is_left_to_the_scene(tmp_path: Path) -> None:
     deep = site_with(tmp_path / "deep", {"east_m": 12.0, "north_m": 12.0, "up_m": -9.0})
     with pytest.raises(ut.InputError, match=r"which is at (-?\d+\.\d+) m there") as error:

@@ -91,6 +91,7 @@ def test_a_build_moves_a_proposed_sensor_out_of_a_tree(overgrown: Path, built: u
     assert kept["east_m"] == one.east_m
 
 
+@pytest.mark.thorough
 def test_a_twin_whose_sensor_moved_is_made_again_from_what_it_was_made_from(
     overgrown: Path, built: ut.Twin, tmp_path: Path
 ):

@@ -73,6 +73,7 @@ def test_the_base_is_what_record_sees(line: Line, made: ut.Study, tmp_path: Path
         assert told[name]["seen"] == 1
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_cut_off_goes_on_and_ends_the_same(
     grid: Path, made: ut.Study, tmp_path: Path
 ) -> None:

@@ -248,7 +248,7 @@ def turned(seed):
 lattice = st.tuples(*[st.integers(0, 4)] * 3)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     vertices=st.lists(lattice, min_size=3, max_size=12),
     faces=st.lists(st.tuples(*[st.integers(0, 11)] * 3), min_size=1, max_size=12),
@@ -315,7 +315,7 @@ def street(rng, size):
     return np.vstack(parts), np.vstack(faces).astype(np.int32)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     world=st.sampled_from([soup, street]),

@@ -25,6 +25,9 @@ def placed(frame, points):
     return np.column_stack([frame.site_from_lonlat(lonlat), points[:, 2]])
 
 
+pytestmark = pytest.mark.thorough
+
+
 @pytest.fixture(scope="module")
 def delft(shared_data):
     """Survey, outlines and reference triangles (vertices, faces) in one site frame."""

@@ -309,6 +309,7 @@ def as_citygml(document):
     return city("2.0", *objects, srs="urn:ogc:def:crs:EPSG::7415")
 
 
+@pytest.mark.thorough
 def test_the_reference_model_of_delft_is_the_same_as_in_cityjson(tmp_path, shared_data):
     source = shared_data / "airborne/delft-ahn3/reference/testarea.json"
     document = json.loads(source.read_text())

@@ -136,6 +136,7 @@ def test_a_sequence_of_features(tmp_path):
     assert np.allclose(np.ptp(mesh.vertices, axis=0), [12, 3, 4])
 
 
+@pytest.mark.thorough
 def test_the_reference_of_delft(shared_data):
     path = shared_data / "airborne" / "delft-ahn3" / "reference" / "testarea.json"
     model = read(path)

@@ -208,6 +208,7 @@ def test_geotag_whose_height_is_of_no_known_datum_is_laid_on_the_ground(tmp_path
     assert any("height of its geotag was not used" in one for one in out.model.problems)
 
 
+@pytest.mark.thorough
 def test_survey_of_delft_lies_where_its_reference_lies(shared_data: Path, tmp_path: Path) -> None:
     file = shared_data / "airborne/delft-ahn3" / AHN3[0]
     survey = laspy.read(file)

@@ -16,6 +16,7 @@ from urbantwin.reconstruct import ImportedModel, PointCloud, Surroundings, Trian
 from urbantwin.view.registration import registration_picture
 
 from ..real_files import AHN3
+from ..thorough import further
 from .placing_site import (
     FRAME,
     elevation,
@@ -48,10 +49,12 @@ def errors(model: ImportedModel) -> tuple[float, float]:
     ("turn", "scale", "spec"),
     [
         (Y_UP * Rotation.from_euler("z", 137, degrees=True), 1.0, {"register": True}),
-        (
-            Y_UP * Rotation.from_euler("z", 137, degrees=True),
-            0.01,
-            {"register": {"scale": True}},
+        *further(
+            (
+                Y_UP * Rotation.from_euler("z", 137, degrees=True),
+                0.01,
+                {"register": {"scale": True}},
+            )
         ),
     ],
     ids=["y-up", "unknown scale"],
@@ -73,6 +76,7 @@ def test_disguised_town_comes_back(tmp_path: Path, turn, scale: float, spec: dic
     assert report["confidence"] > 0.3
 
 
+@pytest.mark.thorough
 def test_town_that_leans_or_stands_on_its_head_is_set_upright(tmp_path: Path) -> None:
     lean = Rotation.from_euler("zx", [200, 165], degrees=True)
     out = place(
@@ -145,6 +149,7 @@ def test_guesses_are_refused(tmp_path: Path) -> None:
     refused("residual of .* to the outlines", surroundings(HOUSES), register=strict)
 
 
+@pytest.mark.thorough
 def test_survey_of_delft_finds_its_footprints(shared_data: Path, tmp_path: Path) -> None:
     # A real survey without a place or a heading, and footprints that others drew.
     folder = shared_data / "airborne/delft-ahn3"

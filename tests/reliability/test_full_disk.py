@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from ..thorough import further
 from .kill_harness import ENDINGS
 from .small_site import COMMANDS, Stand, bytes_of, command_line
 
@@ -122,7 +123,7 @@ def test_a_full_disk_of_few(stand: Stand, tmp_path: Path, disk: Disk, key: str) 
     check_full(stand, tmp_path, disk, key, older=False)
 
 
-@pytest.mark.parametrize("key", ["traffic", "export"])
+@pytest.mark.parametrize("key", ["traffic", *further("export")])
 def test_a_limit_on_the_size_of_files(stand: Stand, tmp_path: Path, key: str) -> None:
     command = COMMANDS[key]
     out = tmp_path / "out" / command.output

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from ..thorough import further
 from .kill_harness import PATIENCE_S, SCRATCH, check_whole, finish, killed, processes_of
 from .small_site import COMMANDS, Stand, command_line
 
@@ -51,8 +52,11 @@ def held(path: Path) -> bool:
     return bool(SCRATCH.fullmatch(path.name)) and any(path.iterdir())
 
 
-@pytest.mark.parametrize("to_all", [False, True], ids=["twice", "all processes"])
-@pytest.mark.parametrize("key", ["traffic", "record"])
+@pytest.mark.parametrize(
+    ("key", "to_all"),
+    [("traffic", False), ("record", True), *further(("traffic", True), ("record", False))],
+    ids=["traffic-twice", "record-all", "traffic-all", "record-twice"],
+)
 def test_an_interruption_of_all_at_once_and_twice(
     stand: Stand, tmp_path: Path, key: str, to_all: bool
 ) -> None:

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import pytest
 
+from ..thorough import further
 from .kill_harness import PATIENCE_S, check_left, finish, killed, place_for
 from .small_site import COMMANDS, Stand
 
 #: So many random moments of each command.
 MOMENTS = {"record": 50, "compare": 7, "compare-control": 3}
 MOST = [(key, n) for key in COMMANDS for n in range(MOMENTS.get(key, 10))]
-#: One of each in the normal suite, late enough that something is there.
-FEW = [("record", 0.7), ("build", 0.8), ("traffic", 0.6), ("tune", 0.85)]
+#: In the normal suite, late enough that something is there.
+FEW = [("record", 0.7), ("build", 0.8), *further(("traffic", 0.6), ("tune", 0.85))]
 
 
 def check_killed(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from ..thorough import further
 from .kill_harness import ENDINGS, check_inventory
 from .small_site import ROOT, bytes_of
 
@@ -20,8 +21,15 @@ def contents(number: int) -> dict[str, str]:
     return names | ({"d": "more"} if number == 2 else {})
 
 
-@pytest.mark.parametrize("older", ["older", "none"])
-@pytest.mark.parametrize("exchange", ["exchange", "no exchange"])
+@pytest.mark.parametrize(
+    ("exchange", "older"),
+    [
+        ("exchange", "older"),
+        ("no exchange", "older"),
+        ("exchange", "none"),
+        *further(("no exchange", "none")),  # with nothing to exchange
+    ],
+)
 @pytest.mark.parametrize("kind", ["folder", "resumed", "file"])
 def test_at_every_change_one_of_the_two_is_whole(
     tmp_path: Path, kind: str, exchange: str, older: str

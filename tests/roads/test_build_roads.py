@@ -14,8 +14,11 @@ from urbantwin.ground import Elevation
 from urbantwin.roads import RoadNetwork, build_roads, driving_side
 from urbantwin.site import read_extract
 
+from ..thorough import further
+
 HERE = SiteFrame(48.7, 9.18)
-PLACES = ("taipei", "neukolln", "quad_intersection", "perth_stretched_lights")
+PLACES = ("taipei", "quad_intersection", "perth_stretched_lights", "manchester-kingsway")
+MORE_PLACES = ("neukolln", "munich", "london-borough")
 
 
 def build(path, frame, region, out, elevation=None):
@@ -58,10 +61,11 @@ def test_everything_ends_at_the_region(write_osm, tmp_path):
     assert max(ends) == pytest.approx(80, abs=1.0)
 
 
-def test_forbidden_turns_have_no_connection(real_roads):
+@pytest.mark.parametrize("names", [PLACES, *further((MORE_PLACES,))], ids=["few", "more"])
+def test_forbidden_turns_have_no_connection(names, real_roads):
     """Restrictions of the map, parsed here, between roads that are each made from one way."""
     checked = 0
-    for name in (*PLACES, "munich", "manchester-kingsway", "london-borough"):
+    for name in names:
         place = real_roads(name)
         network = place.built.network
         roads_of: dict[str, set[str]] = {}
@@ -87,7 +91,7 @@ def test_forbidden_turns_have_no_connection(real_roads):
     assert checked >= 1
 
 
-@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.parametrize("name", [*PLACES, *further("neukolln")])
 def test_real_extracts_keep_lane_counts_and_speeds(name, real_roads):
     """Of every road made from one way, as its own tags say (parsed here, independently)."""
     place = real_roads(name)

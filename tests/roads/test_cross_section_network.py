@@ -14,6 +14,8 @@ from urbantwin.roads import build_roads
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.site import read_extract
 
+from ..thorough import further
+
 HERE = SiteFrame(48.7, 9.18)
 #: A crossroads: the way under test comes from the west.
 NODES = {1: (-120, 0, {}), 2: (0, 0, {}), 3: (120, 0, {}), 4: (0, -120, {}), 5: (0, 120, {})}
@@ -276,7 +278,7 @@ def turns(network, lanes):
         ("left||", ["ES", "E", "N"]),
     ],
 )
-@pytest.mark.parametrize("cycle", [{}, {"cycleway:right": "lane"}])
+@pytest.mark.parametrize("cycle", [{}, *further({"cycleway:right": "lane"})])
 def test_turns_are_as_mapped(build, arrows, expected, cycle):
     number = arrows.count("|") + 1
     tags = {"oneway": "yes", "lanes": str(number), "turn:lanes": arrows, **cycle}

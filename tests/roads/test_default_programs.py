@@ -21,6 +21,7 @@ from urbantwin.roads.signals.green_times import capped, cycle_s, green_seconds
 from urbantwin.scene.signal_pole import signal_mesh
 from urbantwin.site import read_extract
 
+from ..thorough import further
 from .controllers import signalised_junctions
 
 HERE = SiteFrame(48.7, 9.18)
@@ -177,8 +178,14 @@ def simulated(path, tmp_path, *, seconds=600, seed=1, per_hour=200, routes=None)
     return told, trips, asked
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.parametrize(
+    ("name", "side"),
+    [
+        *((name, "right") for name in PLACES),
+        ("turn_lanes", "left"),
+        *further(*((name, "left") for name in PLACES if name != "turn_lanes")),
+    ],
+)
 def test_no_conflicting_greens_and_green_for_everybody(name, side, built):
     nodes, ways = PLACES[name]()
     if side == "left":  # seen in a mirror, streets are driven on the other side
@@ -336,7 +343,8 @@ def test_a_street_far_above_capacity_leaves_the_other_what_it_needs(built):
 
 
 @pytest.mark.parametrize(
-    "name", ["manchester-kingsway", "london-borough", "higashimurayama", "chennai", "taipei"]
+    "name",
+    ["manchester-kingsway", "taipei", *further("london-borough", "higashimurayama", "chennai")],
 )
 def test_real_junctions_have_sound_programs_and_a_place_for_every_head(name, real_roads):
     place = real_roads(name)

@@ -11,9 +11,11 @@ from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.site import read_extract
 
+from ..thorough import further
+
 HERE = SiteFrame(48.7, 9.18)
 STREET = {"highway": "residential", "lanes": "2", "width": "6", "sidewalk": "both"}
-REAL = ["higashimurayama", "taipei", "london-borough"]
+REAL = ["taipei", *further("higashimurayama", "london-borough")]
 
 
 def built(path, frame, region, folder):

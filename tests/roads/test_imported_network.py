@@ -16,6 +16,7 @@ from urbantwin.roads.imported.sumo import sumo_network_of_model
 from urbantwin.roads.model import RoadLink
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment
 
+from ..thorough import further
 from . import lane_town
 from .tee import EAST, FAR, JUNCTION, LANE, MOUTH, POCKET, SOUTH, WALK, WEST, tee
 
@@ -211,7 +212,7 @@ def test_traffic_runs_without_a_collision(crossing, tmp_path):
     assert int(root.find("persons").get("running")) == 0
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("side", ["right", *further("left")])
 def test_every_lane_of_the_town_is_somewhere_in_the_network(side, tmp_path):
     """Lanes that SUMO has no use for (parking, islands, curbs) are strips of the twin."""
     model = lane_town.town(side)

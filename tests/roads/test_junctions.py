@@ -15,6 +15,8 @@ from urbantwin.roads.marking import arrow_at, guide_lines, lines_through, turn_a
 from urbantwin.roads.marking.turn_arrow import arrow_on
 from urbantwin.site import read_extract
 
+from ..thorough import further
+
 HERE = SiteFrame(48.7, 9.18)
 SIGNAL = {"highway": "traffic_signals"}
 ONE_WAY = {"highway": "primary", "oneway": "yes", "lanes": "2", "maxspeed": "50",
@@ -65,8 +67,14 @@ def ways_through(net):
     }
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize("gap", [9, 14, 24])
+@pytest.mark.parametrize(
+    ("gap", "side"),
+    [
+        (9, "right"),
+        (24, "left"),
+        *further((14, "right"), (24, "right"), (9, "left"), (14, "left")),
+    ],
+)
 def test_carriageways_that_cross_are_one_junction(side, gap, build):
     nodes, ways = carriageways(gap)
     if side == "left":
@@ -212,7 +220,9 @@ def test_opposed_turns_pass_in_front_of_each_other(build):
 
 
 @pytest.mark.real
-@pytest.mark.parametrize("name", ["manchester-kingsway", "london-borough", "munich", "taipei"])
+@pytest.mark.parametrize(
+    "name", ["manchester-kingsway", "taipei", *further("london-borough", "munich")]
+)
 def test_nothing_floats_in_real_junctions(name, real_roads):
     """Roads end at the border of a junction: none lies within one, and no stop line does."""
     built, out = real_roads(name).built, real_roads(name).net
@@ -243,7 +253,7 @@ def test_nothing_floats_in_real_junctions(name, real_roads):
             assert a is b or to is there or not way.crosses(other), (a.getID(), b.getID())
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("side", ["right", *further("left")])
 def test_nobody_turns_a_corner_tighter_than_a_car_can(side, build):
     """A street of one lane comes to one of three, at 65 degrees: who turns to the near kerb."""
     turn = -1 if side == "right" else 1
@@ -273,7 +283,7 @@ def areas(network, *ways):
     ]
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("side", ["right", *further("left")])
 def test_ways_that_part_lie_side_by_side(side, build):
     """Four lanes that part into three and one at 4 degrees: each has its own asphalt."""
     turn = -1 if side == "right" else 1

@@ -12,8 +12,13 @@ from urbantwin.roads import LaneModel, build_roads
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.site import read_extract
 
+from ..thorough import further
 
-@pytest.fixture(scope="module", params=["taipei", "perth_stretched_lights", "neukolln"])
+
+@pytest.fixture(
+    scope="module",
+    params=["West-Oakland", "perth_stretched_lights", *further("taipei", "neukolln")],
+)
 def built(request, real_roads, tmp_path_factory):
     place = real_roads(request.param, closed_loop=True)
     return place.built, place.net, place.frame, tmp_path_factory.mktemp(request.param)

@@ -13,6 +13,8 @@ from urbantwin.roads import build_roads
 from urbantwin.roads.marking import painted
 from urbantwin.site import read_extract
 
+from ..thorough import further
+
 HERE = SiteFrame(48.7, 9.18)
 SIGNAL = {"highway": "traffic_signals"}
 ZEBRA = {"highway": "crossing", "crossing": "marked"}
@@ -175,11 +177,16 @@ ODD = [
 ]  # fmt: skip
 
 
-LEFT = (roundabout_with_signals, diverging_diamond, a_lane_for_both, bridge_over_the_middle)
+MIRRORED = (roundabout_with_signals, diverging_diamond, a_lane_for_both)
 
 
 @pytest.mark.parametrize(
-    ("place", "side"), [*((one, "right") for one in ODD), *((one, "left") for one in LEFT)]
+    ("place", "side"),
+    [
+        *((one, "right") for one in ODD),
+        (bridge_over_the_middle, "left"),
+        *further(*((one, "left") for one in MIRRORED)),
+    ],
 )
 def test_an_odd_place_becomes_a_sound_network(place, side, write_osm, tmp_path):
     nodes, ways = place()

@@ -30,6 +30,7 @@ from urbantwin.roads.model import (
 from urbantwin.site import read_extract
 
 from ..real_files import argoverse_map, osm_extract
+from ..thorough import further
 
 ZERO = Profile.constant(0.0)
 LEVEL = Lift(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
@@ -162,7 +163,7 @@ def test_no_street_is_steeper_than_the_ground_along_it(seed):
             assert np.abs(np.diff(z) / 0.5).max() <= steepest + 0.01
 
 
-@pytest.fixture(scope="module", params=PLACES)
+@pytest.fixture(scope="module", params=["perth_stretched_lights", *further("taipei", "neukolln")])
 def on_hills(request, shared_data, tmp_path_factory):
     frame = SiteFrame(*PLACES[request.param])
     extract = read_extract(osm_extract(shared_data, request.param))

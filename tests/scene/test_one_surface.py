@@ -20,6 +20,7 @@ from urbantwin.site import read_extract
 from urbantwin.traffic.paths.placement import Ground
 
 from ..real_files import osm_extract
+from ..thorough import further
 
 RULER = runpy.run_path(str(Path(__file__).parent.parent / "roads" / "conftest.py"))["Road"]
 REGION = shapely.Point(0, 0).buffer(110)
@@ -41,10 +42,9 @@ GROUNDS = {
     ),
 }
 CASES = [
-    ("taipei", "hills"),
-    ("neukolln", "coarse"),
     ("quad_intersection", "plain"),
     ("perth_stretched_lights", "hills"),
+    *further((("taipei", "hills"),), (("neukolln", "coarse"),)),
 ]
 
 
@@ -64,7 +64,7 @@ def build(extract, place, region, elevation, out):
     return roads, LabelledMesh.concatenate([mesh, decks])
 
 
-@pytest.fixture(scope="module", params=CASES, ids="-".join)
+@pytest.fixture(scope="module", params=CASES)
 def built(request, shared_data, tmp_path_factory):
     name, kind = request.param
     folder = tmp_path_factory.mktemp(name)

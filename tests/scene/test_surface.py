@@ -16,6 +16,7 @@ from urbantwin.scene.zones import Zone, ground_zones
 from urbantwin.site import read_extract
 
 from ..real_files import osm_extract
+from ..thorough import further
 
 REGION = shapely.Point(0, 0).buffer(100)
 PLACES = {
@@ -128,7 +129,15 @@ def test_the_road_is_on_its_height_and_terrain_on_its_own(east, north, bump):
     assert (hits_per_column(mesh, points) == 1).all()
 
 
-@pytest.mark.parametrize(("name", "hilly"), [*((name, True) for name in PLACES), ("taipei", False)])
+@pytest.mark.parametrize(
+    ("name", "hilly"),
+    [
+        ("perth_stretched_lights", True),
+        ("West-Oakland", True),
+        ("taipei", False),
+        *further(("taipei", True), ("neukolln", True), ("quad_intersection", True)),
+    ],
+)
 def test_real_places_have_no_hole_and_no_overlap(name, hilly, shared_data, tmp_path):
     frame = SiteFrame(*PLACES[name])
     axis = np.arange(-140.0, 141.0)

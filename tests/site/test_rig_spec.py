@@ -12,6 +12,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site import Effects, SensorSpec, load_rig_spec
 
+from ..thorough import further
 from .conftest import LATITUDE, LONGITUDE, SENSOR
 
 
@@ -181,6 +182,9 @@ BAD: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str]] = {
 }
 
 
+NESTED = ("sensors: {}", "sensors:\n- outages: {}", "conditions: {}")
+
+
 @pytest.mark.parametrize(("sensors", "fields", "words"), BAD.values(), ids=BAD.keys())
 def test_bad_rig_is_named(
     tmp_path: Path, sensors: list[dict[str, Any]], fields: dict[str, Any], words: str
@@ -191,8 +195,14 @@ def test_bad_rig_is_named(
     assert str(caught.value).startswith(f"{path}: ")
 
 
-@pytest.mark.parametrize("depth", [100, 300, 2000, 100_000])
-@pytest.mark.parametrize("kind", ["sensors: {}", "sensors:\n- outages: {}", "conditions: {}"])
+@pytest.mark.parametrize(
+    ("kind", "depth"),
+    [
+        *((kind, depth) for kind in NESTED for depth in (100, 300)),
+        (NESTED[0], 100_000),
+        *further(*((kind, depth) for kind in NESTED[1:] for depth in (2000, 100_000))),
+    ],
+)
 def test_a_file_that_is_nested_very_deep(tmp_path: Path, depth: int, kind: str) -> None:
     path = tmp_path / "rig.yaml"
     for start, stop in ("[]", ("{a: ", "}")):

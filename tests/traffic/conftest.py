@@ -17,7 +17,7 @@ from urbantwin.ground import Elevation
 from urbantwin.roads import sumo_binary
 from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.taxonomy import material_id, semantic_id
-from urbantwin.traffic import Motion
+from urbantwin.traffic import Motion, run_traffic
 from urbantwin.twin import Twin, load_twin
 
 #: The ground of every twin here: z = 0.03 x + 0.02 y.
@@ -144,13 +144,29 @@ def crossing_twin(crossing_net: Path, tmp_path_factory: pytest.TempPathFactory) 
     return make_twin(tmp_path_factory.mktemp("twins") / "crossing", crossing_net, PER_HOUR)
 
 
+MADE = {"two-avenues": "open_avenues_twin", "crossing": "crossing_twin"}
+
+
 @pytest.fixture(scope="session")
 def real_drive(
-    shared_data: Path, made_once: Callable[[str, Callable[[Path], object]], Path]
+    request: pytest.FixtureRequest,
+    shared_data: Path,
+    made_once: Callable[[str, Callable[[Path], object]], Path],
 ) -> Callable[[str], tuple[Twin, Motion]]:
-    """Return what gives the twin of an extract, as `init` proposes it, and 25 s of its traffic."""
+    """Return what gives the twin of an extract, as `init` proposes it, and 25 s of its traffic.
+
+    ``two-avenues`` is the example and ``crossing`` is `crossing_twin`, with 40 s of their traffic.
+    """
 
     def driven(place: str) -> tuple[Twin, Motion]:
+        if place in MADE:
+            twin = request.getfixturevalue(MADE[place])
+            folder = made_once(
+                f"drive-{place}",
+                lambda folder: run_traffic(twin, folder / "motion", seconds=40),
+            )
+            return twin, Motion.load(folder / "motion")
+
         def make(folder: Path) -> None:
             ut.init(folder / "site", osm=shared_data / "osm" / f"{place}.osm", progress=False)
             site = folder / "site/site.yaml"

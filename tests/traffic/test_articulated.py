@@ -18,8 +18,11 @@ from urbantwin.traffic.paths.placement import stand
 from urbantwin.traffic.sumo.observed import Observed
 from urbantwin.traffic.sumo.simulation import Simulated
 
-BENDING = tuple(name for name in bending_names() if asset(name).rigid)
 STEP_S, SPEED_MS, RADIUS_M = 0.1, 6.0, 30.0
+
+
+def bending() -> list[str]:
+    return [name for name in bending_names() if asset(name).rigid]
 
 
 class Plane:
@@ -178,7 +181,7 @@ def test_who_is_prescribed_does_not_bend():
         drawn = [asset(Fleet("DE", 1).body(kind, n)) for n in range(200)]
         assert any(one.bodies for one in drawn)
         assert not any(asset(Fleet("DE", 1).body(kind, n, bends=False)).bodies for n in range(200))
-    for name in BENDING:
+    for name in bending():
         assert all(asset(body.asset).length < asset(name).length for body in asset(name).bodies)
 
 
@@ -209,7 +212,7 @@ def test_what_is_towed_leans_on_what_pulls_it():
         def height(self, xy, ceiling):
             return xy @ np.array([0.05, 0.02])
 
-    for name in BENDING:
+    for name in bending():
         towed = asset(asset(name).bodies[1].asset)
         assert towed.hitch > towed.length / 2 - 1.7
         z, pitch, roll = stand(

@@ -12,16 +12,21 @@ from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, material_id, semantic_id
-from urbantwin.traffic.assets import asset, asset_mesh, asset_names
+from urbantwin.traffic.assets import asset, asset_mesh, asset_names, bodies_of_asset
 from urbantwin.traffic.assets.gait import joint_angles
 from urbantwin.traffic.assets.loft import loft, superellipse
 from urbantwin.traffic.assets.primitive import box, capsule, cylinder, ellipsoid, ring, turned
 from urbantwin.traffic.assets.shell import Panel, Section, arched_outline, shell
 from urbantwin.traffic.assets.tram import tram_entries
 
+
+def _shown(name):
+    return [body.asset for body in bodies_of_asset(name)] or [name]
+
+
 WHOLE = [name for actor_class in ACTOR_CLASSES for name in asset_names(actor_class)]
 #: Vehicles that bend are seen as their bodies.
-NAMES = [shown for name in WHOLE for shown in ([x.asset for x in asset(name).bodies] or [name])]
+NAMES = [shown for name in WHOLE for shown in _shown(name)]
 WALKERS = [name for name in asset_names("pedestrian") if asset(name).stride_m > 0]
 ANIMALS = asset_names("animal")
 WHEELED = [name for name in NAMES if name not in (*WALKERS, *ANIMALS)]

@@ -37,6 +37,7 @@ def outline(name):
     return shapely.union_all(triangles, grid_size=1e-3)
 
 
+@pytest.mark.thorough
 def test_the_outlines_of_cars_differ():
     outlines = {name: outline(name) for name in asset_names("car")}
     # To the same length and height, so that it is the shape that differs.

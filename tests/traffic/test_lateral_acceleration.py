@@ -8,6 +8,8 @@ import pytest
 from urbantwin.traffic import Motion
 from urbantwin.twin import Twin
 
+from ..thorough import further
+
 #: Over which time a turn is measured, seconds, and what is never exceeded, m/s^2.
 OVER_S, MOST_MS2 = 0.5, 4.0
 ON_FOOT = ("pedestrian", "animal")
@@ -34,7 +36,7 @@ def sideways(motion: Motion) -> dict[str, list[float]]:
     return found
 
 
-@pytest.mark.parametrize("place", ["manchester-kingsway"])
+@pytest.mark.parametrize("place", ["two-avenues", *further("manchester-kingsway")])
 def test_on_real_streets_everybody_turns_gently(
     real_drive: Callable[[str], tuple[Twin, Motion]], place: str
 ) -> None:

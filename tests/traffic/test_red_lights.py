@@ -11,6 +11,8 @@ from lxml import etree
 from urbantwin.traffic import Motion
 from urbantwin.twin import Twin
 
+from ..thorough import further
+
 #: The table knows the middle of who drives, at whole steps, and may have it brake a little later.
 SLACK_S = 0.5
 
@@ -54,7 +56,7 @@ def lights_passed(
     return found
 
 
-@pytest.mark.parametrize("place", ["manchester-kingsway"])
+@pytest.mark.parametrize("place", ["two-avenues", *further("manchester-kingsway")])
 def test_nobody_drives_over_a_red_light(
     real_drive: Callable[[str], tuple[Twin, Motion]], place: str
 ) -> None:
@@ -66,9 +68,10 @@ def test_nobody_drives_over_a_red_light(
     assert states.count("r") >= 4
 
 
+@pytest.mark.parametrize("place", ["crossing", *further("manchester-kingsway")])
 def test_nobody_walks_over_a_red_light(
-    real_drive: Callable[[str], tuple[Twin, Motion]],
+    real_drive: Callable[[str], tuple[Twin, Motion]], place: str
 ) -> None:
-    passed = lights_passed(*real_drive("manchester-kingsway"), on_foot=True)
+    passed = lights_passed(*real_drive(place), on_foot=True)
     assert len(passed) >= 1
     assert [row for row in passed if set(row[2]) <= set("ru")] == []

@@ -153,6 +153,7 @@ def test_trams_halt_at_stops_and_at_red(tram_twin):
     assert waited >= 1
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_the_same_trams(tram_twin, tmp_path, monkeypatch):
     """Whether the pilots are run or known."""
     changes = {"per_hour": ASKED, "warmup_s": 20.0}

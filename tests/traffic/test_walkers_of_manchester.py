@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
 from urbantwin.roads.assignment.circuit import Circuit
 from urbantwin.roads.assignment.routing_graph import walked_graph
@@ -12,6 +13,7 @@ from urbantwin.traffic.demand.site_demand import outer_roads
 from urbantwin.twin import Twin
 
 
+@pytest.mark.thorough
 def test_walkers_come_inside_and_are_as_many_as_have_room(
     real_drive: Callable[[str], tuple[Twin, Motion]],
 ) -> None:

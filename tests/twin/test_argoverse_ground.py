@@ -19,6 +19,7 @@ from ..real_files import argoverse_map
 STREETS = runpy.run_path(str(Path(__file__).parent / "argoverse_streets.py"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("source", ["streets", "vector map"])
 def test_roads_lie_within_5_cm_rms_of_the_measured_ground(shared_data, tmp_path, source):
     log = STREETS["Log"](shared_data)

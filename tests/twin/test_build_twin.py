@@ -43,6 +43,7 @@ def bridge_site(tmp_path, write_osm):
     return path
 
 
+@pytest.mark.thorough
 def test_same_site_same_bytes(twin, tmp_path):
     again = build_twin(load_site(EXAMPLE / "site.yaml"), tmp_path / "twin")
     names = sorted(path.name for path in twin.folder.iterdir())

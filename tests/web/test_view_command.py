@@ -16,6 +16,8 @@ from urbantwin.errors import InputError
 from urbantwin.web import open_shown, page_document
 from urbantwin.web.wanted import Wanted
 
+from ..thorough import further
+
 
 @pytest.fixture
 def said(capsys):
@@ -26,7 +28,7 @@ def said(capsys):
     return run
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, *further(signal.SIGTERM)])
 def test_it_serves_until_it_is_ended(dataset, number, built_page):
     process = subprocess.Popen(
         [sys.executable, "-m", "urbantwin", "view", dataset, "--frames", "0:2", "-q", "--json"],

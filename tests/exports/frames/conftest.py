@@ -75,13 +75,13 @@ def same_frames():
             assert found.name == wanted.name
             place = wanted.world_SE3_frame
             mine = wanted.moved(place) if in_site else wanted
-            assert found.points == pytest.approx(mine.points, abs=within_m + 1e-12)
+            _same(found.points, mine.points, within_m + 1e-12)
             for name in ("ring", "column", "sensor", "semantic", "instance"):
                 if name in holds:
                     assert (getattr(found, name) == getattr(mine, name)).all(), name
             for name, off in (("intensity", 1e-5), ("time_s", 1e-7)):
                 if name.removesuffix("_s") in holds:
-                    assert getattr(found, name) == pytest.approx(getattr(mine, name), abs=off)
+                    _same(getattr(found, name), getattr(mine, name), off)
             if "boxes" in holds:
                 _same_boxes(mine.boxes, found.boxes, holds, within_m)
             if "frame_pose" in holds:
@@ -94,6 +94,11 @@ def same_frames():
                 assert found.sensor_places == pytest.approx(mine.sensor_places, abs=1e-6)
 
     return same
+
+
+def _same(found, wanted, within):
+    """Numbers of every point, which `pytest.approx` compares one by one."""
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=within)
 
 
 def _same_boxes(wanted, found, holds, within_m):

@@ -15,6 +15,8 @@ import urbantwin as ut
 from urbantwin.exports.frames import DATASET_FORMATS, FrameSource, export_dataset
 from urbantwin.fidelity.readers import open_recording
 
+from ...thorough import further
+
 FOLDERS = ("pcd", "las", "laz", "webdataset")
 
 
@@ -38,8 +40,15 @@ def written(two_sensors, riding, tmp_path_factory):
     return write
 
 
-@pytest.mark.parametrize("name", ["two_sensors", "riding"])
-@pytest.mark.parametrize("to", [*FOLDERS, "mcap"])
+@pytest.mark.parametrize(
+    ("to", "name"),
+    [
+        *((to, "riding") for to in (*FOLDERS, "mcap")),
+        ("laz", "two_sensors"),
+        ("mcap", "two_sensors"),
+        *further(*((to, "two_sensors") for to in ("pcd", "las", "webdataset"))),
+    ],
+)
 def test_nothing_is_lost_on_the_way_and_back(written, same_frames, name, to):
     dataset, out, _ = written(name, to)
     holds = DATASET_FORMATS[to].holds
