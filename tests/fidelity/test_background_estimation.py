@@ -115,6 +115,26 @@ def test_frames_of_a_sensor_that_moved_are_refused():
         measured_backgrounds(looks_at(one, passing, passing > 0), [one])
 
 
+@pytest.mark.parametrize("elsewhere", [2, LEAST_FRAMES // 2])
+def test_frames_of_two_places_are_refused(elsewhere):
+    """A third of both is alike, as the road is."""
+    one, generator = beams(), np.random.default_rng(5)
+    here, there = generator.uniform(8, 90, (2, one.count))
+    there[: one.count // 3] = here[: one.count // 3]
+    seen = np.array([here] * LEAST_FRAMES)
+    assert measured_backgrounds(looks_at(one, seen, seen > 0), [one])[0].known.all()
+    seen[-elsewhere:] = there
+    with pytest.raises(InputError, match=r"another place in frame .*: 3[3-5]% of the beams"):
+        measured_backgrounds(looks_at(one, seen, seen > 0), [one])
+
+
+def test_frames_in_another_unit_are_refused():
+    one, generator = beams(), np.random.default_rng(6)
+    cm = 100 * np.broadcast_to(generator.uniform(8, 90, one.count), (LEAST_FRAMES, one.count))
+    with pytest.raises(InputError, match=r"lie farther off than .* sees; expected metres"):
+        measured_backgrounds(looks_at(one, cm, cm > 0), [one])
+
+
 @pytest.mark.parametrize("rings", [None, "numbered", "from the lowest"])
 def test_points_find_their_beams_with_and_without_rings_in_a_tilted_frame(rings):
     """A level frame of a sensor that looks 8 degrees down: its pose is given."""
