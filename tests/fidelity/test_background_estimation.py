@@ -310,6 +310,21 @@ def test_a_background_of_another_sensor_is_one_line(tmp_path):
         assert len(str(error.value).splitlines()) == 1
 
 
+def test_a_background_of_hardly_any_beam_is_refused_unless_the_twin_is_seen_beside_it(tmp_path):
+    shape = rig().sensors[0].sensor.channels, rig().sensors[0].columns
+    far = np.zeros((1, *shape), np.float32)
+    few = far.copy()
+    far[0, :, : shape[1] // 5] = few[0, :, : shape[1] // 20] = 5.0
+    for name, range_m in (("few", few), ("some", far)):
+        one = MeasuredBackground(range_m, 0 * range_m, (range_m > 0) * np.float32(1), 0 * range_m)
+        save_backgrounds(tmp_path / f"{name}.npz", [one])
+    with pytest.raises(InputError, match=r"ranges on 5% of the beams of .*--fuse"):
+        rig_with_backgrounds(rig(), [str(tmp_path / "few.npz")])
+    for name, fused in (("few", True), ("some", False)):
+        found = rig_with_backgrounds(rig(), [str(tmp_path / f"{name}.npz")], fused=fused)
+        assert found.sensors[0].measured.known.any()
+
+
 def test_what_is_no_background_is_said(tmp_path):
     file = tmp_path / "measured.npz"
     with pytest.raises(InputError, match="not found"):
