@@ -160,10 +160,10 @@ def _check_places(
         quarter = np.array([np.nanquantile(row, 0.25) for row in alike if np.isfinite(row).any()])
     elsewhere = (quarter < _LEAST_ALIKE * np.nanmax(alike)).sum()
     if elsewhere > max(1, _MOST_ELSEWHERE * len(looks)):
-        i, j = sorted(np.unravel_index(np.nanargmin(alike), alike.shape))
+        first, then = sorted(divmod(int(np.nanargmin(alike)), len(looks)))
         raise InputError(
-            f"{one.name or one.sensor.name} sees another place in frame {numbers[j]} than in frame "
-            f"{numbers[i]}: {alike[i, j]:.0%} of the beams end alike",
+            f"{one.name or one.sensor.name} sees another place in frame {numbers[then]} than in "
+            f"frame {numbers[first]}: {alike[first, then]:.0%} of the beams end alike",
             file=file,
             expected="frames of a sensor that stands still, in its own frame",
         )
