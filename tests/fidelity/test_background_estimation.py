@@ -115,6 +115,26 @@ def test_frames_of_a_sensor_that_moved_are_refused():
         measured_backgrounds(looks_at(one, passing, passing > 0), [one])
 
 
+@pytest.mark.parametrize("elsewhere", [2, LEAST_FRAMES // 2])
+def test_frames_of_two_places_are_refused(elsewhere):
+    """A third of both is alike, as the road is."""
+    one, generator = beams(), np.random.default_rng(5)
+    here, there = generator.uniform(8, 90, (2, one.count))
+    there[: one.count // 3] = here[: one.count // 3]
+    seen = np.array([here] * LEAST_FRAMES)
+    assert measured_backgrounds(looks_at(one, seen, seen > 0), [one])[0].known.all()
+    seen[-elsewhere:] = there
+    with pytest.raises(InputError, match=r"another place in frame .*: 3[3-5]% of the beams"):
+        measured_backgrounds(looks_at(one, seen, seen > 0), [one])
+
+
+def test_frames_in_another_unit_are_refused():
+    one, generator = beams(), np.random.default_rng(6)
+    cm = 100 * np.broadcast_to(generator.uniform(8, 90, one.count), (LEAST_FRAMES, one.count))
+    with pytest.raises(InputError, match=r"lie farther off than .* sees; expected metres"):
+        measured_backgrounds(looks_at(one, cm, cm > 0), [one])
+
+
 @pytest.mark.parametrize("rings", [None, "numbered", "from the lowest"])
 def test_points_find_their_beams_with_and_without_rings_in_a_tilted_frame(rings):
     """A level frame of a sensor that looks 8 degrees down: its pose is given."""
@@ -288,6 +308,21 @@ def test_a_background_of_another_sensor_is_one_line(tmp_path):
         with pytest.raises(InputError, match=words) as error:
             rig_with_backgrounds(one, files)
         assert len(str(error.value).splitlines()) == 1
+
+
+def test_a_background_of_hardly_any_beam_is_refused_unless_the_twin_is_seen_beside_it(tmp_path):
+    shape = rig().sensors[0].sensor.channels, rig().sensors[0].columns
+    far = np.zeros((1, *shape), np.float32)
+    few = far.copy()
+    far[0, :, : shape[1] // 5] = few[0, :, : shape[1] // 20] = 5.0
+    for name, range_m in (("few", few), ("some", far)):
+        one = MeasuredBackground(range_m, 0 * range_m, (range_m > 0) * np.float32(1), 0 * range_m)
+        save_backgrounds(tmp_path / f"{name}.npz", [one])
+    with pytest.raises(InputError, match=r"ranges on 5% of the beams of .*--fuse"):
+        rig_with_backgrounds(rig(), [str(tmp_path / "few.npz")])
+    for name, fused in (("few", True), ("some", False)):
+        found = rig_with_backgrounds(rig(), [str(tmp_path / f"{name}.npz")], fused=fused)
+        assert found.sensors[0].measured.known.any()
 
 
 def test_what_is_no_background_is_said(tmp_path):

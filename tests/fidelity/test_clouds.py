@@ -70,12 +70,13 @@ def test_a_pcd_whose_header_puts_the_ring_elsewhere_is_refused(tmp_path):
     rows = np.zeros(50, [("xyzi", "<f4", 4), ("ring", "<u2")])
     rows["xyzi"] = POINTS[:50]
     rows["ring"] = np.arange(50) % 16
-    for sizes, types, match in (
-        ("4 4 4 4 2", "F F F F U", None),
-        ("4 4 4 2 2", "F F F U U", "18 bytes for each of its 50 points"),
-        ("4 4 2 4 4", "F F U F U", "has ring"),
+    for sizes, types, fourth, match in (
+        ("4 4 4 4 2", "F F F F U", "intensity", None),
+        ("4 4 4 2 2", "F F F U U", "intensity", "18 bytes for each of its 50 points"),
+        ("4 4 2 4 4", "F F U F U", "intensity", "has intensities up to 1e"),
+        ("4 4 2 4 4", "F F U F U", "other", "has ring"),
     ):
-        header = f"VERSION 0.7\nFIELDS x y z intensity ring\nSIZE {sizes}\nTYPE {types}\n"
+        header = f"VERSION 0.7\nFIELDS x y z {fourth} ring\nSIZE {sizes}\nTYPE {types}\n"
         header += "COUNT 1 1 1 1 1\nWIDTH 50\nHEIGHT 1\nPOINTS 50\nDATA binary\n"
         path = tmp_path / "a.pcd"
         path.write_bytes(header.encode() + rows.tobytes())
@@ -85,6 +86,58 @@ def test_a_pcd_whose_header_puts_the_ring_elsewhere_is_refused(tmp_path):
             continue
         with pytest.raises(InputError, match=match):
             recording.read(0)
+
+
+def test_a_pcd_whose_sizes_add_up_and_whose_fields_begin_elsewhere_is_refused(tmp_path):
+    """Five fields of four bytes each: no order of them has another size."""
+    kinds = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("t", "<u4")]
+    rows = np.zeros(50, kinds)
+    rows["x"], rows["y"], rows["z"], rows["intensity"] = POINTS[:50].T
+    rows["t"] = np.arange(50) * 20_000
+    for names, match in (
+        ("x y z intensity t", None),
+        ("x y z t intensity", "has intensities up to 1.4e-39"),
+        ("x y t z intensity", "has intensities up to 1.4e-39"),
+        ("x y t intensity z", "has z of less than 1e-30 m"),
+    ):
+        kind = " ".join("U" if name == "t" else "F" for name in names.split())
+        header = f"VERSION 0.7\nFIELDS {names}\nSIZE 4 4 4 4 4\nTYPE {kind}\nCOUNT 1 1 1 1 1\n"
+        path = tmp_path / "a.pcd"
+        path.write_bytes(f"{header}WIDTH 50\nHEIGHT 1\nDATA binary\n".encode() + rows.tobytes())
+        if match is None:
+            np.testing.assert_allclose(open_recording(path).read(0).points, POINTS[:50, :3])
+            continue
+        for read in (
+            lambda path=path: open_recording(path).read(0),
+            lambda path=path: read_cloud(path),
+        ):
+            with pytest.raises(InputError, match=match):
+                read()
+
+
+@pytest.mark.parametrize("by", ["obj_info", "camera"])
+def test_an_organised_ply_keeps_its_rings_and_columns(tmp_path, by):
+    """As scanners say it (Stanford's range images), and as PCL does."""
+    ring, column = np.divmod(np.arange(64 * 2048), 2048)
+    rows = np.column_stack([column, ring, np.ones_like(ring)]).astype("<f4")
+    said, view, after = "", "", b""
+    if by == "obj_info":
+        said = "obj_info num_cols 2048\nobj_info num_rows 64\n"
+    else:
+        view = "element camera 1\nproperty float view_px\nproperty int viewportx\n"
+        view += "property int viewporty\n"
+        after = struct.pack("<fii", 0.0, 2048, 64)
+    path = tmp_path / "a.ply"
+    header = f"ply\nformat binary_little_endian 1.0\n{said}element vertex {len(rows)}\n"
+    header += f"property float x\nproperty float y\nproperty float z\n{view}end_header\n"
+    path.write_bytes(header.encode() + rows.tobytes() + after)
+    frame = open_recording(path).read(0)
+    np.testing.assert_array_equal(frame.column, frame.points[:, 0])
+    np.testing.assert_array_equal(frame.ring, frame.points[:, 1])
+    # A count that is not the vertices': they are no image.
+    wrong = header.replace("2048", "2047").encode() + rows.tobytes()
+    path.write_bytes(wrong + after.replace(struct.pack("<i", 2048), struct.pack("<i", 2047)))
+    assert open_recording(path).read(0).ring is None
 
 
 def test_compressed_pcd_of_repeating_values(tmp_path):

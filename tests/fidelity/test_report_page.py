@@ -4,10 +4,12 @@ import re
 from html.parser import HTMLParser
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from urbantwin.fidelity import compare
 from urbantwin.fidelity.definitions import MEASURES
 from urbantwin.fidelity.report import Report, anchored
+from urbantwin.fidelity.report_figure import _shares as draw_shares
 
 
 class Balanced(HTMLParser):
@@ -81,3 +83,19 @@ def test_the_headline_in_one_sentence():
     assert Report({}, [], alone, {}).in_short() == (
         "The twin alone: its P95 Hausdorff distance is 3 m and Jensen-Shannon divergence is 0.3."
     )
+
+
+def test_shares_of_real_against_real_all_lie_on_the_axis():
+    """Without an arbitrary site; a measure that is 0 has no place on a logarithmic axis."""
+    twin = [figures(hausdorff_p95_m=0.0, js_mean=0.3, chamfer_m=0.02)] * 2
+    real = [figures(hausdorff_p95_m=1.5, js_mean=0.1, chamfer_m=0.1), None]
+    for rows in (twin, [figures(hausdorff_p95_m=0.0, js_mean=0.0, chamfer_m=0.0)] * 2):
+        axes = Figure().subplots()
+        draw_shares(axes, Report({}, [], anchored(rows, [None, None], real), {}))
+        left, right = axes.get_xlim()
+        drawn = [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 1]
+        assert len(drawn) == 3
+        assert left < 100 < right
+        assert all(left <= x <= right for x in drawn)
+        marks = {line.get_marker() for line in axes.lines if line.get_xdata()[0] == left}
+        assert marks == {"<"}

@@ -2,6 +2,7 @@
 
 import pytest
 
+from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig, sensor, sensor_names
 from urbantwin.lidar.spin import columns_at, spin_of
 from urbantwin.site.rig import RigSpec
@@ -56,6 +57,9 @@ def test_frames_now_and_then_are_single_turns(street):
         assert (told.turns_per_second, told.frame_window_s) == (own, 1 / own)
     swift = placed(20.0)
     assert (swift.turns_per_second, swift.frame_window_s, swift.columns) == (20.0, 0.05, 900)
+    with pytest.raises(InputError, match=r"^rate_hz: VLP-16 does not turn 30 times a second"):
+        placed(30.0)
+    assert placed(30.0, rate_hz=20.0).turns_per_second == 20.0
     # Who asks for a rate of its own gets all of its turns.
     asked = placed(10.0, rate_hz=20.0)
     assert (asked.turns_per_second, asked.frame_window_s, asked.columns) == (20.0, 0.1, 900)

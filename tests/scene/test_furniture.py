@@ -79,12 +79,22 @@ def test_every_piece_is_closed_faces_outward_and_stands_in_the_ground(tags):
         ({"historic": "memorial", "memorial": "statue", "height": "5 m"}, 5.0),
         ({"emergency": "fire_hydrant"}, 0.87),
         ({"amenity": "bicycle_parking"}, 0.825),
+        ({"shop": "kiosk"}, 2.8),
         ({"amenity": "shelter", "height": "3"}, 3.0),
     ],
 )
 def test_sizes_are_as_mapped_or_usual(tags, height):
     mesh, _ = build(feature(Point(0, 30), **tags), ground=lambda xy: np.zeros(len(xy)))
     assert mesh.vertices[:, 2].max() == pytest.approx(height, abs=0.01)
+
+
+def test_a_kiosk_in_a_house_is_a_shop_of_it():
+    house = feature(box(20, 20, 40, 40), 9, building="yes")
+    for spot, built in ((Point(30, 30), 0), (Point(19.5, 30), 0), (Point(10, 30), 1)):
+        mesh, notes = build(house, feature(spot, shop="kiosk"))
+        assert notes.get("kiosks", 0) == built
+        if built:
+            assert mesh.vertices[:, :2].mean(axis=0) == pytest.approx([10, 30], abs=0.1)
 
 
 def test_what_lies_below_ground_indoors_or_has_no_shape_is_left_out():

@@ -35,6 +35,7 @@ NODES = {
     1: (-200, 0, {}), 2: (0, 0, {}), 3: (200, 0, {}), 4: (0, -200, {}), 5: (0, 200, {}),
     6: (-30, -25, {"natural": "tree"}), 7: (-40, -25, {"natural": "tree"}),
     8: (-35, 25, {"natural": "tree"}), 9: (-47, 25, {"man_made": "pole", "height": "6"}),
+    12: (-60, -40, {"barrier": "bollard"}),
 }  # fmt: skip
 WAYS = {
     10: ([1, 2, 3], STREET),
@@ -89,6 +90,12 @@ def site(tmp_path, write_osm):
 @pytest.fixture
 def twin(site, made_once):
     return load_twin(made_once("mended", lambda out: build_twin(load_site(site), out / "t")) / "t")
+
+
+def test_without_what_stands_beside_streets_there_are_no_bollards(twin):
+    standing = twin.mesh.triangles()[twin.mesh.semantic == semantic_id("pole")].reshape(-1, 3)
+    assert len(standing)
+    assert np.hypot(*(standing[:, :2] - [-60, -40]).T).min() > 5
 
 
 def test_each_is_told(twin):

@@ -28,6 +28,8 @@ _WIDEST = 64
 _WIDTHS = (3, 4, 5, 6)
 #: The least number of values that determine the width, and the share of variance that does.
 _TELLING, _EXPLAINED = 300, 0.05
+#: Sizes between which numbers of a cloud lie, if they are not 0: bits of other numbers do not.
+_FAINTEST, _BRIGHTEST, _NEAREST_M = 1e-20, 1e12, 1e-30
 #: Bytes of a chunk of a LAZ that is not unpacked side by side with others.
 _LARGE_CHUNK = 64_000_000
 
@@ -67,7 +69,8 @@ def read_fields(path: Path, columns: int | None = None) -> Fields:
         named, shape = read_pcd(path)
         return organised({name.lower(): values for name, values in named.items()}, *shape)
     if kind == ".ply":
-        return {name.lower(): values for name, values in _from_ply(path).items()}
+        named, shape = _from_ply(path)
+        return organised({name.lower(): values for name, values in named.items()}, *shape)
     if kind in (".las", ".laz"):
         return _from_las(path)
     raise InputError(f"{kind} is unknown", file=path, expected=", ".join(FORMATS))
@@ -79,7 +82,7 @@ def position_and_intensity(
     """Return x, y, z (N, 3) and intensity (N,), None without such a field.
 
     Raises:
-        InputError: x, y or z is missing.
+        InputError: x, y or z is missing, or a field holds the bits of another one.
     """
     missing = [name for name in "xyz" if name not in fields]
     if missing:
@@ -98,7 +101,33 @@ def position_and_intensity(
     intensity = found[0].astype(np.float64) if found else None
     if intensity is not None and not np.isfinite(intensity).any():
         intensity = None  # an empty field
+    _check_sizes(path, table, intensity)
     return table, intensity
+
+
+def _check_sizes(
+    path: Path, table: NDArray[np.float64], intensity: NDArray[np.float64] | None
+) -> None:
+    """Refuse a header whose sizes add up and whose fields begin elsewhere.
+
+    Whole numbers read as floats are smaller than anything that is measured, and floats read from
+    their middle larger; a coordinate is near 0 by chance once in a while.
+    """
+    tiny = ((table != 0) & (np.abs(table) < _NEAREST_M)).mean(axis=0) if len(table) else 0.0
+    wrong = ["xyz"[k] for k in np.flatnonzero(np.asarray(tiny) > 0.01)]
+    size = 0.0
+    if intensity is not None:
+        size = float(np.abs(intensity[np.isfinite(intensity)]).max())
+        if size > _BRIGHTEST or 0.0 < size < _FAINTEST:
+            wrong.append("intensity")
+    if wrong:
+        raise InputError(
+            f"has intensities up to {size:.2g}"
+            if wrong[0] == "intensity"
+            else f"has {wrong[0]} of less than {_NEAREST_M:g} m",
+            file=path,
+            expected=f"{wrong[0]} of points (do its header's sizes and order say where it is?)",
+        )
 
 
 def _from_npy(path: Path) -> Fields:
@@ -188,14 +217,36 @@ def _columns(table: NDArray[np.float64]) -> Fields:
     }
 
 
-def _from_ply(path: Path) -> dict[str, NDArray[np.float64]]:
+def _from_ply(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int]]:
+    """Read the vertices, and height and width of the image that they are (1 and N: of none).
+
+    PLY has no word for it: scanners write ``obj_info num_rows`` and ``num_cols``, PCL the size of
+    the view of its ``camera``.
+    """
     from urbantwin.geometry.ply import read_header, read_tables
 
-    vertex = read_tables(path, read_header(path), last="vertex").get("vertex")
+    header = read_header(path)
+    names = [element.name for element in header.elements]
+    last = max(("vertex", "camera"), key=lambda name: names.index(name) if name in names else -1)
+    tables = read_tables(path, header, last=last)
+    vertex = tables.get("vertex")
     if vertex is None:
         raise InputError("has no element vertex", file=path, expected="a PLY cloud")
+    shape = 1, vertex.count
+    said = dict(words for text in header.comments if len(words := text.split()) == 2)
+    if "camera" in tables:
+        view = tables["camera"].columns
+        said |= {
+            name: str(int(view[of][0]))
+            for name, of in (("num_cols", "viewportx"), ("num_rows", "viewporty"))
+            if of in view and len(view[of]) and np.isfinite(view[of][0])
+        }
+    rows, columns = said.get("num_rows", ""), said.get("num_cols", "")
+    if rows.isdecimal() and columns.isdecimal() and int(rows) * int(columns) == vertex.count:
+        shape = int(rows), int(columns)
     with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
-        return {name: values.astype(np.float64) for name, values in vertex.columns.items()}
+        fields = {name: values.astype(np.float64) for name, values in vertex.columns.items()}
+    return fields, shape
 
 
 def _from_las(path: Path) -> Fields:

@@ -161,24 +161,27 @@ def _shares(axes: Axes, report: Report) -> None:
         base = (below or {}).get(name)
         if base is not None and base.mean > 0 and report.twin.get(name) is not None:
             rows.append((name, base.mean))
-    shares = [100.0]
-    for place, (name, mean) in enumerate(rows):
-        for side in shown:
-            value = (_of(report.whole, side) or {}).get(name)
-            if value is not None:
-                share = 100 * value.mean / mean
-                shares.append(share)
-                marker = "o" if share <= most else ">"
-                axes.plot(
-                    min(share, most), -place, marker=marker, color=COLOURS[side], markersize=6
-                )
+    shares = [
+        (100 * value.mean / mean, place, side)
+        for place, (name, mean) in enumerate(rows)
+        for side in shown
+        if (value := (_of(report.whole, side) or {}).get(name)) is not None
+    ]
+    seen = [100.0, *(share for share, *_ in shares if share > 0)]
+    # A logarithmic axis has no 0: what is 0 points to it.
+    least = min(seen) / 1.5 if control is None else -np.inf
+    for share, place, side in shares:
+        marker = "<" if share < least else "o" if share <= most else ">"
+        axes.plot(
+            np.clip(share, least, most), -place, marker=marker, color=COLOURS[side], markersize=6,
+            clip_on=False,
+        )  # fmt: skip
     axes.axvline(100, color=COLOURS["arbitrary" if control is not None else "real"], linewidth=1.5)
     axes.set_yticks([-place for place in range(len(rows))], [MEASURES[n].title for n, _ in rows])
     axes.set_ylim(-max(len(rows), 1) + 0.5, 0.5)
     if control is None:
         axes.set_xscale("log")
-        seen = [share for share in shares if share > 0]
-        axes.set_xlim(min(seen) / 1.5, min(max(seen), most) * 1.5)
+        axes.set_xlim(least, min(max(seen), most) * 1.5)
     else:
         axes.set_xlim(left=-2)
 

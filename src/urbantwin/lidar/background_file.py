@@ -35,6 +35,8 @@ _MOST = {"range_m": 2000.0, "sigma_m": 100.0, "share": 1.0, "intensity": 1.0}
 _MOST_PATCHES = 1_000_000
 #: Rates that differ by less are one.
 _SAME_RATE_HZ = 0.01
+#: Share of the beams below which a background is of hardly anything (of the demo's sensor: 0.62).
+_LEAST_KNOWN = 0.1
 
 
 class _Sensor(Part):
@@ -186,7 +188,7 @@ def rig_with_backgrounds(rig: Rig, given: Sequence[str], *, fused: bool = False)
 
     Raises:
         InputError: a file is none such, a sensor is not in the rig or in the file, is given
-            twice, or is another than the one that measured.
+            twice, is another than the one that measured, or has ranges on hardly any beam.
     """
     chosen: dict[str, tuple[MeasuredBackground, Path]] = {}
     names = [one.name for one in rig.sensors]
@@ -211,6 +213,13 @@ def rig_with_backgrounds(rig: Rig, given: Sequence[str], *, fused: bool = False)
                 )
             chosen[one.name] = (replace(one, fused=fused), path)
     for name, (one, path) in chosen.items():
+        share = float(one.known.mean()) if one.known.size else 0.0
+        if share < _LEAST_KNOWN and not fused:
+            raise InputError(
+                f"has ranges on {share:.0%} of the beams of {name}: frames would be empty",
+                file=path,
+                expected=f"{_LEAST_KNOWN:.0%} or more; or --fuse, to see the twin beside it",
+            )
         rig = with_background(rig, one, sensor=name, file=path)
     return rig
 

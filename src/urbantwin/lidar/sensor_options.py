@@ -57,8 +57,15 @@ def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, fie
         raise error(
             f"{model.name} does not offer {columns} columns", "columns", f"one of {options}"
         )
+    low, high = min(*_SPIN_HZ, *model.rate_options), max(*_SPIN_HZ, *model.rate_options)
+    if one.rate_hz is None and model.pattern is None and rate_hz > high:
+        raise InputError(
+            f"{model.name} does not turn {rate_hz:g} times a second",
+            file=file,
+            place="rate_hz",
+            expected=f"at most {high:g}, or a rate_hz of {field} itself: {low:g} to {high:g}",
+        )
     if one.rate_hz is not None:
-        low, high = min(*_SPIN_HZ, *model.rate_options), max(*_SPIN_HZ, *model.rate_options)
         if model.pattern is not None:
             raise error(f"{model.name} does not turn", "rate_hz", "none; the rig's rate_hz")
         if not low <= one.rate_hz <= high:

@@ -135,6 +135,8 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         beside, assumed = assumed_features(
             features, zones, _kept_free(network), region, country, sensors
         )
+    if clutter == "none":  # bollards are built with the poles
+        beside = [f for f in beside if f.tags.get("barrier") != "bollard"]
     beside, outcomes = without_barriers(beside, corrections)
     buildings = building_mesh(
         features,

@@ -36,6 +36,8 @@ KERB_M, FARTHEST_M = 0.3, 3.0
 BEHIND_STOP_M = (-1.3, 2.6, 0.0)
 #: Pieces nearer than this to a carriageway face it, those nearer to a way face that, metres.
 ROAD_M, WAY_M = 12.0, 8.0
+#: A kiosk nearer than this to a house is a shop in it.
+KIOSK_FREE_M = 1.0
 INDOORS = ("indoor", "room")
 #: Objects mapped without a shape.
 SHAPELESS = "memorials and artworks of unknown shape, not drawn"
@@ -80,7 +82,7 @@ def furniture_mesh(
     objects = []
     for feature in mine:
         shape = feature.geometry
-        if not region.covers(_middle(shape)):
+        if not region.covers(_middle(shape)) or _is_within_house(feature, taken[1:]):
             continue
         if feature.tags.get("amenity") == "fountain" and isinstance(shape, Polygon):
             notes["fountains"] += add_basin(assembly, shape, ground_height)
@@ -117,6 +119,13 @@ def _is_furniture(tags: dict[str, str]) -> bool:
     if "building" in tags or tags.get("layer", "0").startswith("-"):
         return False
     return _kind(tags) is not None or "historic" in tags or tags.get("tourism") == "artwork"
+
+
+def _is_within_house(feature: OsmFeature, houses: Sequence[Geometry]) -> bool:
+    """Return whether a kiosk is a shop of a house, and no hut in the street."""
+    if feature.tags.get("shop") != "kiosk":
+        return False
+    return any(house.dwithin(feature.geometry, KIOSK_FREE_M) for house in houses)
 
 
 def _kind(tags: dict[str, str]) -> str | None:

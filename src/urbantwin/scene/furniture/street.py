@@ -244,6 +244,15 @@ def kiosk_machine(tags: Tags) -> list[Piece]:
     return [block([0, 0, 0], [0.3, 0.5, 1.6], "metal-painted")]
 
 
+def kiosk(tags: Tags) -> list[Piece]:
+    """Return a kiosk that is mapped as a point: a box under a roof that stands out."""
+    high = _height(tags, 2.8, 5.0)
+    return [
+        block([0, 0, 0], [2.0, 2.5, high - 0.2], "metal-painted", "other-structure"),
+        block([0, 0, high - 0.2], [2.8, 3.1, 0.2], "metal-painted", "other-structure"),
+    ]
+
+
 #: (key, value) -> what notes call it, and how it is built.
 STREET: dict[tuple[str, str], tuple[str, Build]] = {
     ("amenity", "bench"): ("benches", bench),
@@ -276,6 +285,7 @@ STREET: dict[tuple[str, str], tuple[str, Build]] = {
     ("advertising", "totem"): ("advertising", advertising),
     ("tourism", "information"): ("information boards", information),
     ("highway", "speed_camera"): ("speed cameras", camera),
+    ("shop", "kiosk"): ("kiosks", kiosk),
     ("leisure", "picnic_table"): ("picnic tables", picnic_table),
     ("railway", "signal"): ("railway signals", railway_signal),
     ("railway", "buffer_stop"): ("buffer stops", buffer_stop),
