@@ -8,8 +8,8 @@ import pickle
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -25,6 +25,7 @@ __all__ = [
     "handed",
     "helpers",
     "received",
+    "settle",
     "threads",
     "usable_processors",
     "worker_pool",
@@ -82,9 +83,7 @@ def worker_pool(
             try:
                 pool.shutdown(wait=True, cancel_futures=True)
             except BaseException:  # interrupted once more: what they write to will be taken away
-                for worker in active_children():
-                    worker.kill()
-                    worker.join()
+                _kill_workers()
                 raise
 
 
@@ -119,6 +118,23 @@ def helpers(
         return
     with worker_pool(workers - 1, start, *arguments) as pool:
         yield Helpers(workers, pool)
+
+
+def settle(under_way: Collection[Future[Any]]) -> None:
+    """Drop what nobody has begun, and wait until the rest of it is over."""
+    for future in under_way:
+        future.cancel()
+    try:
+        wait(under_way)
+    except BaseException:  # interrupted once more
+        _kill_workers()
+        raise
+
+
+def _kill_workers() -> None:
+    for worker in active_children():
+        worker.kill()
+        worker.join()
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """Processes that help to record: what they get, and one recording after the other."""
 
 import os
+import time
 
 import pytest
 
@@ -37,3 +38,24 @@ def test_what_is_handed_reaches_others_as_long_as_the_block_runs():
             assert crew.pool.submit(received, place).result() == value
         with pytest.raises(FileNotFoundError):
             crew.pool.submit(received, place).result()
+
+
+def test_helpers_write_nothing_when_a_recording_has_been_interrupted(twin, motion, rig, tmp_path):
+    """They stay, and another run may work on the same output by then."""
+
+    def stop(_share, doing):
+        if doing.startswith("frame 2 "):
+            raise KeyboardInterrupt
+
+    def files():
+        inside = [path for path in tmp_path.rglob("*") if path.is_file()]
+        return {path: path.stat().st_mtime_ns for path in inside}
+
+    with helpers(3, rehearse) as crew:
+        with pytest.raises(KeyboardInterrupt):
+            record(twin, motion, rig, tmp_path / "out", workers=crew, seed=5, progress=stop)
+        there = files()
+        time.sleep(1.0)
+        assert files() == there
+        record(twin, motion, rig, tmp_path / "out", workers=crew, seed=5)
+    assert (tmp_path / "out" / "SHA256SUMS").is_file()

@@ -23,7 +23,7 @@ from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import LabelledFrame, PosedActor, Rig, Scanner
-from urbantwin.processes import Helpers, handed, helpers, received, usable_processors
+from urbantwin.processes import Helpers, handed, helpers, received, settle, usable_processors
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
 __all__ = ["Part", "Recipe", "Task", "Workers", "record_frames"]
@@ -159,7 +159,7 @@ def record_frames(
         workers.on_every_node(_check_places, places)  # before any work, and of all nodes
         with workers.worker_pool(_start, recipe) as crew:
             runs = _runs(tasks, count, crew.workers)
-            yield from _recorded(partial(crew.submit, _record), runs, crew.room)
+            yield from _recorded(lambda run: crew.submit(_record, run), runs, crew.room)
         return
     if not isinstance(workers, Helpers):
         workers = usable_processors() if workers is None else workers
@@ -200,18 +200,23 @@ def _recorded(
         own: what this process records runs with while they work; it only waits when not given.
     """
     under_way: set[Future[list[int]]] = set()
-    while True:
-        under_way |= {submit(run) for run in islice(runs, most - len(under_way))}
-        run = next(runs, None) if own is not None else None
-        if own is not None and run is not None:
-            yield from own.recorded(run)
-            finished, under_way = wait(under_way, timeout=0)
-        elif under_way:
-            finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
-        else:
-            return
-        for future in finished:
-            yield from future.result()
+    try:
+        while True:
+            for run in islice(runs, most - len(under_way)):
+                under_way.add(submit(run))
+            mine = None if own is None else next(runs, None)
+            if own is not None and mine is not None:
+                yield from own.recorded(mine)
+                finished, under_way = wait(under_way, timeout=0)
+            elif under_way:
+                finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
+            else:
+                return
+            for future in finished:
+                yield from future.result()
+    finally:
+        if own is not None:  # helpers outlive this, and the folder may be another run's then
+            settle(under_way)
 
 
 def _runs(tasks: Iterable[Task], count: int, workers: int) -> Iterator[list[Task]]:

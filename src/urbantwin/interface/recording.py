@@ -162,7 +162,7 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
             raise InputError("is storage", file=str(place), expected="a folder, for several nodes")
     # Helpers get ready while the twin is opened, which has work for one processor.
     with _helpers(workers, ray) as crew:
-        if nodes is not None:
+        if nodes is not None and isinstance(place, Path):
             return _recorded_nodes(
                 Twin.open(twin),
                 Motion.open(motion),
@@ -367,7 +367,7 @@ def _helpers(workers: int | None, ray: str | None) -> Iterator[int | Helpers | N
 @contextmanager
 def _crew(workers: int | Helpers | None, ray: str | None, backend: str) -> Iterator[Workers]:
     """Yield who records: so many processes of this machine, or a cluster."""
-    if ray is None:
+    if ray is None or isinstance(workers, Helpers):
         yield workers
         return
     from functools import partial
