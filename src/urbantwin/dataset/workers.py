@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import islice
 
 import shapely
@@ -166,18 +165,21 @@ def record_frames(
         with helpers(min(workers, count), rehearse) as crew:
             yield from record_frames(recipe, tasks, count, crew)
         return
-    if workers.pool is None or count == 1:
+    pool = workers.pool
+    if pool is None or count == 1:
         yield from _Recorder(recipe).recorded(tasks)
         return
     try:
         with handed(recipe) as place:
-            checked = workers.pool.submit(_check_places, places)
+            checked = pool.submit(_check_places, places)
             own = _Recorder(recipe)
             checked.result()
-            submit = partial(workers.pool.submit, _record_of, (next(_recordings), place))
+            recording = next(_recordings), place
             runs = _runs(tasks, count, workers.workers)
             room = (workers.workers - 1) * _QUEUED
-            yield from _recorded(submit, runs, room, own)
+            yield from _recorded(
+                lambda run: pool.submit(_record_of, recording, run), runs, room, own
+            )
     except BrokenProcessPool:
         raise StageError(
             "a worker was killed (out of memory?); what is finished is kept: "
