@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from types import ModuleType
+from typing import Any
 
 from urbantwin.interruption import deferred
 
-__all__ = ["calculate_as_worker", "threads", "usable_processors", "worker_pool"]
+__all__ = [
+    "Helpers",
+    "calculate_as_worker",
+    "handed",
+    "helpers",
+    "received",
+    "settle",
+    "threads",
+    "usable_processors",
+    "worker_pool",
+]
 
 _a_worker = False
 
@@ -54,49 +67,122 @@ def worker_pool(
         arguments: of ``start``.
     """
     # Spawned, not forked: a fork copies the threads' locks but not the threads that hold them.
-    # What they are to do is in memory of this process, which goes with it: much would not fit into
-    # the pipe by which they are started, and who writes there waits for ever if one is killed.
-    handed = os.memfd_create("urbantwin-workers")
-    with os.fdopen(handed, "wb", closefd=False) as stream:
-        pickle.dump((start, arguments), stream, pickle.HIGHEST_PROTOCOL)
-    begin = partial(_start, f"/proc/{os.getpid()}/fd/{handed}")
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), begin)
-    try:
-        with ExitStack() as here:
-            # Deferred: a worker that is told half of it ends with a traceback.
-            for surroundings in (deferred, _one_thread_each, _uninterrupted, _without_script):
-                here.enter_context(surroundings())
-            for _ in range(workers):  # a worker starts when there is work for it
-                pool.submit(os.getpid)
-        yield pool
-    finally:
-        os.close(handed)  # who is still beginning sees it
+    with ExitStack() as given:
+        place = given.enter_context(handed((start, arguments)))
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), partial(_start, place))
         try:
-            pool.shutdown(wait=True, cancel_futures=True)
-        except BaseException:  # interrupted once more: what they write to will be taken away
-            for worker in active_children():
-                worker.kill()
-                worker.join()
-            raise
+            with ExitStack() as here:
+                # Deferred: a worker that is told half of it ends with a traceback.
+                for surroundings in (deferred, _one_thread_each, _uninterrupted, _without_script):
+                    here.enter_context(surroundings())
+                for _ in range(workers):  # a worker starts when there is work for it
+                    pool.submit(os.getpid)
+            yield pool
+        finally:
+            given.close()  # who is still beginning sees it
+            try:
+                pool.shutdown(wait=True, cancel_futures=True)
+            except BaseException:  # interrupted once more: what they write to will be taken away
+                _kill_workers()
+                raise
 
 
-def _start(handed: str) -> None:
+@dataclass(frozen=True, eq=False)
+class Helpers:
+    """Processes that work beside this one.
+
+    Attributes:
+        workers: how many work, this one among them.
+        pool: of the others; ``None`` where there are none.
+    """
+
+    workers: int
+    pool: ProcessPoolExecutor | None
+
+
+@contextmanager
+def helpers(
+    workers: int | None, start: Callable[..., None], *arguments: object
+) -> Iterator[Helpers]:
+    """Yield processes that get ready while this one does: what they work on may come later.
+
+    Args:
+        workers: how many are to work, this one among them; as many as there are processors if not
+            given.
+        start: see `worker_pool`.
+        arguments: of ``start``.
+    """
+    workers = usable_processors() if workers is None else workers
+    if workers < 2:
+        yield Helpers(workers, None)
+        return
+    with worker_pool(workers - 1, start, *arguments) as pool:
+        yield Helpers(workers, pool)
+
+
+def settle(under_way: Collection[Future[Any]]) -> None:
+    """Drop what nobody has begun, and wait until the rest of it is over."""
+    for future in under_way:
+        future.cancel()
+    try:
+        wait(under_way)
+    except BaseException:  # interrupted once more
+        _kill_workers()
+        raise
+
+
+def _kill_workers() -> None:
+    for worker in active_children():
+        worker.kill()
+        worker.join()
+
+
+@contextmanager
+def handed(value: object) -> Iterator[str]:
+    """Yield where processes of this machine receive a value as long as the block runs.
+
+    It is in memory of this process, which goes with it: much would not fit into the pipe by which
+    workers are started, and who writes there waits for ever if one is killed.
+    """
+    memory = os.memfd_create("urbantwin-workers")
+    try:
+        with os.fdopen(memory, "wb", closefd=False) as stream:
+            pickle.dump(value, stream, pickle.HIGHEST_PROTOCOL)
+        yield f"/proc/{os.getpid()}/fd/{memory}"
+    finally:
+        os.close(memory)
+
+
+def received(place: str) -> Any:  # noqa: ANN401 - whatever was handed
+    """Return what another process handed.
+
+    Raises:
+        FileNotFoundError: its block has ended.
+    """
+    with open(place, "rb") as stream:  # noqa: PTH123 - a link that is no file's name
+        return pickle.load(stream)
+
+
+def _start(place: str) -> None:
     begun = threading.Event()
     threading.Thread(target=_end_with_the_run, daemon=True).start()
-    threading.Thread(target=_end_with_the_pool, args=(handed, begun), daemon=True).start()
+    threading.Thread(target=_end_with_the_pool, args=(place, begun), daemon=True).start()
+    # What is imported stays: an eighth of this would go into looking for what of it is garbage.
+    gc.disable()
     try:
-        with open(handed, "rb") as stream:  # noqa: PTH123 - a link that is no file's name
-            start, arguments = pickle.load(stream)
+        start, arguments = received(place)
     except FileNotFoundError:
         os._exit(1)
     start(*arguments)
+    gc.freeze()
+    gc.enable()
     begun.set()
 
 
-def _end_with_the_pool(handed: str, begun: threading.Event) -> None:
+def _end_with_the_pool(place: str, begun: threading.Event) -> None:
     """End this worker if the pool ends while it begins, which may take long."""
     while not begun.wait(0.1):
-        if not os.path.lexists(handed):
+        if not os.path.lexists(place):
             os._exit(1)
 
 

@@ -10,7 +10,9 @@ from urbantwin.dataset.workers import _runs
 def test_every_frame_comes_once_in_order_and_few_frames_reach_all_workers(
     workers: int, frames: int
 ) -> None:
-    runs = list(_runs(iter(range(frames)), workers))  # type: ignore[arg-type]
+    runs = list(_runs(iter(range(frames)), frames, workers))  # type: ignore[arg-type]
     assert [one for run in runs for one in run] == list(range(frames))
     assert all(runs)
     assert len(runs) >= min(workers, frames)
+    # When they are at their ends nobody holds many that others wait for.
+    assert all(len(run) == 1 for run in runs[-workers:])

@@ -13,7 +13,7 @@ from urbantwin.traffic.assets import asset_mesh, asset_names
 def tight_box(mesh, pose):
     """The box of one mesh, between the hulls of others."""
     hull, other = ActorShape(mesh).hull, np.full((3, 5), 9.0)
-    several = np.concatenate([other, hull, other], axis=1)
+    several = tuple(np.concatenate([other, hull, other], axis=1))
     return tight_boxes(
         pose.rotation[None], pose.translation[None], several, np.array([5]),
         np.array([hull.shape[1]]),

@@ -39,14 +39,16 @@ def packed_sums(*parts: bytes | memoryview) -> dict[str, Any]:
     sums: list[int] = []
     size, last = 0, 0
     for part in parts:
-        begin = 0
-        while begin < len(part):
-            end = begin + _BYTES - size % _BYTES
-            last = zlib.crc32(part[begin:end], last if size % _BYTES else 0)
-            size += len(part[begin:end])
-            begin = end
-            if size % _BYTES == 0:
-                sums.append(last)
+        # What the parts before left of a block, whole blocks, and what is left of them.
+        begin = min(-size % _BYTES, len(part))
+        last = zlib.crc32(part[:begin], last)
+        if begin and (size + begin) % _BYTES == 0:
+            sums.append(last)
+        end = begin + (len(part) - begin) // _BYTES * _BYTES
+        sums += [zlib.crc32(part[k : k + _BYTES]) for k in range(begin, end, _BYTES)]
+        size += len(part)
+        if begin < len(part):
+            last = zlib.crc32(part[end:])
     if size % _BYTES:
         sums.append(last)
     packed = base64.b64encode(np.array(sums, "<u4").tobytes()).decode()

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_room, sha256_of, write_json
-from urbantwin.cluster import Cluster
 from urbantwin.dataset.box_columns import packed_columns
 from urbantwin.dataset.box_table import write_boxes
 from urbantwin.dataset.frame_files import RAY_TYPE
@@ -28,7 +27,6 @@ from urbantwin.errors import StageError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
 from urbantwin.lidar.timing import span_of
-from urbantwin.processes import usable_processors
 from urbantwin.progress import Progress
 
 if TYPE_CHECKING:
@@ -126,10 +124,8 @@ def record_datasets(
     )
     left = sum(map(len, missing.values()))
     if left:
-        if not isinstance(workers, Cluster):
-            workers = min(usable_processors() if workers is None else workers, left)
         done = sum(len(own.times_s) for own in parts.values()) - left
-        for number, _ in enumerate(record_frames(recipe, tasks(), workers), start=done + 1):
+        for number, _ in enumerate(record_frames(recipe, tasks(), left, workers), start=done + 1):
             progress(number)
     entries = {part: _entries(own) for part, own in parts.items()}
     if any(entry is None for own in entries.values() for entry in own):

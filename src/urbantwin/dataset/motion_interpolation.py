@@ -94,7 +94,13 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
     ways = [None] * len(rows) if paths is None else paths
     rotations = rotation_from_ypr(rows["yaw"], rows["pitch"], rows["roll"])
     translations = np.column_stack([rows["x"], rows["y"], rows["z"]])
-    ahead = rows["speed"][:, None] * rotations[:, :, 0]
+    velocities = list(rows["speed"][:, None] * rotations[:, :, 0])
+    legs: dict[bytes, tuple[int, float]] = {}
+    for n, path in enumerate(ways):
+        if path is not None:  # most have the same knots
+            knots = path.time_s.tobytes()
+            k, took_s = legs.get(knots) or legs.setdefault(knots, path.leg(0.0))
+            velocities[n] = (path.translation[k + 1] - path.translation[k]) / took_s
     sizes = np.column_stack([rows[name] for name in ("length", "width", "height")])
     # A column at a time: each field of a row takes as long as a whole column of all of them.
     columns = [rows[name].tolist() for name in ("track", "class", "asset", "phase")]
@@ -105,7 +111,7 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
             str(asset),
             phase,
             Pose(turn, place),
-            velocity if path is None else path.velocity_at(0.0),
+            velocity,
             path,
             (size[0], size[1], size[2]) if known else None,
         )
@@ -113,7 +119,7 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
             *columns,
             rotations,
             translations,
-            ahead,
+            velocities,
             ways,
             sizes.tolist(),
             (sizes.min(axis=1, initial=np.inf) > 0).tolist(),

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from itertools import count, islice
+from itertools import islice
 
 import shapely
 
-from urbantwin.cluster import Cluster, ClusterWorkers
+from urbantwin.cluster import Cluster
 from urbantwin.dataset.frame_motion import FrameMotion
 from urbantwin.dataset.frame_place import FramePlace
 from urbantwin.dataset.layout import frame_name, write_frame
 from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.dataset.motion_interpolation import posed_actors
+from urbantwin.dataset.rehearsal import rehearse
 from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import LabelledFrame, PosedActor, Rig, Scanner
-from urbantwin.processes import worker_pool
+from urbantwin.processes import Helpers, handed, helpers, received, settle, usable_processors
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
 __all__ = ["Part", "Recipe", "Task", "Workers", "record_frames"]
 
-#: How many processes of this machine, or a cluster; ``None`` for as many as there are processors.
-Workers = int | Cluster | None
+#: How many processes of this machine, this one and its helpers, or a cluster; ``None`` for as many
+#: as there are processors.
+Workers = int | Helpers | Cluster | None
 
 #: What one worker has in hand besides what it works on: enough that it never waits.
 _QUEUED = 2
@@ -135,13 +138,16 @@ class _Recorder:
         return task.index
 
 
-def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int | Cluster) -> Iterator[int]:
+def record_frames(
+    recipe: Recipe, tasks: Iterable[Task], count: int, workers: Workers
+) -> Iterator[int]:
     """Record frames and yield the number of each when its files are there, in any order.
 
     Args:
         recipe: what all frames share.
         tasks: the frames, made when they are needed, those of a part together.
-        workers: number of processes, or a cluster; with one, frames are recorded in this one.
+        count: how many they are.
+        workers: number of processes, this one among them, or a cluster.
 
     Raises:
         InputError: a worker does not see where the frames go.
@@ -151,15 +157,29 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int | Cluster)
     if isinstance(workers, Cluster):
         workers.on_every_node(_check_places, places)  # before any work, and of all nodes
         with workers.worker_pool(_start, recipe) as crew:
-            yield from _recorded(crew, tasks, crew.workers, crew.room)
+            runs = _runs(tasks, count, crew.workers)
+            yield from _recorded(lambda run: crew.submit(_record, run), runs, crew.room)
         return
-    if workers == 1:
+    if not isinstance(workers, Helpers):
+        workers = usable_processors() if workers is None else workers
+        with helpers(min(workers, count), rehearse) as crew:
+            yield from record_frames(recipe, tasks, count, crew)
+        return
+    pool = workers.pool
+    if pool is None or count == 1:
         yield from _Recorder(recipe).recorded(tasks)
         return
     try:
-        with worker_pool(workers, _start, recipe) as pool:
-            pool.submit(_check_places, places).result()
-            yield from _recorded(pool, tasks, workers, workers * _QUEUED)
+        with handed(recipe) as place:
+            checked = pool.submit(_check_places, places)
+            own = _Recorder(recipe)
+            checked.result()
+            recording = next(_recordings), place
+            runs = _runs(tasks, count, workers.workers)
+            room = (workers.workers - 1) * _QUEUED
+            yield from _recorded(
+                lambda run: pool.submit(_record_of, recording, run), runs, room, own
+            )
     except BrokenProcessPool:
         raise StageError(
             "a worker was killed (out of memory?); what is finished is kept: "
@@ -168,32 +188,55 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int | Cluster)
 
 
 def _recorded(
-    pool: Executor | ClusterWorkers, tasks: Iterable[Task], workers: int, most: int
+    submit: Callable[[list[Task]], Future[list[int]]],
+    runs: Iterator[list[Task]],
+    most: int,
+    own: _Recorder | None = None,
 ) -> Iterator[int]:
-    """Yield the number of each frame that a pool recorded; it has so many runs in hand at most."""
-    runs = _runs(tasks, workers)
+    """Yield the number of each frame that workers recorded.
+
+    Args:
+        submit: hands a run to them.
+        runs: of frames.
+        most: of them they have in hand at most.
+        own: what this process records runs with while they work; it only waits when not given.
+    """
     under_way: set[Future[list[int]]] = set()
-    while True:
-        room = most - len(under_way)
-        under_way |= {pool.submit(_record, run) for run in islice(runs, room)}
-        if not under_way:
-            return
-        finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
-        for future in finished:
-            yield from future.result()
+    try:
+        while True:
+            for run in islice(runs, most - len(under_way)):
+                under_way.add(submit(run))
+            mine = None if own is None else next(runs, None)
+            if own is not None and mine is not None:
+                yield from own.recorded(mine)
+                finished, under_way = wait(under_way, timeout=0)
+            elif under_way:
+                finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
+            else:
+                return
+            for future in finished:
+                yield from future.result()
+    finally:
+        if own is not None:  # helpers outlive this, and the folder may be another run's then
+            settle(under_way)
 
 
-def _runs(tasks: Iterable[Task], workers: int) -> Iterator[list[Task]]:
-    """Yield tasks in runs: single ones at first, that all workers have some when they are few."""
+def _runs(tasks: Iterable[Task], count: int, workers: int) -> Iterator[list[Task]]:
+    """Yield so many tasks in runs: single ones at first and at last, that all have some to do."""
     waiting = iter(tasks)
-    for number in count():
-        run = list(islice(waiting, min(1 + number // (2 * workers), _LONGEST_RUN)))
+    for number in itertools.count():
+        most = min(1 + number // (2 * workers), _LONGEST_RUN, count // ((1 + _QUEUED) * workers))
+        run = list(islice(waiting, max(most, 1)))
         if not run:
             return
+        count -= len(run)
         yield run
 
 
+#: Numbers of what this process has recorded with helpers: places of memory are used again.
+_recordings = itertools.count()
 _recorder: _Recorder | None = None
+_recorder_of: int | None = None
 
 
 def _start(recipe: Recipe) -> None:
@@ -209,3 +252,13 @@ def _check_places(places: Iterable[FramePlace]) -> None:
 def _record(run: list[Task]) -> list[int]:
     assert _recorder is not None
     return list(_recorder.recorded(run))
+
+
+def _record_of(recording: tuple[int, str], run: list[Task]) -> list[int]:
+    """Record frames of a recording: its number, and where its recipe is handed to helpers."""
+    global _recorder_of  # noqa: PLW0603
+    number, place = recording
+    if number != _recorder_of:
+        _start(received(place))
+        _recorder_of = number
+    return _record(run)

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,25 +119,42 @@ class EmbreeScene:
     Attributes:
         vertices: (V, 3) float64, as given.
         faces: (F, 3) int32, as given.
-        scene: the scene for `geometry.compiled.intersect`; 0 where there are no triangles.
     """
 
     def __init__(
         self, vertices: NDArray[Any], faces: NDArray[Any], *, many_rays: bool = False
     ) -> None:
-        self.scene = 0
         self.vertices = np.ascontiguousarray(vertices, np.float64)
         self.faces = np.ascontiguousarray(faces, np.int32)
-        if not len(faces):
-            return
+        self._many_rays = many_rays
+        self._scene: int | None = None
+        self._lock = Lock()
+
+    @property
+    def scene(self) -> int:
+        """The scene for `geometry.compiled.intersect`; 0 where there are no triangles.
+
+        Its tree is built when it is first asked for.
+
+        Raises:
+            StageError: there is no memory for it.
+        """
+        if self._scene is None:
+            with self._lock:
+                if self._scene is None:
+                    self._scene = self._built() if len(self.faces) else 0
+        return self._scene
+
+    def _built(self) -> int:
         library, device = _library(), _device()
-        self.scene = int(library.rtcNewScene(device))
-        library.rtcSetSceneFlags(self.scene, _ROBUST)
-        library.rtcSetSceneBuildQuality(self.scene, _QUALITY_HIGH if many_rays else _QUALITY_MEDIUM)
+        scene = int(library.rtcNewScene(device))
+        library.rtcSetSceneFlags(scene, _ROBUST)
+        quality = _QUALITY_HIGH if self._many_rays else _QUALITY_MEDIUM
+        library.rtcSetSceneBuildQuality(scene, quality)
         geometry = library.rtcNewGeometry(device, _TRIANGLES)
         for kind, form, values in (
-            (_VERTEX, _FLOAT3, np.ascontiguousarray(vertices, np.float32)),
-            (_INDEX, _UINT3, np.ascontiguousarray(faces, np.uint32)),
+            (_VERTEX, _FLOAT3, np.ascontiguousarray(self.vertices, np.float32)),
+            (_INDEX, _UINT3, np.ascontiguousarray(self.faces, np.uint32)),
         ):
             # Embree's own buffer, which it pads as its vector instructions need.
             target = library.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(values))
@@ -144,12 +162,13 @@ class EmbreeScene:
                 raise StageError("Embree has no memory for the triangles")
             ctypes.memmove(target, values.ctypes.data, values.nbytes)
         library.rtcCommitGeometry(geometry)
-        library.rtcAttachGeometry(self.scene, geometry)
+        library.rtcAttachGeometry(scene, geometry)
         library.rtcReleaseGeometry(geometry)
-        library.rtcCommitScene(self.scene)
+        library.rtcCommitScene(scene)
         if library.rtcGetDeviceError(device):
             raise StageError("Embree cannot build its tree of the triangles")
-        weakref.finalize(self, library.rtcReleaseScene, self.scene).atexit = False
+        weakref.finalize(self, library.rtcReleaseScene, scene).atexit = False
+        return scene
 
     def cast(self, origins: NDArray[np.float64], directions: NDArray[np.float32]) -> Hits:
         """Return the first hit of each ray, confirmed and its range found in double precision.

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, overload
 
 from urbantwin.artefact.storage import Storage, is_url
 from urbantwin.dataset.output_place import check_output
+from urbantwin.dataset.rehearsal import rehearse
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.stored_dataset import StoredDataset
+from urbantwin.processes import Helpers, helpers
 
 if TYPE_CHECKING:
     from urbantwin.dataset.split import SplitAsked
@@ -158,48 +160,51 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
         _refuse_with_nodes(rig=rig, ride=ride, fused=fused, background=measured, fuse=fuse)
         if isinstance(place, Storage):
             raise InputError("is storage", file=str(place), expected="a folder, for several nodes")
-        return _recorded_nodes(
-            Twin.open(twin),
+    # Helpers get ready while the twin is opened, which has work for one processor.
+    with _helpers(workers, ray) as crew:
+        if nodes is not None and isinstance(place, Path):
+            return _recorded_nodes(
+                Twin.open(twin),
+                Motion.open(motion),
+                Path(nodes),
+                changes,
+                place,
+                start_s=start,
+                stop_s=stop,
+                every=every,
+                backend=backend,
+                storage=storage,
+                split=divided,
+                workers=crew,
+                ray=ray,
+                seed=seed,
+                inputs=inputs,
+                pictures=pictures,
+                progress=progress,
+            )
+        on = Twin.open(twin)
+        spec, file = rig_spec_on(on, rig_file, changes)
+        return recorded(
+            on,
             Motion.open(motion),
-            Path(nodes),
-            changes,
+            spec,
+            file,
             place,
+            background=measured,
+            fuse=fuse,
             start_s=start,
             stop_s=stop,
             every=every,
             backend=backend,
             storage=storage,
             split=divided,
-            workers=workers,
+            workers=crew,
             ray=ray,
             seed=seed,
             inputs=inputs,
             pictures=pictures,
             progress=progress,
         )
-    on = Twin.open(twin)
-    spec, file = rig_spec_on(on, rig_file, changes)
-    return recorded(
-        on,
-        Motion.open(motion),
-        spec,
-        file,
-        place,
-        background=measured,
-        fuse=fuse,
-        start_s=start,
-        stop_s=stop,
-        every=every,
-        backend=backend,
-        storage=storage,
-        split=divided,
-        workers=workers,
-        ray=ray,
-        seed=seed,
-        inputs=inputs,
-        pictures=pictures,
-        progress=progress,
-    )
 
 
 @overload
@@ -235,7 +240,7 @@ def recorded(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     backend: str = "embree",
     storage: str = "npy",
     split: SplitAsked | None = None,
-    workers: int | None = None,
+    workers: int | Helpers | None = None,
     ray: str | None = None,
     seed: int | None = None,
     inputs: Sequence[Path] = (),
@@ -310,7 +315,7 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
     backend: str,
     storage: str,
     split: SplitAsked,
-    workers: int | None,
+    workers: int | Helpers | None,
     ray: str | None,
     seed: int | None,
     inputs: Sequence[Path],
@@ -350,9 +355,19 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
 
 
 @contextmanager
-def _crew(workers: int | None, ray: str | None, backend: str) -> Iterator[Workers]:
+def _helpers(workers: int | None, ray: str | None) -> Iterator[int | Helpers | None]:
+    """Yield this process and its helpers; how many they are where nobody of this machine helps."""
+    if ray is not None or (workers is not None and workers < 2):
+        yield workers
+        return
+    with helpers(workers, rehearse) as crew:
+        yield crew
+
+
+@contextmanager
+def _crew(workers: int | Helpers | None, ray: str | None, backend: str) -> Iterator[Workers]:
     """Yield who records: so many processes of this machine, or a cluster."""
-    if ray is None:
+    if ray is None or isinstance(workers, Helpers):
         yield workers
         return
     from functools import partial

@@ -30,20 +30,15 @@ class ActorPath:
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
 
-    def velocity_at(self, time_s: float) -> NDArray[np.float64]:
-        """Return how its origin moves (3,) at a time, metres per second: from now on, at a bend."""
-        k = self._leg(time_s)
-        way = self.translation[k + 1] - self.translation[k]
-        return np.asarray(way / (self.time_s[k + 1] - self.time_s[k]), np.float64)
-
-    def _leg(self, time_s: float) -> int:
-        last = len(self.time_s) - 2
-        return min(max(bisect_right(self.time_s, time_s) - 1, 0), last)
+    def leg(self, time_s: float) -> tuple[int, float]:
+        """Return the knot from which it goes on at a time, and how long that leg takes, seconds."""
+        k = min(max(bisect_right(self.time_s, time_s) - 1, 0), len(self.time_s) - 2)
+        return k, self.time_s[k + 1] - self.time_s[k]
 
     def at(self, time_s: float) -> Pose:
         """Return the pose at a time: rotations turn about one axis at one speed in between."""
-        k = self._leg(time_s)
-        share = (time_s - self.time_s[k]) / (self.time_s[k + 1] - self.time_s[k])
+        k, took_s = self.leg(time_s)
+        share = (time_s - self.time_s[k]) / took_s
         a, b = self.rotation[k], self.rotation[k + 1]
         turn = Rotation.from_matrix(a.T @ b).as_rotvec()
         rotation = a @ Rotation.from_rotvec(share * turn).as_matrix()

@@ -13,7 +13,6 @@ import difflib
 import re
 from functools import cache
 from importlib.resources import files
-from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from urbantwin.errors import InputError
@@ -136,7 +135,12 @@ def _hesai_model(path: Path, model: str | None) -> Sensor:
 
 
 def _known(name: str) -> Sensor | None:
-    return _index().get(_key(name))
+    key = _key(name)
+    # Most files are called as their sensor is: one that is asked for needs no other to be read.
+    for file in _files():
+        if _key(file.removesuffix(".yaml")) == key and _key(_parsed(file).name) == key:
+            return _parsed(file)
+    return _index().get(key)
 
 
 def _unknown(name: str) -> InputError:
@@ -153,12 +157,20 @@ def _unknown(name: str) -> InputError:
 
 @cache
 def _catalogue(*below: str) -> tuple[Sensor, ...]:
-    def is_sensor(entry: Traversable) -> bool:
-        return entry.name.endswith(".yaml")
-
-    folder = files(__package__).joinpath("sensors", *below)
-    entries = [parse_sensor(e.read_text(), e.name) for e in folder.iterdir() if is_sensor(e)]
+    entries = [_parsed(*below, file) for file in _files(*below)]
     return tuple(sorted(entries, key=lambda entry: (entry.maker, _natural(entry.name))))
+
+
+@cache
+def _files(*below: str) -> tuple[str, ...]:
+    folder = files(__package__).joinpath("sensors", *below)
+    return tuple(entry.name for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+@cache
+def _parsed(*path: str) -> Sensor:
+    file = files(__package__).joinpath("sensors", *path)
+    return parse_sensor(file.read_text(), file.name)
 
 
 @cache

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from itertools import product
 from threading import Lock
 from typing import Any, NamedTuple
@@ -116,7 +116,7 @@ class Shapes:
         first_face: (S,) int64, where the faces of each begin among the triangles.
         triangles: of all.
         material: (F,) uint8.
-        hull: (3, H) float64, vertices that can touch a bound.
+        hull: x, y and z (H,) float64 of vertices that can touch a bound.
         first_hull: (S,) int64, where the vertices of each begin.
         hull_size: (S,) int64, how many it has.
         low: (S, 3) float64, lower corners of the bounds.
@@ -127,16 +127,11 @@ class Shapes:
     first_face: NDArray[np.int64]
     triangles: Triangles
     material: NDArray[np.uint8]
-    hull: NDArray[np.float64]
+    hull: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
     first_hull: NDArray[np.int64]
     hull_size: NDArray[np.int64]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
-
-    @cached_property
-    def scene(self) -> NDArray[np.uint64]:
-        """Embree's scene (S,) of each shape, by its address."""
-        return np.array([one.scene for one in self.scenes], np.uint64)
 
     @classmethod
     def of(cls, shapes: Sequence[ActorShape]) -> Shapes:
@@ -173,42 +168,46 @@ class _Rows:
     """Shapes end to end, to which more are added: those that are there are not copied each time."""
 
     def __init__(self) -> None:
-        self._shapes: list[ActorShape] = []
+        self._scenes: list[EmbreeScene] = []
         self._planes = _Column(np.zeros(0, PLANE))
         self._vertices = _Column(np.zeros((0, 3)))
         self._corners = _Column(np.zeros((0, 3), np.int32))
         self._material = _Column(np.zeros(0, np.uint8))
-        self._hull = _Column(np.zeros((0, 3)))
+        self._hull = tuple(_Column(np.zeros(0)) for _ in range(3))
+        self._first_face, self._first_hull, self._hull_size = (
+            _Column(np.zeros(0, np.int64)) for _ in range(3)
+        )
+        self._low, self._high = (_Column(np.zeros((0, 3))) for _ in range(2))
 
     def append(self, shape: ActorShape) -> None:
         """Add a shape."""
-        self._shapes.append(shape)
+        self._first_face.append(np.array([self._material.length]))
+        self._first_hull.append(np.array([self._hull[0].length]))
+        self._hull_size.append(np.array([shape.hull.shape[1]]))
+        self._low.append(shape.low[None])
+        self._high.append(shape.high[None])
+        self._scenes.append(shape.scene)
         self._corners.append(shape.scene.faces + np.int32(self._vertices.length))
         self._planes.append(shape.planes)
         self._vertices.append(shape.scene.vertices)
         self._material.append(shape.material)
-        self._hull.append(shape.hull.T)
+        for axis, column in enumerate(self._hull):
+            column.append(shape.hull[axis])
 
     def shapes(self) -> Shapes:
         """Return all that were added."""
-        corners = [shape.hull.shape[1] for shape in self._shapes]
-        planes, vertices = self._planes.rows(), self._vertices.rows()
+        x, y, z = (column.rows() for column in self._hull)
         return Shapes(
-            tuple(shape.scene for shape in self._shapes),
-            _starts([len(shape.material) for shape in self._shapes]),
-            Triangles(planes, vertices, self._corners.rows()),
+            tuple(self._scenes),
+            self._first_face.rows(),
+            Triangles(self._planes.rows(), self._vertices.rows(), self._corners.rows()),
             self._material.rows(),
-            np.ascontiguousarray(self._hull.rows().T),
-            _starts(corners),
-            np.array(corners, np.int64),
-            np.array([shape.low for shape in self._shapes]).reshape(-1, 3),
-            np.array([shape.high for shape in self._shapes]).reshape(-1, 3),
+            (x, y, z),
+            self._first_hull.rows(),
+            self._hull_size.rows(),
+            self._low.rows(),
+            self._high.rows(),
         )
-
-
-def _starts(count: Sequence[int]) -> NDArray[np.int64]:
-    """Return where each of several runs of values begins."""
-    return np.cumsum([0, *count], dtype=np.int64)[:-1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ class Targets(NamedTuple):
     """A actors as compiled code casts at them; all in the actors' frames but the paths.
 
     Attributes:
-        scene: (A,) uint64, Embree's scene of each actor's shape.
+        scene: (A,) uint64, Embree's scene of each actor's shape; 0 of who is not cast at.
         first_face: (A,) int64, where the faces of each begin among the triangles.
         low: (A, 3) float64, lower corners of the bounds.
         high: (A, 3) float64, upper corners.
@@ -44,8 +44,11 @@ class EmbreeTracer:
     ) -> Layers:
         """Return the layers that blocks of rays meet."""
         shapes, shape = actors.shapes, actors.shape
+        scene = np.zeros(len(shape), np.uint64)
+        for actor in np.unique(blocks.actor).tolist():  # no tree of who is not cast at
+            scene[actor] = shapes.scenes[shape[actor]].scene
         targets = Targets(
-            shapes.scene[shape],
+            scene,
             shapes.first_face[shape],
             shapes.low[shape],
             shapes.high[shape],

@@ -14,11 +14,12 @@ def tight_boxes(rotation, place, hull, first, count):
     Args:
         rotation: (A, 3, 3) of the actors' poses.
         place: (A, 3).
-        hull: (3, H) vertices of all shapes that can touch a bound, in their own frames.
+        hull: x, y and z (H,) of vertices of all shapes that can touch a bound, in their own frames.
         first: (A,) where those of each actor begin.
         count: (A,) how many they are.
     """
     boxes = np.empty((len(place), 7))
+    hull_x, hull_y, hull_z = hull
     for a in range(len(place)):
         yaw = np.arctan2(rotation[a, 1, 0], rotation[a, 0, 0])
         c, s = np.cos(yaw), np.sin(yaw)
@@ -27,7 +28,7 @@ def tight_boxes(rotation, place, hull, first, count):
         low_u = low_v = low_w = np.inf
         high_u = high_v = high_w = -np.inf
         for n in range(first[a], first[a] + count[a]):
-            x, y, z = hull[0, n], hull[1, n], hull[2, n]
+            x, y, z = hull_x[n], hull_y[n], hull_z[n]
             u, v, w = xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
             u, v = c * u + s * v, c * v - s * u
             low_u, high_u = min(low_u, u), max(high_u, u)

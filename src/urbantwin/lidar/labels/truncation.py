@@ -106,6 +106,10 @@ def truncations(
         asset_R_sensor = np.ascontiguousarray(actors.rotation[number].T @ site_SE3_sensor.rotation)
         offset = site_SE3_sensor.translation - actors.place[number]
         origin = offset @ actors.rotation[number]
+        key = asset_R_sensor.tobytes() + origin.tobytes() + id(actors.scenes[number]).to_bytes(8)
+        if key in before:
+            known[key] = found[number], beyond[number] = before[key]
+            continue
         low, high = actors.low[number], actors.high[number]
         bounds = bounds_of_box(low, high, asset_R_sensor, origin)
         # By its box, which is closer about it than the sphere.
@@ -113,10 +117,7 @@ def truncations(
         farthest = np.linalg.norm(np.maximum(np.abs(origin - low), np.abs(origin - high)))
         level = bounds[2] >= lowest and bounds[3] <= highest
         if level and nearest >= near and farthest <= far:
-            continue
-        key = asset_R_sensor.tobytes() + origin.tobytes() + id(actors.scenes[number]).to_bytes(8)
-        if key in before:
-            known[key] = found[number], beyond[number] = before[key]
+            known[key] = 0.0, False
             continue
         aims = _aims(bounds)
         local = (aims @ asset_R_sensor.T).astype(np.float32)

@@ -1,0 +1,34 @@
+"""A frame that nobody asked for: who scanned it has imported and loaded what recording needs."""
+
+from __future__ import annotations
+
+__all__ = ["rehearse"]
+
+
+def rehearse() -> None:
+    """Scan a car on a plane.
+
+    Helpers do so while the twin is opened. All else is imported here and not above: the process
+    that starts them needs the name of this function alone.
+    """
+    import numpy as np
+
+    import urbantwin.dataset.workers  # noqa: F401 - with what writes frames
+    from urbantwin.geometry import LabelledMesh, Pose
+    from urbantwin.lidar import PosedActor, Scanner, place_rig
+    from urbantwin.site.rig import RigSpec, SensorSpec
+    from urbantwin.taxonomy import material_id, semantic_id
+    from urbantwin.traffic.assets import asset_names
+
+    corners = np.array(
+        [[-60.0, -60.0, 0.0], [60.0, -60.0, 0.0], [60.0, 60.0, 0.0], [-60.0, 60.0, 0.0]]
+    )
+    plane = LabelledMesh.build(
+        corners, np.array([[0, 1, 2], [0, 2, 3]]), semantic_id("road"), material_id("asphalt")
+    )
+    sensor = SensorSpec(name="rehearsal", model="VLP-16", east_m=0.0, north_m=0.0, height_m=4.0)
+    rig = place_rig(RigSpec(sensors=[sensor]), plane)
+    (car, *_) = asset_names("car")
+    pose = Pose(np.eye(3), np.array([10.0, 3.0, 0.0]))
+    actor = PosedActor(1, "car", car, 0, pose, np.array([8.0, 0.0, 0.0]))
+    Scanner(plane, rig, 0).scan(0, [actor])

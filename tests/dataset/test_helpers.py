@@ -1,0 +1,61 @@
+"""Processes that help to record: what they get, and one recording after the other."""
+
+import os
+import time
+
+import pytest
+
+from urbantwin.dataset import record
+from urbantwin.dataset.rehearsal import rehearse
+from urbantwin.processes import handed, helpers, received
+
+
+def test_helpers_serve_one_recording_after_the_other(twin, motion, rig, tmp_path, digests):
+    """The second is of another seed: they must not go on with what they have of the first."""
+    with helpers(3, rehearse) as crew:
+        for seed in (5, 6):
+            record(twin, motion, rig, tmp_path / f"with{seed}", workers=crew, seed=seed)
+    for seed in (5, 6):
+        record(twin, motion, rig, tmp_path / f"alone{seed}", workers=1, seed=seed)
+        assert digests(tmp_path / f"with{seed}") == digests(tmp_path / f"alone{seed}")
+    assert digests(tmp_path / "with5") != digests(tmp_path / "with6")
+
+
+def test_this_process_is_one_of_the_workers():
+    with helpers(3, int) as crew:
+        others = {crew.pool.submit(os.getpid).result() for _ in range(20)}
+        assert crew.workers == 3
+        assert os.getpid() not in others
+        assert len(others) <= 2
+    with helpers(1, int) as crew:
+        assert crew.pool is None
+
+
+def test_what_is_handed_reaches_others_as_long_as_the_block_runs():
+    value = {"numbers": list(range(100_000)), "text": "ä"}
+    with helpers(2, int) as crew:
+        with handed(value) as place:
+            assert crew.pool.submit(received, place).result() == value
+        with pytest.raises(FileNotFoundError):
+            crew.pool.submit(received, place).result()
+
+
+def test_helpers_write_nothing_when_a_recording_has_been_interrupted(twin, motion, rig, tmp_path):
+    """They stay, and another run may work on the same output by then."""
+
+    def stop(_share, doing):
+        if doing.startswith("frame 2 "):
+            raise KeyboardInterrupt
+
+    def files():
+        inside = [path for path in tmp_path.rglob("*") if path.is_file()]
+        return {path: path.stat().st_mtime_ns for path in inside}
+
+    with helpers(3, rehearse) as crew:
+        with pytest.raises(KeyboardInterrupt):
+            record(twin, motion, rig, tmp_path / "out", workers=crew, seed=5, progress=stop)
+        there = files()
+        time.sleep(1.0)
+        assert files() == there
+        record(twin, motion, rig, tmp_path / "out", workers=crew, seed=5)
+    assert (tmp_path / "out" / "SHA256SUMS").is_file()
