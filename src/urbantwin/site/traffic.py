@@ -158,6 +158,34 @@ class DriverSpec(Strict):
     lane_offset_m: Annotated[float, Field(ge=-5.0, le=5.0)] | None = None
 
 
+class LaneUseSpec(Strict):
+    """By which lanes of an approach those leave it who go the same way.
+
+    Attributes:
+        turn: id of the road that they go to.
+        shares: id of a lane of the approach -> how many of them; relative numbers.
+    """
+
+    turn: str
+    shares: Annotated[
+        dict[str, Annotated[float, Field(gt=0.0, allow_inf_nan=False)]], Field(min_length=1)
+    ]
+
+
+class ApproachSpec(Strict):
+    """How motor traffic uses an approach, where it is not as usual.
+
+    Attributes:
+        approach: id of the road.
+        headway_s: time that drivers keep to who is ahead there, in place of their class's, seconds.
+        lanes: by which lanes who leaves.
+    """
+
+    approach: str
+    headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
+    lanes: list[LaneUseSpec] = Field(default_factory=list)
+
+
 class ParkedSpec(Strict):
     """Which share of the parking spaces is taken, 0..1, along streets and in car parks."""
 
@@ -212,6 +240,7 @@ class TrafficSpec(Strict):
         time_of_day: when the motion begins, ``08:00``. Counts that say when they begin are taken
             from then on; guessed volumes, which are those of midday, are scaled by the hour.
         drivers: by class, how its drivers drive.
+        approaches: how single approaches are used: by which lanes, with which headway.
         in_groups: share of people on foot who walk with others, 0..0.95; the default is that of a
             street on a weekday (Moussaid et al., PLOS ONE 5, 2010; on a Saturday 0.67).
         passengers_per_halt: how many people get on, and off, at a halt of a bus on average, in a
@@ -236,6 +265,7 @@ class TrafficSpec(Strict):
     arrivals: list[ArrivalSpec] = Field(default_factory=list)
     time_of_day: TimeOfDay | None = None
     drivers: dict[ActorClass, DriverSpec] = Field(default_factory=dict)
+    approaches: list[ApproachSpec] = Field(default_factory=list)
     parked: ParkedSpec = Field(default_factory=ParkedSpec)
     in_groups: Annotated[float, Field(ge=0.0, le=0.95, allow_inf_nan=False)] = 0.56
     passengers_per_halt: Annotated[float, Field(ge=0.0, le=6.0, allow_inf_nan=False)] = 1.9
