@@ -234,7 +234,7 @@ def test_a_measurement_agrees_with_itself_and_not_with_another(
 def test_chance_between_two_parts_is_that_of_draws_from_one_street() -> None:
     """One pair of parts tells what many pairs of one truth differ by (closed: multinomial)."""
     random = np.random.default_rng(5)
-    nothing = Measured(1.0, *({} for _ in range(3)), (), {}, *([] for _ in range(11)))
+    nothing = Measured(1.0, {}, {}, {})
 
     def part(count: int) -> Measured:
         new = dict(zip("abcd", random.multinomial(count, [0.7, 0.15, 0.1, 0.05]), strict=True))

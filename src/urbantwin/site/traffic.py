@@ -41,6 +41,13 @@ PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
 SizeFactor = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
+#: Shares may be 1 together to within this.
+_ROUNDED = 0.01
+
+
+def _id(value: Any) -> Any:  # noqa: ANN401
+    """Return an id that YAML takes for a number as text."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def _time_of_day(value: object) -> object:
@@ -100,7 +107,7 @@ class CountSpec(Strict):
     @field_validator("junction", "approach", "turn", "road", "crossing", mode="before")
     @classmethod
     def _numbers_are_ids(cls, value: Any) -> Any:  # noqa: ANN401
-        return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+        return _id(value)
 
     @model_validator(mode="after")
     def _says_how_many_once(self) -> CountSpec:
@@ -138,6 +145,7 @@ class DriverSpec(Strict):
         speed_factor: mean of the desired speed as a share of the limit.
         speed_spread: its standard deviation.
         headway_s: time that they keep to who is ahead, seconds.
+        queue_headway_s: the same of who has stood, to the end of the road where it stood.
         standing_gap_m: distance that they keep when they stand, metres.
         acceleration: most that they speed up with, m/s2.
         acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
@@ -150,6 +158,7 @@ class DriverSpec(Strict):
     speed_factor: Annotated[float, Field(ge=0.1, le=2.0)] | None = None
     speed_spread: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
+    queue_headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     standing_gap_m: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
     acceleration: Annotated[float, Field(ge=0.2, le=10.0)] | None = None
     acceleration_at_10: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
@@ -163,13 +172,23 @@ class LaneUseSpec(Strict):
 
     Attributes:
         turn: id of the road that they go to.
-        shares: id of a lane of the approach -> how many of them; relative numbers.
+        shares: id of a lane of the approach -> share of them, 1 together.
     """
 
     turn: str
-    shares: Annotated[
-        dict[str, Annotated[float, Field(gt=0.0, allow_inf_nan=False)]], Field(min_length=1)
-    ]
+    shares: Annotated[dict[str, Share], Field(min_length=1)]
+
+    @field_validator("turn", mode="before")
+    @classmethod
+    def _numbers_are_ids(cls, value: Any) -> Any:  # noqa: ANN401
+        return _id(value)
+
+    @field_validator("shares")
+    @classmethod
+    def _all_of_them(cls, value: dict[str, float]) -> dict[str, float]:
+        if abs(sum(value.values()) - 1.0) > _ROUNDED:
+            raise wrong(f"are {sum(value.values()):g} together", "1")
+        return value
 
 
 class ApproachSpec(Strict):
@@ -177,13 +196,19 @@ class ApproachSpec(Strict):
 
     Attributes:
         approach: id of the road.
-        headway_s: time that drivers keep to who is ahead there, in place of their class's, seconds.
+        queue_headway_s: time that motor traffic which has stood there keeps to who is ahead, in
+            place of its class's, seconds.
         lanes: by which lanes who leaves.
     """
 
     approach: str
-    headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
+    queue_headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     lanes: list[LaneUseSpec] = Field(default_factory=list)
+
+    @field_validator("approach", mode="before")
+    @classmethod
+    def _numbers_are_ids(cls, value: Any) -> Any:  # noqa: ANN401
+        return _id(value)
 
 
 class ParkedSpec(Strict):
@@ -237,6 +262,8 @@ class TrafficSpec(Strict):
             through and leave, and ``per_hour`` says nothing of them.
         arrivals: by approach, in which part of a cycle upstream who is counted comes; evenly where
             nothing is said.
+        counted_set_out: ``evenly``, one in each equal part of the time, way by way and class by
+            class; or ``at_random``, as who knows nothing of the others. As many come either way.
         time_of_day: when the motion begins, ``08:00``. Counts that say when they begin are taken
             from then on; guessed volumes, which are those of midday, are scaled by the hour.
         drivers: by class, how its drivers drive.
@@ -263,6 +290,7 @@ class TrafficSpec(Strict):
     size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
     counts: list[CountSpec] = Field(default_factory=list)
     arrivals: list[ArrivalSpec] = Field(default_factory=list)
+    counted_set_out: Literal["evenly", "at_random"] = "evenly"
     time_of_day: TimeOfDay | None = None
     drivers: dict[ActorClass, DriverSpec] = Field(default_factory=dict)
     approaches: list[ApproachSpec] = Field(default_factory=list)

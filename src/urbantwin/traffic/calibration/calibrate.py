@@ -22,11 +22,12 @@ from urbantwin.traffic.calibration.agreement import (
     own_spread,
     spread_of,
 )
-from urbantwin.traffic.calibration.arrivals import arrivals_of, platoons_of
-from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers, of_classes
+from urbantwin.traffic.calibration.arrivals import arrivals_of, come_evenly, platoons_of
+from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers, of_approaches, of_classes
 from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
 from urbantwin.traffic.calibration.gap_acceptance import conflicts_of, decisions_of
 from urbantwin.traffic.calibration.lane_place import lane_offset
+from urbantwin.traffic.calibration.lane_use import LaneUse, approach_rows
 from urbantwin.traffic.calibration.measured import Measured, joined, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import (
@@ -41,7 +42,7 @@ from urbantwin.traffic.calibration.site_document import built, document_of, writ
 from urbantwin.traffic.calibration.uncounted import UncountedFlows, ways_missed
 from urbantwin.traffic.recorded.read import files_of, read_recording
 from urbantwin.traffic.recorded.rejoined import rejoined
-from urbantwin.traffic.recorded.track import RecordedTrack
+from urbantwin.traffic.recorded.track import RecordedSignals, RecordedTrack
 from urbantwin.traffic.recorded.track_smoothing import smooth_track
 from urbantwin.twin import Twin
 
@@ -106,15 +107,10 @@ def calibrate_traffic(
         middle = loaded.frame.lonlat_from_site(_middle(seen)[None])[0]
         if recording.signals is not None and loaded.roads is not None:
             _lit(document, middle)
-        twin = built(document, scratch, between(progress, 0.05, 0.25))
-        links, passages = _passed(twin, seen)
-        lit = recording.signals
-        timing = None if lit is None else timing_of(lit, passages, links, fit_s)
-        if timing is not None:
-            _lit(document, middle)
-            _timed(document, timing)
-            twin = built(document, scratch, between(progress, 0.25, 0.4))
-            links, passages = _passed(twin, seen)
+        twin, passed, timing = _timed_twin(
+            document, seen, (recording.signals, middle, fit_s), scratch, progress
+        )
+        links, passages = passed
         recorded = _measured(twin, seen, links, passages)
         part = recorded(0.0, fit_s)
         if not part.turns:
@@ -129,16 +125,21 @@ def calibrate_traffic(
         own_cycle_s = 0.0 if timing is None else timing.cycle_s
         riding = lane_offset(seen, twin.roads, fit_s)
         traffic |= {
-            "arrivals": _platoons(part, passages, twin, own_cycle_s),
+            **_arrivals(part, passages, twin, own_cycle_s),
             "drivers": {} if riding[0] is None else {"bicycle": {"lane_offset_m": riding[0]}},
+            "approaches": [],
         }
         asked = {**twin.site["traffic"], **traffic, "seed": seed}
         asked["per_hour"] = {name: traffic["per_hour"].get(name, 0.0) for name in ACTOR_CLASSES}
         told: list[dict[str, Any]] = []
+        lanes = LaneUse(part, links)
         if seconds > 0:
             uncounted = UncountedFlows(part)
             drivers, told, untold = _fitted(
-                twin, asked, part, uncounted, seen, scratch, between(progress, 0.4, 0.7)
+                twin, asked, part, (uncounted, lanes), seen, scratch, between(progress, 0.4, 0.7)
+            )
+            traffic["approaches"] = asked["approaches"] = approach_rows(
+                lanes, of_approaches(drivers)
             )
             traffic["drivers"] = asked["drivers"] = _who_drives(traffic, drivers, part)
             traffic["per_hour"] |= uncounted.per_hour
@@ -153,6 +154,8 @@ def calibrate_traffic(
             "measured": _told(part),
             "signals": _signals_told(timing),
             "platoons": traffic["arrivals"],
+            "counted_set_out": traffic["counted_set_out"],
+            "lanes": lanes.told(),
             "not_told": missing,
             "lane_offset_of_bicycles": {"metres": riding[0], "count": riding[1]},
             "drivers": told,
@@ -174,13 +177,40 @@ def calibrate_traffic(
     return report
 
 
-def _platoons(
+def _timed_twin(
+    document: dict[str, Any],
+    seen: list[SeenTrack],
+    lit: tuple[RecordedSignals | None, np.ndarray[Any, Any], float],
+    scratch: Path,
+    progress: Progress,
+) -> tuple[Twin, tuple[JunctionLinks, list[Passage]], Timing | None]:
+    """Return the twin, who passed its main junction, and the timing if signals were recorded.
+
+    The timing is in the document then. ``lit``: what signals showed, where, and until when it is
+    fitted to.
+    """
+    signals, middle, fit_s = lit
+    twin = built(document, scratch, between(progress, 0.05, 0.25))
+    passed = _passed(twin, seen)
+    timing = None if signals is None else timing_of(signals, passed[1], passed[0], fit_s)
+    if timing is not None:
+        _lit(document, middle)
+        _timed(document, timing)
+        twin = built(document, scratch, between(progress, 0.25, 0.4))
+        passed = _passed(twin, seen)
+    return twin, passed, timing
+
+
+def _arrivals(
     part: Measured, passages: Sequence[Passage], twin: Twin, cycle_s: float
-) -> list[dict[str, Any]]:
-    """Return in which platoons who came in the part that is fitted to."""
+) -> dict[str, Any]:
+    """Return in which platoons who came in the part that is fitted to, and whether evenly."""
     factor = float(np.median(part.free)) if part.free else 1.0
     came = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
-    return platoons_of(came, part.seconds, cycle_s)
+    platoons = platoons_of(came, part.seconds, cycle_s)
+    cycle_s = max([cycle_s, *(one["cycle_s"] for one in platoons)])
+    evenly = come_evenly(came, part.seconds, cycle_s)
+    return {"arrivals": platoons, "counted_set_out": "evenly" if evenly else "at_random"}
 
 
 def _sizes(seen: Sequence[SeenTrack], until_s: float) -> dict[str, np.ndarray[Any, Any]]:
@@ -227,15 +257,17 @@ def _fitted(
     twin: Twin,
     asked: dict[str, Any],
     part: Measured,
-    uncounted: UncountedFlows,
+    learned: tuple[UncountedFlows, LaneUse],
     seen: list[SeenTrack],
     scratch: Path,
     progress: Progress,
 ) -> tuple[dict[str, float], list[dict[str, Any]], list[str]]:
     """Return drivers for whom simulations show what the recording does (``fitted_drivers``).
 
-    What the simulations tell of flows is learned meanwhile, and is in ``asked`` in the end.
+    What the simulations tell of flows and lanes is learned meanwhile; flows are in ``asked`` in the
+    end.
     """
+    uncounted, lanes = learned
     area = seen_area(seen)
     trial_s = float(np.clip(part.seconds, _TRIAL_S, 2 * _TRIAL_S))
 
@@ -243,7 +275,11 @@ def _fitted(
         tell = between(progress, turn / ROUNDS, (turn + 1) / ROUNDS)
         tracks = simulated_tracks(
             twin,
-            {**asked, "drivers": _who_drives(asked, drivers, part)},
+            {
+                **asked,
+                "drivers": _who_drives(asked, drivers, part),
+                "approaches": approach_rows(lanes, of_approaches(drivers)),
+            },
             trial_s,
             area,
             scratch=scratch,
@@ -251,11 +287,12 @@ def _fitted(
         )
         found = _measured(twin, tracks, *_passed(twin, tracks))(0.0, trial_s)
         uncounted.learn(asked["per_hour"], found)
+        lanes.learn(found)
         asked["per_hour"] = {**asked["per_hour"], **uncounted.per_hour}
         return found
 
     found = fitted_drivers(part, simulated)
-    if not found[1] and uncounted.per_hour:  # no drivers to simulate for
+    if not found[1] and (uncounted.per_hour or lanes.recorded):  # no drivers to simulate for
         simulated({}, 0)
     return found
 

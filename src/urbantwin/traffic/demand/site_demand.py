@@ -154,6 +154,7 @@ def _counted(
         duration_s=duration_s,
         seed=seed,
         body=body,
+        evenly=asked.get("counted_set_out") != "at_random",
     )
     counted = in_platoons(counted, asked.get("arrivals", ()), network, asked.get("drivers", {}))
     others = plan_demand(
