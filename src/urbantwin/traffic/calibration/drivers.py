@@ -27,6 +27,9 @@ ROUNDS = 6
 _QUEUES = "queue_headway_s"
 #: Figures of fewer than this tell nothing.
 _FEWEST = 5
+#: A parameter moves half as far if so few values are simulated; and a figure that is not simulated
+#: is so many times as far off as the recording tells it.
+_FEW, _NONE_SHOWN = 5, 20.0
 #: Where there is another figure for the same, of fewer than this.
 _MANY = 10
 #: Speeds of fewer, many of whom still speed up, tell no wish.
@@ -207,30 +210,32 @@ def fitted_drivers(
     best: tuple[float, dict[str, float], dict[str, float]] = (np.inf, dict(drivers), {})
     for turn in range(rounds if known else 0):
         part = simulated(drivers, turn)
+        values = {one.name: one.sample(part) for one in known}
         shown = {
-            one.name: one.figure(values)
+            one.name: one.figure(values[one.name])
             for one in known
-            if len(values := one.sample(part)) >= _FEWEST
+            if len(values[one.name]) >= _FEWEST
         }
-        off = sum(
-            weight[name] * (abs(shown[name] / told - 1) if name in shown else 1.0)
+        # In what the recording itself does not tell: figures of few weigh less.
+        off = {
+            name: abs(shown[name] - told) / max(error[name], _SAME * told)
+            if name in shown
+            else _NONE_SHOWN
             for name, told in wanted.items()
-            if told
-        )
-        if off < best[0]:
-            best = off, dict(drivers), shown
-        if all(
-            name in shown and abs(shown[name] - told) <= max(error[name], _SAME * told)
-            for name, told in wanted.items()
-        ):
-            break  # nearer than the recording itself tells
+        }
+        whole = sum(weight[name] * one for name, one in off.items())
+        if whole < best[0]:
+            best = whole, dict(drivers), shown
+        if max(off.values()) <= 1:
+            break
         step = _STEPS[min(turn, len(_STEPS) - 1)]
         for one in known:
             if one.name not in shown:
                 continue
             goal, now = wanted[one.name], max(shown[one.name], 1e-3)
             value = drivers[one.name]
-            moved = value * (goal / now) ** step if one.ratio else value + step * (goal - now)
+            by = step * len(values[one.name]) / (len(values[one.name]) + _FEW)
+            moved = value * (goal / now) ** by if one.ratio else value + by * (goal - now)
             drivers[one.name] = round(float(np.clip(moved, one.least, one.most)), 3)
         for one in known:  # it falls with the speed
             if one.field == "acceleration_at_10":

@@ -50,9 +50,8 @@ def approaches_of(told: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> dict
         turns: dict[str, dict[str, float]] = {}
         for row, use in enumerate(one.get("lanes") or ()):
             where = f"{place}.lanes[{row}]"
-            turns[_turn(use["turn"], leads, turns, f"{where}.turn")] = _shares(
-                use, leads, f"{where}.shares"
-            )
+            turn = _turn(use["turn"], leads, turns, f"{where}.turn")
+            turns[turn] = _shares(use, leads, f"{where}.shares")
         found[road] = {"queue_headway_s": one.get("queue_headway_s"), "lanes": turns}
     return found
 
