@@ -218,7 +218,7 @@ def fitted_drivers(
         }
         # In what the recording itself does not tell: figures of few weigh less.
         off = {
-            name: abs(shown[name] - told) / max(error[name], _SAME * told)
+            name: abs(shown[name] - told) / max(error[name], _SAME * told, 1e-9)
             if name in shown
             else _NONE_SHOWN
             for name, told in wanted.items()
