@@ -200,8 +200,8 @@ def fitted_drivers(
     ]
     wanted = {one.name: one.figure(one.sample(recorded)) for one in known}
     for one in apart:
-        values = one.sample(recorded)
-        wanted[one.name] = shrunk(one.figure(values), wanted[_QUEUES], len(values))
+        own = one.figure(one.sample(recorded))
+        wanted[one.name] = shrunk(own, wanted[_QUEUES], len(one.sample(recorded)))
     known += apart
     # Together they weigh as much as any other figure.
     weight = {one.name: 1 / len(apart) if one.approach else 1.0 for one in known}
@@ -218,10 +218,10 @@ def fitted_drivers(
         }
         # In what the recording itself does not tell: figures of few weigh less.
         off = {
-            name: abs(shown[name] - told) / max(error[name], _SAME * told, 1e-9)
+            name: abs(shown[name] - goal) / max(error[name], _SAME * goal, 1e-9)
             if name in shown
             else _NONE_SHOWN
-            for name, told in wanted.items()
+            for name, goal in wanted.items()
         }
         whole = sum(weight[name] * one for name, one in off.items())
         if whole < best[0]:
@@ -237,6 +237,9 @@ def fitted_drivers(
             by = step * len(values[one.name]) / (len(values[one.name]) + _FEW)
             moved = value * (goal / now) ** by if one.ratio else value + by * (goal - now)
             drivers[one.name] = round(float(np.clip(moved, one.least, one.most)), 3)
+        if _QUEUES in drivers and "headway_s" in drivers:
+            # Who moves on keeps no more than who has stood: queues would be held up beyond the line.
+            drivers["headway_s"] = min(drivers["headway_s"], drivers[_QUEUES])
         for one in known:  # it falls with the speed
             if one.field == "acceleration_at_10":
                 most = drivers.get(one.name.replace("_at_10", ""), one.most)

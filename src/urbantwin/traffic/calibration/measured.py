@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from typing import Any
 
@@ -107,16 +107,16 @@ class Measured:
 def joined(parts: Sequence[Measured]) -> Measured:
     """Return what was measured in several spans of time as one measurement."""
 
-    def added(field: str) -> dict[Any, int]:
-        return dict(sum((Counter(getattr(one, field)) for one in parts), Counter()))
+    def added(name: str) -> dict[Any, int]:
+        return dict(sum((Counter(getattr(one, name)) for one in parts), Counter()))
 
-    def every(field: str) -> list[Any]:
-        return [value for one in parts for value in getattr(one, field)]
+    def every(name: str) -> list[Any]:
+        return [value for one in parts for value in getattr(one, name)]
 
-    def by_place(field: str) -> dict[str, list[float]]:
+    def by_place(name: str) -> dict[str, list[float]]:
         found: dict[str, list[float]] = defaultdict(list)
         for one in parts:
-            for place, values in getattr(one, field).items():
+            for place, values in getattr(one, name).items():
                 found[place] += values
         return dict(found)
 
@@ -124,19 +124,15 @@ def joined(parts: Sequence[Measured]) -> Measured:
     for one in parts:
         for way, used in one.lane_use.items():
             lane_use[way].update(used)
-    return Measured(
-        sum(one.seconds for one in parts),
-        added("classes"),
-        added("new"),
-        added("turns"),
-        tuple(every("speeds")),
-        by_place("headways"),
-        *(every(name) for name in ("gaps", "following")),
-        by_place("discharge"),
-        *(every(name) for name in ("accelerations", "faded", "heavy_accelerations")),
-        *(every(name) for name in ("heavy_faded", "free", "tops", "bends", "gap_choices")),
-        {way: dict(used) for way, used in lane_use.items()},
-    )
+    found: dict[str, Any] = {
+        "seconds": sum(one.seconds for one in parts),
+        "speeds": tuple(every("speeds")),
+        "lane_use": {way: dict(used) for way, used in lane_use.items()},
+    }
+    found |= {name: added(name) for name in ("classes", "new", "turns")}
+    found |= {name: by_place(name) for name in ("headways", "discharge")}
+    found |= {one.name: every(one.name) for one in fields(Measured) if one.name not in found}
+    return Measured(**found)
 
 
 def measured(
