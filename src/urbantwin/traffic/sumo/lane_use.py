@@ -14,8 +14,9 @@ import libsumo
 _OTHERS = ("bicycle", "tram", "pedestrian")
 #: A lane is asked for until somebody looks again, seconds.
 _KEEPS_S = 1.0
-#: Who halts for longer goes where it can, seconds.
-_PATIENCE_S = 60.0
+#: Who is slower is asked for nothing, m/s, and who is longer never, metres: it would stand across
+#: two lanes, and nobody would pass.
+_SLOWEST_MS, _LONGEST_M = 2.0, 8.0
 #: On the road before an approach lanes are chosen so near to its end, metres.
 _BEFORE_M = 150.0
 
@@ -59,7 +60,7 @@ class LaneUse:
 
     def _ask(self, name: str, lanes: list[int]) -> None:
         """Ask a vehicle to change onto the nearest of some lanes of its road, or to stay there."""
-        if lanes and libsumo.vehicle.getWaitingTime(name) < _PATIENCE_S:
+        if lanes and libsumo.vehicle.getSpeed(name) >= _SLOWEST_MS:
             now = libsumo.vehicle.getLaneIndex(name)
             lane = min(lanes, key=lambda one: (abs(one - now), one))
             libsumo.vehicle.changeLane(name, lane, _KEEPS_S)
@@ -72,8 +73,9 @@ class LaneUse:
 
     def _chosen(self, name: str, road: str) -> int | None:
         vehicle = libsumo.vehicle
-        # Who halts at a stop there has a lane already.
-        if vehicle.getVehicleClass(name) in _OTHERS or vehicle.getStops(name, 1):
+        if vehicle.getVehicleClass(name) in _OTHERS or vehicle.getLength(name) > _LONGEST_M:
+            return None
+        if vehicle.getStops(name, 1):  # it has a lane already
             return None
         turn = _next(name, road)
         shares = self.told[road].get(turn)
