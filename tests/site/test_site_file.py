@@ -63,6 +63,10 @@ def test_only_the_place_the_map_and_the_rig_must_be_said(write_site: Write) -> N
     assert all(count > 0 for count in site.traffic.per_hour.values())
 
 
+def lanes_of_approach(shares: dict[str, float]) -> dict[str, Any]:
+    return {"approach": 1, "lanes": [{"turn": 2, "shares": shares}]}
+
+
 BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
     "unknown field": (
         spoilt(regoin={"radius_m": 5}),
@@ -117,6 +121,18 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
         ["traffic.per_hour.car", "nan", "finite"],
     ),
     "no duration": (spoilt("traffic", duration_s=0), ["traffic.duration_s", "more than 0"]),
+    "shares of lanes": (
+        spoilt("traffic", approaches=[lanes_of_approach({"1_0": 0.5, "1_1": 0.4})]),
+        ["traffic.approaches[0].lanes[0].shares (line", "are 0.9 together", "expected 1"],
+    ),
+    "a negative share": (
+        spoilt("traffic", approaches=[lanes_of_approach({"1_0": -0.5, "1_1": 1.5})]),
+        ["traffic.approaches[0].lanes[0].shares.1_0 (line", "-0.5", "at least 0"],
+    ),
+    "setting out": (
+        spoilt("traffic", counted_set_out="sometimes"),
+        ["traffic.counted_set_out (line", "sometimes", "evenly", "at_random"],
+    ),
     "negative seed": (spoilt("traffic", seed=-1), ["traffic.seed", "at least 0"]),
     "broken seed": (spoilt("traffic", seed=1.5), ["traffic.seed", "1.5", "a whole number"]),
     "traffic is a list": (spoilt(traffic=[1]), ["traffic", "a list", "a mapping"]),

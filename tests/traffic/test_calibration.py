@@ -15,7 +15,7 @@ from urbantwin.traffic.calibration.agreement import (
     own_spread,
     spread_of,
 )
-from urbantwin.traffic.calibration.drivers import fitted_drivers
+from urbantwin.traffic.calibration.drivers import fitted_drivers, of_approaches, of_classes
 from urbantwin.traffic.calibration.gap_acceptance import Decision, conflicts_of, decisions_of
 from urbantwin.traffic.calibration.measured import Measured, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
@@ -31,7 +31,8 @@ SECONDS, WARMUP_S = 420.0, 60.0
 TRUTH = {
     "speed_factor": 0.8,
     "speed_spread": 0.05,
-    "headway_s": 1.9,
+    "headway_s": 1.6,
+    "queue_headway_s": 2.2,
     "standing_gap_m": 3.2,
     "acceleration": 1.9,
     "acceleration_at_10": 1.1,
@@ -130,7 +131,11 @@ def test_drivers_are_found_again(
         asked = {
             **crossing_twin.site["traffic"],
             **{"per_hour": {}, "warmup_s": WARMUP_S, "counts": counts},
-            **{"drivers": {"car": dict(drivers)}, "seed": 99},
+            **{"drivers": of_classes(drivers, ["car"]), "seed": 99},
+            "approaches": [
+                {"approach": road, "queue_headway_s": value}
+                for road, value in of_approaches(drivers).items()
+            ],
         }
         again = simulated_tracks(
             crossing_twin, asked, shorter_s, seen, scratch=scratch, told=lambda _: None
@@ -143,8 +148,10 @@ def test_drivers_are_found_again(
     assert untold == []
     (headway,) = (one for one in told if one["field"] == "headway_s")
     assert 0 < headway["standard_error"] < 0.1 * TRUTH["headway_s"]
-    assert {one["field"] for one in told} == set(TRUTH) == set(found)
+    assert {one["field"] for one in told} == set(TRUTH) == {one.split()[0] for one in found}
     assert found["headway_s"] == pytest.approx(TRUTH["headway_s"], rel=0.1)
+    for name in (one for one in found if one.startswith("queue_headway_s")):
+        assert found[name] == pytest.approx(TRUTH["queue_headway_s"], rel=0.2), name
     assert found["standing_gap_m"] == pytest.approx(TRUTH["standing_gap_m"], rel=0.1)
     # Of some fifteen who met oncoming traffic; the search begins at 1 s.
     assert found["critical_gap_s"] == pytest.approx(TRUTH["critical_gap_s"], abs=1.0)
@@ -234,7 +241,7 @@ def test_a_measurement_agrees_with_itself_and_not_with_another(
 def test_chance_between_two_parts_is_that_of_draws_from_one_street() -> None:
     """One pair of parts tells what many pairs of one truth differ by (closed: multinomial)."""
     random = np.random.default_rng(5)
-    nothing = Measured(1.0, *({} for _ in range(3)), (), {}, *([] for _ in range(11)))
+    nothing = Measured(1.0, {}, {}, {})
 
     def part(count: int) -> Measured:
         new = dict(zip("abcd", random.multinomial(count, [0.7, 0.15, 0.1, 0.05]), strict=True))

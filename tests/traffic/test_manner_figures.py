@@ -64,8 +64,8 @@ def test_a_queue_discharges_by_those_who_stood_in_it() -> None:
     behind = passage(straight("4", "car", 0.0, stood), 33.0)
     free = passage(straight("5", "car", 10.0, passes), 35.0)
     found = discharge_headways([free, *queue, behind, lorry], 0.0, 100.0)
-    assert found == pytest.approx([2.1, 2.2])
-    assert discharge_headways(queue, 0.0, 23.0) == []
+    assert found == {"a": pytest.approx([2.1, 2.2])}
+    assert discharge_headways(queue, 0.0, 23.0) == {}
 
 
 def test_free_is_who_has_nobody_close_ahead_be_it_a_bicycle() -> None:

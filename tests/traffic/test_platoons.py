@@ -1,6 +1,5 @@
 """Platoons: made as they are told, and told as they were made; chance makes none."""
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -22,8 +21,7 @@ NOBODY = np.zeros((0, 0), np.bool_)
 
 def counted(seconds: float, counts: dict[str, int], turns: dict[tuple[str, str], int]) -> Measured:
     """Return what was counted of whom nothing else is known."""
-    unknown: list[list[Any]] = [[] for _ in fields(Measured)[6:]]
-    return Measured(seconds, counts, counts, turns, (), {}, *unknown)
+    return Measured(seconds, counts, counts, turns)
 
 
 def came(seed: int, count: int, seconds: float, share: float) -> np.ndarray[Any, Any]:

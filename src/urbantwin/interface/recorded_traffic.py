@@ -111,7 +111,11 @@ class Calibration:
             vehicles=sum(row["count"] for row in told["measured"]["turns"]),
             signals=told["signals"]
             and {name: told["signals"][name] for name in ("cycle_s", "green_s")},
-            drivers={one["field"]: one["value"] for one in told["drivers"]},
+            drivers={
+                one["field"]: one["value"]
+                for one in told["drivers"]
+                if "approach" not in one and "classes" not in one  # those of most
+            },
             not_told=told["not_told"],
             **{
                 name: told[name]

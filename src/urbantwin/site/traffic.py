@@ -41,6 +41,13 @@ PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
 SizeFactor = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
+#: Shares may be 1 together to within this.
+_ROUNDED = 0.01
+
+
+def _id(value: Any) -> Any:  # noqa: ANN401
+    """Return an id that YAML takes for a number as text."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def _time_of_day(value: object) -> object:
@@ -100,7 +107,7 @@ class CountSpec(Strict):
     @field_validator("junction", "approach", "turn", "road", "crossing", mode="before")
     @classmethod
     def _numbers_are_ids(cls, value: Any) -> Any:  # noqa: ANN401
-        return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+        return _id(value)
 
     @model_validator(mode="after")
     def _says_how_many_once(self) -> CountSpec:
@@ -138,6 +145,7 @@ class DriverSpec(Strict):
         speed_factor: mean of the desired speed as a share of the limit.
         speed_spread: its standard deviation.
         headway_s: time that they keep to who is ahead, seconds.
+        queue_headway_s: the same of who has stood, to the end of the road where it stood.
         standing_gap_m: distance that they keep when they stand, metres.
         acceleration: most that they speed up with, m/s2.
         acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
@@ -150,12 +158,57 @@ class DriverSpec(Strict):
     speed_factor: Annotated[float, Field(ge=0.1, le=2.0)] | None = None
     speed_spread: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
+    queue_headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     standing_gap_m: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
     acceleration: Annotated[float, Field(ge=0.2, le=10.0)] | None = None
     acceleration_at_10: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     sideways_acceleration: Annotated[float, Field(ge=0.5, le=6.0)] | None = None
     critical_gap_s: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
     lane_offset_m: Annotated[float, Field(ge=-5.0, le=5.0)] | None = None
+
+
+class LaneUseSpec(Strict):
+    """By which lanes of an approach those leave it who go the same way.
+
+    Attributes:
+        turn: id of the road that they go to.
+        shares: id of a lane of the approach -> share of them, 1 together.
+    """
+
+    turn: str
+    shares: Annotated[dict[str, Share], Field(min_length=1)]
+
+    @field_validator("turn", mode="before")
+    @classmethod
+    def _numbers_are_ids(cls, value: Any) -> Any:  # noqa: ANN401
+        return _id(value)
+
+    @field_validator("shares")
+    @classmethod
+    def _all_of_them(cls, value: dict[str, float]) -> dict[str, float]:
+        if abs(sum(value.values()) - 1.0) > _ROUNDED:
+            raise wrong(f"are {sum(value.values()):g} together", "1")
+        return value
+
+
+class ApproachSpec(Strict):
+    """How motor traffic uses an approach, where it is not as usual.
+
+    Attributes:
+        approach: id of the road.
+        queue_headway_s: time that motor traffic which has stood there keeps to who is ahead, in
+            place of its class's, seconds.
+        lanes: by which lanes who leaves.
+    """
+
+    approach: str
+    queue_headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
+    lanes: list[LaneUseSpec] = Field(default_factory=list)
+
+    @field_validator("approach", mode="before")
+    @classmethod
+    def _numbers_are_ids(cls, value: Any) -> Any:  # noqa: ANN401
+        return _id(value)
 
 
 class ParkedSpec(Strict):
@@ -209,9 +262,12 @@ class TrafficSpec(Strict):
             through and leave, and ``per_hour`` says nothing of them.
         arrivals: by approach, in which part of a cycle upstream who is counted comes; evenly where
             nothing is said.
+        counted_set_out: ``evenly``, one in each equal part of the time, way by way and class by
+            class; or ``at_random``, as who knows nothing of the others. As many come either way.
         time_of_day: when the motion begins, ``08:00``. Counts that say when they begin are taken
             from then on; guessed volumes, which are those of midday, are scaled by the hour.
         drivers: by class, how its drivers drive.
+        approaches: how single approaches are used: by which lanes, with which headway.
         in_groups: share of people on foot who walk with others, 0..0.95; the default is that of a
             street on a weekday (Moussaid et al., PLOS ONE 5, 2010; on a Saturday 0.67).
         passengers_per_halt: how many people get on, and off, at a halt of a bus on average, in a
@@ -234,8 +290,10 @@ class TrafficSpec(Strict):
     size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
     counts: list[CountSpec] = Field(default_factory=list)
     arrivals: list[ArrivalSpec] = Field(default_factory=list)
+    counted_set_out: Literal["evenly", "at_random"] = "evenly"
     time_of_day: TimeOfDay | None = None
     drivers: dict[ActorClass, DriverSpec] = Field(default_factory=dict)
+    approaches: list[ApproachSpec] = Field(default_factory=list)
     parked: ParkedSpec = Field(default_factory=ParkedSpec)
     in_groups: Annotated[float, Field(ge=0.0, le=0.95, allow_inf_nan=False)] = 0.56
     passengers_per_halt: Annotated[float, Field(ge=0.0, le=6.0, allow_inf_nan=False)] = 1.9

@@ -14,16 +14,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.calibration.passages import Passage
 
-__all__ = ["arrivals_of", "platoons_of"]
+__all__ = ["arrivals_of", "come_evenly", "platoons_of"]
 
 #: Cycles that signals upstream may have, seconds.
 _CYCLES_S = (30.0, 180.0)
 #: A cycle is divided into so many parts; patterns are told of so many vehicles and cycles.
 _PARTS, _FEWEST, _CYCLES = 12, 40, 8
+#: Numbers that come are counted in spans in which so many are expected; so many numbers tell
+#: something; and who comes at random comes so evenly by chance.
+_EXPECTED, _NUMBERS, _EVENLY = 5, 10, 0.01
 #: Patterns that would be seen by chance in fewer cases than this are patterns.
 _CHANCE = 0.001
 #: First seen so far before the stop line, metres, and no slower, m/s: not in its queue.
@@ -85,6 +89,30 @@ def platoons_of(
             }
         )
     return rows
+
+
+def come_evenly(arrivals: dict[str, NDArray[np.float64]], seconds: float, cycle_s: float) -> bool:
+    """Return whether vehicles come more evenly than who knows nothing of the others.
+
+    Numbers that come by an approach in spans of so many whole cycles that five are expected vary
+    as much as they are large if vehicles come at random (test of a Poisson distribution by its
+    index of dispersion: Fisher, Statistical Methods for Research Workers, 1925, section 16).
+    Where fewer than ten such numbers are known nothing is told, and they are taken to come evenly.
+
+    Args:
+        arrivals: by approach, seconds, as `arrivals_of` returns them.
+        seconds: for how long was recorded.
+        cycle_s: in which they come; of 0 any span will do.
+    """
+    off, freedom = 0.0, 0
+    for times in arrivals.values():
+        unit_s = cycle_s or _CYCLES_S[0]
+        span_s = unit_s * max(1.0, np.ceil(_EXPECTED / max(len(times), 1) * seconds / unit_s))
+        count, _ = np.histogram(times, np.arange(0.0, seconds + 1e-9, span_s))
+        if len(count) > 1 and count.sum():
+            off += float(((count - count.mean()) ** 2).sum() / count.mean())
+            freedom += len(count) - 1
+    return freedom < _NUMBERS or float(chi2.cdf(off, freedom)) < _EVENLY
 
 
 def _period(times: NDArray[np.float64], seconds: float, own_cycle_s: float) -> float | None:

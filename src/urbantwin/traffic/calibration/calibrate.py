@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,24 +16,19 @@ from urbantwin.errors import InputError
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.calibration.agreement import (
-    agreement,
-    chance_between,
-    own_spread,
-    spread_of,
-)
-from urbantwin.traffic.calibration.arrivals import arrivals_of, platoons_of
-from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers, of_classes
+from urbantwin.traffic.calibration.arrivals import arrivals_of, come_evenly, platoons_of
+from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers, of_approaches, of_classes
 from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
-from urbantwin.traffic.calibration.gap_acceptance import conflicts_of, decisions_of
+from urbantwin.traffic.calibration.judged import judged, told_of
 from urbantwin.traffic.calibration.lane_place import lane_offset
-from urbantwin.traffic.calibration.measured import Measured, joined, measured
+from urbantwin.traffic.calibration.lane_use import LaneUse, approach_rows
+from urbantwin.traffic.calibration.measured import Measured
+from urbantwin.traffic.calibration.on_twin import measuring, passed
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import (
     JunctionLinks,
     Passage,
     SeenTrack,
-    passages_of,
 )
 from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
 from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
@@ -41,15 +36,13 @@ from urbantwin.traffic.calibration.site_document import built, document_of, writ
 from urbantwin.traffic.calibration.uncounted import UncountedFlows, ways_missed
 from urbantwin.traffic.recorded.read import files_of, read_recording
 from urbantwin.traffic.recorded.rejoined import rejoined
-from urbantwin.traffic.recorded.track import RecordedTrack
+from urbantwin.traffic.recorded.track import RecordedSignals, RecordedTrack
 from urbantwin.traffic.recorded.track_smoothing import smooth_track
 from urbantwin.twin import Twin
 
 __all__ = ["calibrate_traffic"]
 
 _STEP_S = 0.1
-#: Spans of a simulation that are compared with all of it, at most.
-_MOST_SPANS = 40
 #: Simulations that drivers are fitted in last so long,
 #: and up to twice as long, where what is fitted to is.
 _TRIAL_S = 600.0
@@ -106,16 +99,11 @@ def calibrate_traffic(
         middle = loaded.frame.lonlat_from_site(_middle(seen)[None])[0]
         if recording.signals is not None and loaded.roads is not None:
             _lit(document, middle)
-        twin = built(document, scratch, between(progress, 0.05, 0.25))
-        links, passages = _passed(twin, seen)
-        lit = recording.signals
-        timing = None if lit is None else timing_of(lit, passages, links, fit_s)
-        if timing is not None:
-            _lit(document, middle)
-            _timed(document, timing)
-            twin = built(document, scratch, between(progress, 0.25, 0.4))
-            links, passages = _passed(twin, seen)
-        recorded = _measured(twin, seen, links, passages)
+        twin, came, timing = _timed_twin(
+            document, seen, (recording.signals, middle, fit_s), scratch, progress
+        )
+        links, passages = came
+        recorded = measuring(twin, seen, links, passages)
         part = recorded(0.0, fit_s)
         if not part.turns:
             raise InputError(
@@ -129,16 +117,21 @@ def calibrate_traffic(
         own_cycle_s = 0.0 if timing is None else timing.cycle_s
         riding = lane_offset(seen, twin.roads, fit_s)
         traffic |= {
-            "arrivals": _platoons(part, passages, twin, own_cycle_s),
+            **_arrivals(part, passages, twin, own_cycle_s),
             "drivers": {} if riding[0] is None else {"bicycle": {"lane_offset_m": riding[0]}},
+            "approaches": [],
         }
         asked = {**twin.site["traffic"], **traffic, "seed": seed}
         asked["per_hour"] = {name: traffic["per_hour"].get(name, 0.0) for name in ACTOR_CLASSES}
         told: list[dict[str, Any]] = []
+        lanes = LaneUse(part, links)
         if seconds > 0:
             uncounted = UncountedFlows(part)
             drivers, told, untold = _fitted(
-                twin, asked, part, uncounted, seen, scratch, between(progress, 0.4, 0.7)
+                twin, asked, part, (uncounted, lanes), seen, scratch, between(progress, 0.4, 0.7)
+            )
+            traffic["approaches"] = asked["approaches"] = approach_rows(
+                lanes, of_approaches(drivers)
             )
             traffic["drivers"] = asked["drivers"] = _who_drives(traffic, drivers, part)
             traffic["per_hour"] |= uncounted.per_hour
@@ -150,16 +143,18 @@ def calibrate_traffic(
             "recorded_s": round(end_s, 3),
             "tracks_rejoined": mended,
             "fitted_s": [0.0, round(fit_s, 3)],
-            "measured": _told(part),
+            "measured": told_of(part),
             "signals": _signals_told(timing),
             "platoons": traffic["arrivals"],
+            "counted_set_out": traffic["counted_set_out"],
+            "lanes": lanes.told(),
             "not_told": missing,
             "lane_offset_of_bicycles": {"metres": riding[0], "count": riding[1]},
             "drivers": told,
         }
         if seconds > 0:
             report["simulated_s"] = seconds
-            report |= _judged(
+            report |= judged(
                 twin,
                 asked,
                 (part, recorded, seen),
@@ -174,13 +169,40 @@ def calibrate_traffic(
     return report
 
 
-def _platoons(
+def _timed_twin(
+    document: dict[str, Any],
+    seen: list[SeenTrack],
+    lit: tuple[RecordedSignals | None, np.ndarray[Any, Any], float],
+    scratch: Path,
+    progress: Progress,
+) -> tuple[Twin, tuple[JunctionLinks, list[Passage]], Timing | None]:
+    """Return the twin, who passed its main junction, and the timing if signals were recorded.
+
+    The timing is in the document then. ``lit``: what signals showed, where, and until when it is
+    fitted to.
+    """
+    signals, middle, fit_s = lit
+    twin = built(document, scratch, between(progress, 0.05, 0.25))
+    came = passed(twin, seen)
+    timing = None if signals is None else timing_of(signals, came[1], came[0], fit_s)
+    if timing is not None:
+        _lit(document, middle)
+        _timed(document, timing)
+        twin = built(document, scratch, between(progress, 0.25, 0.4))
+        came = passed(twin, seen)
+    return twin, came, timing
+
+
+def _arrivals(
     part: Measured, passages: Sequence[Passage], twin: Twin, cycle_s: float
-) -> list[dict[str, Any]]:
-    """Return in which platoons who came in the part that is fitted to."""
+) -> dict[str, Any]:
+    """Return in which platoons who came in the part that is fitted to, and whether evenly."""
     factor = float(np.median(part.free)) if part.free else 1.0
     came = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
-    return platoons_of(came, part.seconds, cycle_s)
+    platoons = platoons_of(came, part.seconds, cycle_s)
+    cycle_s = max([cycle_s, *(one["cycle_s"] for one in platoons)])
+    evenly = come_evenly(came, part.seconds, cycle_s)
+    return {"arrivals": platoons, "counted_set_out": "evenly" if evenly else "at_random"}
 
 
 def _sizes(seen: Sequence[SeenTrack], until_s: float) -> dict[str, np.ndarray[Any, Any]]:
@@ -227,15 +249,17 @@ def _fitted(
     twin: Twin,
     asked: dict[str, Any],
     part: Measured,
-    uncounted: UncountedFlows,
+    learned: tuple[UncountedFlows, LaneUse],
     seen: list[SeenTrack],
     scratch: Path,
     progress: Progress,
 ) -> tuple[dict[str, float], list[dict[str, Any]], list[str]]:
     """Return drivers for whom simulations show what the recording does (``fitted_drivers``).
 
-    What the simulations tell of flows is learned meanwhile, and is in ``asked`` in the end.
+    What the simulations tell of flows and lanes is learned meanwhile; flows are in ``asked`` in the
+    end.
     """
+    uncounted, lanes = learned
     area = seen_area(seen)
     trial_s = float(np.clip(part.seconds, _TRIAL_S, 2 * _TRIAL_S))
 
@@ -243,19 +267,24 @@ def _fitted(
         tell = between(progress, turn / ROUNDS, (turn + 1) / ROUNDS)
         tracks = simulated_tracks(
             twin,
-            {**asked, "drivers": _who_drives(asked, drivers, part)},
+            {
+                **asked,
+                "drivers": _who_drives(asked, drivers, part),
+                "approaches": approach_rows(lanes, of_approaches(drivers)),
+            },
             trial_s,
             area,
             scratch=scratch,
             told=partial(_tell_trial, tell, f"simulating what is compared, {turn + 1}"),
         )
-        found = _measured(twin, tracks, *_passed(twin, tracks))(0.0, trial_s)
+        found = measuring(twin, tracks, *passed(twin, tracks))(0.0, trial_s)
         uncounted.learn(asked["per_hour"], found)
+        lanes.learn(found)
         asked["per_hour"] = {**asked["per_hour"], **uncounted.per_hour}
         return found
 
     found = fitted_drivers(part, simulated)
-    if not found[1] and uncounted.per_hour:  # no drivers to simulate for
+    if not found[1] and (uncounted.per_hour or lanes.recorded):  # no drivers to simulate for
         simulated({}, 0)
     return found
 
@@ -269,87 +298,6 @@ def _who_drives(
 
 def _tell_trial(tell: Progress, what: str, share: float) -> None:
     tell(share, what)
-
-
-def _passed(twin: Twin, tracks: list[SeenTrack]) -> tuple[JunctionLinks, list[Passage]]:
-    """Return the ways over a twin's main junction, and the tracks that passed it."""
-    links = JunctionLinks.of(twin.net_path, twin.roads)
-    return links, passages_of(tracks, twin.roads, links)
-
-
-def _measured(
-    twin: Twin, tracks: list[SeenTrack], links: JunctionLinks, passages: list[Passage]
-) -> Callable[[float, float], Measured]:
-    """Return what measures tracks between two moments, seconds."""
-    choices = decisions_of(passages, conflicts_of(links, twin.net_path, twin.roads), links)
-    return partial(measured, tracks, passages, twin.roads, decisions=choices)
-
-
-def _judged(
-    twin: Twin,
-    asked: dict[str, Any],
-    recorded: tuple[Measured, Callable[[float, float], Measured], list[SeenTrack]],
-    rest: tuple[float, float],
-    seconds: float,
-    scratch: Path,
-    progress: Progress,
-    cycle_s: float,
-) -> dict[str, Any]:
-    """Return how a simulation agrees with the part that was fitted to, and with the other.
-
-    Where the signals' cycle is known, also how what passes in the same part of the cycle does: a
-    short recording holds out no whole number of cycles.
-    """
-    part, recorded_between, seen = recorded
-    tracks = simulated_tracks(
-        twin,
-        asked,
-        seconds,
-        seen_area(seen),
-        scratch=scratch,
-        told=lambda share: progress(share, "simulating what is judged"),
-    )
-    between_moments = _measured(twin, tracks, *_passed(twin, tracks))
-    simulated = between_moments(0.0, seconds)
-    found: dict[str, Any] = {"simulated": _told(simulated), "fitted": agreement(part, simulated)}
-    found["recording_with_itself_fitted"] = own_spread(part)
-    if rest[1] - rest[0] > 1.0:
-        other = recorded_between(*rest)
-        found["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
-        found["held_out"] = agreement(other, simulated)
-        if cycle_s:
-            # SUMO's clock is the signals', and starts with the warm-up.
-            first = (rest[0] - float(asked["warmup_s"])) % cycle_s
-            begins = np.arange(first, seconds - (rest[1] - rest[0]), cycle_s)
-            parts = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
-            found["held_out_in_the_same_part_of_the_cycle"] = agreement(other, joined(parts))
-        found["recording_with_itself_held_out"] = own_spread(other)
-        begins = np.arange(0.0, seconds - (rest[1] - rest[0]), rest[1] - rest[0])[:_MOST_SPANS]
-        spans = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
-        found["simulation_with_itself_held_out"] = spread_of(spans, simulated)
-        found["fitted_with_held_out"] = agreement(other, part)
-        found["by_chance_held_out"] = chance_between(part, other)
-    return found
-
-
-def _told(part: Measured) -> dict[str, Any]:
-    speeds = np.concatenate(part.speeds) if part.speeds else np.zeros(0)
-    return {
-        "seconds": round(part.seconds, 3),
-        "classes": part.classes,
-        "turns": [
-            {"approach": a, "exit": b, "count": count}
-            for (a, b), count in sorted(part.turns.items())
-        ],
-        "speed_quartiles_ms": _quartiles(speeds),
-        "headway_quartiles_s": _quartiles(part.all_headways),
-    }
-
-
-def _quartiles(values: np.ndarray[Any, Any]) -> list[float]:
-    return (
-        [round(float(x), 2) for x in np.quantile(values, [0.25, 0.5, 0.75])] if len(values) else []
-    )
 
 
 def _signals_told(timing: Timing | None) -> dict[str, Any] | None:

@@ -9,22 +9,30 @@ signals and the way of measuring do to the figure, they do on both sides.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from urbantwin.roads.curve_speed import SIDEWAYS_MS2
+from urbantwin.traffic.calibration.agreement import agreement
 from urbantwin.traffic.calibration.gap_acceptance import critical_gap
+from urbantwin.traffic.calibration.lane_use import FEWEST, shrunk
 from urbantwin.traffic.calibration.measured import Measured
 from urbantwin.traffic.calibration.passages import HEAVY, MOTORS
 
-__all__ = ["ROUNDS", "fitted_drivers", "of_classes"]
+__all__ = ["ROUNDS", "fitted_drivers", "of_approaches", "of_classes"]
 
 #: Simulations.
 ROUNDS = 6
+_QUEUES = "queue_headway_s"
 #: Figures of fewer than this tell nothing.
 _FEWEST = 5
+#: A parameter moves half as far if so few values are simulated; and a figure that is not simulated
+#: is so many times as far off as the recording tells it.
+_FEW, _NONE_SHOWN = 5, 20.0
+#: Distributions are to be as near as this (Kolmogorov-Smirnov).
+_WANTED_KS = 0.1
 #: Where there is another figure for the same, of fewer than this.
 _MANY = 10
 #: Speeds of fewer, many of whom still speed up, tell no wish.
@@ -54,6 +62,8 @@ class _Parameter:
         fewest: with fewer values it is not fitted; of several parameters of one field the first
             with enough values is.
         classes: of these alone; empty: of all motor traffic that has none of its own.
+        approach: of those who stood on this road alone; empty: on any that has none of its own.
+        gain: how far the parameter moves for a figure that is off by one, where not a ratio.
     """
 
     field: str
@@ -66,11 +76,14 @@ class _Parameter:
     what: str
     fewest: int = _FEWEST
     classes: tuple[str, ...] = ()
+    approach: str = ""
+    gain: float = 1.0
 
     @property
     def name(self) -> str:
-        """The field, and whose it is."""
-        return " ".join([self.field, *(["of", *self.classes] if self.classes else [])])
+        """The field, whose it is, and where."""
+        whose = ["of", *self.classes] if self.classes else []
+        return " ".join([self.field, *whose, *(["on", self.approach] if self.approach else [])])
 
 
 def _quartiles_apart(values: list[float]) -> float:
@@ -138,13 +151,14 @@ _PARAMETERS = (
     ),
     _Parameter(
         *("headway_s", 1.35, 0.5, 3.0),
-        lambda part: part.discharge,
-        *(_median, False, "times between who leaves a queue at the stop line, s", _MANY),
-    ),
-    _Parameter(
-        *("headway_s", 1.35, 0.5, 3.0),
         lambda part: part.following,
         *(_near, False, "times from bumper to bumper of who follows, s", _MANY),
+    ),
+    _Parameter(
+        *(_QUEUES, 1.35, 0.5, 4.0),
+        lambda part: part.all_discharge,
+        *(_median, False, "times between who leaves a queue at the stop line, s", _MANY),
+        gain=2.0,  # who sets out at the stop line does not yet drive as it would in the end
     ),
     _Parameter(
         *("headway_s", 1.35, 0.5, 3.0),
@@ -167,20 +181,23 @@ def fitted_drivers(
 ) -> tuple[dict[str, float], list[dict[str, Any]], list[str]]:
     """Return drivers for whom a simulation shows the figures of a recording.
 
+    Headways of single approaches are drawn towards those of all: n / (n + 20) of the way is theirs.
+
     Args:
         recorded: what is fitted to.
         simulated: measures a simulation with such drivers; the number of the round is for telling.
         rounds: how many simulations.
 
     Returns:
-        The fields of ``traffic.drivers``, as `of_classes` takes them; by field what was recorded,
-        what is simulated, of how many values; and what could not be told.
+        The fields of ``traffic.drivers``, as `of_classes` and `of_approaches` take them; by field
+        what was recorded, what is simulated, of how many values; and what could not be told.
     """
     first: dict[str, _Parameter] = {}
     for one in _PARAMETERS:
         if len(one.sample(recorded)) >= one.fewest:
             first.setdefault(one.name, one)
     known = list(first.values())
+    apart = _by_approach(recorded) if _QUEUES in first else []
     untold = [
         f"{one.name}: {len(one.sample(recorded))} {one.what} are too few, "
         + ("as the others" if one.classes else "the usual stays")
@@ -188,42 +205,54 @@ def fitted_drivers(
         if one.name not in first and (not one.classes or one.sample(recorded))
     ]
     wanted = {one.name: one.figure(one.sample(recorded)) for one in known}
+    for one in apart:
+        own = one.figure(one.sample(recorded))
+        wanted[one.name] = shrunk(own, wanted[_QUEUES], len(one.sample(recorded)))
+    known += apart
+    # Together they weigh as much as any other figure.
+    weight = {one.name: 1 / len(apart) if one.approach else 1.0 for one in known}
     error = {one.name: _error(one, recorded) for one in known}
     drivers = {one.name: one.usual for one in known}
     best: tuple[float, dict[str, float], dict[str, float]] = (np.inf, dict(drivers), {})
     for turn in range(rounds if known else 0):
         part = simulated(drivers, turn)
+        values = {one.name: one.sample(part) for one in known}
         shown = {
-            one.name: one.figure(values)
+            one.name: one.figure(values[one.name])
             for one in known
-            if len(values := one.sample(part)) >= _FEWEST
+            if len(values[one.name]) >= _FEWEST
         }
-        off = float(sum(abs(shown[name] / wanted[name] - 1) for name in shown if wanted[name]))
-        off += len(known) - len(shown)
-        if off < best[0]:
-            best = off, dict(drivers), shown
-        if all(
-            name in shown and abs(shown[name] - told) <= max(error[name], _SAME * told)
-            for name, told in wanted.items()
-        ):
-            break  # nearer than the recording itself tells
+        # In what the recording itself does not tell: figures of few weigh less.
+        off = {
+            name: abs(shown[name] - goal) / max(error[name], _SAME * goal, 1e-9)
+            if name in shown
+            else _NONE_SHOWN
+            for name, goal in wanted.items()
+        }
+        mean = sum(weight[name] * one for name, one in off.items()) / sum(weight.values())
+        whole = mean + _distances(recorded, part)
+        if whole < best[0]:
+            best = whole, dict(drivers), shown
+        if max(off.values()) <= 1:
+            break
         step = _STEPS[min(turn, len(_STEPS) - 1)]
         for one in known:
             if one.name not in shown:
                 continue
             goal, now = wanted[one.name], max(shown[one.name], 1e-3)
             value = drivers[one.name]
-            moved = value * (goal / now) ** step if one.ratio else value + step * (goal - now)
+            by = step * len(values[one.name]) / (len(values[one.name]) + _FEW)
+            moved = (
+                value * (goal / now) ** by if one.ratio else value + by * one.gain * (goal - now)
+            )
             drivers[one.name] = round(float(np.clip(moved, one.least, one.most)), 3)
-        for one in known:  # it falls with the speed
-            if one.field == "acceleration_at_10":
-                most = drivers.get(one.name.replace("_at_10", ""), one.most)
-                drivers[one.name] = min(drivers[one.name], most)
+        _keep_in_order(drivers)
     _, drivers, shown = best
     told = [
         {
             "field": one.field,
             **({"classes": list(one.classes)} if one.classes else {}),
+            **({"approach": one.approach} if one.approach else {}),
             "value": drivers[one.name],
             "of": one.what,
             "recorded": round(wanted[one.name], 3),
@@ -234,6 +263,40 @@ def fitted_drivers(
         for one in known
     ]
     return drivers, told, untold
+
+
+def _distances(recorded: Measured, part: Measured) -> float:
+    """Return how far distributions of speed and headway are off, in what is wanted of them."""
+    told = agreement(recorded, part)
+    both = (told["speed_ks"], told["headway_ks"])
+    return sum(1.0 if one is None else float(one) / _WANTED_KS for one in both)
+
+
+def _keep_in_order(drivers: dict[str, float]) -> None:
+    """Let no field be more than one that it follows from."""
+    if _QUEUES in drivers and "headway_s" in drivers:
+        # Who moves on keeps no more than who has stood: queues would be held up beyond the line.
+        drivers["headway_s"] = min(drivers["headway_s"], drivers[_QUEUES])
+    for name, value in drivers.items():
+        if name.startswith("acceleration_at_10"):  # it falls with the speed
+            most = drivers.get(name.replace("_at_10", ""), np.inf)
+            drivers[name] = min(value, most)
+
+
+def _by_approach(recorded: Measured) -> list[_Parameter]:
+    """Return the headways of queues, approach by approach, where many left one on several."""
+    if len(recorded.discharge) < 2:
+        return []
+
+    def discharge(approach: str) -> Callable[[Measured], list[Any]]:
+        return lambda part: part.discharge.get(approach, [])
+
+    (every,) = (one for one in _PARAMETERS if one.name == _QUEUES)
+    return [
+        replace(every, sample=discharge(name), approach=name)
+        for name, values in sorted(recorded.discharge.items())
+        if len(values) >= FEWEST
+    ]
 
 
 def _error(one: _Parameter, recorded: Measured) -> float:
@@ -258,3 +321,11 @@ def of_classes(drivers: Mapping[str, float], seen: Collection[str]) -> dict[str,
         told = {field: drivers.get(one.name, drivers.get(field)) for field, one in mine.items()}
         found[name] = {field: value for field, value in told.items() if value is not None}
     return found
+
+
+def of_approaches(drivers: Mapping[str, float]) -> dict[str, float]:
+    """Return by road the headway of who has stood on it, of what `fitted_drivers` finds."""
+    start = f"{_QUEUES} on "
+    return {
+        name.removeprefix(start): value for name, value in drivers.items() if name.startswith(start)
+    }

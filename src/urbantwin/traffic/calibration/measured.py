@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from typing import Any
 
@@ -59,8 +59,8 @@ class Measured:
         gaps: between those who stand behind each other, metres, pair by pair.
         following: times from who is ahead to who follows at about the same speed, from bumper to
             bumper, seconds, pair by pair.
-        discharge: times between those who leave a queue at the stop line one after the other,
-            trucks and buses left out, seconds.
+        discharge: approach -> times between those who leave a queue at the stop line one after the
+            other, trucks and buses left out, seconds.
         accelerations: from 1 to 5 m/s after standing, m/s2, vehicle by vehicle; trucks and buses
             left out.
         faded: from 6 to 9 m/s, m/s2, the same.
@@ -69,6 +69,7 @@ class Measured:
         free: speeds as shares of the limit, of those who leave with nobody close ahead.
         tops: speeds that nine tenths of a vehicle's way stay below, as shares of the road's limit.
         bends: accelerations to the side in turns, m/s2, one a vehicle.
+        lane_use: (approach, exit) -> lane of the approach -> how many entered the junction from it.
         gap_choices: (longest refused, taken) gaps of those who gave way, seconds.
     """
 
@@ -76,19 +77,20 @@ class Measured:
     classes: dict[str, int]
     new: dict[str, int]
     turns: dict[tuple[str, str], int]
-    speeds: tuple[NDArray[np.float64], ...]
-    headways: dict[str, list[float]]
-    gaps: list[float]
-    following: list[float]
-    discharge: list[float]
-    accelerations: list[float]
-    faded: list[float]
-    heavy_accelerations: list[float]
-    heavy_faded: list[float]
-    free: list[float]
-    tops: list[float]
-    bends: list[float]
-    gap_choices: list[tuple[float, float]]
+    speeds: tuple[NDArray[np.float64], ...] = ()
+    headways: dict[str, list[float]] = field(default_factory=dict)
+    gaps: list[float] = field(default_factory=list)
+    following: list[float] = field(default_factory=list)
+    discharge: dict[str, list[float]] = field(default_factory=dict)
+    accelerations: list[float] = field(default_factory=list)
+    faded: list[float] = field(default_factory=list)
+    heavy_accelerations: list[float] = field(default_factory=list)
+    heavy_faded: list[float] = field(default_factory=list)
+    free: list[float] = field(default_factory=list)
+    tops: list[float] = field(default_factory=list)
+    bends: list[float] = field(default_factory=list)
+    gap_choices: list[tuple[float, float]] = field(default_factory=list)
+    lane_use: dict[tuple[str, str], dict[str, int]] = field(default_factory=dict)
 
     @property
     def all_headways(self) -> NDArray[np.float64]:
@@ -96,31 +98,41 @@ class Measured:
         every = np.array([one for found in self.headways.values() for one in found])
         return every[every <= _FOLLOWING_S]
 
+    @property
+    def all_discharge(self) -> list[float]:
+        """Times between those who leave a queue, of all approaches."""
+        return [one for _, found in sorted(self.discharge.items()) for one in found]
+
 
 def joined(parts: Sequence[Measured]) -> Measured:
     """Return what was measured in several spans of time as one measurement."""
 
-    def added(field: str) -> dict[Any, int]:
-        return dict(sum((Counter(getattr(one, field)) for one in parts), Counter()))
+    def added(name: str) -> dict[Any, int]:
+        return dict(sum((Counter(getattr(one, name)) for one in parts), Counter()))
 
-    def every(field: str) -> list[Any]:
-        return [value for one in parts for value in getattr(one, field)]
+    def every(name: str) -> list[Any]:
+        return [value for one in parts for value in getattr(one, name)]
 
-    headways: dict[str, list[float]] = defaultdict(list)
+    def by_place(name: str) -> dict[str, list[float]]:
+        found: dict[str, list[float]] = defaultdict(list)
+        for one in parts:
+            for place, values in getattr(one, name).items():
+                found[place] += values
+        return dict(found)
+
+    lane_use: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     for one in parts:
-        for lane, found in one.headways.items():
-            headways[lane] += found
-    return Measured(
-        sum(one.seconds for one in parts),
-        added("classes"),
-        added("new"),
-        added("turns"),
-        tuple(every("speeds")),
-        dict(headways),
-        *(every(name) for name in ("gaps", "following", "discharge", "accelerations", "faded")),
-        *(every(name) for name in ("heavy_accelerations", "heavy_faded", "free")),
-        *(every(name) for name in ("tops", "bends", "gap_choices")),
-    )
+        for way, used in one.lane_use.items():
+            lane_use[way].update(used)
+    found: dict[str, Any] = {
+        "seconds": sum(one.seconds for one in parts),
+        "speeds": tuple(every("speeds")),
+        "lane_use": {way: dict(used) for way, used in lane_use.items()},
+    }
+    found |= {name: added(name) for name in ("classes", "new", "turns")}
+    found |= {name: by_place(name) for name in ("headways", "discharge")}
+    found |= {one.name: every(one.name) for one in fields(Measured) if one.name not in found}
+    return Measured(**found)
 
 
 def measured(
@@ -146,12 +158,15 @@ def measured(
     new = [one for one in there if one.time_s[0] > max(begin_s, 0.5)]
     turns: Counter[tuple[str, str]] = Counter()
     passed: dict[str, list[Passage]] = defaultdict(list)
+    lane_use: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     for crossing in passages:
         at = float(np.nan_to_num(crossing.passed_s, nan=crossing.seen.time_s[0]))
         if not begin_s <= at < end_s:
             continue
         if crossing.approach and crossing.leaving:
             turns[crossing.approach, crossing.leaving] += 1
+            if crossing.lane:
+                lane_use[crossing.approach, crossing.leaving][crossing.lane] += 1
         if crossing.lane and np.isfinite(crossing.passed_s):
             passed[crossing.lane].append(crossing)
     headways = {}
@@ -186,6 +201,7 @@ def measured(
             for one in decisions
             if begin_s <= one.at_s < end_s and (one.refused_s > 0 or np.isfinite(one.taken_s))
         ],
+        {way: dict(used) for way, used in lane_use.items()},
     )
 
 

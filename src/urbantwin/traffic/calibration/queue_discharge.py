@@ -22,8 +22,10 @@ _QUEUED_S = 60.0
 _SAME_QUEUE_S = 8.0
 
 
-def discharge_headways(passages: Sequence[Passage], begin_s: float, end_s: float) -> list[float]:
-    """Return the times between two of a lane who stood in one queue, at its end, seconds.
+def discharge_headways(
+    passages: Sequence[Passage], begin_s: float, end_s: float
+) -> dict[str, list[float]]:
+    """Return by approach the times between two of a lane who left one queue, at its end, seconds.
 
     Trucks and buses, and those behind them, are left out: their length is in such times.
 
@@ -36,7 +38,7 @@ def discharge_headways(passages: Sequence[Passage], begin_s: float, end_s: float
     for one in passages:
         if one.lane and begin_s <= one.passed_s < end_s:
             by_lane[one.lane].append(one)
-    found = []
+    found: dict[str, list[float]] = defaultdict(list)
     for _, ones in sorted(by_lane.items()):
         ones.sort(key=lambda one: one.passed_s)
         for ahead, behind in pairwise(ones):
@@ -46,8 +48,8 @@ def discharge_headways(passages: Sequence[Passage], begin_s: float, end_s: float
             last = _stood_last(behind)
             queued = _queued(ahead) and _queued(behind) and last < ahead.passed_s + _SAME_QUEUE_S
             if headway <= _SAME_QUEUE_S and queued and not heavy:
-                found.append(headway)
-    return found
+                found[behind.approach].append(headway)
+    return dict(found)
 
 
 def _queued(one: Passage) -> bool:

@@ -72,7 +72,7 @@ class _Ways:
     routes: Routes | None
 
 
-def fitted_demand(
+def fitted_demand(  # noqa: PLR0913 - counts have as many sides
     counts: Sequence[Mapping[str, Any]],
     roads: RoadNetwork,
     network: StreetNetwork,
@@ -82,6 +82,7 @@ def fitted_demand(
     duration_s: float,
     seed: int,
     body: Callable[[str, int], str],
+    evenly: bool = True,
 ) -> Demand:
     """Return the trips of the ways that agree best with all counts: see `counts.counted_demand`.
 
@@ -117,7 +118,7 @@ def fitted_demand(
             key = _STREAM + kind * _CLASS + way
             random = np.random.Generator(np.random.Philox(key=[seed, key]))
             flow = wanted_of(volumes[way].tolist(), warmup_s, duration_s)
-            at = departures_of(flow, owed, random)
+            at = departures_of(flow, owed, random, evenly=evenly)
             owed = (owed + sum(count for _, _, count in flow)) % 1.0
             for k, time_s in enumerate(np.round(at, 2).tolist()):
                 one = body(name, way * _MOST_OF_A_WAY + k)

@@ -76,20 +76,26 @@ def wanted_of(
 
 
 def departures_of(
-    wanted: Sequence[tuple[float, float, float]], owed: float, random: np.random.Generator
+    wanted: Sequence[tuple[float, float, float]],
+    owed: float,
+    random: np.random.Generator,
+    *,
+    evenly: bool = True,
 ) -> NDArray[np.float64]:
-    """Return when they set out, one at random in each of as many equal parts as there are of them.
+    """Return when they set out: as many as are wanted, at random.
 
     Args:
         wanted: (from, to, how many).
         owed: what rows before have left of a vehicle, so that shares of vehicles add up.
         random: random numbers.
+        evenly: one in each of as many equal parts as there are of them; else anywhere, as vehicles
+            come that know nothing of each other.
     """
     times = []
     for begin, end, count in wanted:
         whole = int(np.floor(owed + count))
         owed = owed + count - whole
-        times.append(
-            begin + (np.arange(whole) + random.random(whole)) * (end - begin) / max(whole, 1)
-        )
+        drawn = random.random(whole)
+        share = (np.arange(whole) + drawn) / max(whole, 1) if evenly else np.sort(drawn)
+        times.append(begin + share * (end - begin))
     return np.concatenate(times) if times else np.zeros(0)

@@ -27,7 +27,7 @@ _MOST_OF_A_ROW = 100_000  # bodies of a row are drawn by numbers of its own
 _STREAM = 1000  # of random numbers, after those of the classes
 
 
-def counted_demand(
+def counted_demand(  # noqa: PLR0913 - counts have as many sides
     counts: Sequence[Mapping[str, Any]],
     roads: RoadNetwork,
     network: StreetNetwork,
@@ -37,6 +37,7 @@ def counted_demand(
     duration_s: float,
     seed: int,
     body: Callable[[str, int], str],
+    evenly: bool = True,
 ) -> Demand:
     """Return the trips that counts ask for, row by row; each row has random numbers of its own.
 
@@ -49,6 +50,7 @@ def counted_demand(
         duration_s: how long the motion is.
         seed: the same seed gives the same trips.
         body: the asset of the n-th actor of a class.
+        evenly: whether each row's traffic is spread over the time (`departures_of`).
 
     Raises:
         InputError: an approach or a turn is not there; the row is named.
@@ -63,6 +65,7 @@ def counted_demand(
             duration_s=duration_s,
             seed=seed,
             body=body,
+            evenly=evenly,
         )
     trips: list[tuple[Trip, int]] = []
     left_out: list[LeftOut] = []
@@ -81,7 +84,7 @@ def counted_demand(
             edges = None if found is None else way_through(found, way.approach.id, way.exit.id)
             random = np.random.Generator(np.random.Philox(key=[seed, _STREAM + number]))
             wanted = wanted_of(rates, warmup_s, duration_s)
-            at = departures_of(wanted, owed.get(name, 0.5), random)
+            at = departures_of(wanted, owed.get(name, 0.5), random, evenly=evenly)
             owed[name] = (owed.get(name, 0.5) + sum(count for _, _, count in wanted)) % 1.0
             if edges is None:
                 if len(at):

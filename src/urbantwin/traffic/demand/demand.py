@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse.csgraph
@@ -159,6 +160,7 @@ class Demand:
         counted: of each row that was counted, who was planned for it.
         bound: how much of guessed volumes comes.
         passengers: who of them takes buses and trams.
+        approaches: how single approaches are used (`approaches.approaches_of`).
     """
 
     trips: tuple[Trip, ...]
@@ -172,6 +174,7 @@ class Demand:
     counted: tuple[CountedRow, ...] = ()
     bound: Bound = field(default_factory=Bound)
     passengers: Passengers = field(default_factory=Passengers)
+    approaches: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def circulates(self) -> bool:

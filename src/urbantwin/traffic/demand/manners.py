@@ -8,20 +8,21 @@ from typing import Any
 from urbantwin.roads.curve_speed import SIDEWAYS_MS2
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
-__all__ = ["IN_BENDS", "manners_of"]
+__all__ = ["IN_BENDS", "IN_QUEUES", "manners_of"]
 
 _ACCELERATION = "2.6"  # SUMO's for cars
+#: Parameters (no attributes) of a vehicle type: its speed in bends, against what is usual, which
+#: ``curves`` reads, and its headway once it has stood, which ``queue_headway`` reads.
+IN_BENDS, IN_QUEUES = "urbantwin.in_bends", "urbantwin.queue_headway"
 #: Field of ``traffic.drivers`` -> SUMO's attribute.
 _ATTRIBUTES = {
     "headway_s": "tau",
     "standing_gap_m": "minGap",
     "acceleration": "accel",
     "critical_gap_s": "jmTimegapMinor",
+    "queue_headway_s": IN_QUEUES,
     "lane_offset_m": "latAlignment",
 }
-#: Parameter (no attribute) of a vehicle type: its speed in bends, against what is usual; ``curves``
-#: reads it.
-IN_BENDS = "urbantwin.in_bends"
 _FADES_MS, _LEAST_MS2 = (0.0, 10.0, 20.0, 30.0), 0.3
 #: Desired speeds are cut so many standard deviations from their mean.
 _CUT = 2.5

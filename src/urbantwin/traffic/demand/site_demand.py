@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.traffic.demand.approaches import approaches_of
 from urbantwin.traffic.demand.circulation import COMING_IN_S, Circulation
 from urbantwin.traffic.demand.counted_volumes import is_counted
 from urbantwin.traffic.demand.counts import counted_demand
@@ -48,12 +49,15 @@ def demand_of(
         StageError: SUMO failed.
     """
     asked = at_time_of_day(asked or twin.site["traffic"])
+    approaches = approaches_of(asked.get("approaches", ()), twin.roads)
     manners = manners_of(asked.get("drivers", {}))
     own = own_bodies(twin)
     body = fleet_of(twin, seed).body
     in_groups = float(asked.get("in_groups", 0.0))
     if asked.get("counts"):
-        return replace(_counted(twin, asked, duration_s, seed, body), manners=manners)
+        return replace(
+            _counted(twin, asked, duration_s, seed, body), manners=manners, approaches=approaches
+        )
     network = StreetNetwork(twin.net_path, twin.region)
     circulation, bound = None, Bound()
     if twin.site.get("closed_loop"):
@@ -109,7 +113,14 @@ def demand_of(
                 seed=seed,
                 body=body,
             )
-        return replace(demand, carried=found.carried, held_up=held_up, bound=bound, manners=manners)
+        return replace(
+            demand,
+            carried=found.carried,
+            held_up=held_up,
+            bound=bound,
+            manners=manners,
+            approaches=approaches,
+        )
     planned = plan_demand(
         network,
         asked["per_hour"],
@@ -119,7 +130,7 @@ def demand_of(
         body=body,
         in_groups=in_groups,
     )
-    return replace(planned, manners=manners)
+    return replace(planned, manners=manners, approaches=approaches)
 
 
 def _counted(
@@ -143,6 +154,7 @@ def _counted(
         duration_s=duration_s,
         seed=seed,
         body=body,
+        evenly=asked.get("counted_set_out") != "at_random",
     )
     counted = in_platoons(counted, asked.get("arrivals", ()), network, asked.get("drivers", {}))
     others = plan_demand(

@@ -9,7 +9,7 @@ from lxml import etree
 
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
-from urbantwin.traffic.demand.manners import IN_BENDS
+from urbantwin.traffic.demand.manners import IN_BENDS, IN_QUEUES
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 from urbantwin.traffic.sumo.halts import ends_of_halts
 
@@ -36,10 +36,10 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             bounds["width"] = min(mesh.width, _STRIPE_M)
         values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
         values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
-        in_bends = values.pop(IN_BENDS, None)
+        told = {key: values.pop(key) for key in (IN_BENDS, IN_QUEUES) if key in values}
         made = etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
-        if in_bends is not None:
-            etree.SubElement(made, "param", key=IN_BENDS, value=in_bends)
+        for key, value in told.items():
+            etree.SubElement(made, "param", key=key, value=value)
     # SUMO wants them in the order of setting out.
     for number, trip in sorted(enumerate(demand.trips), key=lambda one: one[1].depart_s):
         if trip.beside:  # SUMO knows the one who leads

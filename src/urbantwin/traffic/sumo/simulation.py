@@ -286,6 +286,7 @@ def _worked(  # noqa: PLR0913 - the same
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
             "trams": trams,
+            "approaches": demand.approaches,
             "boarding": boarding_job(demand.passengers),
         }
 

@@ -36,6 +36,7 @@ def _beside(name: str) -> ModuleType:
 
 curving, railways, events = _beside("curves"), _beside("trams"), _beside("staging")
 wrong_lanes, boarding = _beside("wrong_lanes"), _beside("boarding")
+lane_use, queues = _beside("lane_use"), _beside("queue_headway")
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
@@ -238,6 +239,8 @@ def simulate(job: dict[str, Any]) -> None:
     """Run one job."""
     libsumo.start(["sumo", *job["options"]])
     recorder = Recorder(Path(job["arrays"]))
+    lanes = lane_use.LaneUse(job["approaches"])
+    headways = queues.QueueHeadways(job["approaches"])
     stops = boarding.Boarding(job["boarding"])
     watch = Watch(
         job["classes"], job["kinds"], job["outer"], job["stuck_s"], job["parties"], stops.state
@@ -256,6 +259,8 @@ def simulate(job: dict[str, Any]) -> None:
         libsumo.simulationStep()
         recorder.count_incidents()
         if made % per_second == 0:
+            lanes.look()
+            headways.look()
             watch.look(libsumo.simulation.getTime())
             stops.look(libsumo.simulation.getTime())
         step, rest = divmod(made - job["warmup_substeps"], substeps)

@@ -1,0 +1,97 @@
+"""A simulated hour against a recording: the part that was fitted to, and the one held out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from urbantwin.progress import Progress
+from urbantwin.traffic.calibration.agreement import (
+    agreement,
+    chance_between,
+    own_spread,
+    spread_of,
+)
+from urbantwin.traffic.calibration.measured import Measured, joined
+from urbantwin.traffic.calibration.on_twin import measuring, passed
+from urbantwin.traffic.calibration.passages import SeenTrack
+from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
+from urbantwin.twin import Twin
+
+__all__ = ["judged", "told_of"]
+
+#: Spans of a simulation that are compared with all of it, at most; and spans that begin in the same
+#: part of a cycle, about so many.
+_MOST_SPANS, _MOST_CYCLES = 40, 8
+
+
+def judged(
+    twin: Twin,
+    asked: dict[str, Any],
+    recorded: tuple[Measured, Callable[[float, float], Measured], list[SeenTrack]],
+    rest: tuple[float, float],
+    seconds: float,
+    scratch: Path,
+    progress: Progress,
+    cycle_s: float,
+) -> dict[str, Any]:
+    """Return how a simulation agrees with the part that was fitted to, and with the other.
+
+    Where the signals' cycle is known, also how what passes in the same part of the cycle does: a
+    short recording holds out no whole number of cycles.
+    """
+    part, recorded_between, seen = recorded
+    tracks = simulated_tracks(
+        twin,
+        asked,
+        seconds,
+        seen_area(seen),
+        scratch=scratch,
+        told=lambda share: progress(share, "simulating what is judged"),
+    )
+    between_moments = measuring(twin, tracks, *passed(twin, tracks))
+    simulated = between_moments(0.0, seconds)
+    found: dict[str, Any] = {"simulated": told_of(simulated), "fitted": agreement(part, simulated)}
+    found["recording_with_itself_fitted"] = own_spread(part)
+    if rest[1] - rest[0] > 1.0:
+        other = recorded_between(*rest)
+        found["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
+        found["held_out"] = agreement(other, simulated)
+        if cycle_s:
+            # SUMO's clock is the signals', and starts with the warm-up.
+            first = (rest[0] - float(asked["warmup_s"])) % cycle_s
+            begins = np.arange(first, seconds - (rest[1] - rest[0]), cycle_s)
+            begins = begins[:: max(1, len(begins) // _MOST_CYCLES)]  # they overlap
+            parts = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
+            found["held_out_in_the_same_part_of_the_cycle"] = agreement(other, joined(parts))
+        found["recording_with_itself_held_out"] = own_spread(other)
+        begins = np.arange(0.0, seconds - (rest[1] - rest[0]), rest[1] - rest[0])[:_MOST_SPANS]
+        spans = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
+        found["simulation_with_itself_held_out"] = spread_of(spans, simulated)
+        found["fitted_with_held_out"] = agreement(other, part)
+        found["by_chance_held_out"] = chance_between(part, other)
+    return found
+
+
+def told_of(part: Measured) -> dict[str, Any]:
+    """Return what of a measurement stands in ``calibration.json``."""
+    speeds = np.concatenate(part.speeds) if part.speeds else np.zeros(0)
+    return {
+        "seconds": round(part.seconds, 3),
+        "classes": part.classes,
+        "turns": [
+            {"approach": a, "exit": b, "count": count}
+            for (a, b), count in sorted(part.turns.items())
+        ],
+        "speed_quartiles_ms": _quartiles(speeds),
+        "headway_quartiles_s": _quartiles(part.all_headways),
+    }
+
+
+def _quartiles(values: np.ndarray[Any, Any]) -> list[float]:
+    return (
+        [round(float(x), 2) for x in np.quantile(values, [0.25, 0.5, 0.75])] if len(values) else []
+    )

@@ -1,0 +1,105 @@
+"""By which lanes of an approach those leave it who go the same way, where there are several."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from typing import Any
+
+from urbantwin.traffic.calibration.measured import Measured
+from urbantwin.traffic.calibration.passages import JunctionLinks
+
+__all__ = ["FEWEST", "LaneUse", "shrunk"]
+
+_Way = tuple[str, str]
+#: Ways that fewer vehicles took tell nothing of their lanes.
+FEWEST = 20
+#: What is recorded of so many vehicles counts as much as what is usual.
+_AS_MANY = 20
+
+
+def shrunk(recorded: float, usual: float, count: int) -> float:
+    """Return a value between a recorded one and the usual: n / (n + 20) of the way."""
+    return usual + count / (count + _AS_MANY) * (recorded - usual)
+
+
+class LaneUse:
+    """Shares of the lanes by way: so many are led to a lane that as many pass as are wanted.
+
+    What is wanted lies between what was recorded and what drivers do who are not led, which the
+    first simulation tells. The others tell how many of those who are led do not come to their lane.
+
+    Args:
+        recorded: what is fitted to.
+        links: the ways over the junction.
+    """
+
+    def __init__(self, recorded: Measured, links: JunctionLinks) -> None:
+        leads: dict[tuple[str, str], set[str]] = defaultdict(set)
+        for lane, leaving in links.ways.values():
+            leads[lane.rpartition("_")[0], leaving].add(lane)
+        self.recorded: dict[_Way, dict[str, int]] = {}
+        for way, used in sorted(recorded.lane_use.items()):
+            known = {lane: used.get(lane, 0) for lane in sorted(leads[way])}
+            if len(known) > 1 and sum(known.values()) >= FEWEST:
+                self.recorded[way] = known
+        self._usual: dict[_Way, dict[str, int]] = {}
+        self._wanted: dict[_Way, dict[str, float]] = {}
+        self._asked: dict[_Way, dict[str, float]] = {}
+        self._shown: dict[_Way, dict[str, int]] = {}
+
+    def learn(self, simulated: Measured) -> None:
+        """Find by a simulation with `rows` what to ask for next."""
+        for way, used in self.recorded.items():
+            every = simulated.lane_use.get(way, {})
+            shown = {lane: every.get(lane, 0) for lane in used}
+            seen, count = sum(shown.values()), sum(used.values())
+            if not seen:
+                continue
+            if way not in self._wanted:
+                self._usual[way] = shown
+                self._wanted[way] = self._asked[way] = {
+                    lane: shrunk(used[lane] / count, shown[lane] / seen, count) for lane in used
+                }
+                continue
+            self._shown[way] = shown
+            asked = {
+                lane: self._asked[way][lane]
+                * ((wanted * seen + 1) / (shown[lane] + 1)) ** (seen / (seen + _AS_MANY))
+                for lane, wanted in self._wanted[way].items()
+            }
+            self._asked[way] = {lane: one / sum(asked.values()) for lane, one in asked.items()}
+
+    def rows(self) -> dict[str, list[dict[str, Any]]]:
+        """Return by road ``lanes`` of ``traffic.approaches``."""
+        found: dict[str, list[dict[str, Any]]] = defaultdict(list)
+        for (approach, leaving), asked in self._asked.items():
+            shares = {lane: round(one, 3) for lane, one in asked.items() if round(one, 3) > 0}
+            found[approach].append({"turn": leaving, "shares": shares})
+        return dict(found)
+
+    def told(self) -> list[dict[str, Any]]:
+        """Return by way who took which lane: recorded, simulated first, and led."""
+        return [
+            {
+                "approach": way[0],
+                "turn": way[1],
+                "recorded": self.recorded[way],
+                "simulated_unled": self._usual[way],
+                "simulated": self._shown.get(way),
+            }
+            for way in self._wanted
+        ]
+
+
+def approach_rows(lanes: LaneUse, headways: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Return ``traffic.approaches``: of each road its headway of queues and its lanes."""
+    rows = lanes.rows()
+    return [
+        {
+            "approach": road,
+            **({"queue_headway_s": headways[road]} if road in headways else {}),
+            **({"lanes": rows[road]} if road in rows else {}),
+        }
+        for road in sorted({*rows, *headways})
+    ]

@@ -1,0 +1,102 @@
+"""How approaches of a site are used, as SUMO's process takes it (``sumo/lane_use``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from urbantwin.errors import InputError
+from urbantwin.roads import RoadNetwork
+from urbantwin.site.yaml_document import nearest
+
+__all__ = ["approaches_of"]
+
+_MOTORS = {"car", "van", "truck", "bus", "motorcycle"}
+
+
+def approaches_of(told: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> dict[str, Any]:
+    """Return by road the headway of its queues, and by the road that follows shares of lanes.
+
+    Args:
+        told: ``traffic.approaches`` of the site.
+        roads: the lanes.
+
+    Returns:
+        By road ``queue_headway_s``, or ``None``, and ``lanes``: road that follows -> SUMO's number
+        of a lane -> share, which are 1 together.
+
+    Raises:
+        InputError: there is no such road or lane, it is told twice, or a lane does not lead there.
+    """
+    lanes_of = {road.id: road.lanes for road in roads.roads}
+    found: dict[str, Any] = {}
+    for number, one in enumerate(told):
+        place, road = f"traffic.approaches[{number}]", one["approach"]
+        if road not in lanes_of:
+            raise InputError(
+                f"there is no road {road!r:.60}",
+                place=f"{place}.approach",
+                expected=f"a road's id: {nearest(road, list(lanes_of))}",
+            )
+        if road in found:
+            raise InputError(
+                f"road {road!r:.60} is told twice", place=f"{place}.approach", expected="one row"
+            )
+        leads = {
+            lane: _follow(lane, roads)
+            for lane in lanes_of[road]
+            if _MOTORS & {*roads.lane_by_id[lane].allowed}
+        }
+        turns: dict[str, dict[str, float]] = {}
+        for row, use in enumerate(one.get("lanes") or ()):
+            where = f"{place}.lanes[{row}]"
+            turn = _turn(use["turn"], leads, turns, f"{where}.turn")
+            turns[turn] = _shares(use, leads, f"{where}.shares")
+        found[road] = {"queue_headway_s": one.get("queue_headway_s"), "lanes": turns}
+    return found
+
+
+def _turn(turn: str, leads: Mapping[str, set[str]], known: Mapping[str, object], place: str) -> str:
+    """Return the road that follows, if it does."""
+    there = sorted(set().union(*leads.values()))
+    if turn not in there:
+        raise InputError(
+            f"no lane of the approach leads to road {turn!r:.60}",
+            place=place,
+            expected=f"one of {', '.join(there) or 'none'}",
+        )
+    if turn in known:
+        raise InputError(f"road {turn!r:.60} is told twice", place=place, expected="one row")
+    return turn
+
+
+def _shares(use: Mapping[str, Any], leads: Mapping[str, set[str]], place: str) -> dict[str, float]:
+    """Return shares by SUMO's numbers of lanes, 1 together."""
+    there = sorted(lane for lane, follow in leads.items() if use["turn"] in follow)
+    for lane in use["shares"]:
+        if lane not in there:
+            raise InputError(
+                f"{lane!r:.60} is no lane of the approach that leads to road {use['turn']!r:.60}",
+                place=place,
+                expected=f"some of {', '.join(there)}",
+            )
+    whole = sum(use["shares"].values())
+    return {lane.rpartition("_")[2]: share / whole for lane, share in use["shares"].items()}
+
+
+def _follow(lane: str, roads: RoadNetwork) -> set[str]:
+    """Return the roads that a lane leads to, over a junction's lanes."""
+    ids = {road.id for road in roads.roads}
+    found: set[str] = set()
+    ahead, been = list(roads.lane_by_id[lane].successors), set[str]()
+    while ahead:
+        name = ahead.pop()
+        if name in been or name not in roads.lane_by_id:
+            continue
+        been.add(name)
+        one = roads.lane_by_id[name]
+        if one.road in ids:
+            found.add(one.road)
+        else:
+            ahead += one.successors
+    return found
