@@ -48,7 +48,7 @@ TRUE = {
             "yaw_deg": 30.0,
             "pitch_deg": 6.0,
             "roll_deg": -1.0,
-            "calibration": {"range_noise": 1.8, "light": 0.5, "missing": 0.04},
+            "calibration": {"range_noise": 1.8, "light": 0.8, "missing": 0.04},
         }
     ],
 }
@@ -182,7 +182,7 @@ def test_a_known_truth_is_recovered(place, fitted):
     bright = rig["reflectivity"]
     assert bright["asphalt"] / bright["concrete"] == pytest.approx(0.7, rel=0.08)
     assert unit["intensity"] == pytest.approx(1.0, rel=0.1)
-    assert unit["light"] * bright["asphalt"] == pytest.approx(0.5 * 0.7, rel=0.15)
+    assert unit["light"] * bright["asphalt"] == pytest.approx(0.8 * 0.7, rel=0.15)
     assert on(place[0], out / "rig.yaml").sensors[0].calibration.missing == unit["missing"]
     assert {one["verdict"] for one in found["held_out"]["groups"].values()} == {"better"}
 
