@@ -19,6 +19,7 @@ from urbantwin.interface.campaign_folder import (
     SHARDS,
     SPLIT,
     Campaign,
+    dataset_name,
     shard_sources,
 )
 from urbantwin.interface.place import AnyPath, beside
@@ -306,8 +307,7 @@ def _picture(made: Campaign, folder: Path) -> Path | None:
     count = min(len(rows), _PICTURED)
     chosen = [rows[number * len(rows) // count] for number in range(count)]
     frames = [
-        ("-".join(Path(row["path"]).parts[1:]), read_labelled_points(made.folder / row["path"]))
-        for row in chosen
+        (dataset_name(row), read_labelled_points(made.folder / row["path"])) for row in chosen
     ]
     (folder / "pictures").mkdir()
     path = folder / "pictures" / "cells.png"

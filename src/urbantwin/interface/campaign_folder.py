@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from urbantwin.exports.frames.shards import ShardSource
     from urbantwin.interface.dataset import Dataset
 
-__all__ = ["INDEX", "KIND", "SHARDS", "SPLIT", "Campaign", "shard_sources"]
+__all__ = ["INDEX", "KIND", "SHARDS", "SPLIT", "Campaign", "dataset_name", "shard_sources"]
 
 KIND = "campaign"
 #: In a campaign's folder: the index, the shards, and the split by scenario.
@@ -51,7 +51,7 @@ class Campaign(Datasets):
         self.manifest = manifest or {}
         self.plan = plan
         self._rows = tuple(self.manifest.get("datasets", []) if rows is None else rows)
-        self._names = ["-".join(Path(row["path"]).parts[1:]) for row in self._rows]
+        self._names = [dataset_name(row) for row in self._rows]
         self._divided = None
 
     @classmethod
@@ -193,6 +193,11 @@ class Campaign(Datasets):
                 f"{self.folder}: {len(failed)} of {cells} cells failed; the same command tries "
                 f"them again; first {failed[0]['path']}: {failed[0]['why']}"
             )
+
+
+def dataset_name(row: Mapping[str, Any]) -> str:
+    """Return what the dataset of a row is called among those of the campaign."""
+    return "-".join(Path(row["path"]).parts[1:])
 
 
 def shard_sources(made: Campaign) -> list[ShardSource]:

@@ -43,7 +43,7 @@ def approaches_of(told: Sequence[Mapping[str, Any]], roads: RoadNetwork) -> dict
                 f"road {road!r:.60} is told twice", place=f"{place}.approach", expected="one row"
             )
         leads = {
-            lane: _follow(lane, roads)
+            lane: {after.road for after in roads.lanes_beyond(roads.lane_by_id[lane])}
             for lane in lanes_of[road]
             if _MOTORS & {*roads.lane_by_id[lane].allowed}
         }
@@ -82,21 +82,3 @@ def _shares(use: Mapping[str, Any], leads: Mapping[str, set[str]], place: str) -
             )
     whole = sum(use["shares"].values())
     return {lane.rpartition("_")[2]: share / whole for lane, share in use["shares"].items()}
-
-
-def _follow(lane: str, roads: RoadNetwork) -> set[str]:
-    """Return the roads that a lane leads to, over a junction's lanes."""
-    ids = {road.id for road in roads.roads}
-    found: set[str] = set()
-    ahead, been = list(roads.lane_by_id[lane].successors), set[str]()
-    while ahead:
-        name = ahead.pop()
-        if name in been or name not in roads.lane_by_id:
-            continue
-        been.add(name)
-        one = roads.lane_by_id[name]
-        if one.road in ids:
-            found.add(one.road)
-        else:
-            ahead += one.successors
-    return found

@@ -24,19 +24,23 @@ class QueueHeadways:
 
     Args:
         told: by road ``queue_headway_s``, which goes before that of a vehicle's type.
+        of_types: whether any type may have one.
     """
 
-    def __init__(self, told: dict[str, Any]) -> None:
+    def __init__(self, told: dict[str, Any], of_types: bool = True) -> None:
         self.roads = {
             road: one["queue_headway_s"]
             for road, one in told.items()
             if one["queue_headway_s"] is not None
         }
+        self.of_any = of_types or bool(self.roads)
         self.kinds: dict[str, float | None] = {}
         self.stood: dict[str, tuple[str, float]] = {}
 
     def look(self) -> None:
         """See who stands, and who has left the road where it stood, at a whole second."""
+        if not self.of_any:
+            return
         vehicle = libsumo.vehicle
         there = vehicle.getIDList()
         stood: dict[str, tuple[str, float]] = {}

@@ -27,6 +27,7 @@ from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.demand.manners import IN_QUEUES
 from urbantwin.traffic.demand.passengers import boarding_job
 from urbantwin.traffic.sumo.halts import write_stops
 from urbantwin.traffic.sumo.kept_runs import kept_run
@@ -287,6 +288,7 @@ def _worked(  # noqa: PLR0913 - the same
             "curves": curves_of(net_path),
             "trams": trams,
             "approaches": demand.approaches,
+            "queue_headways": any(IN_QUEUES in told for told in demand.manners.values()),
             "boarding": boarding_job(demand.passengers),
         }
 

@@ -240,7 +240,7 @@ def simulate(job: dict[str, Any]) -> None:
     libsumo.start(["sumo", *job["options"]])
     recorder = Recorder(Path(job["arrays"]))
     lanes = lane_use.LaneUse(job["approaches"])
-    headways = queues.QueueHeadways(job["approaches"])
+    headways = queues.QueueHeadways(job["approaches"], job["queue_headways"])
     stops = boarding.Boarding(job["boarding"])
     watch = Watch(
         job["classes"], job["kinds"], job["outer"], job["stuck_s"], job["parties"], stops.state
