@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -107,6 +108,19 @@ def test_frames_are_the_same_whatever_came_before(street, rig_of, crowd):
     np.testing.assert_array_equal(
         [one.box for one in after.boxes], [one.box for one in fresh.boxes]
     )
+
+
+def test_threads_cast_side_by_side(street, rig_of, crowd):
+    """Turns of several threads are on the device at once; none sees what another sent."""
+    rig = rig_of(street, {"columns": 512})
+    scanner = Scanner(street, rig, 1, backend="warp:cpu")
+    crowds = [moving(crowd(5 + 4 * number, number)) for number in range(4)]
+    alone = [scanner.scan(number, one) for number, one in enumerate(crowds)]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(scanner.scan, range(4), crowds))
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
+        np.testing.assert_array_equal(one.instance, other.instance)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
@@ -24,6 +25,7 @@ _ALIGNED = 64
 class WarpTracer:
     """Casts on a device, where shapes and beams stay; a turn sends its poses and rays.
 
+    Several threads may cast a turn each: while one waits for the device, another sends the next.
     See `tracer.RayTracer`.
 
     Args:
@@ -35,10 +37,8 @@ class WarpTracer:
 
     def __init__(self, device: str | None = None) -> None:
         self._device = warp_device(device)
-        self._staging = _Staging(self._device)
-        self._work = _Work(self._device)
-        self._expected = 1  # layers of a turn, by the one before
-        self._lock = Lock()  # Frames may be scanned by several threads.
+        self._lock = Lock()  # Warp has one current stream, and what is kept is for all threads.
+        self._lanes: list[_Lane] = []  # that no thread uses at the moment
         self._kept: OrderedDict[tuple[str, int], tuple[Any, Any]] = OrderedDict()
         self._trees: dict[int, tuple[Any, Any]] = {}
 
@@ -50,74 +50,89 @@ class WarpTracer:
 
         from urbantwin.lidar.casting.device import cast, poses
 
-        with self._lock:
-            device, count, shape = self._device, len(blocks.ray), actors.shape
-            if not count:
-                return Layers.room(0, len(shape)).found(0)
-            meshes, surfaces = self._shapes(actors.shapes)
-            directions = self._keep("beams", firing.directions, wp.vec3d)
-            footprint = self._keep("footprint", firing.footprint, wp.vec2d)
-            f8, i4 = wp.float64, wp.int32
-            knots = zip(actors.paths, (f8, wp.mat33d, wp.vec3d, wp.vec3d), strict=True)
-            fired = zip(firing[:4], (f8, f8, wp.mat33d, wp.vec3d), strict=True)
-            stands = [(np.asarray(column, np.int32), i4) for column in (*blocks, shape)]
-            there = self._staging.sent([*knots, *fired, *stands])
-            motion, when, lie = poses.Motion(), poses.Turn(), cast.Blocks()
-            motion.time, motion.rotation, motion.place, motion.turn = there[:4]
-            when.column_time, when.ring_time, when.rotation, when.place = there[4:8]
-            lie.actor, lie.rows, lie.wide, lie.start, lie.ray, surfaces.shape = there[8:]
-
-            several = len(shape)
-            work = self._work.room_for(count, several)
-            work.tally.zero_()
-            wp.launch(
-                cast.cast_axes,
-                dim=count,
-                inputs=[meshes, surfaces.shape, motion, when, lie, directions],
-                outputs=[work.pose, work.range_m, work.face, work.tally],
-                device=device,
-            )
+        device, count, shape = self._device, len(blocks.ray), actors.shape
+        if not count:
+            return Layers.room(0, len(shape)).found(0)
+        several = len(shape)
+        with self._lane() as lane:
+            staging, work = lane.staging, lane.work
+            with self._lock, lane.current():
+                meshes, surfaces = self._shapes(actors.shapes)
+                directions = self._keep("beams", firing.directions, wp.vec3d)
+                footprint = self._keep("footprint", firing.footprint, wp.vec2d)
+                f8, i4 = wp.float64, wp.int32
+                knots = zip(actors.paths, (f8, wp.mat33d, wp.vec3d, wp.vec3d), strict=True)
+                fired = zip(firing[:4], (f8, f8, wp.mat33d, wp.vec3d), strict=True)
+                stands = [(np.asarray(column, np.int32), i4) for column in (*blocks, shape)]
+                there = staging.sent([*knots, *fired, *stands])
+                motion, when, lie = poses.Motion(), poses.Turn(), cast.Blocks()
+                motion.time, motion.rotation, motion.place, motion.turn = there[:4]
+                when.column_time, when.ring_time, when.rotation, when.place = there[4:8]
+                lie.actor, lie.rows, lie.wide, lie.start, lie.ray, shape_there = there[8:]
+                work.room_for(count, several)
+                work.tally.zero_()
+                wp.launch(
+                    cast.cast_axes,
+                    dim=count,
+                    inputs=[meshes, shape_there, motion, when, lie, directions],
+                    outputs=[work.pose, work.range_m, work.face, work.tally],
+                    device=device,
+                )
             while True:
-                wp.launch(
-                    cast.find_layers,
-                    dim=count,
-                    inputs=[
-                        meshes, surfaces, lie, directions, footprint, casting.glass,
-                        casting.spread, casting.around, work.pose, work.range_m, work.face,
-                    ],
-                    outputs=[work.tally, work.found, work.first, work.many],
-                    device=device,
-                )  # fmt: skip
-                wp.utils.array_scan(work.many, work.place, inclusive=False)
-                wp.launch(
-                    cast.put_in_order,
-                    dim=count,
-                    inputs=[work.found, work.first, work.many, work.place],
-                    outputs=[work.ordered],
-                    device=device,
-                )
-                # How many there are comes with as many as there may be: the device is waited for
-                # once, unless there are more.
-                counts, ordered = self._staging.received(
-                    [(work.tally, 1 + 2 * several), (work.ordered, self._expected)]
-                )
+                with self._lock, lane.current():
+                    wp.launch(
+                        cast.find_layers,
+                        dim=count,
+                        inputs=[
+                            meshes, surfaces, shape_there, lie, directions, footprint,
+                            casting.glass, casting.spread, casting.around, work.pose,
+                            work.range_m, work.face,
+                        ],
+                        outputs=[work.tally, work.found, work.first, work.many],
+                        device=device,
+                    )  # fmt: skip
+                    wp.utils.array_scan(work.many, work.place, inclusive=False)
+                    wp.launch(
+                        cast.put_in_order,
+                        dim=count,
+                        inputs=[work.found, work.first, work.many, work.place],
+                        outputs=[work.ordered],
+                        device=device,
+                    )
+                    # How many there are comes with as many as there may be: the device is waited
+                    # for once, unless there are more.
+                    staging.ask([(work.tally, 1 + 2 * several), (work.ordered, lane.expected)])
+                counts, ordered = staging.received()
                 used = int(counts[0])
                 if used <= work.layers:
                     break
-                self._work.more_layers(used)
-                work.tally[:1].zero_()
+                with self._lock, lane.current():
+                    work.more_layers(used)
+                    work.tally[:1].zero_()
             if used > len(ordered):
-                (ordered,) = self._staging.received([(work.ordered, used)])
-            self._expected = min(used + used // 4 + 64, work.layers)
-            seen = counts[1 : 1 + several]
-            seen_s = counts[1 + several :].astype(np.float64) / cast.PICOSECONDS
-            ray, actor, mask, own_face, at, cosine = (
-                np.ascontiguousarray(ordered[name][:used])
-                for name in ("ray", "actor", "mask", "face", "range_m", "cosine")
-            )
-            return Layers(
-                ray, actor, mask.astype(np.uint8), at, cosine, own_face, seen_s, seen
-            ).found(used)
+                with self._lock, lane.current():
+                    staging.ask([(work.ordered, used)])
+                (ordered,) = staging.received()
+            lane.expected = min(used + used // 4 + 64, work.layers)
+        seen = counts[1 : 1 + several]
+        seen_s = counts[1 + several :].astype(np.float64) / cast.PICOSECONDS
+        ray, actor, mask, own_face, at, cosine = (
+            np.ascontiguousarray(ordered[name][:used])
+            for name in ("ray", "actor", "mask", "face", "range_m", "cosine")
+        )
+        return Layers(ray, actor, mask.astype(np.uint8), at, cosine, own_face, seen_s, seen).found(
+            used
+        )
+
+    @contextmanager
+    def _lane(self) -> Iterator[_Lane]:
+        """Lend a lane to one turn."""
+        with self._lock:
+            lane = self._lanes.pop() if self._lanes else _Lane(self._device)
+        yield lane
+        # Where a turn failed, what the device still does with its lane is not known: it is left.
+        with self._lock:
+            self._lanes.append(lane)
 
     def _shapes(self, shapes: Shapes) -> tuple[Any, Any]:
         """Return the shapes on the device; those that came before are not sent again."""
@@ -147,6 +162,7 @@ class WarpTracer:
         surfaces.offset = wp.array(planes["offset"], dtype=wp.float64, device=device)
         surfaces.pane = wp.array(planes["pane"].astype(np.uint8), dtype=wp.uint8, device=device)
         made = (device_meshes(trees, meshes, device), surfaces)
+        self._settle()
         self._remember(key, shapes.triangles.planes, made)
         return made
 
@@ -157,14 +173,40 @@ class WarpTracer:
         key = (name, id(values))
         if key not in self._kept:
             sent = wp.array(np.ascontiguousarray(values), dtype=dtype, device=self._device)
+            self._settle()
             self._remember(key, values, sent)
         return self._kept[key][1]
+
+    def _settle(self) -> None:
+        """Wait for what was sent to stay: other threads' streams do not."""
+        import warp as wp
+
+        if self._device.is_cuda:
+            wp.synchronize_device(self._device)
 
     def _remember(self, key: tuple[str, int], owner: object, value: object) -> None:
         """Keep a value with what it was made from, whose id stays taken that way."""
         self._kept[key] = (owner, value)
         while len(self._kept) > _MOST_KEPT:
             self._kept.popitem(last=False)
+
+
+class _Lane:
+    """What one turn after another needs for itself: a stream of the device, and memory."""
+
+    def __init__(self, device: Any) -> None:  # noqa: ANN401
+        import warp as wp
+
+        self._stream = wp.Stream(device) if device.is_cuda else None
+        self.staging = _Staging(device, self._stream)
+        self.work = _Work(device)
+        self.expected = 1  # layers of a turn, by the one before
+
+    def current(self) -> Any:  # noqa: ANN401
+        """Return a context in which the device works on this lane's stream."""
+        import warp as wp
+
+        return wp.ScopedStream(self._stream, sync_enter=False)
 
 
 class _Work:
@@ -222,10 +264,11 @@ class _Work:
 class _Staging:
     """Host memory that the device copies from and to at full speed; it grows and stays."""
 
-    def __init__(self, device: Any) -> None:  # noqa: ANN401
-        self._device = device
+    def __init__(self, device: Any, stream: Any) -> None:  # noqa: ANN401
+        self._device, self._stream = device, stream
         self._host: dict[str, Any] = {}
         self._there: Any = None
+        self._asked: list[NDArray[Any]] = []
 
     def sent(self, arrays: Sequence[tuple[NDArray[Any], Any]]) -> list[Any]:
         """Return arrays on the device, after one copy; they are overwritten by the next call.
@@ -259,8 +302,8 @@ class _Staging:
             for (values, dtype), start in zip(parts, starts[:-1], strict=True)
         ]
 
-    def received(self, wanted: Sequence[tuple[Any, int]]) -> list[NDArray[Any]]:
-        """Return the first values of arrays on the device, once it has them; it is waited for once.
+    def ask(self, wanted: Sequence[tuple[Any, int]]) -> None:
+        """Have the first values of arrays copied to the host when the device gets there.
 
         Args:
             wanted: arrays, and how many values of each.
@@ -268,7 +311,8 @@ class _Staging:
         import warp as wp
 
         if not self._device.is_cuda:
-            return [array.numpy()[:count].copy() for array, count in wanted]
+            self._asked = [array.numpy()[:count] for array, count in wanted]
+            return
         kinds = [_numpy_type(array.dtype) for array, _ in wanted]
         sizes = [count * kind.itemsize for (_, count), kind in zip(wanted, kinds, strict=True)]
         starts = np.cumsum([0, *(-(-size // _ALIGNED) * _ALIGNED for size in sizes)])
@@ -283,12 +327,19 @@ class _Staging:
                 pinned=True,
             )
             wp.copy(there, array, count=count)
-        wp.synchronize_stream(self._device)
         block = host.numpy()
-        return [
-            block[start : start + size].view(kind).copy()
+        self._asked = [
+            block[start : start + size].view(kind)
             for start, size, kind in zip(starts[:-1], sizes, kinds, strict=True)
         ]
+
+    def received(self) -> list[NDArray[Any]]:
+        """Return what was asked for, once it is there."""
+        import warp as wp
+
+        if self._stream is not None:
+            wp.synchronize_stream(self._stream)
+        return [values.copy() for values in self._asked]
 
     def _room(self, way: str, size: int) -> Any:  # noqa: ANN401
         import warp as wp

@@ -47,9 +47,8 @@ class Blocks:
 
 @wp.struct
 class Surfaces:
-    """Shape of each actor (A,), bounds of each shape, planes and panes of all faces."""
+    """Bounds of each shape, planes and panes of all faces."""
 
-    shape: wp.array(dtype=wp.int32)
     low: wp.array(dtype=wp.vec3d)
     high: wp.array(dtype=wp.vec3d)
     normal: wp.array(dtype=wp.vec3d)
@@ -186,6 +185,7 @@ def is_edge(
 def find_layers(
     meshes: Meshes,
     surfaces: Surfaces,
+    shapes: wp.array(dtype=wp.int32),
     blocks: Blocks,
     beams: wp.array(dtype=wp.vec3d),
     footprint: wp.array(dtype=wp.vec2d),
@@ -209,7 +209,7 @@ def find_layers(
     ray = blocks.ray[at]
     block = block_of(blocks, at)
     actor = blocks.actor[block]
-    shape = surfaces.shape[actor]
+    shape = shapes[actor]
     base = meshes.first_face[shape]
     own = pose[at]
     edge = spread == 2
