@@ -191,6 +191,8 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
         said = found.of(number).box
         apart = np.linalg.norm(wanted[:, None, :3] - said[None, :, :3], axis=2)
         assert apart.min(axis=1).max() < 0.5
+    with pytest.raises(ut.InputError, match=r"/detections: 2 frames do not tell .* at least 10"):
+        ut.detect(folder, street, tmp_path / "d", standing=tmp_path / "detections", progress=False)
     judged = ut.evaluate(folder, street, tmp_path / "report", progress=False)
     assert (tmp_path / "report-detections" / "detections.json").is_file()
     assert judged.manifest["frames"] == 2

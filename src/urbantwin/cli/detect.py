@@ -18,6 +18,8 @@ urbantwin detect model/ dataset/ -o detections/
 urbantwin detect model/ kitti/training/ -o detections/
 urbantwin detect model/ dataset/ -o detections/ --part test
 urbantwin detect model/ real/ -o detections/ --least 0.3
+urbantwin detect model/ another-hour/ -o before/
+urbantwin detect model/ real/ -o detections/ --standing before/
 """
 
 
@@ -33,12 +35,27 @@ def detect(
         str | None, typer.Option(help="How the frames lie.  [default: found out]")
     ] = None,
     part: PartOfSplit = "all",
+    standing: Annotated[
+        Path | None,
+        typer.Option(
+            help="Detections in other frames of the same fixed sensors: people and riders that "
+            "are at one place in half of them are left out."
+        ),
+    ] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Detect road users: boxes with classes and scores for `track` and `evaluate`."""
     made = ut.detect(
-        model, frames, out, least=least, layout=layout, part=part, device=device, progress=not quiet
+        model,
+        frames,
+        out,
+        least=least,
+        layout=layout,
+        part=part,
+        standing=standing,
+        device=device,
+        progress=not quiet,
     )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

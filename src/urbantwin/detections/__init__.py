@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         write_detections,
     )
     from urbantwin.detections.semantic import read_semantic, write_semantic
+    from urbantwin.detections.standing import standing_places, without_standing
 
 __all__ = [
     "DETECTED_CLASSES",
@@ -31,6 +32,8 @@ __all__ = [
     "put_detections",
     "read_detections",
     "read_semantic",
+    "standing_places",
+    "without_standing",
     "write_detections",
     "write_semantic",
 ]

@@ -50,7 +50,7 @@ class DetectedObjects:
         )
 
 
-def detect(
+def detect(  # noqa: PLR0913 - the options of the command
     model: AnyPath,
     frames: AnyPath,
     out: AnyPath | None = None,
@@ -58,6 +58,7 @@ def detect(
     least: float = 0.05,
     layout: str | None = None,
     part: str = "all",
+    standing: AnyPath | None = None,
     device: str = "cpu",
     progress: ShowProgress = True,
 ) -> DetectedObjects:
@@ -71,14 +72,25 @@ def detect(
         layout: how the frames lie; found out when not given.
         part: of a dataset that is split, the frames to look at: ``train``, ``val``, ``test``;
             ``all`` of them when not given.
+        standing: detections in other frames of the same sensors, which stand still: whoever is
+            found as a person or rider at one place in half of them is a post or a hedge, and is
+            left out.
         device: of torch: ``cpu``, ``cuda``.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
-        InputError: torch is not installed, or the model or the frames cannot be used.
+        InputError: torch is not installed, the model, the frames or ``standing`` cannot be used,
+            or it is of too few frames.
     """
     from urbantwin.artefact import replaced_folder
-    from urbantwin.detections import check_detections_folder, put_detections, write_semantic
+    from urbantwin.detections import (
+        check_detections_folder,
+        put_detections,
+        read_detections,
+        standing_places,
+        without_standing,
+        write_semantic,
+    )
     from urbantwin.learn.torch_device import check_torch
 
     check_torch(device)
@@ -86,9 +98,12 @@ def detect(
 
     source, real = Path(model), Path(frames)
     target = beside(real, "detections") if out is None else Path(out)
-    inputs = [source, real]
+    inputs = [source, real] if standing is None else [source, real, Path(standing)]
     check_detections_folder(target, inputs)
     with shown_stage("detect", progress, brief=True) as tell:
+        places = None
+        if standing is not None:
+            places = standing_places(read_detections(Path(standing)), Path(standing))
         detector = read_model(source, device)
         recording = recording_of_part(real, layout, part)
         made_by = {"urbantwin": "detect", "least": least, "model": dict(detector.trained)}
@@ -101,5 +116,8 @@ def detect(
                 semantic=partial(write_semantic, scratch),
                 tell=tell,
             )
+            if places is not None:
+                found = without_standing(found, places)
+                made_by["standing_places"] = len(places)
             put_detections(scratch, found, made_by)
     return DetectedObjects(target, found)
