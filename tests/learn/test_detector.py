@@ -30,6 +30,7 @@ from urbantwin.learn import (  # noqa: E402
     write_model,
 )
 from urbantwin.learn.augmentation.placement import Placement  # noqa: E402
+from urbantwin.learn.augmentation.sizes import resized  # noqa: E402
 from urbantwin.learn.compiled.box_points import points_in_boxes  # noqa: E402
 from urbantwin.learn.decoding import boxes_of_maps  # noqa: E402
 from urbantwin.learn.frames import IGNORED, LevelFrame, level_frame_from  # noqa: E402
@@ -101,6 +102,40 @@ def test_who_is_ignored_and_where_nothing_counts_teaches_nothing() -> None:
     assert target.objects == 0
     assert not target.counts.any()
     assert not target.weight.any()
+
+
+def test_who_is_resized_keeps_his_ground_his_place_and_his_points() -> None:
+    draw = np.random.default_rng(7)
+    plan = np.stack(np.meshgrid(*[np.arange(-30, 31, 10.0)] * 2), -1).reshape(-1, 2)
+    number = np.arange(len(plan)) % 3 - 1  # ignored, a car, a pedestrian
+    size = np.where(number[:, None] == 1, [[0.7, 0.6, 1.8]], [[4.5, 1.8, 1.5]])
+    yaw = draw.uniform(-np.pi, np.pi, len(plan))
+    box = np.column_stack([plan, size[:, 2] / 2 + 0.05, size, yaw])
+    owner = np.repeat(np.arange(len(box)), 20)
+    inside = draw.uniform(-0.5, 0.5, (len(owner), 3)).astype(np.float32)
+
+    def placed(box: np.ndarray) -> np.ndarray:
+        mine, c, s = box[owner], np.cos(box[owner, 6]), np.sin(box[owner, 6])
+        x, y, z = (inside * mine[:, 3:6]).T
+        return mine[:, :3] + np.column_stack([x * c - y * s, x * s + y * c, z])
+
+    ground = np.column_stack([draw.uniform(-35, 35, (500, 2)), np.full(500, -0.3)])
+    points = np.concatenate([placed(box), ground]).astype(np.float32)
+    ring = np.zeros(len(points), np.int32)
+    nowhere = np.zeros((0, 3)), np.ones((1, 1), bool)
+    frame = LevelFrame(points, ring, ring.astype(np.uint8), nowhere[0], box, number, nowhere[1])
+    got = resized(frame, ("car", "pedestrian"), draw)
+    assert np.abs(got.points[: len(owner)] - placed(got.box)).max() < 1e-4
+    assert np.array_equal(got.points[len(owner) :], points[len(owner) :])
+    same = [0, 1, 6]
+    assert np.array_equal(got.box[:, same], box[:, same])
+    np.testing.assert_allclose(got.box[:, 2] - got.box[:, 5] / 2, 0.05)
+    ratio = got.box[:, 3:6] / box[:, 3:6]
+    assert np.all(ratio[number == -1] == 1)
+    np.testing.assert_allclose(ratio[:, 0], ratio[:, 1])
+    assert 0.78 <= ratio[number == 0, 0].min() < 0.88
+    assert 1.0 < ratio[number == 0, 0].max() <= 1.1
+    assert np.all(np.abs(ratio[number == 1] - 1) <= 0.08)
 
 
 def test_points_stay_in_their_boxes_when_a_frame_is_turned_mirrored_and_scaled() -> None:
@@ -178,7 +213,7 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
     design = Design(("car",), 12.0, points=("car", "road"))
     frames = labelled_frames([street], design, tmp_path / "frames", untold)
     assert frames.objects == (10,)
-    same = Varied(placed=False, beams=False, objects=False)
+    same = Varied(placed=False, beams=False, objects=False, sizes=False)
     recipe = Recipe(steps=140, batch=2, window_m=24.0, varied=same)
     network, *_ = trained(frames, design, recipe, tmp_path / "state", untold)
     folder = tmp_path / "model"

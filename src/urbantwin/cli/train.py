@@ -54,7 +54,7 @@ def train(
         typer.Option(
             metavar="KIND",
             help="Do not vary samples so: placed (turned, mirrored, scaled), beams (fewer), "
-            "objects (of other frames).",
+            "objects (of other frames), sizes (of objects).",
         ),
     ] = None,
     clutter: Annotated[

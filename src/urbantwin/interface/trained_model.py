@@ -84,7 +84,7 @@ def train(  # noqa: PLR0913 - the options of the command
         batch: windows of frames in a step.
         width: multiple of the channels of the network for two processors.
         intensity: tell it of intensities (0..1): those of other sensors may mean something else.
-        without: how samples are not varied: ``placed``, ``beams``, ``objects``.
+        without: how samples are not varied: ``placed``, ``beams``, ``objects``, ``sizes``.
         clutter: set bushes, hedges, walls and bins without a label into samples.
         heads: what it tells: ``boxes``, and ``points``: the semantic class of every point; boxes
             when not given.

@@ -12,6 +12,7 @@ from urbantwin.learn.augmentation.beams import thinned
 from urbantwin.learn.augmentation.clutter import cluttered
 from urbantwin.learn.augmentation.pasting import ObjectBank, pasted
 from urbantwin.learn.augmentation.placement import Placement, drawn_placement
+from urbantwin.learn.augmentation.sizes import resized
 from urbantwin.learn.compiled.box_points import points_in_boxes
 from urbantwin.learn.frames import COUNTED_M, IGNORED, LEAST_POINTS, LevelFrame
 from urbantwin.learn.grid import Grid
@@ -33,12 +34,14 @@ class Varied:
         placed: turned, mirrored, scaled.
         beams: with fewer beams.
         objects: with objects of other frames.
+        sizes: with larger and smaller objects.
         clutter: with things that have no label; off, as nothing has shown yet that it pays.
     """
 
     placed: bool = True
     beams: bool = True
     objects: bool = True
+    sizes: bool = True
     clutter: bool = False
 
 
@@ -67,7 +70,7 @@ def varied_window(
         frame: labelled or not.
         window_m: width of the square window of it.
         draw: random numbers.
-        classes: whose objects are pasted.
+        classes: whose objects are pasted and resized.
         bank: objects to paste.
         rig: of the frame.
         varied: how; in every way if not given.
@@ -91,6 +94,8 @@ def varied_window(
     )
     near = (along < far) & (across < far)
     frame = _some_points(frame, near)
+    if varied.sizes and classes:
+        frame = resized(frame, classes, draw)
     return replace(frame, points=placement.points(frame.points)), placement
 
 
