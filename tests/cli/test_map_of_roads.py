@@ -22,10 +22,10 @@ def map_file(open_avenues_twin, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def begun(map_file, run_program, tmp_path_factory):
+def begun(map_file, run_once, tmp_path_factory):
     """What `init` makes of it, and what it tells."""
     folder = tmp_path_factory.mktemp("begun") / "site"
-    outcome = run_program("init", map_file, "-o", folder, "--json")
+    outcome = run_once("init", map_file, "-o", folder, "--json")
     assert outcome.code == 0, outcome.err
     return folder, json.loads(outcome.out)
 
