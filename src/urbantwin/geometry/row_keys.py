@@ -23,4 +23,4 @@ def row_keys(rows: NDArray[np.integer[Any]]) -> NDArray[np.integer[Any]]:
     size = rows.max(axis=0).astype(np.float64) - low + 1
     if np.prod(size) > 2**52:  # no float is exact beyond it
         return rows
-    return np.ravel_multi_index(tuple((rows - low).T), tuple(size.astype(np.int64)))
+    return np.asarray(np.ravel_multi_index(tuple((rows - low).T), tuple(size.astype(np.int64))))

@@ -195,4 +195,5 @@ def _clusters(
     cell = np.floor(places / ALIKE_M).astype(np.int64)
     if of is not None:
         cell = np.column_stack([np.where(of[:, None] > 0, 0, cell), of])
-    return np.unique(row_keys(cell), axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    number = np.unique(row_keys(cell), axis=0, return_inverse=True)[1]
+    return np.asarray(number.ravel(), np.int64)
