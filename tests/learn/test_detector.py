@@ -175,7 +175,7 @@ def same_in_onnxruntime(model: Model, file: Path) -> None:
 
 
 def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
-    design = Design(("car",), 12.0, points=("car", "road"))
+    design = Design(("car",), 12.0, 0.5, points=("car", "road"))
     frames = labelled_frames([street], design, tmp_path / "frames", untold)
     assert frames.objects == (10,)
     same = Varied(placed=False, beams=False, objects=False)
