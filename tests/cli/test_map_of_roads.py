@@ -75,6 +75,7 @@ def test_inspect_tells_what_a_map_holds(map_file, run_here, shared_data):
     assert json.loads(run_here("inspect", extract, "--json").out)["kind"] == "osm"
 
 
+@pytest.mark.thorough
 def test_the_folder_may_come_first_too(map_file, begun, run_here, tmp_path):
     outcome = run_here("init", tmp_path / "a", "--roads", map_file)
     assert outcome.code == 0, outcome.err

@@ -200,6 +200,7 @@ def test_actors_are_told_apart_and_what_lacks_is_found(tmp_path):
     assert not any("rotated" in note for note in report.notes)
 
 
+@pytest.mark.thorough
 def test_a_turned_recording_is_told(tmp_path):
     real = write_corner(tmp_path / "real", 0, count=1)
     report = compare(
