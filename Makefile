@@ -53,10 +53,11 @@ demo: $(RUNTIME) $(PAGE)
 
 WANTED := -m 'not fuzz and not kills and not thorough'
 
-# All is downloaded at once; numba compiles once for all workers, then types are checked.
+# All is downloaded at once, and the page is built meanwhile. Types are checked by one process for as
+# long as numba compiles, once for all workers: the two begin together.
 test:
-	@$(MAKE) --no-print-directory -j2 $(DEVELOPMENT) judges
-	@$(MAKE) --no-print-directory -j2 --output-sync=target compiled compiled-rays lint webtest
+	@$(MAKE) --no-print-directory -j3 $(DEVELOPMENT) judges webtest
+	@$(MAKE) --no-print-directory -j2 --output-sync=target lint compiled compiled-rays
 	$(BIN)/pytest -n auto --dist worksteal $(WANTED) $(addprefix --ignore=,$(LINE) $(RAYS))
 
 thorough: $(DEVELOPMENT) judges

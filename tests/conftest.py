@@ -33,6 +33,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # How slowly they are drawn, and run, tells of what else the machine does.
 settings.register_profile(
     "seeded",
+    max_examples=50,
     deadline=None,
     derandomize=True,
     database=None,
@@ -62,6 +63,7 @@ def pytest_collection_finish() -> None:
 
     Modules and 8,000 tests are a million objects, which each full search goes through.
     """
+    gc.set_threshold(7_000, 10, 10)  # as the program does
     gc.enable()
     gc.collect()
     gc.freeze()
@@ -142,12 +144,14 @@ def made_once(
 
 @pytest.fixture(scope="session")
 def two_avenues_twin(made_once: Callable[[str, Callable[[Path], object]], Path]) -> "Twin":
-    """Return the twin of the example, which is made once."""
+    """Return the twin of the example, which is made once; beside it lies what its build told."""
     from urbantwin.site import load_site
     from urbantwin.twin import build_twin, load_twin
 
     def make(folder: Path) -> None:
-        build_twin(load_site(ROOT / "examples" / "two-avenues" / "site.yaml"), folder / "twin")
+        site, told = load_site(ROOT / "examples" / "two-avenues" / "site.yaml"), []
+        build_twin(site, folder / "twin", lambda share, doing: told.append((share, doing)))
+        (folder / "told.json").write_text(json.dumps(told))
 
     return load_twin(made_once("two-avenues", make) / "twin")
 

@@ -1,9 +1,11 @@
 """Running the command line as a person does."""
 
+import io
 import os
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +32,19 @@ def run_here(capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
         code = main([str(argument) for argument in arguments])
         out, err = capfd.readouterr()
         return Outcome(code, out, err)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def run_once() -> Callable[..., Outcome]:
+    """Run a command in this process for several tests."""
+
+    def run(*arguments: str | Path) -> Outcome:
+        out, err = io.StringIO(), io.StringIO()
+        with redirect_stdout(out), redirect_stderr(err):
+            code = main([str(argument) for argument in arguments])
+        return Outcome(code, out.getvalue(), err.getvalue())
 
     return run
 

@@ -4,7 +4,10 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
+
+from ..thorough import further
 
 
 @pytest.fixture
@@ -13,8 +16,13 @@ def twin(two_avenues_twin):
 
 
 def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
+    rig = yaml.safe_load((twin / "rig.yaml").read_text())
+    for sensor in rig["sensors"]:
+        sensor |= {"model": "OS1-32", "columns": 512}
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig))
     out = tmp_path / "coverage"
-    done = run_here("coverage", twin, "-o", out, "--cell", "2", "--json")
+    asked = ("coverage", twin, "--rig", tmp_path / "rig.yaml", "-o", out, "--cell", "4")
+    done = run_here(*asked, "--json")
     assert done.code == 0, done.err
     said = json.loads(done.out)
     written = json.loads((out / "coverage.json").read_text())
@@ -36,14 +44,14 @@ def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
     assert all(third.mean() > 0.01 for third in thirds)
     # Written again, nothing differs; somebody's own folder is never replaced.
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert run_here("coverage", twin, "-o", out, "--cell", "2", "--quiet").code == 0
+    assert run_here(*asked, "--quiet").code == 0
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "file").write_text("x")
     assert run_here("coverage", twin, "-o", tmp_path / "mine").code == 2
 
 
-@pytest.mark.parametrize("cell", ["0", "-1", "nan", "inf", "0.00001"])
+@pytest.mark.parametrize("cell", ["0", "nan", "0.00001", *further("-1", "inf")])
 def test_a_cell_that_is_none_is_a_clear_line(twin, run_here, tmp_path, cell):
     done = run_here("coverage", twin, "-o", tmp_path / "out", f"--cell={cell}")
     assert done.code == 2

@@ -22,10 +22,10 @@ def map_file(open_avenues_twin, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def begun(map_file, run_program, tmp_path_factory):
+def begun(map_file, run_once, tmp_path_factory):
     """What `init` makes of it, and what it tells."""
     folder = tmp_path_factory.mktemp("begun") / "site"
-    outcome = run_program("init", map_file, "-o", folder, "--json")
+    outcome = run_once("init", map_file, "-o", folder, "--json")
     assert outcome.code == 0, outcome.err
     return folder, json.loads(outcome.out)
 
@@ -75,6 +75,7 @@ def test_inspect_tells_what_a_map_holds(map_file, run_here, shared_data):
     assert json.loads(run_here("inspect", extract, "--json").out)["kind"] == "osm"
 
 
+@pytest.mark.thorough
 def test_the_folder_may_come_first_too(map_file, begun, run_here, tmp_path):
     outcome = run_here("init", tmp_path / "a", "--roads", map_file)
     assert outcome.code == 0, outcome.err

@@ -21,19 +21,19 @@ def site(tmp_path_factory: pytest.TempPathFactory, two_avenues: Path) -> Path:
     folder = tmp_path_factory.mktemp("site") / "two-avenues"
     shutil.copytree(two_avenues, folder)
     fields = yaml.safe_load((folder / "site.yaml").read_text())
-    fields |= {"region": {"radius_m": 60}, "closed_loop": False}
-    fields["traffic"] |= {"per_hour": PER_HOUR, "duration_s": 0.5, "warmup_s": 20}
-    fields["rig"]["sensors"][0] |= {"model": "OS1-64", "columns": 512}
+    fields |= {"region": {"radius_m": 45}, "closed_loop": False}
+    fields["traffic"] |= {"per_hour": PER_HOUR, "duration_s": 0.5, "warmup_s": 10}
+    fields["rig"]["sensors"][0] |= {"model": "OS1-32", "columns": 512}
     fields["rig"]["sensors"][1]["model"] = "VLP-16"
     (folder / "site.yaml").write_text(yaml.safe_dump(fields))
     return folder / "site.yaml"
 
 
 @pytest.fixture(scope="module")
-def made(site: Path, run_program: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(site: Path, run_once: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What ``urbantwin run`` leaves."""
     out = tmp_path_factory.mktemp("run") / "out"
-    outcome = run_program("run", site, "-o", out, "--workers", "1", "--json")
+    outcome = run_once("run", site, "-o", out, "--workers", "1", "--json")
     assert outcome.code == 0, outcome.err
     told = json.loads(outcome.out)
     assert {Path(told[kind]) for kind in ("twin", "motion", "dataset")} == set(out.iterdir())
@@ -86,7 +86,8 @@ def test_the_dataset_is_what_openpcdet_reads(made: Path) -> None:
         for line in (dataset / "labels" / f"{name}.txt").read_text().splitlines():
             *numbers, category = line.split()
             assert len([float(number) for number in numbers]) == 7
-            assert category in {*PER_HOUR, "van"}  # a van may be parked
+            # A van may be parked, and a truck draw a trailer.
+            assert category in {*PER_HOUR, "van", "trailer"}
     boxes = pq.read_table(dataset / "boxes.parquet")
     lines = sum(len(path.read_text().splitlines()) for path in (dataset / "labels").iterdir())
     assert boxes.num_rows == lines > 0
@@ -108,7 +109,7 @@ def test_each_stage_alone_gives_the_bytes_of_run(
     for arguments in (
         ("build", site, "-o", twin, "--no-pictures"),
         ("traffic", twin, "-o", motion, "--seconds", "0.5", "--seed", "1", "--no-pictures"),
-        ("record", twin, motion, "--rig", rig, "-o", dataset, "--workers", "2", "--no-pictures"),
+        ("record", twin, motion, "--rig", rig, "-o", dataset, "--workers", "1", "--no-pictures"),
     ):
         outcome = run_here(*arguments, "--quiet")
         assert (outcome.code, outcome.out, outcome.err) == (0, "", "")

@@ -1,16 +1,18 @@
 """The arbitrary site: the dataset's own rig elsewhere, made once, and in every report."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from urbantwin.dataset.manifest import recipe_of_rig
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.fidelity import compare
-from urbantwin.fidelity.arbitrary import arbitrary_recording
+from urbantwin.fidelity.arbitrary import arbitrary_recording, recording
 from urbantwin.fidelity.arbitrary.cache import kept
 from urbantwin.fidelity.arbitrary.rig import likely_rig, standing
 from urbantwin.fidelity.readers import open_recording
@@ -147,7 +149,18 @@ def test_what_is_made_is_kept(tmp_path):
     assert len(list((tmp_path / "cache").iterdir())) == 8
 
 
-def test_every_report_has_an_arbitrary_site(tmp_path, monkeypatch):
+@pytest.fixture
+def small_example(tmp_path, monkeypatch):
+    """Little of the example, whose streets are no loop: nothing is driven to see how many fit."""
+    site = shutil.copytree(recording._site().parent, tmp_path / "example") / "site.yaml"
+    fields = yaml.safe_load(site.read_text())
+    fields |= {"region": {"radius_m": 60}, "closed_loop": False}
+    fields["traffic"]["warmup_s"] = 10
+    site.write_text(yaml.safe_dump(fields))
+    monkeypatch.setattr(recording, "_site", lambda: site)
+
+
+def test_every_report_has_an_arbitrary_site(small_example, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     sensor = {"name": "a", "model": "VLP-16", "yaw_deg": 30}
     sensor |= {"east_m": 10, "north_m": -12, "height_m": 5}

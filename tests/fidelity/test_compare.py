@@ -1,5 +1,6 @@
 """The report as a whole, on real sweeps and on folders that are wrong."""
 
+import importlib
 import json
 
 import numpy as np
@@ -12,6 +13,13 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import RealFrame
 
 from ..real_files import SWEEPS, argoverse_log
+
+
+@pytest.fixture(autouse=True)
+def one_pair_drawn(monkeypatch):
+    """Of the worst pairs; the page has a test of its own."""
+    monkeypatch.setattr(importlib.import_module("urbantwin.fidelity.compare"), "_WORST", 1)
+
 
 SENSOR = (1.35, 0.0, 1.64)  # the upper of the two lidars in the vehicle's frame, about
 
@@ -109,7 +117,7 @@ def test_identical_folders_and_same_bytes(tmp_path):
     assert told == sorted(told)
     assert told[-1] == 1
     compare(real, real, tmp_path / "b", arbitrary=None)
-    for name in ("report.json", "report.png"):
+    for name in ("report.json", "report.png", "report.html"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
@@ -192,6 +200,7 @@ def test_actors_are_told_apart_and_what_lacks_is_found(tmp_path):
     assert not any("rotated" in note for note in report.notes)
 
 
+@pytest.mark.thorough
 def test_a_turned_recording_is_told(tmp_path):
     real = write_corner(tmp_path / "real", 0, count=1)
     report = compare(

@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -150,6 +151,7 @@ def test_people_keep_their_proportions_and_get_the_posture_of_the_points() -> No
     assert pushed[0].asset.startswith("pedestrian-stroller")
 
 
+@cache
 def made_frame() -> Frame:
     """Four actors, in the coats that are drawn for them, on a plane as an OS1-64 scans them."""
     ground = LabelledMesh.build(

@@ -80,7 +80,7 @@ def make_artefacts(folder: Path) -> None:
          *_QUICK),
         ("record", twin, motion, "--nodes", folder / "nodes.yaml", "--out", folder / "fleet",
          "--stop", "0.2", "--workers", "1", *_QUICK),
-        ("coverage", twin, "--out", folder / "coverage", "--quiet"),
+        ("coverage", twin, "--out", folder / "coverage", "--cell", "4", "--quiet"),
     )  # fmt: skip
     # Not in this process: its children are forked, and these commands start threads.
     words = json.dumps([list(map(str, command)) for command in commands])

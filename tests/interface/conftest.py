@@ -1,5 +1,7 @@
 """A small site, and the whole line of it made by Python's functions with their defaults."""
 
+import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,13 +21,24 @@ class Line:
 
 
 @pytest.fixture(scope="session")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return Stand(tmp_path_factory.mktemp("interface")).site
+def line(
+    made_once: Callable[[str, Callable[[Path], object]], Path],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Line:
+    """Of one making for all workers, a copy: studies write beside what they are of."""
+
+    def make(folder: Path) -> None:
+        twin = ut.build(Stand(folder).site, pictures=False, progress=False)
+        motion = ut.drive(twin, progress=False)
+        ut.record(twin, motion, stop=0.5, workers=1, pictures=False, progress=False)
+
+    made = made_once("small-line", make)
+    folder = tmp_path_factory.mktemp("interface")
+    shutil.copytree(made, folder, dirs_exist_ok=True)
+    run = ut.open(folder / "site" / "two-avenues")
+    return Line(folder / "site" / "site.yaml", run.twin, run.motion, run.dataset)
 
 
 @pytest.fixture(scope="session")
-def line(site: Path) -> Line:
-    twin = ut.build(site, pictures=False, progress=False)
-    motion = ut.drive(twin, progress=False)
-    dataset = ut.record(twin, motion, stop=0.5, workers=1, pictures=False, progress=False)
-    return Line(site, twin, motion, dataset)
+def site(line: Line) -> Path:
+    return line.site

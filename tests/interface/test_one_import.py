@@ -10,6 +10,7 @@ import pytest
 import urbantwin as ut
 
 from ..reliability.small_site import ROOT
+from ..thorough import further
 from .conftest import Line
 
 HEAVY = (
@@ -72,9 +73,8 @@ def test_two_folders_of_clouds_are_compared_without_what_makes_twins(
     [
         ("jensen_shannon", {"numpy"}),
         ("frechet", {"numpy", "scipy"}),
-        ("earth_mover", {"numpy", "scipy"}),
-        ("mean_discrepancy", {"numpy", "scipy"}),
         ("chamfer", {"numpy", "scipy", "numba"}),
+        *further(("earth_mover", {"numpy", "scipy"}), ("mean_discrepancy", {"numpy", "scipy"})),
     ],
 )
 def test_a_measure_loads_what_it_computes_with(measure: str, needed: set[str]) -> None:

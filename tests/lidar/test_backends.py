@@ -353,7 +353,7 @@ def test_random_worlds(seed, world, size, kind, anchor):
 
 
 @pytest.mark.parametrize("backend", [embree, packets, warp])
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([0.5, 8.0, 120.0]))
 def test_no_ray_leaves_a_closed_surface(backend, seed, size):
     """A convex body from inside, at its corners and edges: the nearest of its planes, always."""

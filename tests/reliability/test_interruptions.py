@@ -97,13 +97,17 @@ def test_a_second_run_is_refused_and_the_first_ends_whole(stand: Stand, tmp_path
     check_whole(stand, "traffic", COMMANDS["traffic"], out, tmp_path)
 
 
-def test_a_killed_run_leaves_no_lock(stand: Stand, tmp_path: Path) -> None:
-    stand.expected("traffic")
-    process, out = waited(stand, tmp_path, "traffic")
+@pytest.mark.parametrize("key", ["traffic", "record"])
+def test_a_killed_run_leaves_no_lock_and_is_gone_on_with(
+    stand: Stand, tmp_path: Path, key: str
+) -> None:
+    stand.expected(key)
+    process, out = waited(stand, tmp_path, key)
+    while key == "record" and not any(out.parent.glob("*/done/*.json")):
+        assert process.poll() is None
+        time.sleep(0.005)
     process.kill()
     process.wait()
     assert process.stderr is not None
     process.stderr.close()
-    finish(
-        stand, "traffic", COMMANDS["traffic"], out, tmp_path
-    )  # at once: SUMO may still be ending
+    finish(stand, key, COMMANDS[key], out, tmp_path)  # at once: SUMO may still be ending

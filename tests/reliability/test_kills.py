@@ -14,8 +14,8 @@ from .small_site import COMMANDS, Stand
 #: So many random moments of each command.
 MOMENTS = {"record": 50, "compare": 7, "compare-control": 3}
 MOST = [(key, n) for key in COMMANDS for n in range(MOMENTS.get(key, 10))]
-#: In the normal suite, late enough that something is there.
-FEW = [("record", 0.7), ("build", 0.8), *further(("traffic", 0.6), ("tune", 0.85))]
+#: In make thorough, late enough that something is there.
+FEW = further(("record", 0.7), ("build", 0.8), ("traffic", 0.6), ("tune", 0.85))
 
 
 def check_killed(

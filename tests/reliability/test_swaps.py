@@ -26,8 +26,7 @@ def contents(number: int) -> dict[str, str]:
     [
         ("exchange", "older"),
         ("no exchange", "older"),
-        ("exchange", "none"),
-        *further(("no exchange", "none")),  # with nothing to exchange
+        *further(("exchange", "none"), ("no exchange", "none")),  # with nothing to exchange
     ],
 )
 @pytest.mark.parametrize("kind", ["folder", "resumed", "file"])

@@ -273,9 +273,11 @@ def turns(network, lanes):
     [
         ("left|through|right", ["S", "E", "N"]),
         ("left|through|through;right", ["ES", "E", "N"]),
-        ("left;through|right", ["S", "EN"]),
-        ("left|left|through;right", ["ES", "N", "N"]),
         ("left||", ["ES", "E", "N"]),
+        *further(
+            ("left;through|right", ["S", "EN"]),
+            ("left|left|through;right", ["ES", "N", "N"]),
+        ),
     ],
 )
 @pytest.mark.parametrize("cycle", [{}, *further({"cycleway:right": "lane"})])

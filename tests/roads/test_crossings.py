@@ -81,7 +81,7 @@ def test_a_crossing_told_of_the_one_node_of_a_junction_is_on_every_arm(build):
     assert lane.centre[:, 0] == pytest.approx(0.0, abs=0.5)
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("side", ["right", *further("left")])
 @pytest.mark.parametrize("distance", [8, 12, 60])
 def test_a_crossing_lies_where_it_is_mapped_and_leads_from_kerb_to_kerb(build, side, distance):
     """At a junction and between junctions: square over both lanes of 3.25 m, 5 cm off the kerbs."""

@@ -42,7 +42,7 @@ def judged(real_roads, tmp_path_factory, judge):
         built = build_roads(
             read_extract(ROOT / "examples/two-avenues/two-avenues.osm"),
             frame,
-            shapely.Point(0, 0).buffer(110),
+            shapely.Point(0, 0).buffer(80),
             slope(),
             driving_side="right",
             out=folder / "two-avenues.net.xml",

@@ -26,8 +26,7 @@ REGION = shapely.box(-90, -90, 90, 90)
 EXTRACTS = (
     "quad_intersection",
     "perth_stretched_lights",
-    "West-Oakland",
-    *further("taipei", "neukolln", "munich"),
+    *further("West-Oakland", "taipei", "neukolln", "munich"),
 )
 
 

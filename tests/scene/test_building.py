@@ -14,6 +14,8 @@ from urbantwin.site.extract import OsmFeature
 from urbantwin.site.extract_file import read_extract
 from urbantwin.taxonomy import material_id, semantic_id
 
+from ..thorough import further
+
 REGION = box(-200, -200, 200, 200)
 NO_ROAD = Polygon()
 
@@ -280,7 +282,8 @@ def test_real_passages_are_open(shared_data):
 
 
 @pytest.mark.parametrize(
-    ("name", "radius", "fewest"), [("taipei", 150, 15), ("neukolln", 150, 20), ("munich", 300, 40)]
+    ("name", "radius", "fewest"),
+    [("taipei", 150, 15), ("neukolln", 150, 20), *further(("munich", 300, 40))],
 )
 def test_real_buildings_are_closed_and_as_high_as_mapped(shared_data, name, radius, fewest):
     features, region = real_features(shared_data, name, radius)

@@ -134,8 +134,9 @@ def test_the_road_is_on_its_height_and_terrain_on_its_own(east, north, bump):
     [
         ("perth_stretched_lights", True),
         ("West-Oakland", True),
-        ("taipei", False),
-        *further(("taipei", True), ("neukolln", True), ("quad_intersection", True)),
+        *further(
+            ("taipei", False), ("taipei", True), ("neukolln", True), ("quad_intersection", True)
+        ),
     ],
 )
 def test_real_places_have_no_hole_and_no_overlap(name, hilly, shared_data, tmp_path):

@@ -36,7 +36,7 @@ def sorted_copy(source: Path, target: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", MAPS)
-@pytest.mark.parametrize("radius_m", [40.0, 150.0])
+@pytest.mark.parametrize("radius_m", [40.0, *further(150.0)])
 def test_what_is_near_is_as_in_the_whole(
     shared_data: Path, tmp_path: Path, name: str, radius_m: float
 ) -> None:
@@ -125,8 +125,7 @@ def test_too_much_is_said_before_it_is_read(tmp_path: Path, ending: str) -> None
     ("start", "pack"),
     [
         ("honest", gzip.compress),
-        ("", bz2.compress),
-        *further(("", gzip.compress), ("honest", bz2.compress)),
+        *further(("", gzip.compress), ("", bz2.compress), ("honest", bz2.compress)),
     ],
 )
 def test_a_file_that_unpacks_without_end_is_stopped(

@@ -144,6 +144,13 @@ def crossing_twin(crossing_net: Path, tmp_path_factory: pytest.TempPathFactory) 
     return make_twin(tmp_path_factory.mktemp("twins") / "crossing", crossing_net, PER_HOUR)
 
 
+@pytest.fixture(scope="session")
+def brief_twin(crossing_net: Path, tmp_path_factory: pytest.TempPathFactory) -> Twin:
+    """The same, whose streets fill for ten seconds only."""
+    folder = tmp_path_factory.mktemp("twins") / "brief"
+    return make_twin(folder, crossing_net, PER_HOUR, warmup_s=10.0)
+
+
 MADE = {"two-avenues": "open_avenues_twin", "crossing": "crossing_twin"}
 
 

@@ -18,15 +18,15 @@ SECONDS = 4.0
 
 
 @pytest.fixture(scope="module")
-def motion(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
+def motion(brief_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
     folder = tmp_path_factory.mktemp("inserted") / "motion"
-    run_traffic(crossing_twin, folder, seconds=SECONDS)
+    run_traffic(brief_twin, folder, seconds=SECONDS)
     return Motion.load(folder)
 
 
 @pytest.fixture(scope="module")
-def surface(crossing_twin: Twin) -> TwinSurface:
-    return TwinSurface(crossing_twin)
+def surface(brief_twin: Twin) -> TwinSurface:
+    return TwinSurface(brief_twin)
 
 
 def eastwards(asset_name: str = "car-sedan_black", y: float = -1.6) -> PrescribedPath:

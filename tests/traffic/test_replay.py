@@ -27,14 +27,14 @@ SECONDS = 6.0
 
 
 @pytest.fixture(scope="module")
-def motion(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
+def motion(brief_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
     folder = tmp_path_factory.mktemp("driven") / "motion"
-    run_traffic(crossing_twin, folder, seconds=SECONDS)
+    run_traffic(brief_twin, folder, seconds=SECONDS)
     return Motion.load(folder)
 
 
 def test_the_clock_and_the_names_stay_outside_unless_asked_for(
-    motion: Motion, crossing_twin: Twin, tmp_path: Path
+    motion: Motion, brief_twin: Twin, tmp_path: Path
 ) -> None:
     file = tmp_path / "tracks.csv"
     write_tracks(motion, file)
@@ -50,7 +50,7 @@ def test_the_clock_and_the_names_stay_outside_unless_asked_for(
             row[column[track]] = "B-MW 1234"
     file.write_text("\n".join([lines[0], *(",".join(row) for row in rows)]) + "\n")
 
-    replay(crossing_twin, file, tmp_path / "again", smooth=False)
+    replay(brief_twin, file, tmp_path / "again", smooth=False)
     text = (tmp_path / "again" / "motion.json").read_text()
     assert "1627218181" not in text
     assert "B-MW" not in text
@@ -65,7 +65,7 @@ def test_the_clock_and_the_names_stay_outside_unless_asked_for(
         "replay",
         described,
         "--twin",
-        crossing_twin.folder,
+        brief_twin.folder,
         "-o",
         kept,
         "--no-pictures",
@@ -73,7 +73,7 @@ def test_the_clock_and_the_names_stay_outside_unless_asked_for(
     ]
     assert main([*map(str, arguments), "--keep-clock", "--keep-names"]) == 0
     told = Motion.load(kept).manifest["recorded"]
-    inputs = named_inputs(crossing_twin.manifest, Motion.load(kept).manifest, None)
+    inputs = named_inputs(brief_twin.manifest, Motion.load(kept).manifest, None)
     of_tracks = [one for one in inputs if one["kind"] == "tracks"]
     assert [one["name"] for one in of_tracks] == ["tracks.yaml", "tracks.csv"]
     assert all(terms.items() <= one.items() for one in of_tracks)
@@ -93,14 +93,14 @@ def track_of(times: np.ndarray, xy: np.ndarray, yaw: float = np.nan) -> Recorded
 @pytest.mark.parametrize("write", [write_tracks, write_openlabel])
 def test_a_motion_comes_back_as_it_was(
     motion: Motion,
-    crossing_twin: Twin,
+    brief_twin: Twin,
     write: Callable[[Motion, Path], None],
     tmp_path: Path,
     records: Callable[..., np.recarray],
 ) -> None:
     file = tmp_path / ("tracks.csv" if write is write_tracks else "labels.json")
     write(motion, file)
-    again = replay(crossing_twin, file, tmp_path / "again", smooth=False)
+    again = replay(brief_twin, file, tmp_path / "again", smooth=False)
     before, after = records(motion.actors), records(again.actors)
     names = {int(key): int(name) for key, name in again.manifest["recorded"]["names"].items()}
     track = np.array([names[one] for one in after.track])
@@ -126,11 +126,11 @@ def test_a_motion_comes_back_as_it_was(
 
 
 def test_people_are_as_tall_as_recorded_and_not_flattened_to_their_boxes(
-    crossing_twin: Twin, tmp_path: Path
+    brief_twin: Twin, tmp_path: Path
 ) -> None:
     rows = "\n".join(f"1,{k / 2},pedestrian,2,{0.6 * k},0.6,0.6,1.60" for k in range(6))
     (tmp_path / "t.csv").write_text(f"track,time_s,class,x,y,length,width,height\n{rows}\n")
-    motion = replay(crossing_twin, tmp_path / "t.csv", tmp_path / "motion")
+    motion = replay(brief_twin, tmp_path / "t.csv", tmp_path / "motion")
     (name,) = set(motion.actors["asset"].to_pylist())
     body, size = AssetName.of(name).body, AssetName.of(name).size
     assert size is not None
@@ -180,11 +180,11 @@ def test_who_stands_keeps_the_heading() -> None:
     assert np.ptp(one.yaw[80:]) < 1e-9
 
 
-def test_tracks_beside_the_twin_are_refused(crossing_twin: Twin, tmp_path: Path) -> None:
+def test_tracks_beside_the_twin_are_refused(brief_twin: Twin, tmp_path: Path) -> None:
     rows = "\n".join(f"1,{k / 10},car,{500 + k},0" for k in range(20))
     (tmp_path / "t.csv").write_text(f"track,time_s,class,x,y\n{rows}\n")
     with pytest.raises(InputError, match=r"t\.csv: none of its tracks comes onto the ground"):
-        replay(crossing_twin, tmp_path / "t.csv", tmp_path / "motion")
+        replay(brief_twin, tmp_path / "t.csv", tmp_path / "motion")
     assert not (tmp_path / "motion").exists()
 
 
@@ -207,9 +207,9 @@ def test_the_recording_of_karlsruhe_is_told_between_its_moments(shared_data: Pat
 
 
 def test_signals_stand_at_the_stop_lines_of_those_who_pass_at_green(
-    crossing_twin: Twin, tmp_path: Path, records: Callable[..., np.recarray]
+    brief_twin: Twin, tmp_path: Path, records: Callable[..., np.recarray]
 ) -> None:
-    heads = {head.lane: head for head in crossing_twin.roads.signals}
+    heads = {head.lane: head for head in brief_twin.roads.signals}
     west = heads["wc_1"]
     # Ten from the west pass from 42 s on, where a is green; c's stop line is told, d is dark.
     rows = [
@@ -227,7 +227,7 @@ def test_signals_stand_at_the_stop_lines_of_those_who_pass_at_green(
         "tracks: t.csv\nsignals:\n  {file: s.csv, group: g, time: t, state: s, unit: s,\n"
         "   places: {c: [[1.0, 2.0]]}}\n"
     )
-    motion = replay(crossing_twin, tmp_path / "t.yaml", tmp_path / "motion")
+    motion = replay(brief_twin, tmp_path / "t.yaml", tmp_path / "motion")
     shown = records(motion.signals)
     told = shown[shown.signal == "recorded"]
     assert list(zip(told.time_s, told.state, told.x, told.y, strict=True)) == [

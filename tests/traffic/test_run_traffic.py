@@ -142,11 +142,11 @@ def test_the_streets_are_populated_from_the_first_step(actors: np.recarray) -> N
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_motion(
-    crossing_twin: Twin, tmp_path: Path
+    brief_twin: Twin, tmp_path: Path
 ) -> None:
     seeds = {"one": 1, "again": 1, "other": 2}
     made = {
-        name: run_traffic(crossing_twin, tmp_path / name, seconds=5, seed=seed)
+        name: run_traffic(brief_twin, tmp_path / name, seconds=5, seed=seed)
         for name, seed in seeds.items()
     }
     for file in ("actors.parquet", "signals.parquet", "motion.json"):
@@ -260,10 +260,10 @@ def test_tracks_and_times_are_in_order(motion: Motion, actors: np.recarray) -> N
 
 
 def test_progress_is_told_and_sumo_says_nothing_on_our_streams(
-    crossing_twin: Twin, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    brief_twin: Twin, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     told: list[float] = []
-    run_traffic(crossing_twin, tmp_path / "m", seconds=1, progress=lambda f, _: told.append(f))
+    run_traffic(brief_twin, tmp_path / "m", seconds=1, progress=lambda f, _: told.append(f))
     assert (told[0], told[-1]) == (0.0, 1.0)
     assert told == sorted(told)
     assert len(told) > 20

@@ -17,6 +17,8 @@ from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.sumo.simulation import observe, sumo_options, write_routes
 
+from ..thorough import further
+
 GREEN_S, CYCLE_S, COMES = 27, 60, 600.0
 WAY = ("wa", "ab", "be")
 
@@ -82,7 +84,7 @@ def simulated(net, offset, folder):
     return float(row.get("nVehContrib")) * 3600 / 800
 
 
-@pytest.mark.parametrize("offset", [3, 30])
+@pytest.mark.parametrize("offset", [30, *further(3)])
 def test_as_many_find_room_between_two_signals_as_sumo_lets_through(
     offset, model, two_signals, tmp_path
 ):

@@ -1,19 +1,13 @@
 """A build tells how far it is, part by part."""
 
+import json
 from itertools import pairwise
-from pathlib import Path
 
-from urbantwin.site import load_site
-from urbantwin.twin import build_twin
-
-TWO_AVENUES = Path(__file__).parents[2] / "examples" / "two-avenues" / "site.yaml"
+from urbantwin.twin import Twin
 
 
-def test_a_build_moves_all_the_time(tmp_path: Path) -> None:
-    told: list[tuple[float, str]] = []
-    build_twin(
-        load_site(TWO_AVENUES), tmp_path / "twin", lambda share, doing: told.append((share, doing))
-    )
+def test_a_build_moves_all_the_time(two_avenues_twin: Twin) -> None:
+    told = json.loads((two_avenues_twin.folder.parent / "told.json").read_text())
     shares = [share for share, _ in told]
     assert shares == sorted(shares)
     assert shares[0] == 0.0

@@ -94,6 +94,9 @@ def _draw(
     strip = near[np.abs((near[:, :2] - one.box[:2]) @ left) <= one.box[4] / 2 + 0.5]
     aside.plot((strip[:, :2] - one.box[:2]) @ ahead, strip[:, 2], ".", color="#5a6675", ms=1.6)
     for box, colour, width in _boxes(one, figures):
+        away = np.hypot(*(box[:2] - one.box[:2]))
+        if away > 1.5 * reach + box[3:5].sum() / 2:
+            continue  # out of both pictures: of a poor detector hundreds are
         corners = box_corners(box)
         above.add_patch(Polygon(corners[:4, :2], fill=False, edgecolor=colour, linewidth=width))
         nose = box[:2] + np.array([np.cos(box[6]), np.sin(box[6])]) * box[3] / 2

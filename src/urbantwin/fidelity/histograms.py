@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.fidelity.clouds import Cloud
 from urbantwin.fidelity.divergence import jensen_shannon
+from urbantwin.geometry import row_keys
 
 __all__ = [
     "DENSITY_EDGES_M",
@@ -123,32 +124,15 @@ def _open_ended(
 
 def _occupied(voxels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the different voxels (V, 3) in order, and how often each stands in (N, 3)."""
-    key, low, size = _keys(voxels)
-    unique, count = np.unique(key, axis=0, return_counts=True)
-    if key is voxels:
-        return unique, count
-    return np.column_stack(np.unravel_index(unique, size)) + low, count
-
-
-def _keys(
-    voxels: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[int, ...]]:
-    """Return a number (N,) for each voxel in their order, and of what grid it is.
-
-    The voxels themselves where they lie farther apart than an index can number.
-    """
-    low = voxels.min(axis=0)
-    size = np.ptp(voxels, axis=0) + 1
-    if np.prod(size.astype(np.float64)) > 2**62:
-        return voxels, low, ()
-    return np.ravel_multi_index(tuple((voxels - low).T), tuple(size)), low, tuple(size)
+    _, first, count = np.unique(row_keys(voxels), axis=0, return_index=True, return_counts=True)
+    return voxels[first], count
 
 
 def _on_the_same_voxels(
     first: Histograms, second: Histograms
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the points of both clouds over the voxels that either occupies."""
-    key, _, _ = _keys(np.concatenate([first.voxels, second.voxels]))
+    key = row_keys(np.concatenate([first.voxels, second.voxels]))
     _, place = np.unique(key, axis=0, return_inverse=True)
     place = place.ravel()
     size = int(place.max()) + 1

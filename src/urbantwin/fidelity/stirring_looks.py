@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.fidelity.beam_assignment import BeamsOf
+from urbantwin.geometry import row_keys
 from urbantwin.lidar.background import Stirring
 from urbantwin.reconstruct.recording.range_modes import ALTERNATES, RangeModes
 
@@ -109,7 +110,7 @@ def stirring_before(sensors: Sequence[Looks], *, interval_s: float) -> list[Stir
     lasts_s = interval_s * _lasts(stirs)
     middle = [_middles(one, mine) for one, mine in zip(sensors, stirs, strict=True)]
     cells = np.floor(np.concatenate(middle)[:, :2] / _PATCH_M).astype(np.int64)
-    patch = np.unique(cells, axis=0, return_inverse=True)[1].astype(np.int32).ravel()
+    patch = np.unique(row_keys(cells), axis=0, return_inverse=True)[1].astype(np.int32).ravel()
     of_beams = np.split(patch, np.cumsum([len(one) for one in middle])[:-1])
     return [
         _of_sensor(one, looks, mine, each, lasts_s) if len(each) else None

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from urbantwin.geometry.polyline import moved_left, stations_of_points
     from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
     from urbantwin.geometry.probe import DownwardProbe
+    from urbantwin.geometry.row_keys import row_keys
     from urbantwin.geometry.surface_material import MaterialLayer, SurfaceMaterials
 
 __all__ = [
@@ -49,6 +50,7 @@ __all__ = [
     "plan_overlaps",
     "points_in_box",
     "rotation_from_ypr",
+    "row_keys",
     "shared_heights",
     "stations_of_points",
     "wrapped",

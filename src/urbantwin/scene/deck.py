@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry import LabelledMesh, row_keys
 from urbantwin.roads import RoadNetwork, RoadSurface
 from urbantwin.scene.solids import Assembly, GroundHeight, box
 from urbantwin.scene.surface import Spacing, surface_mesh
@@ -123,7 +123,7 @@ def _parapets(
 ) -> LabelledMesh:
     """Return walls outside of the edges a -> b (N, 3), the deck on their left."""
     keys = np.round(np.concatenate([a, b]) * 1e3).astype(np.int64)
-    _, place = np.unique(keys, axis=0, return_inverse=True)
+    _, place = np.unique(row_keys(keys), axis=0, return_inverse=True)
     place = place.ravel()
     way = (b - a)[:, :2]
     out = np.column_stack([way[:, 1], -way[:, 0]])
@@ -235,7 +235,7 @@ def _across(
 def _border(mesh: LabelledMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return starts and ends (N, 3) of the edges with one triangle, the mesh on their left."""
     keys = np.round(mesh.vertices * 1e4).astype(np.int64)
-    _, first, same = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    _, first, same = np.unique(row_keys(keys), axis=0, return_index=True, return_inverse=True)
     directed = same.ravel()[mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)]
     directed = directed[directed[:, 0] != directed[:, 1]]
     _, index, uses = np.unique(

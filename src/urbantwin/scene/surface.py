@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
 
-from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry import LabelledMesh, row_keys
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.zones import Zone
@@ -124,13 +124,13 @@ def _plan(
     borders = shapely.segmentize(borders, spacing.road)
     parts = shapely.get_parts(borders)
     coordinates, line = shapely.get_coordinates(parts, return_index=True)
-    keys, index = np.unique(
-        np.round(coordinates / 1e-4).astype(np.int64), axis=0, return_inverse=True
-    )
-    index = index.ravel()
+    rounded = np.round(coordinates / 1e-4).astype(np.int64)
+    _, first, index = np.unique(row_keys(rounded), axis=0, return_index=True, return_inverse=True)
+    keys, index = rounded[first], index.ravel()
     joined = line[1:] == line[:-1]
     edges = np.sort(np.column_stack([index[:-1], index[1:]])[joined], axis=1)
-    edges = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    edges = edges[np.unique(row_keys(edges), axis=0, return_index=True)[1]]
     extra = np.concatenate(
         [
             _grid_points(z.area, spacing.road if z.step is not None else spacing.terrain)
@@ -218,7 +218,7 @@ def _fitted(
 def _new(xy: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which points (N,) are not there yet, nor twice."""
     keys = np.round(np.concatenate([xy, points]) / 1e-4).astype(np.int64)
-    _, first = np.unique(keys, axis=0, return_index=True)
+    _, first = np.unique(row_keys(keys), axis=0, return_index=True)
     new = np.zeros(len(keys), bool)
     new[first] = True
     return new[len(xy) :]
@@ -343,8 +343,8 @@ def _weld(
     """One vertex per place and height."""
     height = np.round(z.ravel() * 1e5).astype(np.int64)
     keys = np.column_stack([triangles.ravel(), height])
-    unique, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    vertices = np.column_stack([xy[unique[:, 0]], z.ravel()[first]])
+    _, first, inverse = np.unique(row_keys(keys), axis=0, return_index=True, return_inverse=True)
+    vertices = np.column_stack([xy[triangles.ravel()[first]], z.ravel()[first]])
     return vertices, inverse.reshape(-1, 3)
 
 

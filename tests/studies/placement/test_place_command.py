@@ -20,6 +20,7 @@ from urbantwin.studies.placement.place import ask
 from urbantwin.studies.placement.place_file import PlaceSpec, load_place_spec
 from urbantwin.taxonomy import semantic_id
 
+from ...thorough import further
 from .conftest import SPEC
 
 
@@ -48,8 +49,9 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
     }
 
 
-def test_two_workers_and_an_interrupted_run_leave_the_same_bytes(
-    two_avenues_twin, folder, placement, monkeypatch
+@pytest.mark.parametrize("workers", [1, *further(2)])
+def test_an_interrupted_run_leaves_the_same_bytes_whoever_goes_on(
+    two_avenues_twin, folder, placement, monkeypatch, workers
 ):
     from urbantwin.studies.placement import casts
 
@@ -61,17 +63,18 @@ def test_two_workers_and_an_interrupted_run_leave_the_same_bytes(
         written.append(path)
         whole(path, sighting)
 
-    arguments = (two_avenues_twin.folder, folder / "motion", folder / "two")
+    out = folder / f"by-{workers}"
+    arguments = (two_avenues_twin.folder, folder / "motion", out)
     options = {"wish": folder / "place.yaml", "layouts": 8, "progress": False}
     with monkeypatch.context() as patch:
         patch.setattr(casts, "write_sighting", dies_at_the_third)
         with pytest.raises(KeyboardInterrupt):
             ut.place(*arguments, workers=1, **options)
-    assert not (folder / "two").exists()
+    assert not out.exists()
     left = [one for one in folder.iterdir() if one.name.endswith("urbantwin-partial")]
     assert len(list((left[0] / "casts").glob("view-*.npz"))) == 2
-    ut.place(*arguments, workers=2, **options)
-    assert bytes_of(folder / "two") == bytes_of(placement.folder)
+    ut.place(*arguments, workers=workers, **options)
+    assert bytes_of(out) == bytes_of(placement.folder)
     assert not [one for one in folder.iterdir() if one.name.endswith("urbantwin-partial")]
 
 

@@ -54,8 +54,8 @@ def put_in(quiet_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion
 
 
 @pytest.fixture(scope="module")
-def busy(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
-    return run_traffic(crossing_twin, tmp_path_factory.mktemp("busy") / "m", seconds=SECONDS)
+def busy(real_drive: Callable[[str], tuple[Twin, Motion]]) -> Motion:
+    return real_drive("crossing")[1]
 
 
 @pytest.fixture(scope="module")

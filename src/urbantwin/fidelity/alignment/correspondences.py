@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
-from urbantwin.geometry import Pose
+from urbantwin.geometry import Pose, row_keys
 
 __all__ = [
     "ALIKE_M",
@@ -195,4 +195,5 @@ def _clusters(
     cell = np.floor(places / ALIKE_M).astype(np.int64)
     if of is not None:
         cell = np.column_stack([np.where(of[:, None] > 0, 0, cell), of])
-    return np.unique(cell, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    number = np.unique(row_keys(cell), axis=0, return_inverse=True)[1]
+    return np.asarray(number.ravel(), np.int64)

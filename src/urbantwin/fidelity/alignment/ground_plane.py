@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry import row_keys
+
 __all__ = ["GroundPlane", "ground_plane", "leveling", "thinned"]
 
 #: Points of the ground lie this near to its plane, metres.
@@ -101,7 +103,7 @@ def _lowest(points: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the numbers of the lowest of (N, 3) points in every column of 2 m."""
     order = np.argsort(points[:, 2], kind="stable")
     column = np.floor(points[order, :2] / 2.0).astype(np.int64)
-    return np.asarray(order[np.unique(column, axis=0, return_index=True)[1]])
+    return np.asarray(order[np.unique(row_keys(column), axis=0, return_index=True)[1]])
 
 
 def leveling(normal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -120,5 +122,5 @@ def leveling(normal: NDArray[np.float64]) -> NDArray[np.float64]:
 def thinned(points: NDArray[np.float64], cell_m: float) -> NDArray[np.int64]:
     """Return the numbers (K,) of the first of (N, 3) points in every cell that holds any."""
     keys = np.floor(points / cell_m).astype(np.int64)
-    _, first = np.unique(keys, axis=0, return_index=True)
+    _, first = np.unique(row_keys(keys), axis=0, return_index=True)
     return np.sort(first)

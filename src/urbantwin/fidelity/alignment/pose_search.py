@@ -13,7 +13,7 @@ from urbantwin.fidelity.alignment.distance_maps import FAR_M, HIGHEST_M, Plan, S
 from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, leveling, thinned
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
-from urbantwin.geometry import Pose
+from urbantwin.geometry import Pose, row_keys
 
 __all__ = ["Found", "Likeness", "PoseSearch", "SearchSpan"]
 
@@ -163,8 +163,8 @@ class PoseSearch:
         order = generator.permutation(sum(len(part) for part in points))
         point, which = np.concatenate(points)[order], np.concatenate(kinds)[order]
         cell = np.column_stack([np.floor(point[:, :2] / _PIECE_M).astype(np.int64), which])
-        pieces, piece = np.unique(cell, axis=0, return_inverse=True)
-        return point, which, np.concatenate(weights)[order], piece.reshape(-1), pieces[:, 2]
+        _, first, piece = np.unique(row_keys(cell), axis=0, return_index=True, return_inverse=True)
+        return point, which, np.concatenate(weights)[order], piece.reshape(-1), which[first]
 
     def run(self, span: SearchSpan, most: int = 5) -> list[Found]:
         """Return the best poses, best first; empty where no ground was found in the span."""

@@ -104,10 +104,10 @@ def on_lanes(
     # Who has least choice is put first.
     for _, _, links, count in sorted(choices, key=lambda choice: choice[:2]):
         part = count / PARTS
-        needed = {link: part / max(capacity(link), NOTHING) for link in links}
+        needed = [(link.lane, part / max(capacity(link), NOTHING), link) for link in links]
         for _ in range(PARTS):
-            best = min(links, key=lambda link: (load[link.lane] + needed[link], link.lane))
-            load[best.lane] += needed[best]
+            lane, more, best = min(needed, key=lambda one: (load[one[0]] + one[1], one[0]))
+            load[lane] += more
             found[best] += part
     return found
 
@@ -119,6 +119,7 @@ def lane_loads(
     behind: Mapping[int, Mapping[int, float]] | None = None,
     *,
     in_bends: bool = True,
+    even: Mapping[Link, float] | None = None,
 ) -> list[LaneLoad]:
     """Return the load of every lane that waits, the highest first.
 
@@ -128,9 +129,11 @@ def lane_loads(
         flows: what goes from street to street.
         behind: link -> inner links that what it lets go comes to -> room to wait there, metres.
         in_bends: whether who turns in a narrow bend leaves more slowly.
+        even: what each link would carry if all had green all the time, where that is known.
     """
     cycle = sum(seconds for seconds, _ in phases)
-    even = on_lanes(junction, flows, lambda link: SATURATION_VEH_H)
+    if even is None:
+        even = on_lanes(junction, flows, lambda link: SATURATION_VEH_H)
     capacity = {
         link: min(
             _capacity(junction, link, phases, cycle, even, in_bends),

@@ -82,6 +82,10 @@ class Link:
     bend_speed: float = math.inf
     crosses: tuple[str, ...] = ()
 
+    def __hash__(self) -> int:
+        """Of two fields that tell links apart: tables of links are asked all the time."""
+        return hash((self.junction, self.row))
+
     @property
     def arm(self) -> str:
         """The arm's name: one of ``COMPASS``."""

@@ -235,7 +235,9 @@ class Timing:
         return self._shared_out(cycle)[1]
 
     def _loads(self, phases: Sequence[Phase]) -> list[LaneLoad]:
-        return lane_loads(self.junction, phases, self.flows, self.behind, in_bends=False)
+        return lane_loads(
+            self.junction, phases, self.flows, self.behind, in_bends=False, even=self.carried
+        )
 
     @cached_property
     def _known(self) -> dict[float, tuple[float, tuple[Phase, ...]]]:

@@ -61,7 +61,7 @@ def _at(time: float, spans: Sequence[tuple[int, float, float]], cycle: float) ->
     return {
         index
         for index, start, stop in spans
-        if any(start < time + turn < stop for turn in (-cycle, 0.0, cycle))
+        if start < time < stop or start < time - cycle < stop or start < time + cycle < stop
     }
 
 

@@ -7,6 +7,7 @@ along a tractrix.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -97,16 +98,20 @@ def _along(track: NDArray[np.float64], at_m: NDArray[np.float64]) -> NDArray[np.
 def _tractrix(joint: NDArray[np.float64], yaw: float, bar_m: float) -> NDArray[np.float64]:
     """Return where an axle (N, 2) is that a bar of some length pulls behind a joint (N, 2)."""
     axle = np.empty_like(joint)
-    now = joint[0] - bar_m * np.array([np.cos(yaw), np.sin(yaw)])
-    axle[0] = now
-    for k in range(1, len(joint)):
-        leg = joint[k] - joint[k - 1]
-        steps = max(1, int(np.ceil(np.linalg.norm(leg) / _STEP_M)))
-        for share in np.arange(1, steps + 1) / steps:
-            pull = joint[k - 1] + share * leg
-            bar = now - pull
-            now = pull + bar * (bar_m / max(float(np.linalg.norm(bar)), 1e-9))
-        axle[k] = now
+    axle[0] = joint[0] - bar_m * np.array([np.cos(yaw), np.sin(yaw)])
+    # Plain numbers: of two at a time, arrays take ten times as long.
+    (from_x, from_y), (x, y) = joint[0].tolist(), axle[0].tolist()
+    for k, (to_x, to_y) in enumerate(joint[1:].tolist(), 1):
+        leg_x, leg_y = to_x - from_x, to_y - from_y
+        steps = max(1, math.ceil(math.sqrt(leg_x * leg_x + leg_y * leg_y) / _STEP_M))
+        for step in range(1, steps + 1):
+            share = step / steps
+            pull_x, pull_y = from_x + share * leg_x, from_y + share * leg_y
+            bar_x, bar_y = x - pull_x, y - pull_y
+            drawn = bar_m / max(math.sqrt(bar_x * bar_x + bar_y * bar_y), 1e-9)
+            x, y = pull_x + bar_x * drawn, pull_y + bar_y * drawn
+        axle[k] = x, y
+        from_x, from_y = to_x, to_y
     return axle
 
 

@@ -19,6 +19,7 @@ from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import BOX_SEMANTICS
 
 from ....dataset.conftest import dataset, digests, rig
+from ....thorough import further
 
 __all__ = ["dataset", "digests", "rig"]
 
@@ -90,7 +91,9 @@ def motley(dataset, tmp_path_factory):
     return out
 
 
-@pytest.fixture(params=["dataset", "motley", "two_sensors", "riding", "riding_in_the_site"])
+@pytest.fixture(
+    params=["dataset", "motley", "two_sensors", "riding", *further("riding_in_the_site")]
+)
 def any_dataset(request):
     """Each of the datasets."""
     return request.getfixturevalue(request.param)
