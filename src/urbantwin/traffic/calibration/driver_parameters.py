@@ -14,7 +14,14 @@ from urbantwin.traffic.calibration.lane_use import FEWEST
 from urbantwin.traffic.calibration.measured import Measured
 from urbantwin.traffic.calibration.passages import HEAVY
 
-__all__ = ["FEWEST_VALUES", "PARAMETERS", "QUEUES", "Parameter", "by_approach"]
+__all__ = [
+    "FEWEST_VALUES",
+    "PARAMETERS",
+    "QUEUES",
+    "Parameter",
+    "by_approach",
+    "in_the_sharpest_turn",
+]
 
 #: The headway of those who have stood.
 QUEUES = "queue_headway_s"
@@ -122,14 +129,19 @@ PARAMETERS = (
         classes=HEAVY,
     ),
     Parameter(
-        *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 6.0),
-        lambda part: part.bends,
+        *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 10.0),
+        lambda part: [one for _, found in sorted(part.bends.items()) for one in found],
         *(_median, True, "accelerations to the side in turns, m/s2"),
     ),
     Parameter(
         *("standing_gap_m", 2.0, 0.5, 6.0),
         lambda part: part.gaps,
         *(_median, False, "gaps of who stands behind each other, m"),
+    ),
+    Parameter(
+        *("headway_s", 1.35, 0.5, 3.0),
+        lambda part: part.driving,
+        *(_near, False, "times from bumper to bumper of who follows and has not stood, s", _FREE),
     ),
     Parameter(
         *("headway_s", 1.35, 0.5, 3.0),
@@ -153,6 +165,20 @@ PARAMETERS = (
         *(critical_gap, False, "choices of a gap by who gives way, s", _MANY),
     ),
 )
+
+
+def in_the_sharpest_turn(one: Parameter, recorded: Measured) -> Parameter:
+    """Return a figure of turns as that of the way on which it is largest, where ten tell it.
+
+    On others the speed limit is what counts, or giving way: they tell nothing of the drivers.
+    """
+    if one.field != "sideways_acceleration":
+        return one
+    told = {way: _median(x) for way, x in recorded.bends.items() if len(x) >= _MANY}
+    if not told:
+        return one
+    sharpest = max(sorted(told), key=told.__getitem__)
+    return replace(one, sample=lambda part: part.bends.get(sharpest, []))
 
 
 def by_approach(recorded: Measured) -> list[Parameter]:

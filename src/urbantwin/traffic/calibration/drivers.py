@@ -20,6 +20,7 @@ from urbantwin.traffic.calibration.driver_parameters import (
     QUEUES,
     Parameter,
     by_approach,
+    in_the_sharpest_turn,
 )
 from urbantwin.traffic.calibration.lane_use import shrunk
 from urbantwin.traffic.calibration.measured import Measured
@@ -29,7 +30,7 @@ __all__ = ["ROUNDS", "fitted_drivers", "of_approaches", "of_classes"]
 
 #: Simulations at most; fewer where all figures are as near as what was recorded and what was
 #: simulated tell (standard errors of both): the furthest, and in the mean.
-ROUNDS = 8
+ROUNDS = 10
 _NEAR, _NEAR_MEAN = 2.5, 1.0
 #: A parameter moves half as far if so few values are simulated; and a figure that is not simulated
 #: is so many times as far off as the recording tells it.
@@ -39,12 +40,12 @@ _WANTED_KS = 0.1
 _DRAWN_AGAIN = 200
 #: A figure that differs by no more is the same.
 _SAME = 0.02
-#: How a figure answers to its parameter is learned of what was simulated, each simulation counting
-#: so much of the next; what is expected of it counts as values so far apart (of their size); and
-#: it is between these shares of that.
-_FADES, _EXPECTED_OVER, _ANSWERS = 0.6, 0.15, (0.4, 2.5)
+#: How a figure answers to its parameter is learned of so many last simulations (the first had
+#: other drivers in everything else), each counting so much of the next; what is expected of it
+#: counts as values so far apart (of their size); and it is between these shares of that.
+_LAST, _FADES, _EXPECTED_OVER, _ANSWERS = 4, 0.6, 0.15, (0.4, 2.5)
 #: A parameter moves no further at once, of its size.
-_FURTHEST = 0.5
+_FURTHEST = 0.75
 
 
 def fitted_drivers(
@@ -70,7 +71,7 @@ def fitted_drivers(
     for one in PARAMETERS:
         if len(one.sample(recorded)) >= one.fewest:
             first.setdefault(one.name, one)
-    known = list(first.values())
+    known = [in_the_sharpest_turn(one, recorded) for one in first.values()]
     apart = by_approach(recorded) if QUEUES in first else []
     untold = [
         f"{one.name}: {len(one.sample(recorded))} {one.what} are too few, "
@@ -155,7 +156,7 @@ def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float
         goal: the figure that is wanted.
         simulations: value, figure, and of how many values, in the order of the rounds.
     """
-    value, figure, count = np.array(simulations, np.float64).T
+    value, figure, count = np.array(simulations[-_LAST:], np.float64).T
     if one.ratio:
         value, figure, goal = np.log(value), np.log(figure), float(np.log(goal))
     fades = _FADES ** np.arange(len(value))[::-1]
