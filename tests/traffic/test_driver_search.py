@@ -23,7 +23,7 @@ def world(drivers: Mapping[str, float], noise: np.random.Generator, count: int) 
 
     return replace(
         NOTHING,
-        free=values(0.9 * speed**0.7, 0.08),
+        free={"b": values(0.9 * speed**0.7, 0.08), "c": values(0.4, 0.01)},  # c: held up
         gaps=values(gap + 0.1, 0.3),
         driving=values(0.2 + 0.6 * headway + 0.1 * gap, 0.2),
         discharge={"a": values(1.4 + 0.3 * queue + 0.4 * headway, 0.3)},

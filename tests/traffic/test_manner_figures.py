@@ -78,7 +78,7 @@ def test_free_is_who_has_nobody_close_ahead_be_it_a_bicycle() -> None:
     tracks = [first, near, later, ridden, held_up]
     passed = [passage(one, 1.0) for one in tracks if one is not ridden]
     found = free_speeds(tracks, passed, limits, 0.0, 100.0)
-    assert found == pytest.approx([1.2, 1.1])
+    assert found == {"b": pytest.approx([1.2, 1.1])}
 
 
 @pytest.mark.parametrize("beside", [0.0, -0.9])

@@ -199,7 +199,7 @@ def _arrivals(
     part: Measured, passages: Sequence[Passage], twin: Twin, cycle_s: float
 ) -> dict[str, Any]:
     """Return in which platoons who came in the part that is fitted to, and whether evenly."""
-    factor = float(np.median(part.free)) if part.free else 1.0
+    factor = float(np.median(part.all_free)) if part.free else 1.0
     came = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
     platoons = platoons_of(came, part.seconds, cycle_s)
     cycle_s = max([cycle_s, *(one["cycle_s"] for one in platoons)])

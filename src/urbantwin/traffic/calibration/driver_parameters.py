@@ -20,7 +20,7 @@ __all__ = [
     "QUEUES",
     "Parameter",
     "by_approach",
-    "in_the_sharpest_turn",
+    "where_it_shows",
 ]
 
 #: The headway of those who have stood.
@@ -51,6 +51,7 @@ class Parameter:
         fewest: with fewer values it is not fitted; of several parameters of one field the first
             with enough values is.
         classes: of these alone; empty: of all motor traffic that has none of its own.
+        where: what was measured, place by place, of which the sample is all; empty: not so.
         approach: of those who stood on this road alone; empty: on any that has none of its own.
         gain: how far the parameter moves for a figure that is off by one, where not a ratio.
     """
@@ -65,6 +66,7 @@ class Parameter:
     what: str
     fewest: int = FEWEST_VALUES
     classes: tuple[str, ...] = ()
+    where: str = ""
     approach: str = ""
     gain: float = 1.0
 
@@ -93,8 +95,9 @@ def _near(values: list[float]) -> float:
 PARAMETERS = (
     Parameter(
         *("speed_factor", 1.0, 0.4, 1.5),
-        lambda part: part.free,
+        lambda part: part.all_free,
         *(_median, True, "speeds of who leaves with nobody close ahead, of the limit", _FREE),
+        where="free",
     ),
     Parameter(
         *("speed_factor", 1.0, 0.4, 1.5),
@@ -103,8 +106,9 @@ PARAMETERS = (
     ),
     Parameter(
         *("speed_spread", 0.1, 0.01, 0.3),
-        lambda part: part.free,
+        lambda part: part.all_free,
         *(_quartiles_apart, True, "spreads of such speeds", _FREE),
+        where="free",
     ),
     Parameter(
         *("acceleration", 2.6, 0.8, 4.5),
@@ -132,6 +136,7 @@ PARAMETERS = (
         *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 10.0),
         lambda part: [one for _, found in sorted(part.bends.items()) for one in found],
         *(_median, True, "accelerations to the side in turns, m/s2"),
+        where="bends",
     ),
     Parameter(
         *("standing_gap_m", 2.0, 0.5, 6.0),
@@ -167,18 +172,19 @@ PARAMETERS = (
 )
 
 
-def in_the_sharpest_turn(one: Parameter, recorded: Measured) -> Parameter:
-    """Return a figure of turns as that of the way on which it is largest, where ten tell it.
+def where_it_shows(one: Parameter, recorded: Measured) -> Parameter:
+    """Return a figure of turns or exits as that of the one on which values are largest.
 
-    On others the speed limit is what counts, or giving way: they tell nothing of the drivers.
+    Of those that ten values tell (of speeds, thirty). On others bends, limits, signals or giving
+    way hold drivers up: they tell nothing of what these would do, and a simulation that is held up
+    there otherwise would be answered by other drivers everywhere.
     """
-    if one.field != "sideways_acceleration":
-        return one
-    told = {way: _median(x) for way, x in recorded.bends.items() if len(x) >= _MANY}
+    places: dict[Any, list[float]] = getattr(recorded, one.where) if one.where else {}
+    told = {at: _median(x) for at, x in places.items() if len(x) >= max(one.fewest, _MANY)}
     if not told:
         return one
-    sharpest = max(sorted(told), key=told.__getitem__)
-    return replace(one, sample=lambda part: part.bends.get(sharpest, []))
+    there = max(sorted(told), key=told.__getitem__)
+    return replace(one, sample=lambda part: getattr(part, one.where).get(there, []))
 
 
 def by_approach(recorded: Measured) -> list[Parameter]:

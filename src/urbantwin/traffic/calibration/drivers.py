@@ -20,7 +20,7 @@ from urbantwin.traffic.calibration.driver_parameters import (
     QUEUES,
     Parameter,
     by_approach,
-    in_the_sharpest_turn,
+    where_it_shows,
 )
 from urbantwin.traffic.calibration.lane_use import shrunk
 from urbantwin.traffic.calibration.measured import Measured
@@ -28,10 +28,11 @@ from urbantwin.traffic.calibration.passages import MOTORS
 
 __all__ = ["ROUNDS", "fitted_drivers", "of_approaches", "of_classes"]
 
-#: Simulations at most; fewer where all figures are as near as what was recorded and what was
-#: simulated tell (standard errors of both): the furthest, and in the mean.
+#: Simulations at most; fewer where distributions are as near as is wanted, and all figures as what
+#: was recorded and what was simulated tell: 1 standard error of both in the mean, the furthest so
+#: many.
 ROUNDS = 10
-_NEAR, _NEAR_MEAN = 2.5, 1.0
+_NEAR = 2.5
 #: A parameter moves half as far if so few values are simulated; and a figure that is not simulated
 #: is so many times as far off as the recording tells it.
 _FEW, _NONE_SHOWN = 5, 20.0
@@ -71,7 +72,7 @@ def fitted_drivers(
     for one in PARAMETERS:
         if len(one.sample(recorded)) >= one.fewest:
             first.setdefault(one.name, one)
-    known = [in_the_sharpest_turn(one, recorded) for one in first.values()]
+    known = [where_it_shows(one, recorded) for one in first.values()]
     apart = by_approach(recorded) if QUEUES in first else []
     untold = [
         f"{one.name}: {len(one.sample(recorded))} {one.what} are too few, "
@@ -107,10 +108,11 @@ def fitted_drivers(
             for counts in [(len(one.sample(recorded)), len(values[one.name]))]
         }
         mean = sum(weight[name] * one for name, one in off.items()) / sum(weight.values())
-        whole = mean + _distances(recorded, part)
+        speeds, headways = _distances(recorded, part)
+        whole = mean + speeds + headways
         if whole < best[0]:
             best = whole, dict(drivers), shown
-        if max(off.values()) <= _NEAR and mean <= _NEAR_MEAN:
+        if max(off.values()) <= _NEAR and max(mean, speeds, headways) <= 1:
             break
         for one in known:
             if one.name in shown:
@@ -175,11 +177,14 @@ def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float
     return float(np.exp(aim)) if one.ratio else aim
 
 
-def _distances(recorded: Measured, part: Measured) -> float:
+def _distances(recorded: Measured, part: Measured) -> tuple[float, float]:
     """Return how far distributions of speed and headway are off, in what is wanted of them."""
     told = agreement(recorded, part)
-    both = (told["speed_ks"], told["headway_ks"])
-    return sum(1.0 if one is None else float(one) / _WANTED_KS for one in both)
+    speeds, headways = (
+        1.0 if one is None else float(one) / _WANTED_KS
+        for one in (told["speed_ks"], told["headway_ks"])
+    )
+    return speeds, headways
 
 
 def _keep_in_order(drivers: dict[str, float]) -> None:

@@ -67,7 +67,8 @@ class Measured:
         faded: from 6 to 9 m/s, m/s2, the same.
         heavy_accelerations: of trucks and buses, as ``accelerations``.
         heavy_faded: of trucks and buses, as ``faded``.
-        free: speeds as shares of the limit, of those who leave with nobody close ahead.
+        free: exit -> speeds as shares of the limit, of those who leave by it with nobody close
+            ahead.
         tops: speeds that nine tenths of a vehicle's way stay below, as shares of the road's limit.
         bends: (approach, exit) -> accelerations to the side in turns, m/s2, one a vehicle.
         lane_use: (approach, exit) -> lane of the approach -> how many entered the junction from it.
@@ -88,7 +89,7 @@ class Measured:
     faded: list[float] = field(default_factory=list)
     heavy_accelerations: list[float] = field(default_factory=list)
     heavy_faded: list[float] = field(default_factory=list)
-    free: list[float] = field(default_factory=list)
+    free: dict[str, list[float]] = field(default_factory=dict)
     tops: list[float] = field(default_factory=list)
     bends: dict[tuple[str, str], list[float]] = field(default_factory=dict)
     gap_choices: list[tuple[float, float]] = field(default_factory=list)
@@ -99,6 +100,11 @@ class Measured:
         """Headways of all lanes up to 15 s: how one follows another."""
         every = np.array([one for found in self.headways.values() for one in found])
         return every[every <= _FOLLOWING_S]
+
+    @property
+    def all_free(self) -> list[float]:
+        """Speeds of those with nobody close ahead, of all exits."""
+        return [one for _, found in sorted(self.free.items()) for one in found]
 
     @property
     def all_discharge(self) -> list[float]:
@@ -132,7 +138,7 @@ def joined(parts: Sequence[Measured]) -> Measured:
         "lane_use": {way: dict(used) for way, used in lane_use.items()},
     }
     found |= {name: added(name) for name in ("classes", "new", "turns")}
-    found |= {name: by_place(name) for name in ("headways", "discharge", "bends")}
+    found |= {name: by_place(name) for name in ("headways", "discharge", "bends", "free")}
     found |= {one.name: every(one.name) for one in fields(Measured) if one.name not in found}
     return Measured(**found)
 
