@@ -116,8 +116,8 @@ def fitted_drivers(
             break
         for one in known:
             if one.name in shown:
-                told = drivers[one.name], max(shown[one.name], 1e-3), len(values[one.name])
-                simulations[one.name].append(told)
+                figure = max(shown[one.name], 1e-3)
+                simulations[one.name].append((drivers[one.name], figure, len(values[one.name])))
                 moved = _moved(one, wanted[one.name], simulations[one.name])
                 drivers[one.name] = round(float(np.clip(moved, one.least, one.most)), 3)
         _keep_in_order(drivers)
@@ -142,7 +142,7 @@ def fitted_drivers(
 def _off(one: Parameter, shown: float, goal: float, error: float, counts: tuple[int, int]) -> float:
     """Return how far a figure is off, in standard errors of what was recorded and simulated."""
     recorded, simulated = counts
-    both = error * (1 + recorded / max(simulated, 1)) ** 0.5
+    both = error * float(np.sqrt(1 + recorded / max(simulated, 1)))
     return abs(shown - goal) / max(both, _SAME * goal, 1e-9)
 
 
@@ -170,7 +170,8 @@ def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float
     slope = (expected * over**2 + weight @ ((value - x) * (figure - y))) / (
         over**2 + weight @ (value - x) ** 2
     )
-    slope = float(np.clip(slope, *(expected * share for share in _ANSWERS)))
+    least, most = _ANSWERS
+    slope = float(np.clip(slope, expected * least, expected * most))
     aim = x + float(trust[-1]) * (goal - y) / slope
     furthest = float(np.log1p(_FURTHEST)) if one.ratio else _FURTHEST * one.usual
     aim = float(np.clip(aim, value[-1] - furthest, value[-1] + furthest))

@@ -360,9 +360,11 @@ def _gaps(
                 follow[pair].append(time)
                 if a.time_s[k] < stood_s[a.track.name]:
                     drive[pair].append(time)
-    told = ([float(np.median(found)) for found in one.values()] for one in (stand, follow, drive))
-    first, second, third = told
-    return first, second, third
+    return _medians(stand), _medians(follow), _medians(drive)
+
+
+def _medians(of_pairs: dict[tuple[str, str], list[float]]) -> list[float]:
+    return [float(np.median(found)) for found in of_pairs.values()]
 
 
 def _first_stood(seen: SeenTrack) -> float:
