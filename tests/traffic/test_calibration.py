@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -163,10 +164,12 @@ def test_drivers_are_found_again(
         assert found[field] == pytest.approx(TRUTH[field], rel=off), field
 
 
-def test_groups_of_signals_are_told_by_who_passes(
-    crossing_twin: Twin, links: JunctionLinks, passages: list[Passage], scratch: Path
-) -> None:
-    # The program that was simulated: timed for who was counted.
+@pytest.fixture(scope="module")
+def shown(
+    tracks: list[SeenTrack], crossing_twin: Twin, scratch: Path
+) -> tuple[float, dict[str, tuple[tuple[float, str], ...]]]:
+    """The cycle of the program that was simulated, which is timed for who was counted, and what
+    each of its links showed."""
     (program,) = timing_told(scratch / "counted.net.xml", crossing_twin.roads)[0].programs
     cycle = sum(seconds for seconds, _ in program.phases)
     states = []  # of every link, each second
@@ -183,6 +186,13 @@ def test_groups_of_signals_are_told_by_who_passes(
         letters = [state[link] for state in states]
         changes = [k for k in range(len(letters)) if k == 0 or letters[k] != letters[k - 1]]
         shown[f"group {link}"] = tuple((float(k), letters[k]) for k in changes)
+    return cycle, shown
+
+
+def test_groups_of_signals_are_told_by_who_passes(
+    links: JunctionLinks, passages: list[Passage], shown: Any
+) -> None:
+    cycle, shown = shown
     timing = timing_of(RecordedSignals(shown), passages, links, SECONDS)
     assert timing is not None
     assert timing.cycle_s == pytest.approx(cycle, abs=0.5)
@@ -203,6 +213,33 @@ def test_groups_of_signals_are_told_by_who_passes(
         # One that is green less often, whenever those passed who took the link, is as likely.
         assert set(found) <= set(green)
     assert sum(seconds for seconds, _ in timing.states) == pytest.approx(cycle, abs=0.5)
+
+
+def test_people_have_green_when_nobody_who_would_meet_them_has(
+    links: JunctionLinks, passages: list[Passage], shown: Any, crossing_twin: Twin
+) -> None:
+    """As in the program that was simulated, whose groups of people no passage tells."""
+    timing = timing_of(RecordedSignals(shown[1]), passages, links, SECONDS)
+    assert timing is not None
+    assert links.signals is not None
+    letters = np.array(
+        [list(state) for seconds, state in timing.states for _ in range(round(10 * seconds))]
+    )
+    crossings = [one for one in links.signals.links if one.movement == "walk"]
+    assert len(crossings) == 4
+    for walk in crossings:
+        walks = letters[:, walk.index] == "G"
+        assert 5.0 <= walks.sum() / 10 < shown[0] - walk.length / 1.2
+        still = round(10 * walk.length / 1.4)  # somebody who set out last, at 1.4 m/s
+        there = np.any([np.roll(walks, k) for k in range(still)], axis=0)
+        arm = next(iter(walk.crosses)).replace("c", "")
+        ways = [
+            one.index
+            for one in links.signals.links
+            if one.road == f"{arm}c" or (one.to[:2] == f"c{arm}" and one.movement == "through")
+        ]
+        assert ways
+        assert not np.isin(letters[there][:, ways], ["G", "g", "y"]).any(), arm
 
 
 def test_a_measurement_agrees_with_itself_and_not_with_another(

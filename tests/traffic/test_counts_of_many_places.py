@@ -3,6 +3,7 @@
 import re
 import subprocess
 from collections import Counter
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from urbantwin.roads import sumo_binary
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.netconvert import sumo_home
 from urbantwin.traffic.assets import asset
+from urbantwin.traffic.calibration.bicycles import bicycle_counts
 from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
 from urbantwin.traffic.calibration.measured import measured
 from urbantwin.traffic.calibration.parameters import traffic_of
@@ -345,6 +347,28 @@ def test_who_passes_only_another_junction_is_driven_too(street_twin: Twin) -> No
     wanted = turns({way(*ends): rate for ends, rate in true.items()})
     assert {one: found[one] for one in wanted} == pytest.approx(wanted, abs=8)
     assert sum(found.values()) == pytest.approx(sum(wanted.values()), abs=20)
+
+
+def test_bicycles_are_driven_way_by_way(street_twin: Twin) -> None:
+    """As many on each way as rode it; and as before where a tenth was counted nowhere."""
+    seconds = 720.0
+    links = JunctionLinks.of(street_twin.net_path, street_twin.roads)
+    tracks = [
+        replace(one, track=replace(one.track, actor_class="bicycle"))
+        for one in seen_on(street_twin, {**TRUE, ("bs", "e"): 80}, seconds)
+    ]
+    part = measured(tracks, [], street_twin.roads, 0.0, seconds)
+    rows = bicycle_counts(part, tracks, street_twin.roads, links)
+    assert {row["actor_class"] for row in rows} == {"bicycle"}
+    found = turns(dict(Counter(trip.edges for trip in planned(street_twin, rows).trips)))
+    wanted = turns({way(*ends): rate for ends, rate in {**TRUE, ("bs", "e"): 80}.items()})
+    assert {one: found[one] for one in wanted} == pytest.approx(wanted, abs=8)
+    beside = [
+        replace(one, track=replace(one.track, name=f"on a path {k}"), xy=one.xy + [0.0, 40.0])
+        for k, one in enumerate(tracks[: len(tracks) // 5])
+    ]
+    part = measured(tracks + beside, [], street_twin.roads, 0.0, seconds)
+    assert not bicycle_counts(part, tracks + beside, street_twin.roads, links)
 
 
 def test_a_junction_that_is_seen_in_part_is_not_counted(street_twin: Twin) -> None:

@@ -78,7 +78,7 @@ def test_free_is_who_has_nobody_close_ahead_be_it_a_bicycle() -> None:
     tracks = [first, near, later, ridden, held_up]
     passed = [passage(one, 1.0) for one in tracks if one is not ridden]
     found = free_speeds(tracks, passed, limits, 0.0, 100.0)
-    assert found == pytest.approx([1.2, 1.1])
+    assert found == {"b": pytest.approx([1.2, 1.1])}
 
 
 @pytest.mark.parametrize("beside", [0.0, -0.9])
@@ -97,3 +97,37 @@ def test_bicycles_are_found_where_they_ride_in_a_lane(crossing_twin: Twin, besid
     assert lane_offset(tracks, roads, 45.0) == (None, 5)
     other_side = replace(roads, driving_side="left")
     assert lane_offset(tracks, other_side, 1e3)[0] == pytest.approx(-beside, abs=0.02)
+
+
+def test_times_of_who_has_stood_are_told_apart(crossing_twin: Twin) -> None:
+    """15 m of road from bumper to bumper at 10 m/s; one of two who follow has stood before."""
+    times = np.arange(0.0, 12.0, STEP_S)
+    stood_s = 5.0
+    pairs = []
+    for number, stands in enumerate((False, True)):
+        speed = np.where(stands & (times < stood_s), 0.0, 10.0)
+        behind = straight(f"{number} behind", "car", 0.0, speed)
+        ahead = straight(f"{number} ahead", "car", 0.0, speed)
+        ahead.xy[:, 0] += 15.0 + 4.5
+        lanes = np.full(len(times), f"a_{number}", object)
+        pairs += [Passage(one, lanes, "a", "b", f"a_{number}", 30.0) for one in (behind, ahead)]
+    found = measured([one.seen for one in pairs], pairs, crossing_twin.roads, 0.0, 12.0)
+    assert found.following == pytest.approx([1.5, 1.5])
+    assert found.driving == pytest.approx([1.5])
+
+
+def test_accelerations_to_the_side_are_told_way_by_way(crossing_twin: Twin) -> None:
+    """v2/r on circles of 12 and 40 m."""
+    passages = []
+    for way, radius, speed in (("b", 12.0, 6.0), ("c", 40.0, 6.0)):
+        yaw = speed / radius * np.arange(0.0, 0.5 * np.pi * radius / speed + 2.0, STEP_S)
+        yaw = np.minimum(yaw, 0.5 * np.pi)
+        xy = radius * np.column_stack([np.sin(yaw), 1 - np.cos(yaw)])
+        seen = track(way, "car", 0.0, xy, np.full(len(yaw), speed))
+        seen.yaw[:] = yaw
+        lanes = np.full(len(yaw), "a_0", object)
+        passages.append(Passage(seen, lanes, "a", way, "a_0", 0.0))
+    found = measured([one.seen for one in passages], passages, crossing_twin.roads, 0.0, 20.0)
+    assert set(found.bends) == {("a", "b"), ("a", "c")}
+    assert found.bends["a", "b"] == pytest.approx([3.0], rel=0.05)
+    assert found.bends["a", "c"] == pytest.approx([0.9], rel=0.05)

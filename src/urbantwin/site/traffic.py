@@ -162,7 +162,7 @@ class DriverSpec(Strict):
     standing_gap_m: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
     acceleration: Annotated[float, Field(ge=0.2, le=10.0)] | None = None
     acceleration_at_10: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
-    sideways_acceleration: Annotated[float, Field(ge=0.5, le=6.0)] | None = None
+    sideways_acceleration: Annotated[float, Field(ge=0.5, le=10.0)] | None = None
     critical_gap_s: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
     lane_offset_m: Annotated[float, Field(ge=-5.0, le=5.0)] | None = None
 

@@ -17,6 +17,7 @@ from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.arrivals import arrivals_of, come_evenly, platoons_of
+from urbantwin.traffic.calibration.bicycles import bicycle_counts
 from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers, of_approaches, of_classes
 from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
 from urbantwin.traffic.calibration.judged import judged, told_of
@@ -113,6 +114,7 @@ def calibrate_traffic(
             )
         elsewhere = counted_elsewhere(seen, twin.roads, links.junction)
         traffic, missing = traffic_of(part, passages, _sizes(seen, fit_s), 0.0, elsewhere)
+        traffic["counts"] += bicycle_counts(part, seen, twin.roads, links)
         missing += ways_missed(part, links, elsewhere.besides(passages, fit_s))
         own_cycle_s = 0.0 if timing is None else timing.cycle_s
         riding = lane_offset(seen, twin.roads, fit_s)
@@ -126,7 +128,7 @@ def calibrate_traffic(
         told: list[dict[str, Any]] = []
         lanes = LaneUse(part, links)
         if seconds > 0:
-            uncounted = UncountedFlows(part)
+            uncounted = UncountedFlows(part, {row["actor_class"] for row in traffic["counts"]})
             drivers, told, untold = _fitted(
                 twin, asked, part, (uncounted, lanes), seen, scratch, between(progress, 0.4, 0.7)
             )
@@ -197,7 +199,7 @@ def _arrivals(
     part: Measured, passages: Sequence[Passage], twin: Twin, cycle_s: float
 ) -> dict[str, Any]:
     """Return in which platoons who came in the part that is fitted to, and whether evenly."""
-    factor = float(np.median(part.free)) if part.free else 1.0
+    factor = float(np.median(part.all_free)) if part.free else 1.0
     came = arrivals_of(passages, twin.roads, factor, 0.0, part.seconds)
     platoons = platoons_of(came, part.seconds, cycle_s)
     cycle_s = max([cycle_s, *(one["cycle_s"] for one in platoons)])

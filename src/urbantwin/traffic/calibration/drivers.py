@@ -8,169 +8,45 @@ signals and the way of measuring do to the figure, they do on both sides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from urbantwin.roads.curve_speed import SIDEWAYS_MS2
 from urbantwin.traffic.calibration.agreement import agreement
-from urbantwin.traffic.calibration.gap_acceptance import critical_gap
-from urbantwin.traffic.calibration.lane_use import FEWEST, shrunk
+from urbantwin.traffic.calibration.driver_parameters import (
+    FEWEST_VALUES,
+    PARAMETERS,
+    QUEUES,
+    Parameter,
+    by_approach,
+    where_it_shows,
+)
+from urbantwin.traffic.calibration.lane_use import shrunk
 from urbantwin.traffic.calibration.measured import Measured
-from urbantwin.traffic.calibration.passages import HEAVY, MOTORS
+from urbantwin.traffic.calibration.passages import MOTORS
 
 __all__ = ["ROUNDS", "fitted_drivers", "of_approaches", "of_classes"]
 
-#: Simulations.
-ROUNDS = 6
-_QUEUES = "queue_headway_s"
-#: Figures of fewer than this tell nothing.
-_FEWEST = 5
+#: Simulations at most; fewer where distributions are as near as is wanted, and all figures as what
+#: was recorded and what was simulated tell: 1 standard error of both in the mean, the furthest so
+#: many.
+ROUNDS = 10
+_NEAR = 2.5
 #: A parameter moves half as far if so few values are simulated; and a figure that is not simulated
 #: is so many times as far off as the recording tells it.
 _FEW, _NONE_SHOWN = 5, 20.0
 #: Distributions are to be as near as this (Kolmogorov-Smirnov).
 _WANTED_KS = 0.1
-#: Where there is another figure for the same, of fewer than this.
-_MANY = 10
-#: Speeds of fewer, many of whom still speed up, tell no wish.
-_FREE = 30
 _DRAWN_AGAIN = 200
 #: A figure that differs by no more is the same.
 _SAME = 0.02
-#: At a stop line, who comes so soon after another follows, seconds.
-_FOLLOWS_S = 4.0
-#: A parameter moves by so much of the difference, less from round to round.
-_STEPS = (1.0, 1.0, 0.8, 0.8, 0.6)
-
-
-@dataclass(frozen=True)
-class _Parameter:
-    """A field of ``traffic.drivers`` and the figure that tells it.
-
-    Attributes:
-        field: its name.
-        usual: where the search begins.
-        least: smallest value.
-        most: largest value.
-        sample: of what was measured, the values that are summed up.
-        figure: a sum of them: median, ...
-        ratio: whether the parameter goes as the figure (else: by as much).
-        what: the values in words.
-        fewest: with fewer values it is not fitted; of several parameters of one field the first
-            with enough values is.
-        classes: of these alone; empty: of all motor traffic that has none of its own.
-        approach: of those who stood on this road alone; empty: on any that has none of its own.
-        gain: how far the parameter moves for a figure that is off by one, where not a ratio.
-    """
-
-    field: str
-    usual: float
-    least: float
-    most: float
-    sample: Callable[[Measured], list[Any]]
-    figure: Callable[[list[Any]], float]
-    ratio: bool
-    what: str
-    fewest: int = _FEWEST
-    classes: tuple[str, ...] = ()
-    approach: str = ""
-    gain: float = 1.0
-
-    @property
-    def name(self) -> str:
-        """The field, whose it is, and where."""
-        whose = ["of", *self.classes] if self.classes else []
-        return " ".join([self.field, *whose, *(["on", self.approach] if self.approach else [])])
-
-
-def _quartiles_apart(values: list[float]) -> float:
-    """Return a standard deviation that outliers do not move: of the quartiles."""
-    low, high = np.quantile(values, [0.25, 0.75])
-    return float(high - low) / 1.349
-
-
-def _median(values: list[float]) -> float:
-    return float(np.median(values))
-
-
-def _near(values: list[float]) -> float:
-    """Return the value that a third is below: the others have more room than they want."""
-    return float(np.quantile(values, 1 / 3))
-
-
-_PARAMETERS = (
-    _Parameter(
-        *("speed_factor", 1.0, 0.4, 1.5),
-        lambda part: part.free,
-        *(_median, True, "speeds of who leaves with nobody close ahead, of the limit", _FREE),
-    ),
-    _Parameter(
-        *("speed_factor", 1.0, 0.4, 1.5),
-        lambda part: sorted(part.tops)[len(part.tops) // 2 :],
-        *(_median, True, "best speeds of the quicker half, as shares of the limit"),
-    ),
-    _Parameter(
-        *("speed_spread", 0.1, 0.01, 0.3),
-        lambda part: part.free,
-        *(_quartiles_apart, True, "spreads of such speeds", _FREE),
-    ),
-    _Parameter(
-        *("acceleration", 2.6, 0.8, 4.5),
-        lambda part: part.accelerations,
-        *(_median, True, "accelerations from 1 to 5 m/s, m/s2"),
-    ),
-    _Parameter(
-        *("acceleration", 2.6, 0.4, 4.5),
-        lambda part: part.heavy_accelerations,
-        *(_median, True, "accelerations from 1 to 5 m/s, m/s2", _MANY),
-        classes=HEAVY,
-    ),
-    _Parameter(
-        *("acceleration_at_10", 2.6, 0.3, 4.5),
-        lambda part: part.faded,
-        *(_median, True, "accelerations from 6 to 9 m/s, m/s2"),
-    ),
-    _Parameter(
-        *("acceleration_at_10", 2.6, 0.3, 4.5),
-        lambda part: part.heavy_faded,
-        *(_median, True, "accelerations from 6 to 9 m/s, m/s2", _MANY),
-        classes=HEAVY,
-    ),
-    _Parameter(
-        *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 6.0),
-        lambda part: part.bends,
-        *(_median, True, "accelerations to the side in turns, m/s2"),
-    ),
-    _Parameter(
-        *("standing_gap_m", 2.0, 0.5, 6.0),
-        lambda part: part.gaps,
-        *(_median, False, "gaps of who stands behind each other, m"),
-    ),
-    _Parameter(
-        *("headway_s", 1.35, 0.5, 3.0),
-        lambda part: part.following,
-        *(_near, False, "times from bumper to bumper of who follows, s", _MANY),
-    ),
-    _Parameter(
-        *(_QUEUES, 1.35, 0.5, 4.0),
-        lambda part: part.all_discharge,
-        *(_median, False, "times between who leaves a queue at the stop line, s", _MANY),
-        gain=2.0,  # who sets out at the stop line does not yet drive as it would in the end
-    ),
-    _Parameter(
-        *("headway_s", 1.35, 0.5, 3.0),
-        lambda part: part.all_headways[part.all_headways <= _FOLLOWS_S].tolist(),
-        *(_median, False, "headways of who follows at the stop line, s"),
-    ),
-    _Parameter(
-        *("critical_gap_s", 1.0, 0.1, 8.0),
-        lambda part: part.gap_choices if any(gap > 0 for gap, _ in part.gap_choices) else [],
-        *(critical_gap, False, "choices of a gap by who gives way, s", _MANY),
-    ),
-)
+#: How a figure answers to its parameter is learned of so many last simulations (the first had
+#: other drivers in everything else), each counting so much of the next; what is expected of it
+#: counts as values so far apart (of their size); and it is between these shares of that.
+_LAST, _FADES, _EXPECTED_OVER, _ANSWERS = 4, 0.6, 0.15, (0.4, 2.5)
+#: A parameter moves no further at once, of its size.
+_FURTHEST = 0.75
 
 
 def fitted_drivers(
@@ -192,27 +68,28 @@ def fitted_drivers(
         The fields of ``traffic.drivers``, as `of_classes` and `of_approaches` take them; by field
         what was recorded, what is simulated, of how many values; and what could not be told.
     """
-    first: dict[str, _Parameter] = {}
-    for one in _PARAMETERS:
+    first: dict[str, Parameter] = {}
+    for one in PARAMETERS:
         if len(one.sample(recorded)) >= one.fewest:
             first.setdefault(one.name, one)
-    known = list(first.values())
-    apart = _by_approach(recorded) if _QUEUES in first else []
+    known = [where_it_shows(one, recorded) for one in first.values()]
+    apart = by_approach(recorded) if QUEUES in first else []
     untold = [
         f"{one.name}: {len(one.sample(recorded))} {one.what} are too few, "
         + ("as the others" if one.classes else "the usual stays")
-        for one in {one.name: one for one in _PARAMETERS}.values()
+        for one in {one.name: one for one in PARAMETERS}.values()
         if one.name not in first and (not one.classes or one.sample(recorded))
     ]
     wanted = {one.name: one.figure(one.sample(recorded)) for one in known}
     for one in apart:
         own = one.figure(one.sample(recorded))
-        wanted[one.name] = shrunk(own, wanted[_QUEUES], len(one.sample(recorded)))
+        wanted[one.name] = shrunk(own, wanted[QUEUES], len(one.sample(recorded)))
     known += apart
     # Together they weigh as much as any other figure.
     weight = {one.name: 1 / len(apart) if one.approach else 1.0 for one in known}
     error = {one.name: _error(one, recorded) for one in known}
     drivers = {one.name: one.usual for one in known}
+    simulations: dict[str, list[tuple[float, float, int]]] = {one.name: [] for one in known}
     best: tuple[float, dict[str, float], dict[str, float]] = (np.inf, dict(drivers), {})
     for turn in range(rounds if known else 0):
         part = simulated(drivers, turn)
@@ -220,32 +97,29 @@ def fitted_drivers(
         shown = {
             one.name: one.figure(values[one.name])
             for one in known
-            if len(values[one.name]) >= _FEWEST
+            if len(values[one.name]) >= FEWEST_VALUES
         }
-        # In what the recording itself does not tell: figures of few weigh less.
+        # In what recording and simulation themselves do not tell: figures of few weigh less.
         off = {
-            name: abs(shown[name] - goal) / max(error[name], _SAME * goal, 1e-9)
-            if name in shown
+            one.name: _off(one, shown[one.name], wanted[one.name], error[one.name], counts)
+            if one.name in shown
             else _NONE_SHOWN
-            for name, goal in wanted.items()
+            for one in known
+            for counts in [(len(one.sample(recorded)), len(values[one.name]))]
         }
         mean = sum(weight[name] * one for name, one in off.items()) / sum(weight.values())
-        whole = mean + _distances(recorded, part)
+        speeds, headways = _distances(recorded, part)
+        whole = mean + speeds + headways
         if whole < best[0]:
             best = whole, dict(drivers), shown
-        if max(off.values()) <= 1:
+        if max(off.values()) <= _NEAR and max(mean, speeds, headways) <= 1:
             break
-        step = _STEPS[min(turn, len(_STEPS) - 1)]
         for one in known:
-            if one.name not in shown:
-                continue
-            goal, now = wanted[one.name], max(shown[one.name], 1e-3)
-            value = drivers[one.name]
-            by = step * len(values[one.name]) / (len(values[one.name]) + _FEW)
-            moved = (
-                value * (goal / now) ** by if one.ratio else value + by * one.gain * (goal - now)
-            )
-            drivers[one.name] = round(float(np.clip(moved, one.least, one.most)), 3)
+            if one.name in shown:
+                figure = max(shown[one.name], 1e-3)
+                simulations[one.name].append((drivers[one.name], figure, len(values[one.name])))
+                moved = _moved(one, wanted[one.name], simulations[one.name])
+                drivers[one.name] = round(float(np.clip(moved, one.least, one.most)), 3)
         _keep_in_order(drivers)
     _, drivers, shown = best
     told = [
@@ -265,41 +139,64 @@ def fitted_drivers(
     return drivers, told, untold
 
 
-def _distances(recorded: Measured, part: Measured) -> float:
+def _off(one: Parameter, shown: float, goal: float, error: float, counts: tuple[int, int]) -> float:
+    """Return how far a figure is off, in standard errors of what was recorded and simulated."""
+    recorded, simulated = counts
+    both = error * float(np.sqrt(1 + recorded / max(simulated, 1)))
+    return abs(shown - goal) / max(both, _SAME * goal, 1e-9)
+
+
+def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float, int]]) -> float:
+    """Return a parameter for which its figure comes to what is wanted, by what was simulated.
+
+    A line through what was simulated, late simulations and those of many values before others
+    (weighted least squares), whose slope is drawn towards the one expected: for one simulation that
+    is a step with the expected slope, for more a secant through noise.
+
+    Args:
+        one: the parameter.
+        goal: the figure that is wanted.
+        simulations: value, figure, and of how many values, in the order of the rounds.
+    """
+    value, figure, count = np.array(simulations[-_LAST:], np.float64).T
+    if one.ratio:
+        value, figure, goal = np.log(value), np.log(figure), float(np.log(goal))
+    fades = _FADES ** np.arange(len(value))[::-1]
+    trust = count / (count + _FEW)
+    weight = fades * trust / (fades * trust).sum()
+    x, y = float(weight @ value), float(weight @ figure)
+    expected = 1.0 if one.ratio else 1.0 / one.gain
+    over = _EXPECTED_OVER * (1.0 if one.ratio else one.usual)
+    slope = (expected * over**2 + weight @ ((value - x) * (figure - y))) / (
+        over**2 + weight @ (value - x) ** 2
+    )
+    least, most = _ANSWERS
+    slope = float(np.clip(slope, expected * least, expected * most))
+    aim = x + float(trust[-1]) * (goal - y) / slope
+    furthest = float(np.log1p(_FURTHEST)) if one.ratio else _FURTHEST * one.usual
+    aim = float(np.clip(aim, value[-1] - furthest, value[-1] + furthest))
+    return float(np.exp(aim)) if one.ratio else aim
+
+
+def _distances(recorded: Measured, part: Measured) -> tuple[float, float]:
     """Return how far distributions of speed and headway are off, in what is wanted of them."""
     told = agreement(recorded, part)
-    both = (told["speed_ks"], told["headway_ks"])
-    return sum(1.0 if one is None else float(one) / _WANTED_KS for one in both)
+    speeds, headways = (
+        1.0 if one is None else float(one) / _WANTED_KS
+        for one in (told["speed_ks"], told["headway_ks"])
+    )
+    return speeds, headways
 
 
 def _keep_in_order(drivers: dict[str, float]) -> None:
     """Let no field be more than one that it follows from."""
-    if _QUEUES in drivers and "headway_s" in drivers:
-        # Who moves on keeps no more than who has stood: queues would be held up beyond the line.
-        drivers["headway_s"] = min(drivers["headway_s"], drivers[_QUEUES])
     for name, value in drivers.items():
         if name.startswith("acceleration_at_10"):  # it falls with the speed
             most = drivers.get(name.replace("_at_10", ""), np.inf)
             drivers[name] = min(value, most)
 
 
-def _by_approach(recorded: Measured) -> list[_Parameter]:
-    """Return the headways of queues, approach by approach, where many left one on several."""
-    if len(recorded.discharge) < 2:
-        return []
-
-    def discharge(approach: str) -> Callable[[Measured], list[Any]]:
-        return lambda part: part.discharge.get(approach, [])
-
-    (every,) = (one for one in _PARAMETERS if one.name == _QUEUES)
-    return [
-        replace(every, sample=discharge(name), approach=name)
-        for name, values in sorted(recorded.discharge.items())
-        if len(values) >= FEWEST
-    ]
-
-
-def _error(one: _Parameter, recorded: Measured) -> float:
+def _error(one: Parameter, recorded: Measured) -> float:
     """Return the standard error of a figure: of values drawn again from those recorded."""
     values = np.array(one.sample(recorded))
     random = np.random.Generator(np.random.Philox(key=[1, 2001]))
@@ -316,8 +213,8 @@ def of_classes(drivers: Mapping[str, float], seen: Collection[str]) -> dict[str,
     """
     found: dict[str, dict[str, float]] = {}
     for name in (one for one in MOTORS if one in seen):
-        mine = {one.field: one for one in _PARAMETERS if not one.classes}
-        mine |= {one.field: one for one in _PARAMETERS if name in one.classes}
+        mine = {one.field: one for one in PARAMETERS if not one.classes}
+        mine |= {one.field: one for one in PARAMETERS if name in one.classes}
         told = {field: drivers.get(one.name, drivers.get(field)) for field, one in mine.items()}
         found[name] = {field: value for field, value in told.items() if value is not None}
     return found
@@ -325,7 +222,7 @@ def of_classes(drivers: Mapping[str, float], seen: Collection[str]) -> dict[str,
 
 def of_approaches(drivers: Mapping[str, float]) -> dict[str, float]:
     """Return by road the headway of who has stood on it, of what `fitted_drivers` finds."""
-    start = f"{_QUEUES} on "
+    start = f"{QUEUES} on "
     return {
         name.removeprefix(start): value for name, value in drivers.items() if name.startswith(start)
     }

@@ -8,7 +8,7 @@ broken track: a turn is taken once, and a road is counted at one cross-section.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 
@@ -34,7 +34,7 @@ Spot = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True, eq=False)
 class CountedElsewhere:
-    """Motor vehicles that were counted beside the main junction.
+    """Vehicles that were counted beside the main junction.
 
     Attributes:
         times: place -> class -> when each passed there, seconds.
@@ -53,15 +53,20 @@ class CountedElsewhere:
 
 
 def counted_elsewhere(
-    tracks: Sequence[SeenTrack], roads: RoadNetwork, junction: str
+    tracks: Sequence[SeenTrack],
+    roads: RoadNetwork,
+    junction: str,
+    classes: Collection[str] = MOTORS,
 ) -> CountedElsewhere:
-    """Count motor vehicles at the junctions but one, and on roads that lead to none of those.
+    """Count vehicles at the junctions but one, and on roads that lead to none of those.
 
     Args:
         tracks: who was seen.
         roads: the lanes.
         junction: the main junction, which is counted by itself.
+        classes: who is counted: motor traffic, or bicycles.
     """
+    user = "car" if set(classes) <= set(MOTORS) else "bicycle"
     below, ways = LanesBelow(roads), _ways(roads)
     by_id = {road.id: road for road in roads.roads}
     turns: dict[tuple[str, str], list[tuple[SeenTrack, float]]] = defaultdict(list)
@@ -70,9 +75,9 @@ def counted_elsewhere(
     others: set[str] = set()
     touched: Counter[str] = Counter()
     for seen in tracks:
-        if seen.track.actor_class not in MOTORS:
+        if seen.track.actor_class not in classes:
             continue
-        lanes = [roads.lane_by_id.get(str(name)) for name in below.at(seen.xy, seen.yaw, "car")]
+        lanes = [roads.lane_by_id.get(str(name)) for name in below.at(seen.xy, seen.yaw, user)]
         on = [
             (lane.road, k)
             for k, lane in enumerate(lanes)
@@ -120,7 +125,7 @@ def counted_elsewhere(
                 if one.to_junction in whole
                 and one.from_junction != junction
                 and one.id not in came
-                and any("car" in roads.lane_by_id[lane].allowed for lane in one.lanes)
+                and any(user in roads.lane_by_id[lane].allowed for lane in one.lanes)
             )
         ),
         {one.track.name: float(one.time_s[0]) for passed in found.values() for one, _ in passed},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -23,8 +24,8 @@ def free_speeds(
     limits: Mapping[str, float],
     begin_s: float,
     end_s: float,
-) -> list[float]:
-    """Return the greatest speeds with which vehicles leave, as shares of the limit.
+) -> dict[str, list[float]]:
+    """Return by exit the greatest speeds with which vehicles leave, as shares of the limit.
 
     Who leaves a junction speeds up, and is fastest where it is seen last. Those whom somebody, a
     bicycle too, was close ahead of there are left out.
@@ -45,18 +46,18 @@ def free_speeds(
         and np.linalg.norm(one.seen.xy[-1] - one.seen.xy[0]) > _CAME_M
     ]
     if not leave:
-        return []
+        return {}
     where = np.concatenate([one.xy for one in drive])
     when = np.concatenate([one.time_s for one in drive])
     who = np.repeat(np.arange(len(drive)), [len(one.time_s) for one in drive])
     number = {id(one): k for k, one in enumerate(drive)}
     there = cKDTree(where).query_ball_point([one.seen.xy[-1] for one in leave], _SAME_PLACE_M)
-    found = []
+    found: dict[str, list[float]] = defaultdict(list)
     for one, near in zip(leave, there, strict=True):
         seen, at = one.seen, np.array(near, int)
         before = float(seen.time_s[-1]) - when[at]
         close = (before > 0) & (before < _CLOSE_S) & (who[at] != number.get(id(seen), -1))
         if not close.any():
             last = np.abs(seen.speed[seen.time_s > seen.time_s[-1] - _LAST_S])
-            found.append(float(last.max()) / limits[one.leaving])
-    return found
+            found[one.leaving].append(float(last.max()) / limits[one.leaving])
+    return dict(found)

@@ -59,6 +59,7 @@ class Measured:
         gaps: between those who stand behind each other, metres, pair by pair.
         following: times from who is ahead to who follows at about the same speed, from bumper to
             bumper, seconds, pair by pair.
+        driving: of them, of those who have not stood since they came into view.
         discharge: approach -> times between those who leave a queue at the stop line one after the
             other, trucks and buses left out, seconds.
         accelerations: from 1 to 5 m/s after standing, m/s2, vehicle by vehicle; trucks and buses
@@ -66,9 +67,10 @@ class Measured:
         faded: from 6 to 9 m/s, m/s2, the same.
         heavy_accelerations: of trucks and buses, as ``accelerations``.
         heavy_faded: of trucks and buses, as ``faded``.
-        free: speeds as shares of the limit, of those who leave with nobody close ahead.
+        free: exit -> speeds as shares of the limit, of those who leave by it with nobody close
+            ahead.
         tops: speeds that nine tenths of a vehicle's way stay below, as shares of the road's limit.
-        bends: accelerations to the side in turns, m/s2, one a vehicle.
+        bends: (approach, exit) -> accelerations to the side in turns, m/s2, one a vehicle.
         lane_use: (approach, exit) -> lane of the approach -> how many entered the junction from it.
         gap_choices: (longest refused, taken) gaps of those who gave way, seconds.
     """
@@ -81,14 +83,15 @@ class Measured:
     headways: dict[str, list[float]] = field(default_factory=dict)
     gaps: list[float] = field(default_factory=list)
     following: list[float] = field(default_factory=list)
+    driving: list[float] = field(default_factory=list)
     discharge: dict[str, list[float]] = field(default_factory=dict)
     accelerations: list[float] = field(default_factory=list)
     faded: list[float] = field(default_factory=list)
     heavy_accelerations: list[float] = field(default_factory=list)
     heavy_faded: list[float] = field(default_factory=list)
-    free: list[float] = field(default_factory=list)
+    free: dict[str, list[float]] = field(default_factory=dict)
     tops: list[float] = field(default_factory=list)
-    bends: list[float] = field(default_factory=list)
+    bends: dict[tuple[str, str], list[float]] = field(default_factory=dict)
     gap_choices: list[tuple[float, float]] = field(default_factory=list)
     lane_use: dict[tuple[str, str], dict[str, int]] = field(default_factory=dict)
 
@@ -97,6 +100,11 @@ class Measured:
         """Headways of all lanes up to 15 s: how one follows another."""
         every = np.array([one for found in self.headways.values() for one in found])
         return every[every <= _FOLLOWING_S]
+
+    @property
+    def all_free(self) -> list[float]:
+        """Speeds of those with nobody close ahead, of all exits."""
+        return [one for _, found in sorted(self.free.items()) for one in found]
 
     @property
     def all_discharge(self) -> list[float]:
@@ -113,8 +121,8 @@ def joined(parts: Sequence[Measured]) -> Measured:
     def every(name: str) -> list[Any]:
         return [value for one in parts for value in getattr(one, name)]
 
-    def by_place(name: str) -> dict[str, list[float]]:
-        found: dict[str, list[float]] = defaultdict(list)
+    def by_place(name: str) -> dict[Any, list[float]]:
+        found: dict[Any, list[float]] = defaultdict(list)
         for one in parts:
             for place, values in getattr(one, name).items():
                 found[place] += values
@@ -130,7 +138,7 @@ def joined(parts: Sequence[Measured]) -> Measured:
         "lane_use": {way: dict(used) for way, used in lane_use.items()},
     }
     found |= {name: added(name) for name in ("classes", "new", "turns")}
-    found |= {name: by_place(name) for name in ("headways", "discharge")}
+    found |= {name: by_place(name) for name in ("headways", "discharge", "bends", "free")}
     found |= {one.name: every(one.name) for one in fields(Measured) if one.name not in found}
     return Measured(**found)
 
@@ -177,7 +185,7 @@ def measured(
     heavy = [one for one in motors if one.track.actor_class in HEAVY]
     light = [one for one in motors if one.track.actor_class not in HEAVY]
     limits = {lane.road: lane.speed_limit for lane in roads.lanes if lane.speed_limit > 0}
-    stand, follow = _gaps(passages, begin_s, end_s)
+    stand, follow, drive = _gaps(passages, begin_s, end_s)
     within = [_Span(one, begin_s, end_s) for one in passages]
     return Measured(
         end_s - begin_s,
@@ -188,6 +196,7 @@ def measured(
         headways,
         stand,
         follow,
+        drive,
         discharge_headways(passages, begin_s, end_s),
         _each(light, begin_s, end_s, _FIRST_MS),
         _each(light, begin_s, end_s, _FADES_MS),
@@ -195,7 +204,7 @@ def measured(
         _each(heavy, begin_s, end_s, _FADES_MS),
         free_speeds(there, passages, limits, begin_s, end_s),
         [x for one in within if (x := _top(one, limits)) is not None],
-        [x for one in within if (x := _in_a_turn(one)) is not None],
+        _in_turns(within),
         [
             (one.refused_s, one.taken_s)
             for one in decisions
@@ -281,6 +290,16 @@ def _top(one: _Span, limits: dict[str, float]) -> float | None:
     return float(np.quantile(speeds, 0.9)) / limit
 
 
+def _in_turns(spans: Sequence[_Span]) -> dict[tuple[str, str], list[float]]:
+    """Return by way the accelerations to the side of those who turned and were not held up."""
+    found: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for one in spans:
+        value = _in_a_turn(one)
+        if value is not None:
+            found[one.passage.approach, one.passage.leaving].append(value)
+    return dict(found)
+
+
 def _in_a_turn(one: _Span) -> float | None:
     """Return the acceleration to the side that four fifths of a turn stay below, m/s2."""
     rows, seen = one.rows(), one.passage.seen
@@ -302,12 +321,13 @@ def _in_a_turn(one: _Span) -> float | None:
 
 def _gaps(
     passages: Sequence[Passage], begin_s: float, end_s: float
-) -> tuple[list[float], list[float]]:
+) -> tuple[list[float], list[float], list[float]]:
     """Return what pairs who are behind each other on a lane keep, pair by pair.
 
     Returns:
-        Median gaps of those who stand, metres; and of those who follow at about the same speed,
-        median times until the follower is where the other's rear is, seconds.
+        Median gaps of those who stand, metres; of those who follow at about the same speed,
+        median times until the follower is where the other's rear is, seconds; and the same of
+        those who have not stood yet.
     """
     there: dict[tuple[float, str], list[tuple[Passage, int]]] = defaultdict(list)
     for one in passages:
@@ -321,6 +341,8 @@ def _gaps(
                 there[round(float(times[k])), str(one.lanes[k])].append((one, k))
     stand: dict[tuple[str, str], list[float]] = defaultdict(list)
     follow: dict[tuple[str, str], list[float]] = defaultdict(list)
+    drive: dict[tuple[str, str], list[float]] = defaultdict(list)
+    stood_s = {one.seen.track.name: _first_stood(one.seen) for one in passages}
     for ones in there.values():
         yaw = ones[0][0].seen.yaw[ones[0][1]]
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
@@ -334,8 +356,19 @@ def _gaps(
             if fast < STANDS_MS and _LEAST_GAP_M < gap < _MOST_GAP_M:
                 stand[pair].append(gap)
             elif slow > _FOLLOWS_MS and fast - slow < _AS_FAST_MS and 0 < gap < _FOLLOWS_S * slow:
-                follow[pair].append(gap / abs(float(a.speed[k])))
-    return (
-        [float(np.median(found)) for found in stand.values()],
-        [float(np.median(found)) for found in follow.values()],
-    )
+                time = gap / abs(float(a.speed[k]))
+                follow[pair].append(time)
+                if a.time_s[k] < stood_s[a.track.name]:
+                    drive[pair].append(time)
+    return _medians(stand), _medians(follow), _medians(drive)
+
+
+def _medians(of_pairs: dict[tuple[str, str], list[float]]) -> list[float]:
+    return [float(np.median(found)) for found in of_pairs.values()]
+
+
+def _first_stood(seen: SeenTrack) -> float:
+    """Return when a vehicle stood first, seconds; after all time if never."""
+    settled = seen.time_s >= seen.time_s[0] + SETTLES_S
+    stood = np.flatnonzero(settled & (np.abs(seen.speed) < STANDS_MS))
+    return float(seen.time_s[stood[0]]) if len(stood) else np.inf

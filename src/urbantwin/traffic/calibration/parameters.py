@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from urbantwin.traffic.calibration.elsewhere import CountedElsewhere, Spot
 from urbantwin.traffic.calibration.measured import Measured
 from urbantwin.traffic.calibration.passages import MOTORS, Passage
 
-__all__ = ["traffic_of"]
+__all__ = ["count_rows", "traffic_of"]
 
 _QUARTER_S = 900.0
 _FEWEST = 5
@@ -43,7 +43,7 @@ def traffic_of(
     hours = part.seconds / 3600
     traffic: dict[str, Any] = {
         "per_hour": {name: round(count / hours, 1) for name, count in part.new.items()},
-        "counts": _counts(part, passages, begin_s, elsewhere),
+        "counts": count_rows(part.turns, passages, (begin_s, part.seconds), elsewhere),
     }
     size = {}
     for name, every in sizes.items():
@@ -57,29 +57,38 @@ def traffic_of(
     return traffic, untold
 
 
-def _counts(
-    part: Measured,
+def count_rows(
+    turns: Collection[tuple[str, str]],
     passages: Sequence[Passage],
-    begin_s: float,
+    span: tuple[float, float],
     elsewhere: CountedElsewhere | None,
+    classes: Collection[str] = MOTORS,
 ) -> list[dict[str, Any]]:
     """Return rows of counts: way by way and class by class, by quarter of an hour.
 
     Where is counted elsewhere, too, rows say also of which class nobody came: volumes of ways are
     fitted to all rows, and would be shared out to where none is.
+
+    Args:
+        turns: (approach, exit) of the main junction that somebody took.
+        passages: of the whole recording.
+        span: when the part that is counted begins, and how long it lasts, seconds.
+        elsewhere: who was counted beside the main junction, in the whole recording.
+        classes: who is counted.
     """
-    end_s = begin_s + part.seconds
-    edges = _edges(begin_s, part.seconds) if _differ(passages, begin_s, part.seconds) else None
+    begin_s, seconds = span
+    end_s = begin_s + seconds
+    edges = _edges(begin_s, seconds) if _differ(passages, begin_s, seconds) else None
     at: dict[Spot, dict[str, np.ndarray[Any, Any]]] = {}
-    for approach, leaving in sorted(part.turns):
+    for approach, leaving in sorted(turns):
         mine = [one for one in passages if (one.approach, one.leaving) == (approach, leaving)]
         at[("approach", approach), ("turn", leaving)] = {
             name: _times([one for one in mine if one.seen.track.actor_class == name])
-            for name in MOTORS
+            for name in classes
         }
     beside = {} if elsewhere is None else elsewhere.times
     at |= {
-        spot: {name: np.array(times.get(name, [])) for name in MOTORS}
+        spot: {name: np.array(times.get(name, [])) for name in classes}
         for spot, times in beside.items()
     }
     rows: list[dict[str, Any]] = []
@@ -95,13 +104,13 @@ def _counts(
             if edges is not None:
                 row["per_quarter"] = [float(count) for count in np.histogram(here, edges)[0]]
             else:
-                row["per_hour"] = round(float(len(here) / part.seconds * 3600), 1)
+                row["per_hour"] = round(float(len(here) / seconds * 3600), 1)
             rows.append(row)
     if elsewhere is not None and beside:
         rows += [
             {"road": road, "actor_class": name, "per_hour": 0.0}
             for road in elsewhere.empty
-            for name in MOTORS
+            for name in classes
         ]
     return [row for row in rows if row["actor_class"] in counted]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -151,17 +151,21 @@ def _green(root: etree._Element, program: str) -> NDArray[np.bool_]:
 
 
 def passages_of(
-    tracks: Iterable[SeenTrack], roads: RoadNetwork, links: JunctionLinks
+    tracks: Iterable[SeenTrack],
+    roads: RoadNetwork,
+    links: JunctionLinks,
+    classes: Collection[str] = MOTORS,
 ) -> list[Passage]:
-    """Return the passages of motor vehicles over the main junction, in the order of the tracks."""
+    """Return the passages of some classes over the main junction, in the order of the tracks."""
     below = LanesBelow(roads)
     road_of = {lane: road for road in roads.roads for lane in road.lanes}
     found = []
     for seen in tracks:
-        if seen.track.actor_class not in MOTORS:
+        name = seen.track.actor_class
+        if name not in classes:
             continue
-        # What stands on the map as lanes for cars serves all of them.
-        lanes = below.at(seen.xy, seen.yaw, "car")
+        # What stands on the map as lanes for cars serves all motor traffic.
+        lanes = below.at(seen.xy, seen.yaw, "car" if name in MOTORS else name)
         came = [k for k, one in enumerate(lanes) if _to(road_of, one) == links.junction]
         approach = lane = leaving = ""
         passed = np.nan

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.roads.signals.controlled_links import Link, Signalised
+from urbantwin.roads.signals.intergreen import crossing_s
+from urbantwin.roads.signals.phases import walks
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage
 from urbantwin.traffic.recorded.track import RecordedSignals
 
@@ -22,6 +24,8 @@ Shown = Sequence[tuple[float, str]]
 _BEFORE_S, _AFTER_S = 0.5, 4.0
 _STEP_S = 0.1
 _YELLOW_S = 3.0
+#: People have green so long at least, and so long after the yellow of who would meet them, seconds.
+_WALK_S, _CLEARS_S = 5.0, 1.0
 _MISSED = 0.02  # chance of a passage at red
 _CYCLE_S = (20.0, 180.0)
 
@@ -177,15 +181,64 @@ def _states(
     signals: Signalised,
     moments: int,
 ) -> tuple[tuple[float, str], ...]:
-    """Return a cycle as phases; links whose group is not known blink: who comes gives way."""
+    """Return a cycle as phases; links whose group is not known blink: who comes gives way.
+
+    Crossings have green when nobody who would meet people there has any (`_walked`).
+    """
     rows = np.full((moments, signals.size), "o")
     for link, group in group_of.items():
         rows[:, link] = letters[group]
     for column in rows.T:
         _close(column)
+    _walked(rows, signals)
     whole = [_with_right_of_way(row, signals) for row in rows]
     cuts = [0, *(k for k in range(1, moments) if whole[k] != whole[k - 1]), moments]
     return tuple((round((end - begin) * _STEP_S, 1), whole[begin]) for begin, end in pairwise(cuts))
+
+
+def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:
+    """Let crossings have green between the greens of those who would meet people there.
+
+    Whose group governs a crossing no passage tells. Where it blinked people walked at any time,
+    into the green of vehicles too, which then stood beyond their stop line and held up a queue.
+    As planned programs do (``roads/signals``): turning traffic gives way to people if those who go
+    straight on from its road have green, and green ends as long before as people take to cross.
+    """
+    moves = np.isin(rows, ["G", "g", "y"])
+    through = {
+        road: moves[:, [x.index for x in signals.links if x.road == road and _goes_on(x)]].any(1)
+        for road in {link.road for link in signals.links if _goes_on(link)}
+    }
+    for index, links in signals.of_index.items():
+        if not walks(signals, index):
+            continue
+        met = np.zeros(len(rows), np.bool_)
+        for walk in links:
+            for other in signals.links:
+                known = rows[0, other.index] != "o" and other.movement != "walk"
+                if not known or not signals.are_foes(walk, other):
+                    continue
+                alone = ~through[other.road] if other.road in through else False
+                met |= moves[:, other.index] & (signals.meets_walkers(other, walk) | alone)
+        if not met.any() or met.all():
+            continue
+        first = int(np.argmin(~met))  # of a cycle that begins while somebody goes there
+        met = np.roll(met, -first)
+        green = ~met
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], green, [False]]).astype(int)))
+        needed = max(map(crossing_s, links))
+        for begin, end in edges.reshape(-1, 2):
+            clear, last = round(_CLEARS_S / _STEP_S), round(needed / _STEP_S)
+            if end - begin - clear - last < round(_WALK_S / _STEP_S):
+                green[begin:end] = False
+            else:
+                green[begin : begin + clear] = green[end - last : end] = False
+        if green.any():  # else nobody would ever cross: who comes gives way, as before
+            rows[:, index] = np.where(np.roll(green, first), "G", "r")
+
+
+def _goes_on(link: Link) -> bool:
+    return link.movement == "through"
 
 
 def _close(column: NDArray[np.str_]) -> None:

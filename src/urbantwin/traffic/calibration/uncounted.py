@@ -8,7 +8,7 @@ those who set out are seen, simulations tell.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from urbantwin.traffic.calibration.measured import Measured
 from urbantwin.traffic.calibration.passages import MOTORS, JunctionLinks
@@ -27,14 +27,15 @@ class UncountedFlows:
 
     Args:
         recorded: who came into view.
+        counted: classes that rows of counts are for.
     """
 
-    def __init__(self, recorded: Measured) -> None:
+    def __init__(self, recorded: Measured, counted: Collection[str] = MOTORS) -> None:
         hours = recorded.seconds / 3600
         self._wanted = {
             name: round(count / hours, 1)
             for name, count in recorded.new.items()
-            if name not in MOTORS and count
+            if name not in (*MOTORS, *counted) and count
         }
         self._planned: dict[str, float] = defaultdict(float)
         self._seen: dict[str, int] = defaultdict(int)

@@ -1,0 +1,52 @@
+"""Bicycles way by way: where they share a lane with cars, these leave queues as fast as they do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from urbantwin.roads import RoadNetwork
+from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
+from urbantwin.traffic.calibration.measured import Measured
+from urbantwin.traffic.calibration.parameters import count_rows
+from urbantwin.traffic.calibration.passages import JunctionLinks, SeenTrack, passages_of
+
+__all__ = ["bicycle_counts"]
+
+_BICYCLE = ("bicycle",)
+#: Fewer bicycles tell nothing of their ways; and who is counted stands for all of them, so that
+#: a larger share must be.
+_FEWEST, _COUNTED = 5, 0.9
+
+
+def bicycle_counts(
+    part: Measured, tracks: Sequence[SeenTrack], roads: RoadNetwork, links: JunctionLinks
+) -> list[dict[str, Any]]:
+    """Return rows of ``traffic.counts`` of bicycles, none where too few of them were counted.
+
+    Args:
+        part: what was measured of the part that is fitted to, which begins the recording.
+        tracks: who was seen, in the whole recording.
+        roads: the lanes.
+        links: the ways over the main junction.
+    """
+    came = part.new.get("bicycle", 0)
+    there = {(lane.rpartition("_")[0], leaving) for lane, leaving in links.ways.values()}
+    passages = [
+        one
+        for one in passages_of(tracks, roads, links, _BICYCLE)
+        if (one.approach, one.leaving) in there
+    ]
+    elsewhere = counted_elsewhere(tracks, roads, links.junction, _BICYCLE)
+    turns = {
+        (one.approach, one.leaving)
+        for one in passages
+        if np.nan_to_num(one.passed_s, nan=one.seen.time_s[0]) < part.seconds
+    }
+    begun = {one.seen.track.name for one in passages if 0.5 < one.seen.time_s[0] < part.seconds}
+    counted = len(begun) + elsewhere.besides(passages, part.seconds)
+    if came < _FEWEST or counted < _COUNTED * came:
+        return []
+    return count_rows(turns, passages, (0.0, part.seconds), elsewhere, _BICYCLE)
