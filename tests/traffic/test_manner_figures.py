@@ -74,8 +74,9 @@ def test_free_is_who_has_nobody_close_ahead_be_it_a_bicycle() -> None:
     later = straight("3", "car", 20.0, np.full(100, 11.0))
     ridden = straight("4", "bicycle", 34.0, np.full(300, 4.0))
     held_up = straight("5", "car", 50.0, np.r_[np.full(100, 9.5), np.full(50, 4.5)])
+    waited = straight("6", "car", 80.0, np.r_[np.full(60, 9.0), np.zeros(50), np.full(30, 7.0)])
     limits = {"b": 10.0}
-    tracks = [first, near, later, ridden, held_up]
+    tracks = [first, near, later, ridden, held_up, waited]
     passed = [passage(one, 1.0) for one in tracks if one is not ridden]
     found = free_speeds(tracks, passed, limits, 0.0, 100.0)
     assert found == {"b": pytest.approx([1.2, 1.1])}

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from urbantwin.traffic.calibration.passages import Passage, SeenTrack
+from urbantwin.traffic.calibration.passages import STANDS_MS, Passage, SeenTrack
 
 __all__ = ["free_speeds"]
 
@@ -28,7 +28,8 @@ def free_speeds(
     """Return by exit the greatest speeds with which vehicles leave, as shares of the limit.
 
     Who leaves a junction speeds up, and is fastest where it is seen last. Those whom somebody, a
-    bicycle too, was close ahead of there are left out.
+    bicycle too, was close ahead of there are left out, and those who stood behind the junction, at
+    the next signal say, and still speed up.
 
     Args:
         tracks: everybody who may be ahead.
@@ -44,6 +45,7 @@ def free_speeds(
         if one.leaving in limits
         and begin_s <= one.seen.time_s[-1] < end_s
         and np.linalg.norm(one.seen.xy[-1] - one.seen.xy[0]) > _CAME_M
+        and not _stood_behind(one)
     ]
     if not leave:
         return {}
@@ -61,3 +63,9 @@ def free_speeds(
             last = np.abs(seen.speed[seen.time_s > seen.time_s[-1] - _LAST_S])
             found[one.leaving].append(float(last.max()) / limits[one.leaving])
     return dict(found)
+
+
+def _stood_behind(one: Passage) -> bool:
+    """Return whether a vehicle stood once it had passed the stop line."""
+    behind = ~(one.seen.time_s <= one.passed_s)
+    return bool((np.abs(one.seen.speed[behind]) < STANDS_MS).any())
