@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         write_detections,
     )
     from urbantwin.detections.semantic import read_semantic, write_semantic
-    from urbantwin.detections.standing import standing_places, without_standing
+    from urbantwin.detections.standing import frames_about, standing_places, without_standing
 
 __all__ = [
     "DETECTED_CLASSES",
@@ -28,6 +28,7 @@ __all__ = [
     "Detections",
     "check_detections_folder",
     "detected_class",
+    "frames_about",
     "joined",
     "put_detections",
     "read_detections",

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from urbantwin.detections.detections import Detections
 from urbantwin.errors import InputError
 
-__all__ = ["FEWEST_FRAMES", "standing_places", "without_standing"]
+__all__ = ["FEWEST_FRAMES", "frames_about", "standing_places", "without_standing"]
 
 #: Classes that thin things are taken for. A parked car is a car, however long it stands.
 _SLIGHT = ("bicycle", "motorcycle", "pedestrian")
@@ -26,6 +26,20 @@ _APART_M = 0.4
 _OFTEN = 0.5
 #: of no fewer than so many.
 FEWEST_FRAMES = 10
+
+
+def frames_about(
+    places: NDArray[np.float64], frame: NDArray[np.int64], apart_m: float
+) -> tuple[list[list[int]], NDArray[np.int64]]:
+    """Return which of N places lie about each, itself too, and in how many frames they are (N,).
+
+    Args:
+        places: (N, 2) x and y.
+        frame: (N,) of each.
+        apart_m: places no farther from each other are one.
+    """
+    near = cKDTree(places).query_ball_point(places, apart_m).tolist() if len(places) else []
+    return near, np.array([len(np.unique(frame[one])) for one in near], np.int64)
 
 
 def standing_places(found: Detections, file: Path | None = None) -> NDArray[np.float64]:
@@ -47,10 +61,7 @@ def standing_places(found: Detections, file: Path | None = None) -> NDArray[np.f
         )
     slight = found.only([name in _SLIGHT for name in found.class_names])
     places = slight.box[:, :2]
-    if not len(places):
-        return np.zeros((0, 2))
-    near = cKDTree(places).query_ball_point(places, _APART_M)
-    seen_in = np.array([len(np.unique(slight.frame[one])) for one in near])
+    _, seen_in = frames_about(places, slight.frame, _APART_M)
     return np.asarray(places[seen_in >= _OFTEN * count])
 
 

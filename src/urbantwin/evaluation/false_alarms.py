@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from urbantwin.detections import frames_about
 from urbantwin.evaluation.criterion import Criterion
 from urbantwin.evaluation.matching import Matched
 from urbantwin.evaluation.pairs import Pairs
@@ -73,11 +73,8 @@ def standing_false_alarms(seen: Seen, detections: NDArray[np.int64]) -> Mapping[
         return None
     places = seen.detections.box[detections, :2]
     frames = seen.detections.frame[detections]
-    needed = max(_OFTEN * count, _FEWEST)
-    if not len(places):
-        return {"detections": 0, "places": 0}
-    near = cKDTree(places).query_ball_point(places, _PLACE_M)
-    often = np.array([len(set(frames[one].tolist())) >= needed for one in near], bool)
+    near, seen_in = frames_about(places, frames, _PLACE_M)
+    often = seen_in >= max(_OFTEN * count, _FEWEST)
     left = set(np.flatnonzero(often).tolist())
     groups = 0
     while left:
