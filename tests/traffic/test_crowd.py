@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, rows_near
+from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs
 from urbantwin.traffic.paths.crowd import crowd_walked
 from urbantwin.traffic.paths.detours import round_blocks
+from urbantwin.traffic.paths.outlines import Outlines
 from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.walked_cells import WalkedCells
 from urbantwin.traffic.paths.walked_ground import WalkedGround
@@ -184,10 +185,12 @@ def test_no_row_near_a_shape_is_passed_over() -> None:
     points = rng.uniform(-60, 60, (2000, 2))
     reach = rng.uniform(0.1, 5.0, 2000)
     shapes = shapely.box(*(corner := rng.uniform(-50, 50, (12, 2))).T, *(corner + 3.0).T)
-    found = rows_near(shapely.STRtree(shapes), points, reach)
+    outlines = Outlines(shapes)
     away = shapely.distance(shapely.points(points)[:, None], shapes).min(axis=1)
-    assert set(np.flatnonzero(away <= reach)) <= set(found)
-    assert (away[found] <= reach[found] + 2.0).all()
+    for rows in (np.arange(0, 2000, 2), np.arange(500), np.arange(2000)):  # some asked for again
+        found = rows[outlines.near(points[rows], reach[rows])]
+        assert set(rows[away[rows] <= reach[rows]]) <= set(found)
+        assert (away[found] <= reach[found] + 2.0).all()
 
 
 def test_the_way_round_a_wall_is_the_shortest_and_none_leads_out_of_a_court() -> None:

@@ -8,7 +8,7 @@ from numba import njit
 from urbantwin.geometry.compiled.room import with_more_room
 from urbantwin.traffic.compiled.waiting import depth_of
 
-__all__ = ["foresee", "lets_by", "near_whom", "part", "slip_by", "what_is_at"]
+__all__ = ["foresee", "lets_by", "looks_ahead", "near_whom", "part", "slip_by", "what_is_at"]
 
 #: How far one looks ahead, in so many looks, seconds; and how far one goes aside for that, metres.
 LOOKS, AHEAD_S, ROOM_M = 8, 2.0, 1.0
@@ -18,6 +18,8 @@ DRIVES_M = 0.5
 NEAR_M, DRIVEN_M, BESIDE_M = 4.0, 25.0, 1.5
 #: Room that is left, metres; who stands gives way by so much of what one does who walks.
 GAP_M, STANDING = 0.03, 0.15
+#: Boxes farther apart than their radii by this factor have a gap along one of their sides at least.
+MAY_TOUCH = 1.4143
 #: Who is held up for so long by somebody nearer than this slips by so fast: s, m, m/s.
 HELD_S, SLIPS_M, SLIPS_MS = 0.3, 0.25, 0.8
 #: Where one does not get by on one side, one tries the other after so long, seconds.
@@ -64,50 +66,61 @@ def near_whom(mine, cars, now, off, level, still, cells, within, blocked, corner
 
 
 @njit(cache=True, nogil=True)
-def lets_by(i, j, mine, boxes, now, come, joined, last, step_s):
+def looks_ahead(step_s):
+    """Return how many steps ahead one looks (L,), nearest first."""
+    looks = np.empty(LOOKS, np.int64)
+    for k in range(LOOKS):
+        looks[k] = round((k + 1) * AHEAD_S / LOOKS / step_s)
+    return looks
+
+
+@njit(cache=True, nogil=True)
+def lets_by(i, j, off, a, looks, boxes, now, come, joined, last):
     """Return whether somebody would walk into a vehicle that drives, and would not if it waited."""
     if not joined[i]:
         return False
     into, drives = False, False
-    for look in range(1, LOOKS + 1):
-        ahead = round(look * AHEAD_S / LOOKS / step_s)
-        a, b = int(come[i]) + ahead, j + ahead
-        if b > last[j]:
+    for ahead in looks:
+        own, its = int(come[i]) + ahead, j + ahead
+        if its > last[j]:
             break
-        x, y = now[i - 1, 0] - boxes[b, 0], now[i - 1, 1] - boxes[b, 1]
-        if depth_of(x, y, now[i - 1], boxes[b]) + GAP_M > 0:
+        x, y = now[i - 1, 0] - boxes[its, 0], now[i - 1, 1] - boxes[its, 1]
+        reach = MAY_TOUCH * (now[i - 1, 6] + boxes[its, 6] + GAP_M)
+        if close_to(x, y, reach) and depth_of(x, y, now[i - 1], boxes[its]) + GAP_M > 0:
             return False
-        if math.hypot(boxes[b, 0] - boxes[j, 0], boxes[b, 1] - boxes[j, 1]) > DRIVES_M:
+        if not close_to(boxes[its, 0] - boxes[j, 0], boxes[its, 1] - boxes[j, 1], DRIVES_M):
             drives = True
-        if a <= last[i]:
-            x, y = boxes[a, 0] + mine[0] - boxes[b, 0], boxes[a, 1] + mine[1] - boxes[b, 1]
-            if depth_of(x, y, boxes[a], boxes[b]) + GAP_M > 0:
+        if own <= last[i]:
+            x = boxes[own, 0] + off[a, 0] - boxes[its, 0]
+            y = boxes[own, 1] + off[a, 1] - boxes[its, 1]
+            if close_to(x, y, reach) and depth_of(x, y, boxes[own], boxes[its]) + GAP_M > 0:
                 into = True
     return into and drives
 
 
 @njit(cache=True, nogil=True)
-def foresee(i, j, mine, theirs, walks, boxes, now, come, joined, last, step_s):
+def foresee(i, j, off, a, b, looks, boxes, now, come, joined, last, step_s):
     """Go a little to the side of somebody whom one would come into soon."""
-    theirs_x, theirs_y = (theirs[0], theirs[1]) if walks else (0.0, 0.0)
-    for look in range(1, LOOKS + 1):
-        ahead = round(look * AHEAD_S / LOOKS / step_s)
-        a, b = int(come[i]) + ahead, j
+    walks = b >= 0
+    from_x, from_y = off[a, 0], off[a, 1]
+    theirs_x, theirs_y = (off[b, 0], off[b, 1]) if walks else (0.0, 0.0)
+    for ahead in looks:
+        own, its = int(come[i]) + ahead, j
         if j < len(last):
-            b = (int(come[j]) if walks else j) + ahead
-            if b > last[j]:
+            its = (int(come[j]) if walks else j) + ahead
+            if its > last[j]:
                 return
-        if ahead == 0 or a > last[i]:
+        if ahead == 0 or own > last[i]:
             return
-        between_x = boxes[a, 0] + mine[0] - boxes[b, 0] - theirs_x
-        between_y = boxes[a, 1] + mine[1] - boxes[b, 1] - theirs_y
-        if not close_to(between_x, between_y, boxes[a], boxes[b], GAP_M):
+        between_x = boxes[own, 0] + from_x - boxes[its, 0] - theirs_x
+        between_y = boxes[own, 1] + from_y - boxes[its, 1] - theirs_y
+        if not close_to(between_x, between_y, boxes[own, 6] + boxes[its, 6] + GAP_M):
             continue
-        if depth_of(between_x, between_y, boxes[a], boxes[b]) + GAP_M <= 1e-6:
+        if depth_of(between_x, between_y, boxes[own], boxes[its]) + GAP_M <= 1e-6:
             continue
         # Past each other on the side on which they come by.
-        x = between_x - (now[i, 0] + mine[0] - now[j, 0] - theirs_x)
-        y = between_y - (now[i, 1] + mine[1] - now[j, 1] - theirs_y)
+        x = between_x - (now[i, 0] + from_x - now[j, 0] - theirs_x)
+        y = between_y - (now[i, 1] + from_y - now[j, 1] - theirs_y)
         far = math.hypot(x, y)
         if far < 0.3 * ahead * step_s:
             return
@@ -115,52 +128,54 @@ def foresee(i, j, mine, theirs, walks, boxes, now, come, joined, last, step_s):
         beside = between_x * left_x + between_y * left_y
         side = -1.0 if beside < 0.02 else 1.0
         reach = GAP_M - side * beside
-        reach += _reach(boxes[a], left_x, left_y) + _reach(boxes[b], left_x, left_y)
+        reach += _reach(boxes[own], left_x, left_y) + _reach(boxes[its], left_x, left_y)
         if reach > ROOM_M or reach <= 0:
             return
-        own = _gives(i, now, joined, step_s)
-        share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
+        gives = _gives(i, now, joined, step_s)
+        share = gives / (gives + _gives(j, now, joined, step_s)) if walks else 1.0
         push = side * reach * 1.5 / (ahead + 1)
-        mine[0] += push * left_x * share
-        mine[1] += push * left_y * share
+        off[a, 0] += push * left_x * share
+        off[a, 1] += push * left_y * share
         if walks:
-            theirs[0] -= push * left_x * (1 - share)
-            theirs[1] -= push * left_y * (1 - share)
+            off[b, 0] -= push * left_x * (1 - share)
+            off[b, 1] -= push * left_y * (1 - share)
         return
 
 
 @njit(cache=True, nogil=True)
-def slip_by(i, j, mine, theirs, walks, now, joined, held, step_s):
+def slip_by(i, j, off, a, b, now, joined, held, step_s):
     """Go to the side of somebody right before whom one is held up."""
+    walks = b >= 0
     slips = joined[i] and held[i - 1] * step_s > HELD_S
     slip = walks and joined[j] and held[j - 1] * step_s > HELD_S
     if not slips and not slip:
         return
-    x, y = now[j, 0] - now[i, 0] - mine[0], now[j, 1] - now[i, 1] - mine[1]
+    x, y = now[j, 0] - now[i, 0] - off[a, 0], now[j, 1] - now[i, 1] - off[a, 1]
     if walks:
-        x, y = x + theirs[0], y + theirs[1]
+        x, y = x + off[b, 0], y + off[b, 1]
     if depth_of(-x, -y, now[i], now[j]) < -SLIPS_M:
         return
     push = SLIPS_MS * step_s
     if slips and x * now[i, 2] + y * now[i, 3] > 0:
         side = -1.0 if y * now[i, 2] - x * now[i, 3] > -0.05 else 1.0
         side *= 1 - 2 * (int(held[i - 1] * step_s / SWAPS_S) % 2)
-        mine[0] -= side * push * now[i, 3]
-        mine[1] += side * push * now[i, 2]
+        off[a, 0] -= side * push * now[i, 3]
+        off[a, 1] += side * push * now[i, 2]
     if slip and x * now[j, 2] + y * now[j, 3] < 0:
         side = -1.0 if x * now[j, 3] - y * now[j, 2] > -0.05 else 1.0
         side *= 1 - 2 * (int(held[j - 1] * step_s / SWAPS_S) % 2)
-        theirs[0] -= side * push * now[j, 3]
-        theirs[1] += side * push * now[j, 2]
+        off[b, 0] -= side * push * now[j, 3]
+        off[b, 1] += side * push * now[j, 2]
 
 
 @njit(cache=True, nogil=True)
-def part(i, j, mine, theirs, walks, now, joined, step_s):
+def part(i, j, off, a, b, now, joined, step_s):
     """Part two who are in each other, by the shortest way; return whether they were."""
-    x, y = now[i, 0] + mine[0] - now[j, 0], now[i, 1] + mine[1] - now[j, 1]
+    walks = b >= 0
+    x, y = now[i, 0] + off[a, 0] - now[j, 0], now[i, 1] + off[a, 1] - now[j, 1]
     if walks:
-        x, y = x - theirs[0], y - theirs[1]
-    if not close_to(x, y, now[i], now[j], GAP_M):
+        x, y = x - off[b, 0], y - off[b, 1]
+    if not close_to(x, y, now[i, 6] + now[j, 6] + GAP_M):
         return False
     if depth_of(x, y, now[i], now[j]) + GAP_M <= 1e-6:
         return False
@@ -177,11 +192,11 @@ def part(i, j, mine, theirs, walks, now, joined, step_s):
             best, way_x, way_y = reach, side * ax, side * ay
     own = _gives(i, now, joined, step_s)
     share = own / (own + _gives(j, now, joined, step_s)) if walks else 1.0
-    mine[0] += best * way_x * share
-    mine[1] += best * way_y * share
+    off[a, 0] += best * way_x * share
+    off[a, 1] += best * way_y * share
     if walks:
-        theirs[0] -= best * way_x * (1 - share)
-        theirs[1] -= best * way_y * (1 - share)
+        off[b, 0] -= best * way_x * (1 - share)
+        off[b, 1] -= best * way_y * (1 - share)
     return True
 
 
@@ -195,12 +210,8 @@ def _gives(r, now, joined, step_s):
 
 
 @njit(cache=True, nogil=True)
-def close_to(x, y, a, b, gap):
-    """Return whether two boxes may be nearer than a gap, their middles being so far apart.
-
-    Their seventh numbers are their radii.
-    """
-    reach = a[6] + b[6] + gap
+def close_to(x, y, reach):
+    """Return whether it is less far than that."""
     return x * x + y * y < reach * reach
 
 

@@ -8,6 +8,7 @@ from numba import njit
 from urbantwin.traffic.compiled.asides import (
     foresee,
     lets_by,
+    looks_ahead,
     near_whom,
     part,
     slip_by,
@@ -93,7 +94,7 @@ def walked(
         held: (N,) int64, for how many steps one was held up.
         let: (N,) int64, for how many steps one let vehicles by.
     """
-    count = len(far)
+    count, looks = len(far), looks_ahead(step_s)
     for s in range(len(begins) - 1):
         mine, cars = rows[begins[s] : begins[s + 1]], others[other_begins[s] : other_begins[s + 1]]
         if len(mine) == 0:
@@ -114,25 +115,24 @@ def walked(
         pairs = near_whom(
             mine, cars, now, off, level, still, cells, within, blocked, corner, count
         )  # fmt: skip
-        for a, j, b in pairs:
+        for p in range(len(pairs)):
+            a, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
             if b < 0 and j < count and not waits[a]:
-                waits[a] = lets_by(mine[a], j, off[a], boxes, now, come, joined, last, step_s)
+                waits[a] = lets_by(mine[a], j, off, a, looks, boxes, now, come, joined, last)
                 if waits[a]:
                     _keep(mine[a], off[a], now, place, come, at)
-        for a, j, b in pairs:
+        for p in range(len(pairs)):
+            a, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
             foresee(
-                mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, boxes, now, come,
+                mine[a], j, off, a, b, looks, boxes, now, come,
                 joined, last, step_s,
             )  # fmt: skip
-            slip_by(
-                mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, now, joined, held, step_s
-            )
+            slip_by(mine[a], j, off, a, b, now, joined, held, step_s)
         for _ in range(ROUNDS):
             parted = True
-            for a, j, b in pairs:
-                if part(
-                    mine[a], j, off[a], off[b] if b >= 0 else off[a], b >= 0, now, joined, step_s
-                ):
+            for p in range(len(pairs)):
+                a, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
+                if part(mine[a], j, off, a, b, now, joined, step_s):
                     parted = False
             if parted:
                 break
@@ -374,7 +374,8 @@ def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s
     again = True
     while again:
         again = False
-        for a, j, b in pairs:
+        for p in range(len(pairs)):
+            a, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
             i = mine[a]
             can, could = back[a] < 2, b >= 0 and back[b] < 2
             if not can and not could:
@@ -444,10 +445,11 @@ def _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner):
             box = now[r].copy()
             box[0], box[1] = x, y
             free = True
-            for c, j, b in pairs:
+            for p in range(len(pairs)):
+                c, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
                 if b == a:
-                    j = mine[c]  # noqa: PLW2901 - the other of the pair
-                    c, b = b, c  # noqa: PLW2901 - and the pair turned
+                    j = mine[c]
+                    c, b = b, c
                 if c != a or (b > a and not joined[j]):
                     continue
                 if depth(box, now[j]) > TOUCH_M:

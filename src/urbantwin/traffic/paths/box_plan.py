@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from urbantwin.traffic.compiled.near import close_pairs
 
-__all__ = ["PlanBoxes", "meetings", "near_pairs", "rows_beside", "rows_near", "shared_areas"]
+__all__ = ["PlanBoxes", "meetings", "near_pairs", "shared_areas"]
 
 #: Pairs that are compared at a time.
 _PAIRS = 200_000
-#: What is near whom is found first by cells of this size, metres.
-_CELL_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,45 +81,6 @@ def near_pairs(
     keys = low * count + high
     keys.sort()
     return np.column_stack(np.divmod(keys, count))
-
-
-def rows_near(
-    tree: shapely.STRtree, xy: NDArray[np.float64], reach: NDArray[np.float64]
-) -> NDArray[np.int64]:
-    """Return the rows (R,) of points (N, 2) that shapes may be nearer to than ``reach`` (N,).
-
-    It is looked at cell by cell, so that rows that are near each other cost as one.
-    """
-    if not len(xy) or not len(tree):
-        return np.zeros(0, np.int64)
-    key = np.round(xy / _CELL_M).astype(np.int64) @ np.array([1 << 32, 1])
-    cells, which = np.unique(key, return_inverse=True)
-    y = (cells + (1 << 31)) % (1 << 32) - (1 << 31)
-    middle = np.column_stack([(cells - y) >> 32, y]) * _CELL_M
-    most = float(reach.max()) + _CELL_M
-    (cell, _), away = tree.query_nearest(
-        shapely.points(middle), max_distance=most, return_distance=True, all_matches=False
-    )
-    far = np.full(len(cells), np.inf)
-    far[cell] = away
-    return np.flatnonzero(far[which] - _CELL_M <= reach)
-
-
-def rows_beside(
-    tree: shapely.STRtree, boxes: PlanBoxes, within_m: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows (P,) of boxes that outlines of a tree come near to, and which these are (P,).
-
-    Args:
-        tree: of outlines in plan, at every step.
-        boxes: N of them.
-        within_m: boxes are grown by so much to each side, metres.
-    """
-    reach = np.hypot(*boxes.half.T) + within_m
-    near = rows_near(tree, boxes.xy, reach)
-    wide = replace(boxes, half=boxes.half + within_m).take(near)
-    row, block = tree.query(wide.polygons, predicate="intersects")
-    return near[row], block
 
 
 def meetings(

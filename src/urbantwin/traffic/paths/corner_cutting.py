@@ -12,13 +12,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.paths.bending import vehicles
-from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs, rows_beside
+from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs
+from urbantwin.traffic.paths.outlines import Outlines
 
 __all__ = ["corner_cutters", "with_rigid"]
 
@@ -64,7 +64,7 @@ def corner_cutters(
     pairs = pairs[kept & (level[one] == level[other])]
     deep, _ = meetings(boxes, pairs)
     hit = pairs[deep > _TOUCH_M].ravel()
-    row, block = rows_beside(shapely.STRtree(blocks.polygons), boxes.take(rows), 0.0)
+    row, block = Outlines(blocks.polygons).beside(boxes.take(rows))
     both = PlanBoxes.joined([boxes.take(rows), blocks])
     deep, _ = meetings(both, np.column_stack([row, block + len(rows)]))
     hit = np.concatenate([hit, rows[row[deep > _TOUCH_M]]])

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import semantic_classes
-from urbantwin.traffic.paths.box_plan import PlanBoxes, rows_beside, rows_near
+from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.outlines import Outlines
 
 __all__ = ["Blocks", "Obstacles"]
 
@@ -52,14 +53,14 @@ class Blocks:
         return self.boxes.take(np.flatnonzero(self.begins < HEAD_M))
 
     @cached_property
-    def _tree(self) -> shapely.STRtree:
-        return shapely.STRtree(self.boxes.polygons)
+    def _outlines(self) -> Outlines:
+        return Outlines(self.boxes.polygons)
 
     def beside(
         self, boxes: PlanBoxes, height: NDArray[np.float64], within_m: float
     ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return the rows (P,) of boxes so high (N,) that blocks come near to, and which (P,)."""
-        row, block = rows_beside(self._tree, boxes, within_m)
+        row, block = self._outlines.beside(boxes, within_m)
         met = np.flatnonzero(self.begins[block] < height[row])
         return row[met], block[met]
 
@@ -85,7 +86,7 @@ class Obstacles:
         shape[flat] = shapely.convex_hull(ring[flat])
         shape[~flat] = shapely.polygons(corners[~flat, :, :2])
         self.shapes: NDArray[np.object_] = shape
-        self._tree = shapely.STRtree(shape)
+        self._outlines = Outlines(shape)
 
     def beside(
         self, boxes: PlanBoxes, z: NDArray[np.float64], height: NDArray[np.float64]
@@ -97,9 +98,7 @@ class Obstacles:
             z: (N,) of the ground that they stand on.
             height: (N,) metres.
         """
-        near = rows_near(self._tree, boxes.xy, np.hypot(*boxes.half.T))
-        row, shape = self._tree.query(boxes.take(near).polygons, predicate="intersects")
-        row = near[row]
+        row, shape = self._outlines.beside(boxes)
         level = (self._high[shape] > z[row] + _KNEE_M) & (self._low[shape] < z[row] + height[row])
         return np.column_stack([row[level], shape[level]])
 

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.traffic.motion_rows import ActorRows, as_rows
-from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, rows_beside, shared_areas
+from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, shared_areas
 from urbantwin.traffic.paths.coupling import are_coupled
 from urbantwin.traffic.paths.obstacles import Obstacles
+from urbantwin.traffic.paths.outlines import Outlines
 
 __all__ = [
     "OVERLAP_M2",
@@ -163,7 +163,7 @@ def rows_that_overlap(
     """
     still = _columns(parked)
     standing = _boxes(still, np.zeros(parked.num_rows, np.int64))
-    tree = shapely.STRtree(standing.polygons)
+    outlines = Outlines(standing.polygons)
     none = np.zeros(0, np.int64)
     pairs, areas = [none.reshape(0, 2)], [np.zeros(0)]
     hits, names = [none], [none.astype(object)]
@@ -173,7 +173,7 @@ def rows_that_overlap(
             first = begin + number
             moving = _columns(part)
             boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
-            met, area = _shared(moving, boxes, still, standing, tree)
+            met, area = _shared(moving, boxes, still, standing, outlines)
             pairs.append(np.where(met < part.num_rows, met + first, part.num_rows - 1 - met))
             areas.append(area)
             rows, what = _hit(moving, boxes, obstacles, who[first : first + part.num_rows])
@@ -232,13 +232,13 @@ def _shared(
     boxes: PlanBoxes,
     still: Mapping[str, NDArray[Any]],
     standing: PlanBoxes,
-    tree: shapely.STRtree,
+    outlines: Outlines,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return pairs (P, 2) of rows that overlap, and how much they share (P,).
 
     Rows of who stands follow after those of who moves.
     """
-    beside, stands = rows_beside(tree, boxes, 0.0)
+    beside, stands = outlines.beside(boxes)
     first = len(boxes.yaw)
     pairs = np.concatenate(
         [near_pairs(boxes, 0.0), np.column_stack([beside, first + stands]).astype(np.int64)]
