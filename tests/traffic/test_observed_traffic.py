@@ -7,6 +7,7 @@ from urbantwin.reconstruct.recording import RecordedFrame
 from urbantwin.traffic.observed.association import tracks_of
 from urbantwin.traffic.observed.box_fit import SeenObject, extents, fitted_yaw
 from urbantwin.traffic.observed.clusters import clusters
+from urbantwin.traffic.observed.detected import DetectedActor, with_points
 from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight
 from urbantwin.traffic.observed.observed_track import observed_track
 
@@ -212,3 +213,55 @@ def test_posts_are_nobody():
     post = np.column_stack([np.full(12, 9.0), np.linspace(-0.1, 0.1, 12)])
     still = [SeenObject(k, post, 2.0, 2.0, 0.3, SENSOR, 0.1, 0.0) for k in range(4)]
     assert observed_track(still, None, 1.0) is None
+
+
+def detected(name, x, y, score=0.8, yaw=0.0):
+    length = {"pedestrian": 0.7, "bicycle": 1.75}[name]
+    return DetectedActor(name, np.array([x, y]), yaw, (length, 0.6, 1.7), score)
+
+
+def test_points_are_of_the_likelier_of_two_boxes_at_one_place():
+    rng = np.random.default_rng(2)
+    body = rng.uniform(-0.3, 0.3, (60, 3)) + [5.0, 5.0, 1.0]
+    beside = rng.uniform(-0.3, 0.3, (40, 3)) + [6.5, 5.0, 1.0]
+    points = np.vstack([body, beside])
+    boxes = [
+        detected("bicycle", 5.1, 5.0, 0.5),
+        detected("pedestrian", 5.0, 5.0, 0.7),
+        detected("pedestrian", 6.5, 5.0, 0.6),
+        detected("pedestrian", 20.0, 5.0, 0.9),  # nobody is there
+    ]
+    found = [(actor.score, set(rows.tolist())) for actor, rows in with_points(boxes, points)]
+    assert found == [(0.7, set(range(60))), (0.6, set(range(60, 100)))]
+
+
+def test_who_is_detected_is_of_the_class_that_it_was_detected_as():
+    # A cyclist passes a person as near as one frame a second lets them be taken for each other;
+    # seen from the front the cyclist is no longer than the person.
+    rng = np.random.default_rng(3)
+    frames = []
+    for k in range(4):
+        moment = []
+        for name, x in (("pedestrian", 4.0 + 1.0 * k), ("bicycle", 2.0 + 2.5 * k)):
+            at = np.array([x, 6.0 if name == "pedestrian" else 7.0])
+            plan = rng.uniform(-0.25, 0.25, (50, 2)) + at
+            tall = 1.6 if name == "pedestrian" else 1.75
+            actor = detected(name, *at, yaw=3.0)
+            moment.append(SeenObject(k, plan, tall, tall, 0.3, SENSOR, 1.0, 0.0, actor))
+        frames.append(moment)
+    tracks = [observed_track(one.seen, None, 1.0, small=False) for one in tracks_of(frames, 1.0)]
+    person, cyclist = sorted(tracks, key=lambda one: one.actor_class, reverse=True)
+    assert (person.actor_class, cyclist.actor_class) == ("pedestrian", "bicycle")
+    assert (person.size, cyclist.size) == ((0.7, 0.6, 1.6), (1.75, 0.6, 1.75))
+    assert cyclist.speed == pytest.approx(2.5)
+    np.testing.assert_allclose(cyclist.boxes[:, 0], 2.0 + 2.5 * np.arange(4))
+    np.testing.assert_allclose(cyclist.boxes[:, 2], 0.0, atol=1e-9)  # as it rides
+
+
+def test_beside_detections_nobody_is_a_person_for_its_size_alone():
+    random = np.random.default_rng(5)
+    body = random.uniform(-0.5, 0.5, (90, 2)) * [0.7, 0.5]
+    plan = [body + [1.2 * k, 6.0] for k in range(4)]
+    moments = [SeenObject(k, at, 1.7, 1.7, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(plan)]
+    assert observed_track(moments, None, 1.0).actor_class == "pedestrian"
+    assert observed_track(moments, None, 1.0, small=False) is None

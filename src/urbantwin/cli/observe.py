@@ -17,6 +17,8 @@ EXAMPLES = """
 urbantwin discover real/ -o rig.yaml --frames rings/
 urbantwin observe rings/ -o observed/ --rate 10
 urbantwin observe rings/ -o observed/ --twin twin/
+urbantwin detect detector/ rings/ -o detections/
+urbantwin observe rings/ -o observed/ --twin twin/ --detections detections/
 urbantwin replay observed/tracks.csv --twin twin/ -o motion/
 """
 
@@ -30,6 +32,10 @@ def observe(
         Path | None,
         typer.Option(help="A twin of the place: what waits on its lanes is seen, too."),
     ] = None,
+    detections: Annotated[
+        Path | None,
+        typer.Option(help="What `urbantwin detect` found in these frames: who walks and rides."),
+    ] = None,
     rate: Annotated[
         float, typer.Option(metavar="HZ", min=0.1, max=50.0, help="Frames per second.")
     ] = 10.0,
@@ -37,5 +43,5 @@ def observe(
     as_json: AsJson = False,
 ) -> None:
     """Find what moves in frames of sensors that stand still: tracks, and a picture to draw on."""
-    made = ut.observe(frames, out, twin=twin, rate=rate, progress=not quiet)
+    made = ut.observe(frames, out, twin=twin, detections=detections, rate=rate, progress=not quiet)
     Console(quiet=quiet, as_json=as_json).result(made.summary())

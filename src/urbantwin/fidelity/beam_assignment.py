@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError
+from urbantwin.fidelity.column_assignment import columns_apart
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import Pose
 from urbantwin.lidar import Rig, beam_directions
@@ -90,7 +91,7 @@ class BeamsOf:
             turned = np.arctan2(aim[:, 1], aim[:, 0]) - first[channel]
             if self.sensor.spin == "cw":
                 turned = -turned
-            column = np.rint(turned * self.columns / (2 * np.pi)).astype(np.int64) % self.columns
+            column = columns_apart(channel, turned * self.columns / (2 * np.pi), self.columns)
             beam = channel * self.columns + column
         once = np.unique(beam, return_index=True)[1]
         return rows[once], beam[once], range_m

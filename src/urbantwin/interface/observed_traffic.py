@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from urbantwin.artefact import check_folder
+from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
     from urbantwin.traffic.observed import Observation
+    from urbantwin.traffic.observed.detected import DetectedActor
 
 __all__ = ["ObservedTraffic", "observe"]
 
@@ -45,11 +50,49 @@ class ObservedTraffic:
         return Summary(path=str(self.folder), frames=self.found.frames, **self.counts)
 
 
+def detected_actors(folder: Path, names: Sequence[str]) -> list[list[DetectedActor]]:
+    """Return the people and riders whom a detector found in each frame, by its name.
+
+    Raises:
+        InputError: it is no folder of detections, or one of the frames was not looked at.
+    """
+    from urbantwin.detections import read_detections
+    from urbantwin.traffic.observed.detected import DETECTED, LEAST_SCORE, DetectedActor
+
+    found = read_detections(folder)
+    number = {Path(name).stem: index for index, name in enumerate(found.frames)}
+    for name in names:
+        if name not in number:
+            raise InputError(
+                f"frame {name} was not looked at",
+                file=folder,
+                expected="what `urbantwin detect MODEL FRAMES` wrote of the same frames",
+            )
+    rows = [
+        row
+        for row, name in enumerate(found.class_names)
+        if name in DETECTED and found.score[row] >= LEAST_SCORE
+    ]
+    by_frame: list[list[DetectedActor]] = [[] for _ in found.frames]
+    for row in rows:
+        x, y, _, length, width, height, yaw = found.box[row].tolist()
+        actor = DetectedActor(
+            found.class_names[row],
+            np.array([x, y]),
+            yaw,
+            (length, width, height),
+            float(found.score[row]),
+        )
+        by_frame[found.frame[row]].append(actor)
+    return [by_frame[number[name]] for name in names]
+
+
 def observe(
     frames: AnyPath,
     out: AnyPath | None = None,
     *,
     twin: AnyPath | None = None,
+    detections: AnyPath | None = None,
     rate: float = 10.0,
     progress: ShowProgress = True,
 ) -> ObservedTraffic:
@@ -60,6 +103,7 @@ def observe(
         out: the folder to write; one beside the frames when not given.
         twin: a twin of the place, in the frame of the points: its lanes tell where vehicles wait,
             and which way they look.
+        detections: what ``ut.detect(model, frames)`` wrote: who walks and rides is taken from it.
         rate: frames per second.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -75,12 +119,14 @@ def observe(
 
     source = Path(frames)
     target = beside(source, "observation") if out is None else Path(out)
-    inputs = [source, None if twin is None else Path(twin)]
+    found_by = None if detections is None else Path(detections)
+    inputs = [source, None if twin is None else Path(twin), found_by]
     check_folder(target, kind="observation", inputs=inputs)
     recording = RecordedFrames(source)
+    detected = None if found_by is None else detected_actors(found_by, recording.names)
     network = None if twin is None else load_twin(Path(twin)).roads
     with shown_stage("observe", progress) as tell:
-        found = observed(recording, network, rate_hz=rate, tell=tell)
+        found = observed(recording, network, detected=detected, rate_hz=rate, tell=tell)
         with replaced_folder(target, kind="observation", inputs=inputs) as folder:
             counts = write_observation(folder, found, rate)
             draw_observed_place(folder, found)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.fidelity.column_assignment import columns_apart
 from urbantwin.fidelity.compiled.ring_support import ring_support
 from urbantwin.fidelity.discovery.elevation_match import TableFit, normal_density
 from urbantwin.lidar import Sensor
@@ -173,4 +174,4 @@ def columns_in(
         turned = turned - first[rays.ring[mine]]
         clockwise = model.spin == "cw"
     turned = -turned if clockwise else turned
-    return np.asarray(np.rint(turned * columns / (2 * np.pi)).astype(np.int64) % columns)
+    return columns_apart(rays.ring[mine], turned * columns / (2 * np.pi), columns)

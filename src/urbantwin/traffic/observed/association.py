@@ -49,11 +49,16 @@ class SeenTrack:
     def cost(self, one: SeenObject, rate_hz: float) -> float:
         """Return how unlikely it is that this is the same object, metres."""
         last = self.seen[-1]
+        kind = one.detected_class
+        if kind != last.detected_class:
+            return NEVER
         seconds = (one.frame - last.frame) / rate_hz
         way = one.middle - last.middle
         gone = float(np.linalg.norm(way))
-        large = max(one.diagonal, last.diagonal) > LARGE_M
-        on_foot = max(one.diagonal, last.diagonal) < PERSON_M
+        large = kind is None and max(one.diagonal, last.diagonal) > LARGE_M
+        on_foot = kind == "pedestrian"
+        if kind is None:
+            on_foot = max(one.diagonal, last.diagonal) < PERSON_M
         most = DRIVES_M_S if large else WALKS_M_S if on_foot else RIDES_M_S
         if gone > most * seconds + ERROR_M or abs(one.diagonal - last.diagonal) > HIDDEN_M:
             return NEVER

@@ -13,6 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.traffic.observed.detected import DetectedActor
+
 __all__ = ["SeenObject", "extents", "fitted_yaw", "highest"]
 
 #: Steps of the heading, radians; points nearer to a side than this count the same, metres.
@@ -34,6 +36,7 @@ class SeenObject:
         sensor: (2,) the place of the sensor that saw most of it.
         moves: share of its points that move.
         yaw: of the fitted sides, radians, within a quarter of a turn.
+        actor: who a detector says it is; ``None`` where none does.
     """
 
     frame: int
@@ -44,6 +47,12 @@ class SeenObject:
     sensor: NDArray[np.float64]
     moves: float
     yaw: float
+    actor: DetectedActor | None = None
+
+    @property
+    def detected_class(self) -> str | None:
+        """Which class a detector says it is of."""
+        return self.actor.actor_class if self.actor else None
 
     @cached_property
     def diagonal(self) -> float:
@@ -59,7 +68,9 @@ class SeenObject:
 
     @cached_property
     def middle(self) -> NDArray[np.float64]:
-        """The middle (2,) of what was seen."""
+        """The middle (2,) of what was seen, or of a detector's box."""
+        if self.actor:
+            return self.actor.place
         low, high = extents(self.points, self.yaw)
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([[c, -s], [s, c]]) @ ((low + high) / 2)

@@ -7,6 +7,7 @@ that waits; with one, what stands on its lanes and is as large as a vehicle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.observed.association import tracks_of
 from urbantwin.traffic.observed.box_fit import SeenObject, fitted_yaw, highest
 from urbantwin.traffic.observed.clusters import clusters
+from urbantwin.traffic.observed.detected import DetectedActor, with_points
 from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
 from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight
 from urbantwin.traffic.observed.observed_track import ObservedTrack, observed_track
@@ -54,6 +56,7 @@ def observe(
     frames: RecordedFrames,
     network: RoadNetwork | None = None,
     *,
+    detected: Sequence[Sequence[DetectedActor]] | None = None,
     rate_hz: float = 10.0,
     tell: Progress = untold,
 ) -> Observation:
@@ -63,6 +66,8 @@ def observe(
         frames: of sensors that stand still.
         network: the place's lanes in the frame of the points; without it nobody is seen who stands
             in every frame.
+        detected: people and riders whom a detector found in each frame; without them, what is as
+            large as they are is taken for them.
         rate_hz: frames per second.
         tell: called with the share done and what is being done.
 
@@ -80,7 +85,8 @@ def observe(
     objects, trails = [], []
     for number in each(range(len(frames)), between(tell, 0.5, 0.9), "objects"):
         frame = frames.read(number)
-        found, moving = _objects(number, frame, ~still[number], ground, lanes, places)
+        boxes = detected[number] if detected is not None else ()
+        found, moving = _objects(number, frame, ~still[number], ground, lanes, places, boxes)
         objects.append(found)
         trails.append(moving)
     tell(0.9, "tracks")
@@ -91,7 +97,7 @@ def observe(
         return looked_through(frames.read(number), stand, place, height)
 
     tracks = [
-        observed_track(part.seen, lanes, rate_hz)
+        observed_track(part.seen, lanes, rate_hz, small=detected is None)
         for one in tracks_of(objects, rate_hz)
         for part in parts_in_sight(one, nobody)
     ]
@@ -111,35 +117,39 @@ def _objects(
     ground: RecordedGround,
     lanes: LanesBeneath | None,
     sensors: NDArray[np.float64],
+    detected: Sequence[DetectedActor],
 ) -> tuple[list[SeenObject], NDArray[np.float64]]:
     """Return a frame's objects, and (N, 3) place and frame of what moves."""
     above = ground.above(frame.points)
-    kept = (above > LOW_M) & (above < HIGH_M)
-    trail = frame.points[kept & moves]
-    if lanes is not None:
-        kept[kept] = moves[kept] | lanes.cover(frame.points[kept])
-    else:
-        kept &= moves
-    points, above, moves = frame.points[kept], above[kept], moves[kept]
-    sensor = frame.sensor[kept]
-    found = []
-    for rows in clusters(points, above):
-        top = float(np.quantile(above[rows], 0.98))
-        share = float(moves[rows].mean())
-        if top < LEAST_TOP_M:
-            continue
-        of = np.bincount(np.maximum(sensor[rows], 0), minlength=len(sensors))
-        plan = points[rows, :2]
-        found.append(
-            SeenObject(
-                number,
-                plan,
-                top,
-                highest(above[rows]),
-                float(np.quantile(above[rows], 0.02)),
-                sensors[int(of.argmax())],
-                share,
-                fitted_yaw(plan),
-            )
+    rises = np.flatnonzero((above > LOW_M) & (above < HIGH_M))
+    trail = frame.points[rises[moves[rises]]]
+
+    def seen(rows: NDArray[np.intp], actor: DetectedActor | None = None) -> SeenObject:
+        of = np.bincount(np.maximum(frame.sensor[rows], 0), minlength=len(sensors))
+        plan = frame.points[rows, :2]
+        return SeenObject(
+            number,
+            plan,
+            float(np.quantile(above[rows], 0.98)),
+            highest(above[rows]),
+            float(np.quantile(above[rows], 0.02)),
+            sensors[int(of.argmax())],
+            float(moves[rows].mean()),
+            fitted_yaw(plan),
+            actor,
         )
+
+    found, theirs = [], np.zeros(len(above), np.bool_)
+    for actor, rows in with_points(detected, frame.points[rises]):
+        found.append(seen(rises[rows], actor))
+        theirs[rises[rows]] = True
+    left = rises[~theirs[rises]]
+    wanted = moves[left]
+    if lanes is not None:
+        wanted = wanted | lanes.cover(frame.points[left])
+    left = left[wanted]
+    for rows in clusters(frame.points[left], above[left]):
+        one = seen(left[rows])
+        if one.top >= LEAST_TOP_M:
+            found.append(one)
     return found, np.column_stack([trail[:, :2], np.full(len(trail), float(number))])

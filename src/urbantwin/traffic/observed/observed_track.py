@@ -75,7 +75,11 @@ class ObservedTrack:
 
 
 def observed_track(
-    seen: Sequence[SeenObject], lanes: LanesBeneath | None, rate_hz: float
+    seen: Sequence[SeenObject],
+    lanes: LanesBeneath | None,
+    rate_hz: float,
+    *,
+    small: bool = True,
 ) -> ObservedTrack | None:
     """Return an actor; ``None`` where it is none: a post, leaves.
 
@@ -83,12 +87,16 @@ def observed_track(
         seen: of each frame, in order.
         lanes: what lies beneath.
         rate_hz: frames per second.
+        small: people and riders are told by their size; else a detector tells who they are, and
+            nobody else is one.
     """
     frames = np.array([one.frame for one in seen])
     middles = np.array([one.middle for one in seen])
     velocity = _velocities(frames / rate_hz, middles)
     moving = float(np.mean([one.moves for one in seen]))
     moves = moving > 0.5
+    if seen[0].actor is not None:
+        return _detected_track(seen, frames, velocity) if moves else None
     top = float(np.median([one.top for one in seen]))
     speeds = np.linalg.norm(velocity, axis=1)
     speed = float(np.median(speeds))
@@ -106,7 +114,8 @@ def observed_track(
     name = _class(float(length), float(width), top, speed, on_lane=on_lane, moves=moves)
     gone = float(np.linalg.norm(middles[-1] - middles[0]))
     if name in SMALL and (
-        (gone < GONE_M and moving < SURELY)
+        not small
+        or (gone < GONE_M and moving < SURELY)
         or min(one.bottom for one in seen) > OFF_GROUND_M
         or not SHORT_M < top < TALL_M
     ):
@@ -131,6 +140,28 @@ def observed_track(
         yaws = [_faces(one, step) for one, step in zip(seen, velocity, strict=True)]
     boxes = np.array([_completed(one, yaw, size) for one, yaw in zip(seen, yaws, strict=True)])
     return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)
+
+
+def _detected_track(
+    seen: Sequence[SeenObject], frames: NDArray[np.int64], velocity: NDArray[np.float64]
+) -> ObservedTrack:
+    """Return somebody whom a detector found, as tall as was seen, else as the detector says."""
+    actors = [one.actor for one in seen if one.actor is not None]
+    length, width, height = np.median([one.size for one in actors], axis=0)
+    tall = float(np.quantile([one.highest for one in seen], 0.75))
+    if SHORT_M < tall < TALL_M:
+        height = tall
+    name = actors[0].actor_class
+    speed = float(np.median(np.linalg.norm(velocity, axis=1)))
+    if name == "pedestrian":
+        yaws = np.array([_faces(one, step) for one, step in zip(seen, velocity, strict=True)])
+    else:
+        rides = np.hypot(*velocity.T) >= CREEPS_M_S
+        way = np.arctan2(velocity[:, 1], velocity[:, 0])
+        yaws = np.where(rides, way, [one.yaw for one in actors])
+    boxes = np.column_stack([[one.place for one in actors], yaws])
+    size = (float(length), float(width), float(height))
+    return ObservedTrack(name, frames, boxes, size, speed, moves=True)
 
 
 def _class(
