@@ -49,6 +49,7 @@ def test_two_tilted_sensors_are_found(fused, found):
         axis = rotation_from_ypr(*np.radians(angles))[:, 2]
         assert np.degrees(np.arccos(axis @ one.fit.seen_from.axis)) < 0.1
         assert one.columns == columns
+        assert not one.dual
         off = np.abs(one.place - place)
         assert (off < 4 * one.sigma_m).all()
         assert one.sigma_tilt_deg < 0.2

@@ -20,6 +20,7 @@ from urbantwin.fidelity.discovery.point_rays import (
 from urbantwin.fidelity.discovery.result import Discovery, FoundSensor
 from urbantwin.fidelity.discovery.ring_pieces import ring_pieces
 from urbantwin.fidelity.discovery.search import FEWEST_PIECES, search_standpoints
+from urbantwin.fidelity.discovery.second_returns import reports_two
 from urbantwin.fidelity.discovery.usable_frames import (
     check_frames,
     check_ranges,
@@ -170,6 +171,9 @@ def _closely(
                 measured[number],
                 columns,
                 count[number],
+                reports_two(
+                    frames, rays, number, best[number].seen_from.place, 2 * np.pi / columns
+                ),
             )
         )
     place = np.full(len(best) + 1, -1)

@@ -96,7 +96,10 @@ def _losses(looks: Looks, found: Discovery) -> list[Losses]:
     for number in range(len(looks.frames)):
         frame = looks.frames.read(number)
         for k, sensor in enumerate(looks.frames.sensors):
-            rings = frame.ring[frame.sensor == k]
+            mine = frame.sensor == k
+            rings = frame.ring[mine]
+            if found.sensors[k].dual:  # a firing with two returns is one look
+                rings = np.unique(np.column_stack([rings, frame.column[mine]]), axis=0)[:, 0]
             counted[k] += np.bincount(rings, minlength=sensor.channels) / len(looks.frames)
     lost = []
     for beams, points, one in zip(recorded_beams(looks), counted, found.sensors, strict=True):

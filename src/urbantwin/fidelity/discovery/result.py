@@ -38,6 +38,7 @@ class FoundSensor:
         step_deg: its azimuth resolution; None: it has too few points.
         columns: per turn, as its model offers them, or as measured.
         points: in the frames that were fitted to.
+        dual: two returns of one firing are reported, where there are two.
     """
 
     name: str
@@ -48,6 +49,7 @@ class FoundSensor:
     step_deg: float | None
     columns: int
     points: int
+    dual: bool
 
     @property
     def place(self) -> NDArray[np.float64]:
@@ -108,6 +110,7 @@ class FoundSensor:
             "columns": self.columns,
             "azimuth_step_deg": None if self.step_deg is None else round(self.step_deg, 4),
             "points": self.points,
+            "returns": "dual" if self.dual else "one",
         }
 
 

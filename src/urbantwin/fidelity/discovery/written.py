@@ -55,7 +55,8 @@ def write_rig(
         stated = one.report()
         pose = {key: stated[key] for key in ("east_m", "north_m", "up_m", "pitch_deg", "roll_deg")}
         lost = losses[number].written() if losses else {}
-        rows.append({"name": one.name, "model": name, **pose, "yaw_deg": 0.0, **lost})
+        both = {"returns": "dual"} if one.dual else {}
+        rows.append({"name": one.name, "model": name, **pose, "yaw_deg": 0.0, **both, **lost})
         which = " or ".join(one.models) or "no model of the catalogue"
         notes.append(
             f"# {one.name}: {which}; place +-{stated['sigma_plan_m']} m in plan and "
