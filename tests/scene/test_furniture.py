@@ -80,6 +80,7 @@ def test_every_piece_is_closed_faces_outward_and_stands_in_the_ground(tags):
         ({"emergency": "fire_hydrant"}, 0.87),
         ({"amenity": "bicycle_parking"}, 0.825),
         ({"shop": "kiosk"}, 2.8),
+        ({"amenity": "parcel_locker"}, 2.1),
         ({"amenity": "shelter", "height": "3"}, 3.0),
     ],
 )
