@@ -403,7 +403,7 @@ def test_a_bare_plane_is_nowhere_in_pittsburgh(pittsburgh):
     _, twin, _ = pittsburgh
     places = np.random.default_rng(0).uniform(-30, 30, (20_000, 2))
     plane = Frame(np.column_stack([places, np.full(len(places), -2.0)]))
-    with pytest.raises(InputError, match="nothing of the twin"):
+    with pytest.raises(InputError, match="nothing but ground"):
         align(plane, twin.mesh, guess=Guess(1.0, 1.0, -23.0))
 
 

@@ -35,7 +35,9 @@ _SCALES_M = np.array([[0.5, 0.2, 0.5, 0.4], [0.2, 0.1, 0.25, 0.2]])
 _SCALE_OF_WRONG = 2.5
 #: Nearer to its plane, edge or line than this a point is explained, metres.
 EXPLAINED_M, _EDGE_EXPLAINED_M = 0.15, 0.25
-_STEPS = 40
+#: Steps, and the last: no longer than this, metres and radians, when all is told and when it is
+#: only to be told which place it is.
+_STEPS, _LAST_M, _LAST_RAD = 40, (5e-4, 5e-3), (3e-5, 3e-4)
 #: How far objects, stretches of ground, of edges and of lines are wrong as one, metres: a belief
 #: that weighs as much as so many of them. Houses of OpenStreetMap lie 0.5 to 1 m off, surveyed
 #: ones and meshes centimetres.
@@ -110,7 +112,7 @@ def registered(
             return None
         for _ in range(1 if rough else 2):
             scale = np.maximum(least, _SCALE_OF_WRONG * wrong)
-            solved = _solved(correspondences, pose, offsets, wrong, scale)
+            solved = _solved(correspondences, pose, offsets, wrong, scale, rough)
             if solved is None:
                 return None
             pose, offsets, residuals = solved.pose, solved.offsets, solved.residuals
@@ -149,6 +151,7 @@ def _solved(
     offsets: NDArray[np.float64],
     wrong: NDArray[np.float64],
     scale: NDArray[np.float64],
+    rough: bool,
 ) -> _Solved | None:
     """Gauss and Newton's steps; None where a direction is not held."""
     for _ in range(_STEPS):
@@ -161,7 +164,7 @@ def _solved(
         step = np.asarray(-np.linalg.solve(matrix, gradient), np.float64)
         pose = turned_and_moved(pose, step)
         offsets = offsets + step[6:]
-        if np.abs(step[3:6]).max() < 5e-4 and np.abs(step[:3]).max() < 3e-5:
+        if np.abs(step[3:6]).max() < _LAST_M[rough] and np.abs(step[:3]).max() < _LAST_RAD[rough]:
             break
     return _Solved(pose, offsets, residuals)
 
