@@ -110,6 +110,16 @@ def test_the_ground_of_a_frame_tells_height_and_tilt(points):
     assert plane.height_m == pytest.approx(5.0 * up[2], abs=0.03)
 
 
+def test_ground_that_begins_far_away_is_ground():
+    """The lowest beams of an OS2, 11 degrees down, meet it 31 m from a pole of 6 m."""
+    down, around = np.meshgrid(np.radians(np.linspace(7, 11, 20)), np.radians(np.arange(360)))
+    far = 6.0 / np.tan(down.ravel())
+    spots = [far * np.cos(around.ravel()), far * np.sin(around.ravel()), np.full(len(far), -6.0)]
+    plane = ground_plane(np.column_stack(spots))
+    assert plane.height_m == pytest.approx(6.0)
+    assert plane.normal == pytest.approx([0, 0, 1])
+
+
 def test_a_tipped_sensor_is_found_from_no_guess(points):
     near = shapely.box(-5.0, -9.0, 7.0, 3.0)
     found = align(Frame(points), street(), region=near)
