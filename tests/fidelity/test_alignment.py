@@ -110,6 +110,16 @@ def test_the_ground_of_a_frame_tells_height_and_tilt(points):
     assert plane.height_m == pytest.approx(5.0 * up[2], abs=0.03)
 
 
+def test_ground_that_begins_far_away_is_ground():
+    """The lowest beams of an OS2, 11 degrees down, meet it 31 m from a pole of 6 m."""
+    down, around = np.meshgrid(np.radians(np.linspace(7, 11, 20)), np.radians(np.arange(360)))
+    far = 6.0 / np.tan(down.ravel())
+    spots = [far * np.cos(around.ravel()), far * np.sin(around.ravel()), np.full(len(far), -6.0)]
+    plane = ground_plane(np.column_stack(spots))
+    assert plane.height_m == pytest.approx(6.0)
+    assert plane.normal == pytest.approx([0, 0, 1])
+
+
 def test_a_tipped_sensor_is_found_from_no_guess(points):
     near = shapely.box(-5.0, -9.0, 7.0, 3.0)
     found = align(Frame(points), street(), region=near)
@@ -397,13 +407,44 @@ def test_what_cannot_be_aligned_is_said_in_one_line_and_nothing_written(
     assert not out.parent.exists()
 
 
+@pytest.mark.parametrize(("off_m", "within_m"), [(0.998, 1.0), (1.6, 1.0)])
+def test_a_span_bounds_the_pose_and_holds_to_its_very_edge(points, off_m, within_m):
+    guess = Guess(2.0 - off_m, -3.0, 63.0, within_m, within_deg=5.0)
+    if off_m > within_m:
+        with pytest.raises(InputError, match=r"fits best 1\.6\d m"):
+            align(Frame(points), street(), guess=guess)
+        return
+    found = align(Frame(points), street(), guess=guess).pose
+    assert off(found, TRUE)[0] < 0.03
+    assert found.translation[0] - guess.east_m <= within_m + 1e-9
+
+
+def test_poles_alone_hold_a_place_and_those_of_elsewhere_do_not():
+    """Houses stand in the street that the map has not; its ground is bare."""
+    places = np.array([[5, 8], [-7, -9], [13, -6], [-3, 11], [9, -13], [-12, 2], [16, 4], [2, -16]])
+    poles, elsewhere = (
+        [
+            replace(box((x, y, 3), (0.3, 0.3, 9), "pole"), part=np.full(12, number + 1))
+            for number, (x, y) in enumerate(some)
+        ]
+        for some in (places, places[:, ::-1] * [-1, 1] + [3, 1])
+    )
+    frame = Frame(seen(LabelledMesh.concatenate([street(), *poles]), TRUE))
+    guess = Guess(1.2, -3.9, 70.0, within_m=2.0, within_deg=10.0)
+    found = align(frame, LabelledMesh.concatenate([slope(), *poles]), guess=guess)
+    assert off(found.pose, TRUE)[0] < 0.1
+    assert (np.abs(found.pose.translation - TRUE.translation) < 2 * found.found.sigma_m).all()
+    with pytest.raises(InputError):
+        align(frame, LabelledMesh.concatenate([slope(), *elsewhere]), guess=guess)
+
+
 @pytest.mark.thorough
 def test_a_bare_plane_is_nowhere_in_pittsburgh(pittsburgh):
     """Though the twin's ground has relief, on which it would come to rest somewhere."""
     _, twin, _ = pittsburgh
     places = np.random.default_rng(0).uniform(-30, 30, (20_000, 2))
     plane = Frame(np.column_stack([places, np.full(len(places), -2.0)]))
-    with pytest.raises(InputError, match="nothing of the twin"):
+    with pytest.raises(InputError, match="nothing but ground"):
         align(plane, twin.mesh, guess=Guess(1.0, 1.0, -23.0))
 
 

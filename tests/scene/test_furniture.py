@@ -80,6 +80,7 @@ def test_every_piece_is_closed_faces_outward_and_stands_in_the_ground(tags):
         ({"emergency": "fire_hydrant"}, 0.87),
         ({"amenity": "bicycle_parking"}, 0.825),
         ({"shop": "kiosk"}, 2.8),
+        ({"amenity": "parcel_locker"}, 2.1),
         ({"amenity": "shelter", "height": "3"}, 3.0),
     ],
 )
@@ -184,3 +185,28 @@ def test_a_gantry_spans_the_road_clear_of_traffic():
     posts = mesh.vertices[mesh.vertices[:, 2] < 1]
     assert np.abs(posts[:, 1]).min() > 5.2
     assert (mesh.semantic == semantic_id("traffic-sign")).any()
+
+
+def test_steps_climb_the_ground_between_their_ends():
+    """On ground that rises by 5 %: 20 m are 1 m, in as many steps as are mapped."""
+    up = feature(LineString([(10, 20), (30, 20)]), highway="steps", step_count="8", width="3")
+    mesh, notes = build(up)
+    assert notes == {"flights of steps": 1}
+    assert closed(mesh)
+    assert mesh.areas().min() > 1e-7
+    assert set(mesh.semantic) == {semantic_id("sidewalk")}
+    level = mesh.normals()[:, 2] > 0.99
+    heights = np.unique(mesh.triangles()[level][..., 2].round(6))
+    assert heights == pytest.approx(0.5 + np.arange(1, 9) / 8)
+    assert mesh.areas()[level].sum() == pytest.approx(20 * 3)
+
+
+@pytest.mark.parametrize("tags", [{"layer": "-1"}, {"tunnel": "yes"}, {"indoor": "yes"}])
+def test_steps_below_ground_are_not_drawn(tags):
+    assert not build(feature(LineString([(10, 20), (30, 20)]), highway="steps", **tags))[1]
+
+
+def test_steps_on_level_ground_are_told_and_not_drawn():
+    mesh, notes = build(feature(LineString([(10, 20), (10, 30)]), highway="steps"))
+    assert not len(mesh.faces)
+    assert list(notes.values()) == [1]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from urbantwin.geometry import LabelledMesh, PartColours
 from urbantwin.geometry.manifold import is_closed
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads.passage import ROAD_CLEARANCE_M, Passage, passages_of
+from urbantwin.scene.balcony import balcony_parts
 from urbantwin.scene.building_outline import (
     MappedBuilding,
     building_footprints,
@@ -76,12 +77,14 @@ class _Placed:
         volumes: the volume of each body.
         tags: of each volume, and of its outline where it has none of its own.
         posts: what its roofs stand on.
+        balconies: the mapped ones, with their materials.
     """
 
     plan: ShellPlan
     volumes: list[Volume]
     tags: list[dict[str, str]]
     posts: list[Solid]
+    balconies: list[tuple[Solid, str]] = field(default_factory=list)
 
 
 def building_mesh(
@@ -147,6 +150,8 @@ def building_mesh(
                 found.posts.extend(
                     arcade_columns(plan, passage.corridor, datum - FOUNDATION_M, top)
                 )
+        found.balconies.extend(_balconies(building, volumes, datum))
+        notes["mapped balconies"] += len(building.balconies)
         placed.append(found)
         fronts.append(Front(building, found.volumes, found.plan.walls, plan, datum))
     tell(0.5, "windows")
@@ -170,7 +175,7 @@ def building_mesh(
             notes["roofs drawn level: their surface does not close"] += 1
             surface = ShellPlan([replace(body, roof=()) for body in found.plan.bodies]).build()
         part = _add(assembly, found, surface)
-        for solid, material in parts:
+        for solid, material in (*found.balconies, *parts):
             assembly.add(solid, "building", material, part)
         colours += [(part, *row) for row in _colours_of(found)]
     notes["buildings"] = assembly.parts
@@ -293,6 +298,19 @@ def _place(
         owners += [volume] * len(opened)
     tags = [{**outline, **volume.tags} for volume in owners]
     return _Placed(ShellPlan(bodies), owners, tags, posts) if bodies else None
+
+
+def _balconies(
+    building: MappedBuilding, volumes: Sequence[Volume], datum: float
+) -> Iterator[tuple[Solid, str]]:
+    """Yield a building's mapped balconies, on its ground."""
+    walls = shapely.union_all([volume.body.footprint for volume in volumes])
+    highest = max(volumes, key=lambda volume: volume.eaves_m)
+    storey = highest.storey_m
+    for tags, plan in building.balconies:
+        levels = max(round(highest.eaves_m / storey), 1)
+        for solid, material in balcony_parts(tags, plan, walls, storey, levels):
+            yield Solid(solid.vertices + [0.0, 0.0, datum], solid.faces), material
 
 
 def _level(volume: Volume) -> Volume:

@@ -9,11 +9,15 @@ from dataclasses import dataclass, field
 import shapely
 from shapely import Geometry, MultiPolygon, Polygon
 
+from urbantwin.scene.balcony import BALCONY
 from urbantwin.scene.building_height import ROOF_TYPES, building_type
 from urbantwin.scene.extrusion import clean_polygons
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["MappedBuilding", "building_footprints", "mapped_buildings"]
+
+#: A balcony is the building's that is no farther away, metres.
+BESIDE_M = 0.5
 
 
 @dataclass
@@ -25,12 +29,14 @@ class MappedBuilding:
         tags: the outline's.
         footprints: the outline's polygons, site frame.
         parts: tags and polygon of every part.
+        balconies: those of every balcony; it is no part of the plan.
     """
 
     id: int
     tags: dict[str, str]
     footprints: list[Polygon]
     parts: list[tuple[dict[str, str], Polygon]] = field(default_factory=list)
+    balconies: list[tuple[dict[str, str], Polygon]] = field(default_factory=list)
 
     def plan(self) -> Geometry:
         """Return the whole footprint."""
@@ -106,9 +112,23 @@ def _outlines(features: Sequence[OsmFeature], notes: Counter[str]) -> list[Mappe
             outlines.append(MappedBuilding(feature.id, feature.tags, polygons))
         else:
             parts += [(feature.id, feature.tags, polygon) for polygon in polygons]
-    outlines = _without_twins(outlines, notes)
+    return _with_parts(_without_twins(outlines, notes), parts, notes)
+
+
+def _with_parts(
+    outlines: list[MappedBuilding],
+    parts: Sequence[tuple[int, dict[str, str], Polygon]],
+    notes: Counter[str],
+) -> list[MappedBuilding]:
+    """Give parts and balconies to the outlines that they are of."""
     tree = shapely.STRtree([MultiPolygon(outline.footprints) for outline in outlines])
     for identity, tags, polygon in parts:
+        if tags["building:part"] == BALCONY:
+            beside = tree.query_nearest(polygon, max_distance=BESIDE_M, all_matches=False)
+            notes["balconies without a building"] += not len(beside)
+            for number in beside.tolist():
+                outlines[number].balconies.append((tags, polygon))
+            continue
         owner, most = None, 0.5 * polygon.area
         for k in sorted(tree.query(polygon).tolist()):
             shared = polygon.intersection(tree.geometries[k]).area

@@ -61,8 +61,8 @@ class Volume:
 def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volume]:
     """Return the bodies of a building.
 
-    Parts replace the outline where they stand; what they leave of it is built as the outline's
-    own tags say, with a level top where that is less than two thirds of it.
+    Parts and balconies replace the outline where they are; what they leave of it is built as the
+    outline's own tags say, with a level top where that is less than two thirds of it.
     """
     volumes = []
     area = sum(p.area for p in building.footprints)
@@ -71,13 +71,13 @@ def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volu
     if building.footprints:
         rise = building_rise(building.tags, {}, area, own_notes)
         top = rise.high_m
-    replaced = []
+    replaced = [polygon for _, polygon in building.balconies]
     for tags, polygon in building.parts:
         part_rise = building_rise(tags, building.tags, polygon.area, notes)
         volumes.append(_volume(polygon, tags, building.tags, part_rise, notes))
         if part_rise.low_m < top - 0.5:  # else it stands on the roof of its building
             replaced.append(polygon)
-    if building.footprints and replaced:
+    if building.footprints and volumes and replaced:
         rise = _rise_of_rest(rise, volumes, notes)
     for polygon in building.footprints:
         rest = [polygon]

@@ -39,8 +39,8 @@ _LEAST_EVIDENCE = 8.0
 _CANDIDATES = 6
 #: Two of them are one place, metres and degrees.
 _SAME_M, _SAME_DEG = 0.5, 3.0
-#: With fewer curbs and fewer points off the ground explained, only heights of the ground would
-#: hold the place, and they fit somewhere whatever the frame shows.
+#: With fewer curbs and fewer points off the ground, only heights of the ground would hold the
+#: place, and they fit somewhere whatever the frame shows.
 _FEWEST_CURBS, _FEWEST_RAISED = 4, 50
 
 
@@ -180,7 +180,12 @@ def align(
             expected="metres, z roughly upward, and part of a street in view",
         )
     features = FrameFeatures.of(frame.only(kept), sensor, plane)
-    _held(len(features.curbs), features.raised.sum(), file)
+    if len(features.curbs) < _FEWEST_CURBS and features.raised.sum() < _FEWEST_RAISED:
+        raise InputError(
+            "shows nothing but ground",
+            file=file,
+            expected="a frame of this site in which walls, poles or curbs of the twin are seen",
+        )
     span = _span(guess, region, mesh, sensor)
     tell(0.1, "reading the scene")
     scene = ScenePoints(mesh, span.middle, span.reach_m + _REACH_M, surface)
@@ -195,7 +200,8 @@ def align(
     told = _told(scene, features.thinned(_SPARSE_M), search, candidates, span)
     tell(0.8, "registering")
     found = registered(scene, features.thinned(_THINNED_M), told[0][1]) if told else None
-    if found is None or not span.holds(*_stance(found.pose, plane)):
+    held = guess is not None or (found is not None and span.holds(*_stance(found.pose, plane)))
+    if found is None or not held:
         raise InputError(
             "does not fit the twin anywhere there",
             file=file,
@@ -207,28 +213,15 @@ def align(
         sigma_m=np.hypot(found.sigma_m, [*likely.sigma_m, 0.0]),
         sigma_deg=np.hypot(found.sigma_deg, [0.0, 0.0, np.degrees(likely.sigma_rad)]),
     )
-    raised = found.explained * features.thinned(_THINNED_M).raised.sum()
-    _held(found.curbs_explained * len(features.curbs), raised, file)
     _certain(found, likely, file)
+    pose = _bounded(_of_frame(found.pose, sensor), found, plane, guess, file)
     others = _elsewhere(found.pose, told, sensor, guess)
     _told_apart(found.pose, others, sensor, file)
     share = others[0][0] if others else 0.0
-    pose = _of_frame(found.pose, sensor)
-    _bounded(pose, guess, file)
     start = None if guess is None else _of_frame(search.standing(span.middle, span.yaw), sensor)
     if start is not None and not np.isfinite(start.translation).all():
         start = None
     return Alignment(pose, replace(found, pose=pose), share, plane, likely.evidence, start)
-
-
-def _held(curbs: float, raised: float, file: str | None) -> None:
-    """Refuse a frame of which nothing but ground holds the place."""
-    if curbs < _FEWEST_CURBS and raised < _FEWEST_RAISED:
-        raise InputError(
-            f"shows nothing of the twin but ground ({curbs:.0f} curbs, {raised:.0f} other points)",
-            file=file,
-            expected="a frame of this site in which walls, poles or curbs of the twin are seen",
-        )
 
 
 def _certain(found: Registered, likely: Belief, file: str | None) -> None:
@@ -284,14 +277,30 @@ def _told_apart(
         )
 
 
-def _bounded(pose: Pose, guess: Guess | None, file: str | None) -> None:
-    """Refuse a pose of the points' frame that lies farther off than a guess may be."""
-    if guess is not None and (beyond := _off(pose, guess)) > 0:
+def _bounded(
+    pose: Pose, found: Registered, plane: GroundPlane, guess: Guess | None, file: str | None
+) -> Pose:
+    """Return the pose of the points' frame in the bounds of a guess, or refuse it.
+
+    Where the truth lies just within a bound, half of all estimates lie beyond. They are moved onto
+    the bound, which a standard deviation allows; farther off the guess is wrong, or the place.
+    """
+    if guess is None:
+        return pose
+    away = pose.translation[:2] - [guess.east_m, guess.north_m]
+    yaw = np.degrees(_stance(pose, plane)[1]) - guess.yaw_deg
+    turned = float((yaw + 180.0) % 360.0 - 180.0)
+    back = np.clip(away, -guess.within_m, guess.within_m) - away
+    turn = float(np.clip(turned, -guess.within_deg, guess.within_deg)) - turned
+    if (np.abs(back) > found.sigma_m[:2]).any() or abs(turn) > found.sigma_deg[2]:
         raise InputError(
-            f"fits best {guess.within_m + beyond:.2f} m from the guess",
+            f"fits best {np.abs(away).max():.2f} m and {abs(turned):.1f} degrees from the guess",
             file=file,
-            expected=f"up to {guess.within_m:g} m, or a wider span",
+            expected=f"up to {guess.within_m:g} m and {guess.within_deg:g} degrees, "
+            "or a wider span",
         )
+    turn_back = Pose.from_ypr(np.zeros(3), np.radians(turn)).rotation
+    return Pose(turn_back @ pose.rotation, pose.translation + [*back, 0.0])
 
 
 def _off(pose: Pose, guess: Guess | None) -> float:

@@ -17,18 +17,21 @@ __all__ = [
     "ALIKE_M",
     "EDGES",
     "GROUND",
+    "KINDS",
     "LINES",
     "NOISE_M",
+    "POSTS",
     "RAISED",
     "Correspondences",
     "Residuals",
 ]
 
-RAISED, GROUND, EDGES, LINES = range(4)
+RAISED, GROUND, EDGES, LINES, POSTS = range(5)
+KINDS = 5
 #: What is no object of its own errs alike over this distance, metres.
 ALIKE_M = 12.0
 #: How far single points scatter, by kind, metres.
-NOISE_M = (0.03, 0.03, 0.05, 0.05)
+NOISE_M = (0.03, 0.03, 0.05, 0.05, 0.05)
 #: Edges and lines farther above or below a point are of another street, metres.
 _STOREY_M = 1.5
 
@@ -45,7 +48,8 @@ class Residuals:
         aim: (P, 3) unit vectors along which the error is measured.
         error: (P,) by how much, metres.
         weight: (P,) per square metre.
-        kind: (P,) what they lie on: `RAISED`, `GROUND`, `EDGES` or `LINES`.
+        kind: (P,) what they lie on: `RAISED`, `GROUND`, `EDGES` or `LINES`; or beside whose axis,
+            as seen from the sensor: `POSTS`.
         cluster: (P,) of points whose errors are one: on one object, or on one stretch.
         number: (P,) of the point, curb or spot in its features.
     """
@@ -80,6 +84,7 @@ class Correspondences:
         normal = normal * np.where(facing < 0, -1.0, 1.0)[:, None]
         ground = scene.is_ground[seen]
         cluster = _clusters(self.surface, scene.object[seen])
+        post = scene.post[seen]
         self._targets = []
         for mine, theirs in (
             (~features.raised, np.ones(len(ground), bool)),
@@ -88,7 +93,7 @@ class Correspondences:
             places = self.surface[theirs]
             tree = cKDTree(places) if len(places) else None
             chosen = np.flatnonzero(mine)
-            of = (normal[theirs], ground[theirs], cluster[theirs])
+            of = (normal[theirs], ground[theirs], cluster[theirs], post[theirs])
             self._targets.append((chosen, places, *of, tree))
         self._edges, self._edge_normal = scene.edges, scene.edge_normal
         self._lines, self._line_normal = scene.lines, scene.line_normal
@@ -110,8 +115,8 @@ class Correspondences:
         Args:
             pose: ``site_SE3_frame``.
             offsets: (2,) how far surfaces off the ground, and edges, are before the real ones.
-            wrong: (4,) how far the scene is wrong over `ALIKE_M`, by kind, metres.
-            scale: (4,) the distance at which a point counts a quarter, by kind, metres.
+            wrong: (5,) how far the scene is wrong over `ALIKE_M`, by kind, metres.
+            scale: (5,) the distance at which a point counts a quarter, by kind, metres.
         """
         parts = [*self._surfaces(pose), self._curbs(pose), self._spots(pose)]
         at, aim, error, weight, kind, cluster, number = (
@@ -119,7 +124,7 @@ class Correspondences:
         )
         error = error - offsets[0] * (kind == RAISED) - offsets[1] * (kind == EDGES)
         # Many points of one spot are no better than the scene is there.
-        group = cluster * 4 + kind
+        group = cluster * KINDS + kind
         many = np.bincount(group, weight)[group] if len(group) else weight
         weight = weight / (many * wrong[kind] ** 2 + np.array(NOISE_M)[kind] ** 2)
         weight = weight / (1.0 + (error / scale[kind]) ** 2) ** 2
@@ -128,10 +133,11 @@ class Correspondences:
     def _surfaces(self, pose: Pose) -> list[_Part]:
         """Match points of the ground to any surface, and others to those off the ground.
 
-        What rises from the ground is not the ground below it: cars, hedges, people.
+        What rises from the ground is not the ground below it: cars, hedges, people. A post is too
+        thin to hold points on its planes when they slide sideways: its axis does.
         """
         found = []
-        for chosen, places, normal, ground, cluster, tree in self._targets:
+        for chosen, places, normal, ground, cluster, post, tree in self._targets:
             if tree is None or not len(chosen):
                 continue
             at = pose.apply(self._features.points[chosen])
@@ -142,6 +148,13 @@ class Correspondences:
             kind = np.where(ground[nearest], GROUND, RAISED)
             weight = np.ones(len(near))
             found.append((at, normal[nearest], error, weight, kind, cluster[nearest], mine))
+            of = np.flatnonzero(np.isfinite(post[nearest, 0]))
+            at, sight = at[of], (at[of] - pose.translation)[:, :2]
+            aside = np.column_stack([-sight[:, 1], sight[:, 0], np.zeros(len(of))])
+            aside /= np.maximum(np.linalg.norm(aside, axis=1), 1e-9)[:, None]
+            error = ((at[:, :2] - post[nearest[of]]) * aside[:, :2]).sum(axis=1)
+            kind = np.full(len(of), POSTS)
+            found.append((at, aside, error, weight[of], kind, cluster[nearest[of]], mine[of]))
         return found
 
     def _curbs(self, pose: Pose) -> _Part:

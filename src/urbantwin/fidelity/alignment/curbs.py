@@ -100,13 +100,14 @@ def _neighbours(
     """Return pairs (both ways) of points of one ring that lie near to each other."""
     if len(points) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    pairs = cKDTree(points).query_pairs(_ARM_M, output_type="ndarray")
-    if ring is not None:
-        same = ring[pairs[:, 0]] == ring[pairs[:, 1]]
+    if ring is not None:  # rings lie apart in a fourth direction
+        apart = np.column_stack([points, 2.0 * _ARM_M * ring])
+        pairs = cKDTree(apart).query_pairs(_ARM_M, output_type="ndarray")
     else:
+        pairs = cKDTree(points).query_pairs(_ARM_M, output_type="ndarray")
         elevation = np.arcsin(points[:, 2] / np.maximum(np.linalg.norm(points, axis=1), 1e-9))
         same = np.abs(elevation[pairs[:, 0]] - elevation[pairs[:, 1]]) < np.radians(_RING_DEG)
-    pairs = pairs[same]
+        pairs = pairs[same]
     return np.concatenate([pairs[:, 0], pairs[:, 1]]), np.concatenate([pairs[:, 1], pairs[:, 0]])
 
 

@@ -13,8 +13,9 @@ __all__ = ["GroundPlane", "ground_plane", "leveling", "thinned"]
 
 #: Points of the ground lie this near to its plane, metres.
 _THICK_M = 0.15
-#: Of the ground, only what is this near counts: farther away streets bend and fall.
-_NEAR_M = 30.0
+#: Of the ground, only what is this near counts: farther away streets bend and fall. Where the
+#: lowest beams of a sensor on a pole meet it no nearer, what is so near does.
+_NEAR_M = (30.0, 60.0)
 #: The sensor's z is not tilted by more than this.
 MOST_TILT_DEG = 60.0
 _TRIES = 600
@@ -57,7 +58,13 @@ def ground_plane(points: NDArray[np.float64], seed: int = 0) -> GroundPlane | No
         ``None`` where there is no plane under the sensor that a tenth of the cells or of their
         columns lie on.
     """
-    near = points[np.linalg.norm(points, axis=1) < _NEAR_M]
+    away = np.linalg.norm(points, axis=1)
+    found = (_plane(points[away < near], seed) for near in _NEAR_M)
+    return next((one for one in found if one is not None), None)
+
+
+def _plane(near: NDArray[np.float64], seed: int) -> GroundPlane | None:
+    """Return the plane of points (N, 3) of which all count; see `ground_plane`."""
     cells = near[thinned(near, _CELL_M)]
     if len(cells) < _LEAST_POINTS:
         return None

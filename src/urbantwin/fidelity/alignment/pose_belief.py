@@ -37,7 +37,8 @@ class Belief:
         share: of all that is likely within the span, what lies around this place.
         sigma_m: (2,) standard deviation east and north of what lies there.
         sigma_rad: of its headings.
-        evidence: logarithm of how much likelier the frame is there than by chance.
+        evidence: logarithm of how much likelier what stands, curbs and paint are there than by
+            chance. Heights of the ground fit somewhere whatever the frame shows.
     """
 
     share: float
@@ -79,14 +80,17 @@ def _told(
         inside = np.all(np.abs(xy - span.middle) <= span.reach_m + 1e-9, axis=1)
         turned = np.abs(np.angle(np.exp(1j * (yaw + turns - span.yaw))))
         held = inside[:, None] & (turned <= span.reach_rad + 1e-9)
-        clouds.append((xy, np.where(held, scores / _ALIKE, -np.inf)))
-    best = max(float(log.max()) for _, log in clouds)
+        log = np.where(held, scores / _ALIKE, -np.inf)
+        at, turned_by = np.unravel_index(log.argmax(), log.shape)
+        alone = search.fit(xy[[at]], yaw + turns[[turned_by]], like.without_ground())[2]
+        clouds.append((xy, log, float(alone[0, 0])))
+    best = max(float(log.max()) for _, log, _ in clouds)
     if not np.isfinite(best):
         return -np.inf, [Belief(0.0, np.full(2, np.inf), np.inf, 0.0) for _ in places]
-    mass = [np.exp(log - best) for _, log in clouds]
+    mass = [np.exp(log - best) for _, log, _ in clouds]
     total = sum(float(one.sum()) for one in mass)
     found = []
-    for (xy, log), likely in zip(clouds, mass, strict=True):
+    for (xy, _, evidence), likely in zip(clouds, mass, strict=True):
         here = max(float(likely.sum()), 1e-300)
         place, turn = likely.sum(axis=1) / here, likely.sum(axis=0) / here
         spread = place @ (xy - place @ xy) ** 2
@@ -94,7 +98,7 @@ def _told(
         # A pose that is held spreads as far as this by the width alone; registration knows better.
         spread = np.sqrt(np.maximum(spread - (like.width_m / 2) ** 2, 0.0))
         wide = float(np.sqrt(max(wide - (like.width_m / 2 / _LEVER_M) ** 2, 0.0)))
-        found.append(Belief(here / total, spread, wide, float(log.max())))
+        found.append(Belief(here / total, spread, wide, evidence))
     return best, found
 
 

@@ -72,8 +72,8 @@ def pose_deviation(
         correspondences: the frame against the scene.
         pose: ``site_SE3_frame``, where it came to rest.
         offsets: (2,) how far surfaces and edges are before the real ones.
-        wrong: (4,) how far the scene is wrong, by kind, metres.
-        scale: (4,) the distance at which a point counts a quarter, by kind, metres.
+        wrong: (5,) how far the scene is wrong, by kind, metres.
+        scale: (5,) the distance at which a point counts a quarter, by kind, metres.
     """
     residuals = correspondences.residuals(pose, offsets, wrong, scale)
     jacobian, matrix, _ = equations(residuals, offsets, pose.translation)

@@ -96,6 +96,10 @@ class Likeness(NamedTuple):
     shared: NDArray[np.float64]
     chance: NDArray[np.float64]
 
+    def without_ground(self) -> Likeness:
+        """Return it with what the ground says left out."""
+        return self._replace(shared=np.where(np.arange(4) == _GROUND, 0.0, self.shared))
+
 
 #: Before anything is measured.
 _FROM_AFAR = Likeness(0.0, np.full(4, 0.5), np.full(4, 0.25))
@@ -120,6 +124,7 @@ class PoseSearch:
         self._space = Space.around(raised)
         low, high = scene.points[:, :2].min(axis=0), scene.points[:, :2].max(axis=0)
         self._plan = Plan.over(scene, low - 2.0, high + 2.0)
+        self._fields: dict[float, tuple[Space, Plan]] = {}
         self._points, self._kind, self._weight, self._piece, self._kinds = self._chosen(
             features, len(raised) > 0
         )
@@ -183,7 +188,10 @@ class PoseSearch:
                 xy = one.pose.translation[:2] + near
                 yaws = one.yaw + np.array([-turn, 0.0, turn])
                 refined += self._best(*span.clipped(xy, yaws), 1, 1)
-            found = _distinct(refined, 2 * most)
+            refined.sort(key=lambda one: -one.score)
+            at = np.array([one.pose.translation[:2] for one in refined]).reshape(-1, 2)
+            kept = _distinct(at, np.array([one.yaw for one in refined]), 2 * most)
+            found = [refined[n] for n in kept]
         return found[:most]
 
     @staticmethod
@@ -246,9 +254,7 @@ class PoseSearch:
             turned,
             np.where(np.isfinite(place), place, 0.0),
             headings,
-            self._space,
-            self._plan,
-            like.width_m,
+            *self._gaining(like.width_m),
         )
         scores[~np.isfinite(place[:, 2])] = -np.inf
         return up, place, scores, gains
@@ -261,36 +267,35 @@ class PoseSearch:
         high = np.partition(flat, -min(50 * most, len(flat)))[-min(50 * most, len(flat))]
         order = np.flatnonzero((flat >= high) & np.isfinite(flat))
         order = order[np.argsort(-flat[order], kind="stable")][: 50 * most]
-        ranked = []
-        for n in order:
-            k, m = np.unravel_index(n, scores.shape)
-            pose = self._pose(up[k], place[k], float(yaws[m]))
-            ranked.append(Found(pose, float(scores[k, m]), float(yaws[m])))
-        return _distinct(ranked, most)
+        k, m = np.unravel_index(order, scores.shape)
+        kept = _distinct(place[k, :2], yaws[m], most)
+        return [
+            Found(self._pose(up[a], place[a], float(yaws[b])), float(scores[a, b]), float(yaws[b]))
+            for a, b in zip(k[kept], m[kept], strict=True)
+        ]
+
+    def _gaining(self, width_m: float) -> tuple[Space, Plan]:
+        """Return both fields with what a point gains there that far off a scene is about."""
+        if width_m not in self._fields:
+            fields = self._space, self._plan
+            if width_m > 0:
+                near = (np.exp(-0.5 * ((1.0 - one.gain) * FAR_M / width_m) ** 2) for one in fields)
+                fields = self._space._replace(gain=next(near)), self._plan._replace(gain=next(near))
+            self._fields[width_m] = fields
+        return self._fields[width_m]
 
 
-def _distinct(ranked: list[Found], most: int) -> list[Found]:
-    """Return the best of each neighbourhood, best first."""
-    kept: list[Found] = []
-    for one in sorted(ranked, key=lambda found: -found.score):
-        for other in kept:
-            apart = np.hypot(*(one.pose.translation - other.pose.translation)[:2])
-            turn = abs(np.angle(np.exp(1j * (one.yaw - other.yaw))))
-            if apart < _SAME_M and turn < _SAME_RAD:
-                break
-        else:
-            kept.append(one)
-        if len(kept) == most:
-            break
+def _distinct(places: NDArray[np.float64], yaws: NDArray[np.float64], most: int) -> list[int]:
+    """Return the numbers of the first of each neighbourhood of places (P, 2) and headings (P,)."""
+    kept: list[int] = []
+    left = np.arange(len(places))
+    while len(left) and len(kept) < most:
+        one = int(left[0])
+        kept.append(one)
+        apart = np.hypot(*(places[left] - places[one]).T)
+        turn = np.abs(np.angle(np.exp(1j * (yaws[left] - yaws[one]))))
+        left = left[(apart >= _SAME_M) | (turn >= _SAME_RAD)]
     return kept
-
-
-@numba.njit(cache=True)
-def _gain(near: float, width_m: float) -> float:
-    """Return what a point gains that is so near to what the scene has, 1 on it to 0 at `FAR_M`."""
-    if width_m > 0:
-        return float(np.exp(-0.5 * ((1.0 - near) * FAR_M / width_m) ** 2))
-    return near
 
 
 @numba.njit(cache=True)
@@ -306,7 +311,6 @@ def _scores(  # noqa: PLR0912, PLR0913, PLR0917
     headings: NDArray[np.float64],
     space: Space,
     plan: Plan,
-    width_m: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how much likelier than chance pieces of points (N, 3) make every pose, and gains."""
     out = np.zeros((len(place), len(headings)))
@@ -331,7 +335,7 @@ def _scores(  # noqa: PLR0912, PLR0913, PLR0917
                     c = int(np.floor((z - space.low[2]) / space.cell_m))
                     inside = 0 <= a < space.gain.shape[0] and 0 <= b < space.gain.shape[1]
                     if inside and 0 <= c < space.gain.shape[2]:
-                        gained[piece[n]] += weight[n] * _gain(space.gain[a, b, c], width_m)
+                        gained[piece[n]] += weight[n] * space.gain[a, b, c]
                     continue
                 i = int(np.floor((x - plan.low[0]) / plan.cell_m))
                 j = int(np.floor((y - plan.low[1]) / plan.cell_m))
@@ -343,7 +347,7 @@ def _scores(  # noqa: PLR0912, PLR0913, PLR0917
                         gained[piece[n]] += weight[n] * (1.0 - off)
                 else:
                     near = plan.gain[kind[n] - _EDGES, i, j]
-                    gained[piece[n]] += weight[n] * _gain(near, width_m)
+                    gained[piece[n]] += weight[n] * near
             total = 0.0
             for n in range(len(kinds)):
                 which = kinds[n]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from urbantwin.fidelity.alignment.correspondences import (
     EDGES,
     GROUND,
+    KINDS,
     LINES,
     RAISED,
     Correspondences,
@@ -31,15 +32,17 @@ __all__ = ["Registered", "registered"]
 _REACHES_M = (1.5, 1.0)
 #: Distance at which a point counts a quarter, by kind, at first and in the end, metres; at least so
 #: often what its kind is wrong by: else one house, right by itself, outvotes all others.
-_SCALES_M = np.array([[0.5, 0.2, 0.5, 0.4], [0.2, 0.1, 0.25, 0.2]])
+_SCALES_M = np.array([[0.5, 0.2, 0.5, 0.4, 0.5], [0.2, 0.1, 0.25, 0.2, 0.2]])
 _SCALE_OF_WRONG = 2.5
 #: Nearer to its plane, edge or line than this a point is explained, metres.
 EXPLAINED_M, _EDGE_EXPLAINED_M = 0.15, 0.25
-_STEPS = 40
+#: Steps, and the last: no longer than this, metres and radians, when all is told and when it is
+#: only to be told which place it is.
+_STEPS, _LAST_M, _LAST_RAD = 40, (5e-4, 5e-3), (3e-5, 3e-4)
 #: How far objects, stretches of ground, of edges and of lines are wrong as one, metres: a belief
 #: that weighs as much as so many of them. Houses of OpenStreetMap lie 0.5 to 1 m off, surveyed
 #: ones and meshes centimetres.
-_WRONG_M, _BELIEF = (0.25, 0.05, 0.15, 0.12), 1.5
+_WRONG_M, _BELIEF = (0.25, 0.05, 0.15, 0.12, 0.25), 1.5
 _LEAST_WRONG_M = 0.01
 _LEAST_POINTS = 50
 
@@ -110,7 +113,7 @@ def registered(
             return None
         for _ in range(1 if rough else 2):
             scale = np.maximum(least, _SCALE_OF_WRONG * wrong)
-            solved = _solved(correspondences, pose, offsets, wrong, scale)
+            solved = _solved(correspondences, pose, offsets, wrong, scale, rough)
             if solved is None:
                 return None
             pose, offsets, residuals = solved.pose, solved.offsets, solved.residuals
@@ -149,6 +152,7 @@ def _solved(
     offsets: NDArray[np.float64],
     wrong: NDArray[np.float64],
     scale: NDArray[np.float64],
+    rough: bool,
 ) -> _Solved | None:
     """Gauss and Newton's steps; None where a direction is not held."""
     for _ in range(_STEPS):
@@ -161,7 +165,7 @@ def _solved(
         step = np.asarray(-np.linalg.solve(matrix, gradient), np.float64)
         pose = turned_and_moved(pose, step)
         offsets = offsets + step[6:]
-        if np.abs(step[3:6]).max() < 5e-4 and np.abs(step[:3]).max() < 3e-5:
+        if np.abs(step[3:6]).max() < _LAST_M[rough] and np.abs(step[:3]).max() < _LAST_RAD[rough]:
             break
     return _Solved(pose, offsets, residuals)
 
@@ -172,12 +176,12 @@ def _wrong(residuals: Residuals) -> NDArray[np.float64]:
     A few clusters say little of their scatter: it lies between theirs and what is believed.
     """
     found = np.array(_WRONG_M)
-    for kind in range(4):
+    for kind in range(KINDS):
         mine = residuals.kind == kind
         cluster, weight = residuals.cluster[mine], residuals.weight[mine]
         total = np.bincount(cluster, weight)
         mean = np.bincount(cluster, weight * residuals.error[mine])
-        held = np.bincount(cluster) >= (3 if kind <= GROUND else 1)
+        held = np.bincount(cluster) >= (1 if kind in {EDGES, LINES} else 3)
         held = held & (total > 0)
         count = int(held.sum())
         if count < 2:

@@ -143,8 +143,9 @@ def facade_relief(
 
 
 def _has_balconies(front: Front, draw: float) -> bool:
+    """Return whether balconies are drawn on a building that has none mapped."""
     storeys = max((v.eaves_m / v.storey_m for v in front.volumes), default=0.0)
-    return storeys >= 2.8 and draw < WITH_BALCONIES
+    return storeys >= 2.8 and draw < WITH_BALCONIES and not front.building.balconies
 
 
 @dataclass(frozen=True, eq=False)

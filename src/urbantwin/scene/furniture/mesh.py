@@ -16,6 +16,7 @@ from urbantwin.scene.furniture.gantry import add_gantries
 from urbantwin.scene.furniture.monument import add_basin, fountain, monument, monument_kind
 from urbantwin.scene.furniture.piece import Piece, add_pieces, moved
 from urbantwin.scene.furniture.shelter import HOUSED, SHELTER_M, cycle_stands, oriented, shelter
+from urbantwin.scene.furniture.steps import add_steps, is_flight
 from urbantwin.scene.furniture.street import STREET
 from urbantwin.scene.placement import (
     along_nearest,
@@ -99,6 +100,15 @@ def furniture_mesh(
         assembly,
         gantries,
         ways,
+        region=region,
+        ground_height=ground_height,
+        carriageway=carriageway,
+        notes=notes,
+    )
+    flights = not_imported([f for f in features if is_flight(f.tags)], without)
+    add_steps(
+        assembly,
+        flights,
         region=region,
         ground_height=ground_height,
         carriageway=carriageway,

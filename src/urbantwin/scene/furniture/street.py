@@ -106,6 +106,12 @@ def machine(tags: Tags) -> list[Piece]:
     return [block([0, 0, 0], [0.8, 1.0, _height(tags, 1.85, 2.6)], "metal-painted")]
 
 
+def parcel_locker(tags: Tags) -> list[Piece]:
+    """Return lockers for parcels in a row: a cabinet as high as people reach."""
+    long = min(length_m_of(tags.get("length")) or 3.0, 12.0)
+    return [block([0, 0, 0], [0.65, long, _height(tags, 2.1, 3.0)], "metal-painted")]
+
+
 def telephone(tags: Tags) -> list[Piece]:
     """Return a telephone box: glass between posts below a roof."""
     del tags
@@ -265,6 +271,7 @@ STREET: dict[tuple[str, str], tuple[str, Build]] = {
     ("amenity", "letter_box"): ("post boxes", post_box),
     ("amenity", "telephone"): ("telephone boxes", telephone),
     ("amenity", "vending_machine"): ("machines", machine),
+    ("amenity", "parcel_locker"): ("parcel lockers", parcel_locker),
     ("amenity", "parking_meter"): ("parking meters", meter),
     ("amenity", "charging_station"): ("charging posts", charging),
     ("amenity", "drinking_water"): ("drinking fountains", drinking_fountain),
