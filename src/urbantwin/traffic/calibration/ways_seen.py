@@ -96,14 +96,16 @@ def _told(
         return {}
     given: Counter[str] = Counter()
     through: dict[str, list[_Passed]] = {name: [] for name in beyond}
-    for number, (one, way) in enumerate(those, 1):
+    for one, way in those:
         if way and way[0] in beyond:
-            name, rest = way[0], way[1:]
-        else:  # as the others: where fewest are for how many there should be
-            behind = {x: seen[x] / known * number - given[x] for x in beyond}
-            name, rest = max(beyond, key=behind.__getitem__), ()
+            through[way[0]].append((one, way[1:]))
+            continue
+        # As the others: where fewest are for how many there should be.
+        number = sum(given.values()) + 1
+        lacks = {name: seen[name] / known * number - given[name] for name in beyond}
+        name = max(beyond, key=lacks.__getitem__)
         given[name] += 1
-        through[name].append((one, rest))
+        through[name].append((one, ()))
     found: dict[Spot, list[Passage]] = {}
     for name, mine in through.items():
         if len(beyond) > 1:
