@@ -131,9 +131,9 @@ def _groups(
         way = (one.lane, one.leaving)
         if way in links.links and np.isfinite(one.passed_s) and one.passed_s < until_s:
             passed[way].append(one.passed_s)
-        for way, at in _beside(one) if links.beside else ():
-            if way in links.beside and at < until_s:
-                passed[way].append(at)
+        for other, when in _beside(one) if links.beside else ():
+            if other in links.beside and when < until_s:
+                passed[other].append(when)
     chosen: dict[tuple[str, str], str] = {}
     every = np.arange(0.0, until_s, _STEP_S)
     share = {group: float(_open(changes, every).mean()) for group, changes in shown.items()}
