@@ -22,13 +22,16 @@ from urbantwin.traffic.demand.approaches import approaches_of
 from urbantwin.traffic.demand.counted_volumes import departures_of
 from urbantwin.twin import Twin
 
-#: A short approach of two lanes behind a road of two lanes; a signal in the middle of a street.
+#: A short approach of two lanes behind a road of two lanes; a signal in the middle of a street that
+#: the map cuts in two 30 m before it.
 NODES = """<node id="a" x="-400" y="0"/><node id="b" x="-25" y="0"/>
 <node id="c" x="0" y="0"/><node id="d" x="200" y="0"/>
-<node id="e" x="0" y="-300"/><node id="f" x="400" y="-300" type="traffic_light"/>
+<node id="e" x="0" y="-300"/><node id="x" x="370" y="-300"/>
+<node id="f" x="400" y="-300" type="traffic_light"/>
 <node id="g" x="600" y="-300"/><node id="h" x="400" y="-400"/><node id="i" x="400" y="-200"/>"""
 EDGES = """<edge id="ab" from="a" to="b" numLanes="2"/><edge id="bc" from="b" to="c" numLanes="2"/>
-<edge id="cd" from="c" to="d" numLanes="2"/><edge id="ef" from="e" to="f" numLanes="1"/>
+<edge id="cd" from="c" to="d" numLanes="2"/><edge id="ex" from="e" to="x" numLanes="1"/>
+<edge id="xf" from="x" to="f" numLanes="1"/>
 <edge id="fg" from="f" to="g" numLanes="1"/><edge id="hf" from="h" to="f" numLanes="1"/>
 <edge id="fi" from="f" to="i" numLanes="1"/>"""
 #: SUMO alone with one of the worker's parts, and detectors of SUMO's.
@@ -90,18 +93,22 @@ def test_detectors_of_sumo_count_the_shares_that_are_told(net: Path, tmp_path: P
 def test_queues_leave_with_their_headway_and_close_up_again(net: Path, tmp_path: Path) -> None:
     """Slower past SUMO's loop at the stop line, and behind it as close as who never kept more.
 
+    Most of a queue stands on the road before the approach.
+
     Drivers who keep it everywhere do not close up.
     """
 
     def headways(tau_s: float, queue_s: float | None) -> tuple[float, float]:
         flow = f'<vType id="car" sigma="0" tau="{tau_s}" speedDev="0.2"/>'
-        flow += '<route id="r" edges="ef fg"/><flow id="f" type="car" route="r" begin="0" end="600"'
+        flow += (
+            '<route id="r" edges="ex xf fg"/><flow id="f" type="car" route="r" begin="0" end="600"'
+        )
         flow += ' vehsPerHour="1600" departSpeed="max"/>'
         loops = "".join(
             f'<instantInductionLoop id="{name}" lane="{lane}" pos="{at}" file="out.xml"/>'
-            for name, lane, at in (("line", "ef_0", -1), ("later", "fg_0", 180))
+            for name, lane, at in (("line", "xf_0", -1), ("later", "fg_0", 180))
         )
-        told = {"ef": {"queue_headway_s": queue_s, "lanes": {}}}
+        told = {"xf": {"queue_headway_s": queue_s, "lanes": {}}}
         part = ("queue_headway.py", "QueueHeadways", told, 700)
         found: dict[str, list[float]] = {"line": [], "later": []}
         for row in driven(tmp_path, net, flow, loops, part):

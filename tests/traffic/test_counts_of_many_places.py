@@ -17,10 +17,11 @@ from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.netconvert import sumo_home
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.calibration.bicycles import bicycle_counts
-from urbantwin.traffic.calibration.elsewhere import counted_elsewhere
+from urbantwin.traffic.calibration.elsewhere import CountedElsewhere, counted_elsewhere
 from urbantwin.traffic.calibration.measured import measured
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import JunctionLinks, SeenTrack, passages_of
+from urbantwin.traffic.calibration.ways_seen import ways_seen
 from urbantwin.traffic.demand.counted_report import counted_report
 from urbantwin.traffic.demand.counted_routes import fitted_volumes
 from urbantwin.traffic.demand.counts import counted_demand
@@ -347,6 +348,39 @@ def test_who_passes_only_another_junction_is_driven_too(street_twin: Twin) -> No
     wanted = turns({way(*ends): rate for ends, rate in true.items()})
     assert {one: found[one] for one in wanted} == pytest.approx(wanted, abs=8)
     assert sum(found.values()) == pytest.approx(sum(wanted.values()), abs=20)
+
+
+def test_who_passes_the_main_junction_comes_by_the_roads_that_were_seen(street_twin: Twin) -> None:
+    """As many at every turn of the other junction, though a third of the tracks is broken."""
+    seconds = 720.0
+    links = JunctionLinks.of(street_twin.net_path, street_twin.roads)
+    ends = {
+        name: rate
+        for name, rate in {**TRUE, ("e", "an"): 50}.items()
+        if any(edge.split("-")[0] == links.junction for edge in way(*name))
+    }
+    tracks = seen_on(street_twin, ends, seconds)
+    passages = passages_of(tracks, street_twin.roads, links)
+    ways = ways_seen(passages, street_twin.roads)
+    wanted = turns({way(*name): rate for name, rate in ends.items()})
+    other = {one: rate for one, rate in wanted.items() if not one[0].endswith(links.junction)}
+    counted = {
+        (road, turn): sum(map(len, times.values())) * 3600 / seconds
+        for ((_, road), (_, turn)), times in ways.items()
+    }
+    assert {one: counted.pop(one) for one in other} == pytest.approx(other, abs=11)  # of two
+    assert not any(counted.values())
+    assert sum(sum(map(len, times.values())) for times in ways.values()) == pytest.approx(
+        sum(other.values()) * seconds / 3600, abs=3
+    )
+    assert not ways_seen(passages, street_twin.roads, ways)
+    part = measured(tracks, passages, street_twin.roads, 0.0, seconds)
+    elsewhere = CountedElsewhere(ways, (), {})
+    traffic, _ = traffic_of(part, passages, {}, 0.0, elsewhere)
+    found = turns(
+        dict(Counter(trip.edges for trip in planned(street_twin, traffic["counts"]).trips))
+    )
+    assert {one: found[one] for one in wanted} == pytest.approx(wanted, abs=12)
 
 
 def test_bicycles_are_driven_way_by_way(street_twin: Twin) -> None:

@@ -132,3 +132,20 @@ def test_accelerations_to_the_side_are_told_way_by_way(crossing_twin: Twin) -> N
     assert set(found.bends) == {("a", "b"), ("a", "c")}
     assert found.bends["a", "b"] == pytest.approx([3.0], rel=0.05)
     assert found.bends["a", "c"] == pytest.approx([0.9], rel=0.05)
+    assert found.turning == {way: pytest.approx([6.0]) for way in found.bends}
+
+
+def test_the_first_of_a_queue_tells_how_cars_set_out(crossing_twin: Twin) -> None:
+    """1.8 m/s2 after a red; who is behind waits for it, and a truck is left out."""
+    passages = []
+    for number, (name, stands_s, rate) in enumerate(
+        (("car", 8.0, 1.8), ("car", 10.0, 0.9), ("truck", 40.0, 0.7), ("car", 42.0, 0.6))
+    ):
+        times = np.arange(0.0, stands_s + 14.0, STEP_S)
+        speed = np.minimum(rate * np.maximum(times - stands_s, 0.0), 12.0)
+        seen = straight(str(number), name, 0.0, speed)
+        lanes = np.full(len(times), "a_0", object)
+        passages.append(Passage(seen, lanes, "a", "b", "a_0", stands_s + 3.0))
+    found = measured([one.seen for one in passages], passages, crossing_twin.roads, 0.0, 60.0)
+    assert found.leading == pytest.approx([1.8], rel=0.02)
+    assert sorted(found.accelerations) == pytest.approx([0.6, 0.9, 1.8], rel=0.02)

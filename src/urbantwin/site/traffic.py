@@ -145,11 +145,11 @@ class DriverSpec(Strict):
         speed_factor: mean of the desired speed as a share of the limit.
         speed_spread: its standard deviation.
         headway_s: time that they keep to who is ahead, seconds.
-        queue_headway_s: the same of who has stood, to the end of the road where it stood.
+        queue_headway_s: the same of who has stood, to the end of the road of its queue.
         standing_gap_m: distance that they keep when they stand, metres.
         acceleration: most that they speed up with, m/s2.
         acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
-        sideways_acceleration: what they accept in bends, m/s2.
+        sideways_acceleration: what they accept in bends, m/s2, as sharp as the map has them.
         critical_gap_s: shortest gap in the other traffic that they take, seconds.
         lane_offset_m: where in the lane they would ride: so far from its middle towards the middle
             of the street, metres; towards the kerb below 0.
@@ -162,7 +162,7 @@ class DriverSpec(Strict):
     standing_gap_m: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
     acceleration: Annotated[float, Field(ge=0.2, le=10.0)] | None = None
     acceleration_at_10: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
-    sideways_acceleration: Annotated[float, Field(ge=0.5, le=10.0)] | None = None
+    sideways_acceleration: Annotated[float, Field(ge=0.5, le=30.0)] | None = None
     critical_gap_s: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
     lane_offset_m: Annotated[float, Field(ge=-5.0, le=5.0)] | None = None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
 from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
 from urbantwin.traffic.calibration.site_document import built, document_of, write_calibrated
 from urbantwin.traffic.calibration.uncounted import UncountedFlows, ways_missed
+from urbantwin.traffic.calibration.ways_seen import ways_seen
 from urbantwin.traffic.recorded.read import files_of, read_recording
 from urbantwin.traffic.recorded.rejoined import rejoined
 from urbantwin.traffic.recorded.track import RecordedSignals, RecordedTrack
@@ -112,10 +114,15 @@ def calibrate_traffic(
                 file=recording.file,
                 expected="motor vehicles that are seen on an approach and an exit, or between them",
             )
-        elsewhere = counted_elsewhere(seen, twin.roads, links.junction)
-        traffic, missing = traffic_of(part, passages, _sizes(seen, fit_s), 0.0, elsewhere)
-        traffic["counts"] += bicycle_counts(part, seen, twin.roads, links)
-        missing += ways_missed(part, links, elsewhere.besides(passages, fit_s))
+        # What is held out does not tell either where is counted.
+        early = [one for one in seen if one.time_s[0] < fit_s]
+        passed_early = [one for one in passages if one.seen.time_s[0] < fit_s]
+        elsewhere = counted_elsewhere(early, twin.roads, links.junction)
+        ways = ways_seen(passed_early, twin.roads, elsewhere.times)
+        counted = replace(elsewhere, times={**elsewhere.times, **ways})
+        traffic, missing = traffic_of(part, passed_early, _sizes(seen, fit_s), 0.0, counted)
+        traffic["counts"] += bicycle_counts(part, early, twin.roads, links)
+        missing += ways_missed(part, links, elsewhere.besides(passed_early, fit_s))
         own_cycle_s = 0.0 if timing is None else timing.cycle_s
         riding = lane_offset(seen, twin.roads, fit_s)
         traffic |= {

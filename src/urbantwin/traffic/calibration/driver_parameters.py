@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +20,7 @@ __all__ = [
     "QUEUES",
     "Parameter",
     "by_approach",
+    "elsewhere",
     "where_it_shows",
 ]
 
@@ -52,8 +53,10 @@ class Parameter:
             with enough values is.
         classes: of these alone; empty: of all motor traffic that has none of its own.
         where: what was measured, place by place, of which the sample is all; empty: not so.
+        there: what the sample is of, where that is something else measured at the same places.
         approach: of those who stood on this road alone; empty: on any that has none of its own.
-        gain: how far the parameter moves for a figure that is off by one, where not a ratio.
+        gain: how far the parameter moves for a figure that is off by one (of ratios: by one
+            of their logarithm).
     """
 
     field: str
@@ -67,6 +70,7 @@ class Parameter:
     fewest: int = FEWEST_VALUES
     classes: tuple[str, ...] = ()
     where: str = ""
+    there: str = ""
     approach: str = ""
     gain: float = 1.0
 
@@ -92,6 +96,11 @@ def _near(values: list[float]) -> float:
     return float(np.quantile(values, 1 / 3))
 
 
+def _quicker(values: list[float]) -> float:
+    """Return the value that three quarters are below: bends and others hold some of them up."""
+    return float(np.quantile(values, 0.75))
+
+
 PARAMETERS = (
     Parameter(
         *("speed_factor", 1.0, 0.4, 1.5),
@@ -109,6 +118,11 @@ PARAMETERS = (
         lambda part: part.all_free,
         *(_quartiles_apart, True, "spreads of such speeds", _FREE),
         where="free",
+    ),
+    Parameter(
+        *("acceleration", 2.6, 0.8, 4.5),
+        lambda part: part.leading,
+        *(_quicker, True, "accelerations from 1 to 5 m/s of the first of queues, m/s2", _MANY),
     ),
     Parameter(
         *("acceleration", 2.6, 0.8, 4.5),
@@ -133,10 +147,12 @@ PARAMETERS = (
         classes=HEAVY,
     ),
     Parameter(
-        *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 10.0),
-        lambda part: [one for _, found in sorted(part.bends.items()) for one in found],
-        *(_median, True, "accelerations to the side in turns, m/s2"),
+        *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 30.0),
+        lambda part: [one for _, found in sorted(part.turning.items()) for one in found],
+        *(_median, True, "speeds in turns, m/s"),
         where="bends",
+        there="turning",
+        gain=2.0,  # it goes as the square of the speed
     ),
     Parameter(
         *("standing_gap_m", 2.0, 0.5, 6.0),
@@ -183,8 +199,8 @@ def where_it_shows(one: Parameter, recorded: Measured) -> Parameter:
     told = {at: _median(x) for at, x in places.items() if len(x) >= max(one.fewest, _MANY)}
     if not told:
         return one
-    there = max(sorted(told), key=told.__getitem__)
-    return replace(one, sample=lambda part: getattr(part, one.where).get(there, []))
+    place = max(sorted(told), key=told.__getitem__)
+    return replace(one, sample=lambda part: getattr(part, one.there or one.where).get(place, []))
 
 
 def by_approach(recorded: Measured) -> list[Parameter]:
@@ -201,3 +217,18 @@ def by_approach(recorded: Measured) -> list[Parameter]:
         for name, values in sorted(recorded.discharge.items())
         if len(values) >= FEWEST
     ]
+
+
+def elsewhere(apart: Collection[Parameter]) -> Parameter:
+    """Return the headway of queues on all approaches but those that have one of their own."""
+    names = {one.approach for one in apart}
+    (every,) = (one for one in PARAMETERS if one.name == QUEUES)
+    return replace(
+        every,
+        sample=lambda part: [
+            value
+            for name, values in sorted(part.discharge.items())
+            if name not in names
+            for value in values
+        ],
+    )

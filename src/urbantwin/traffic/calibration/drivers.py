@@ -20,6 +20,7 @@ from urbantwin.traffic.calibration.driver_parameters import (
     QUEUES,
     Parameter,
     by_approach,
+    elsewhere,
     where_it_shows,
 )
 from urbantwin.traffic.calibration.lane_use import shrunk
@@ -45,7 +46,8 @@ _SAME = 0.02
 #: other drivers in everything else), each counting so much of the next; what is expected of it
 #: counts as values so far apart (of their size); and it is between these shares of that.
 _LAST, _FADES, _EXPECTED_OVER, _ANSWERS = 4, 0.6, 0.15, (0.4, 2.5)
-#: A parameter moves no further at once, of its size.
+#: A parameter moves no further at once, of its size (what goes with a power of its figure: so
+#: much of the figure's).
 _FURTHEST = 0.75
 
 
@@ -84,15 +86,22 @@ def fitted_drivers(
     for one in apart:
         own = one.figure(one.sample(recorded))
         wanted[one.name] = shrunk(own, wanted[QUEUES], len(one.sample(recorded)))
+    if apart:
+        # Where each is told by itself, all of them do not tell the class's own once more.
+        known = [one for one in known if one.name != QUEUES] + [
+            one for one in [elsewhere(apart)] if len(one.sample(recorded)) >= one.fewest
+        ]
+        wanted |= {one.name: one.figure(one.sample(recorded)) for one in known}
     known += apart
     # Together they weigh as much as any other figure.
     weight = {one.name: 1 / len(apart) if one.approach else 1.0 for one in known}
     error = {one.name: _error(one, recorded) for one in known}
+    counts = {one.name: len(one.sample(recorded)) for one in known}
     drivers = {one.name: one.usual for one in known}
     simulations: dict[str, list[tuple[float, float, int]]] = {one.name: [] for one in known}
     best: tuple[float, dict[str, float], dict[str, float]] = (np.inf, dict(drivers), {})
     for turn in range(rounds if known else 0):
-        part = simulated(drivers, turn)
+        part = simulated(_with_queues(drivers, counts), turn)
         values = {one.name: one.sample(part) for one in known}
         shown = {
             one.name: one.figure(values[one.name])
@@ -101,11 +110,11 @@ def fitted_drivers(
         }
         # In what recording and simulation themselves do not tell: figures of few weigh less.
         off = {
-            one.name: _off(one, shown[one.name], wanted[one.name], error[one.name], counts)
+            one.name: _off(one, shown[one.name], wanted[one.name], error[one.name], both)
             if one.name in shown
             else _NONE_SHOWN
             for one in known
-            for counts in [(len(one.sample(recorded)), len(values[one.name]))]
+            for both in [(counts[one.name], len(values[one.name]))]
         }
         mean = sum(weight[name] * one for name, one in off.items()) / sum(weight.values())
         speeds, headways = _distances(recorded, part)
@@ -132,11 +141,25 @@ def fitted_drivers(
             "recorded": round(wanted[one.name], 3),
             "standard_error": round(error[one.name], 3),
             "simulated": round(shown[one.name], 3) if one.name in shown else None,
-            "count": len(one.sample(recorded)),
+            "count": counts[one.name],
         }
         for one in known
     ]
-    return drivers, told, untold
+    return _with_queues(drivers, counts), told, untold
+
+
+def _with_queues(drivers: Mapping[str, float], counts: Mapping[str, int]) -> dict[str, float]:
+    """Return drivers with a headway of queues elsewhere: where no figure tells it, the mean.
+
+    Args:
+        drivers: whose queues on single approaches are told, and perhaps those on all others.
+        counts: of how many values each figure is.
+    """
+    queues = {name: value for name, value in drivers.items() if name.startswith(f"{QUEUES} on ")}
+    if not queues or QUEUES in drivers:
+        return dict(drivers)
+    mean = sum(counts[name] * value for name, value in queues.items())
+    return {**drivers, QUEUES: round(mean / sum(counts[name] for name in queues), 3)}
 
 
 def _off(one: Parameter, shown: float, goal: float, error: float, counts: tuple[int, int]) -> float:
@@ -165,7 +188,7 @@ def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float
     trust = count / (count + _FEW)
     weight = fades * trust / (fades * trust).sum()
     x, y = float(weight @ value), float(weight @ figure)
-    expected = 1.0 if one.ratio else 1.0 / one.gain
+    expected = 1.0 / one.gain
     over = _EXPECTED_OVER * (1.0 if one.ratio else one.usual)
     slope = (expected * over**2 + weight @ ((value - x) * (figure - y))) / (
         over**2 + weight @ (value - x) ** 2
@@ -173,7 +196,7 @@ def _moved(one: Parameter, goal: float, simulations: Sequence[tuple[float, float
     least, most = _ANSWERS
     slope = float(np.clip(slope, expected * least, expected * most))
     aim = x + float(trust[-1]) * (goal - y) / slope
-    furthest = float(np.log1p(_FURTHEST)) if one.ratio else _FURTHEST * one.usual
+    furthest = one.gain * float(np.log1p(_FURTHEST)) if one.ratio else _FURTHEST * one.usual
     aim = float(np.clip(aim, value[-1] - furthest, value[-1] + furthest))
     return float(np.exp(aim)) if one.ratio else aim
 

@@ -20,7 +20,7 @@ from urbantwin.roads import Road, RoadNetwork
 from urbantwin.traffic.calibration.passages import MOTORS, Passage, SeenTrack
 from urbantwin.traffic.paths.lane_below import LanesBelow
 
-__all__ = ["CountedElsewhere", "Spot", "counted_elsewhere"]
+__all__ = ["CountedElsewhere", "Spot", "counted_elsewhere", "ways_between"]
 
 #: A junction is seen whole where so many of those who were on it came and left by roads in view.
 _WHOLE = 0.75
@@ -67,7 +67,7 @@ def counted_elsewhere(
         classes: who is counted: motor traffic, or bicycles.
     """
     user = "car" if set(classes) <= set(MOTORS) else "bicycle"
-    below, ways = LanesBelow(roads), _ways(roads)
+    below, ways = LanesBelow(roads), ways_between(roads)
     by_id = {road.id: road for road in roads.roads}
     turns: dict[tuple[str, str], list[tuple[SeenTrack, float]]] = defaultdict(list)
     stretches: dict[str, list[tuple[SeenTrack, NDArray[np.float64]]]] = defaultdict(list)
@@ -145,7 +145,7 @@ def _by_class(passed: Sequence[tuple[SeenTrack, float]]) -> dict[str, list[float
     return dict(times)
 
 
-def _ways(roads: RoadNetwork) -> set[tuple[str, str]]:
+def ways_between(roads: RoadNetwork) -> set[tuple[str, str]]:
     """Return which road leads to which over a junction."""
     return {
         (lane.road, after.road)

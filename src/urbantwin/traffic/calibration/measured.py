@@ -23,7 +23,14 @@ from urbantwin.traffic.calibration.passages import (
     Passage,
     SeenTrack,
 )
-from urbantwin.traffic.calibration.queue_discharge import discharge_headways
+from urbantwin.traffic.calibration.queue_discharge import discharge_headways, first_of_queues
+from urbantwin.traffic.calibration.setting_out import (
+    FADES_MS,
+    FIRST_MS,
+    first_to_set_out,
+    setting_out,
+)
+from urbantwin.traffic.calibration.turns_taken import turns_taken
 
 __all__ = ["Measured", "joined", "measured"]
 
@@ -31,13 +38,8 @@ __all__ = ["Measured", "joined", "measured"]
 _EVERY_M = 2.0
 #: Longer headways tell how many come, not how they follow, seconds.
 _FOLLOWING_S = 15.0
-_STOOD_S = 1.0
-#: Speeds between which setting out is measured, m/s: at first, and when it fades.
-_FIRST_MS, _FADES_MS = (1.0, 5.0), (6.0, 9.0)
 #: Tops are told of who was seen for so long a way, metres.
 _WAY_M = 20.0
-#: A turn is of so much, rad, and who is slower in it, m/s, was held up.
-_TURNS_RAD, _ROLLS_MS = 0.8, 2.5
 _LEAST_GAP_M, _MOST_GAP_M = 0.3, 8.0
 #: Who follows is not slower than this, m/s, as fast as who is ahead to within this, m/s, and not
 #: so far behind, seconds.
@@ -65,12 +67,14 @@ class Measured:
         accelerations: from 1 to 5 m/s after standing, m/s2, vehicle by vehicle; trucks and buses
             left out.
         faded: from 6 to 9 m/s, m/s2, the same.
+        leading: as ``accelerations``, of those alone who were the first of a queue.
         heavy_accelerations: of trucks and buses, as ``accelerations``.
         heavy_faded: of trucks and buses, as ``faded``.
         free: exit -> speeds as shares of the limit, of those who leave by it with nobody close
             ahead.
         tops: speeds that nine tenths of a vehicle's way stay below, as shares of the road's limit.
         bends: (approach, exit) -> accelerations to the side in turns, m/s2, one a vehicle.
+        turning: (approach, exit) -> speeds in the same turns, m/s.
         lane_use: (approach, exit) -> lane of the approach -> how many entered the junction from it.
         gap_choices: (longest refused, taken) gaps of those who gave way, seconds.
     """
@@ -87,11 +91,13 @@ class Measured:
     discharge: dict[str, list[float]] = field(default_factory=dict)
     accelerations: list[float] = field(default_factory=list)
     faded: list[float] = field(default_factory=list)
+    leading: list[float] = field(default_factory=list)
     heavy_accelerations: list[float] = field(default_factory=list)
     heavy_faded: list[float] = field(default_factory=list)
     free: dict[str, list[float]] = field(default_factory=dict)
     tops: list[float] = field(default_factory=list)
     bends: dict[tuple[str, str], list[float]] = field(default_factory=dict)
+    turning: dict[tuple[str, str], list[float]] = field(default_factory=dict)
     gap_choices: list[tuple[float, float]] = field(default_factory=list)
     lane_use: dict[tuple[str, str], dict[str, int]] = field(default_factory=dict)
 
@@ -138,7 +144,9 @@ def joined(parts: Sequence[Measured]) -> Measured:
         "lane_use": {way: dict(used) for way, used in lane_use.items()},
     }
     found |= {name: added(name) for name in ("classes", "new", "turns")}
-    found |= {name: by_place(name) for name in ("headways", "discharge", "bends", "free")}
+    found |= {
+        name: by_place(name) for name in ("headways", "discharge", "bends", "turning", "free")
+    }
     found |= {one.name: every(one.name) for one in fields(Measured) if one.name not in found}
     return Measured(**found)
 
@@ -184,9 +192,9 @@ def measured(
     motors = [one for one in there if one.track.actor_class in MOTORS]
     heavy = [one for one in motors if one.track.actor_class in HEAVY]
     light = [one for one in motors if one.track.actor_class not in HEAVY]
+    first = [one for one in first_of_queues(passages) if one.seen.track.actor_class not in HEAVY]
     limits = {lane.road: lane.speed_limit for lane in roads.lanes if lane.speed_limit > 0}
     stand, follow, drive = _gaps(passages, begin_s, end_s)
-    within = [_Span(one, begin_s, end_s) for one in passages]
     return Measured(
         end_s - begin_s,
         _counts(there),
@@ -198,13 +206,14 @@ def measured(
         follow,
         drive,
         discharge_headways(passages, begin_s, end_s),
-        _each(light, begin_s, end_s, _FIRST_MS),
-        _each(light, begin_s, end_s, _FADES_MS),
-        _each(heavy, begin_s, end_s, _FIRST_MS),
-        _each(heavy, begin_s, end_s, _FADES_MS),
+        setting_out(light, begin_s, end_s, FIRST_MS),
+        setting_out(light, begin_s, end_s, FADES_MS),
+        first_to_set_out(first, begin_s, end_s, FIRST_MS),
+        setting_out(heavy, begin_s, end_s, FIRST_MS),
+        setting_out(heavy, begin_s, end_s, FADES_MS),
         free_speeds(there, passages, limits, begin_s, end_s),
-        [x for one in within if (x := _top(one, limits)) is not None],
-        _in_turns(within),
+        [x for one in passages if (x := _top(one, limits, begin_s, end_s)) is not None],
+        *turns_taken(passages, begin_s, end_s),
         [
             (one.refused_s, one.taken_s)
             for one in decisions
@@ -234,89 +243,13 @@ def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]
     return np.asarray(np.interp(at, gone[moves], speed[moves]))
 
 
-def _each(
-    motors: Sequence[SeenTrack], begin_s: float, end_s: float, speeds_ms: tuple[float, float]
-) -> list[float]:
-    found = (_setting_out(one, begin_s, end_s, *speeds_ms) for one in motors)
-    return [one for one in found if one is not None]
-
-
-def _setting_out(
-    one: SeenTrack, begin_s: float, end_s: float, low_ms: float, high_ms: float
-) -> float | None:
-    """Return the mean acceleration from one speed to another, the last time that it sped up so.
-
-    From almost standing still: after it had stood.
-    """
-    here = (one.time_s >= max(begin_s, float(one.time_s[0]) + SETTLES_S)) & (one.time_s < end_s)
-    speed, times = np.abs(one.speed[here]), one.time_s[here]
-    slow = np.flatnonzero(speed <= low_ms)
-    if not len(slow):
-        return None
-    stood = times[speed < STANDS_MS]
-    if low_ms <= _FIRST_MS[0] and (len(stood) < 2 or np.ptp(stood) < _STOOD_S):
-        return None
-    fast = slow[-1] + np.flatnonzero(speed[slow[-1] :] >= high_ms)
-    if not len(fast):
-        return None
-    ends = [
-        float(np.interp(value, speed[k : k + 2], times[k : k + 2]))
-        for value, k in ((low_ms, slow[-1]), (high_ms, fast[0] - 1))
-    ]
-    return (high_ms - low_ms) / (ends[1] - ends[0])
-
-
-@dataclass(frozen=True, eq=False)
-class _Span:
-    """A vehicle's passage between two moments, without the first second that it was seen."""
-
-    passage: Passage
-    begin_s: float
-    end_s: float
-
-    def rows(self) -> slice:
-        """Return its moments."""
-        times = self.passage.seen.time_s
-        first = max(self.begin_s, float(times[0]) + SETTLES_S)
-        return slice(*np.searchsorted(times, [first, self.end_s]).tolist())
-
-
-def _top(one: _Span, limits: dict[str, float]) -> float | None:
+def _top(one: Passage, limits: dict[str, float], begin_s: float, end_s: float) -> float | None:
     """Return the speed that nine tenths of the way stay below, as a share of the road's limit."""
-    limit = limits.get(one.passage.leaving) or limits.get(one.passage.approach)
-    speeds = _speeds(one.passage.seen, one.begin_s, one.end_s)
+    limit = limits.get(one.leaving) or limits.get(one.approach)
+    speeds = _speeds(one.seen, begin_s, end_s)
     if limit is None or len(speeds) < _WAY_M / _EVERY_M:
         return None
     return float(np.quantile(speeds, 0.9)) / limit
-
-
-def _in_turns(spans: Sequence[_Span]) -> dict[tuple[str, str], list[float]]:
-    """Return by way the accelerations to the side of those who turned and were not held up."""
-    found: dict[tuple[str, str], list[float]] = defaultdict(list)
-    for one in spans:
-        value = _in_a_turn(one)
-        if value is not None:
-            found[one.passage.approach, one.passage.leaving].append(value)
-    return dict(found)
-
-
-def _in_a_turn(one: _Span) -> float | None:
-    """Return the acceleration to the side that four fifths of a turn stay below, m/s2."""
-    rows, seen = one.rows(), one.passage.seen
-    times, speed = seen.time_s[rows], np.abs(seen.speed[rows])
-    if len(times) < 3:
-        return None
-    # By the second: headings of trackers and of SUMO go in steps.
-    at = np.arange(times[0], times[-1] + 1e-9, 0.5)
-    if len(at) < 4:
-        return None
-    yaw = np.interp(at, times, np.unwrap(seen.yaw[rows]))
-    pace = np.interp(at, times, speed)
-    rate = np.abs(yaw[2:] - yaw[:-2]) / (at[2:] - at[:-2])
-    turns = rate > _TURNS_RAD / 10
-    if np.ptp(yaw) < _TURNS_RAD or not turns.any() or pace[1:-1][turns].min() < _ROLLS_MS:
-        return None
-    return float(np.quantile((rate * pace[1:-1])[turns], 0.8))
 
 
 def _gaps(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +90,8 @@ class JunctionLinks:
         links: (lane before, road after) -> numbers of the signal's links.
         signals: what its signals control; ``None`` without any.
         green: (phases, links) which links are green in the phases of its program; (0, 0) without.
+        beside: the same as ``links``, of ways that its program controls at other junctions: several
+            that are near each other often have one program.
     """
 
     junction: str
@@ -97,6 +99,7 @@ class JunctionLinks:
     links: dict[tuple[str, str], tuple[int, ...]]
     signals: Signalised | None
     green: NDArray[np.bool_]
+    beside: dict[tuple[str, str], tuple[int, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, net: Path, roads: RoadNetwork) -> JunctionLinks:
@@ -125,8 +128,16 @@ class JunctionLinks:
                 ways[lane] = way
         there = signalised_junctions(root) if program else []
         signals = next((one for one in there if one.program == program), None)
-        found = {way: tuple(numbers) for way, numbers in links.items()}
-        return cls(junction, ways, found, signals, _green(root, program))
+        beside: dict[tuple[str, str], list[int]] = defaultdict(list)
+        for item in root.iterfind("connection") if program else ():
+            road = str(item.get("from"))
+            if item.get("tl") == program and road not in into and not road.startswith(":"):
+                way = (f"{road}_{item.get('fromLane')}", str(item.get("to")))
+                beside[way].append(int(item.get("linkIndex")))
+        found, others = (
+            {way: tuple(numbers) for way, numbers in one.items()} for one in (links, beside)
+        )
+        return cls(junction, ways, found, signals, _green(root, program), others)
 
     def together(self, one: tuple[str, str], other: tuple[str, str]) -> bool:
         """Return whether two ways are ever green at the same time; without signals they are."""

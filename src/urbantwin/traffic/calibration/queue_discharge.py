@@ -14,7 +14,7 @@ import numpy as np
 
 from urbantwin.traffic.calibration.passages import HEAVY, SETTLES_S, STANDS_MS, Passage
 
-__all__ = ["discharge_headways"]
+__all__ = ["discharge_headways", "first_of_queues"]
 
 #: Who stood within so long before it passed was in the queue, seconds.
 _QUEUED_S = 60.0
@@ -50,6 +50,17 @@ def discharge_headways(
             if headway <= _SAME_QUEUE_S and queued and not heavy:
                 found[behind.approach].append(headway)
     return dict(found)
+
+
+def first_of_queues(passages: Sequence[Passage]) -> list[Passage]:
+    """Return those who stood when whoever is ahead of them on their lane had passed its end."""
+    found = []
+    last: dict[str, float] = {}
+    for one in sorted((x for x in passages if x.lane), key=lambda x: x.passed_s):
+        if _queued(one) and last.get(one.lane, -np.inf) < _stood_last(one):
+            found.append(one)
+        last[one.lane] = one.passed_s
+    return found
 
 
 def _queued(one: Passage) -> bool:

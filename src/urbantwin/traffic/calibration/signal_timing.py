@@ -131,6 +131,9 @@ def _groups(
         way = (one.lane, one.leaving)
         if way in links.links and np.isfinite(one.passed_s) and one.passed_s < until_s:
             passed[way].append(one.passed_s)
+        for other, when in _beside(one) if links.beside else ():
+            if other in links.beside and when < until_s:
+                passed[other].append(when)
     chosen: dict[tuple[str, str], str] = {}
     every = np.arange(0.0, until_s, _STEP_S)
     share = {group: float(_open(changes, every).mean()) for group, changes in shown.items()}
@@ -149,7 +152,8 @@ def _groups(
         if score[best] > 0:
             chosen[way] = str(best)
     group_of: dict[int, str] = {}
-    for way, numbers in links.links.items():
+    every_way = {**links.links, **links.beside}
+    for way, numbers in every_way.items():
         near = [
             *([chosen[way]] if way in chosen else []),
             *(group for other, group in chosen.items() if other[0] == way[0]),
@@ -157,8 +161,22 @@ def _groups(
         ]
         for number in numbers if near else ():
             group_of[number] = near[0]
-    certain = tuple(sorted(k for way in chosen for k in links.links[way]))
+    certain = tuple(sorted(k for way in chosen for k in every_way[way]))
     return group_of, certain
+
+
+def _beside(one: Passage) -> list[tuple[tuple[str, str], float]]:
+    """Return the ways that a vehicle took on from any road: (lane, road after), and when."""
+    on = [
+        (str(lane), float(at))
+        for lane, at in zip(one.lanes, one.seen.time_s, strict=True)
+        if lane and not str(lane).startswith(":")
+    ]
+    return [
+        ((lane, following.rpartition("_")[0]), at)
+        for (lane, at), (following, _) in pairwise(on)
+        if following.rpartition("_")[0] != lane.rpartition("_")[0]
+    ]
 
 
 def _open(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -1,0 +1,60 @@
+"""Setting out: how vehicles speed up, all of them or those who have nobody ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from urbantwin.traffic.calibration.passages import SETTLES_S, STANDS_MS, Passage, SeenTrack
+
+__all__ = ["FADES_MS", "FIRST_MS", "first_to_set_out", "setting_out"]
+
+#: Speeds between which setting out is measured, m/s: at first, and when it fades.
+FIRST_MS, FADES_MS = (1.0, 5.0), (6.0, 9.0)
+_STOOD_S = 1.0
+#: Who is first of a queue has so long from the stop line on until it may meet others, seconds.
+_NOBODY_AHEAD_S = 8.0
+
+
+def setting_out(
+    vehicles: Iterable[SeenTrack], begin_s: float, end_s: float, speeds_ms: tuple[float, float]
+) -> list[float]:
+    """Return the mean accelerations from one speed to another, vehicle by vehicle, m/s2.
+
+    Those of the last time that each sped up so; from almost standing still: after it had stood.
+    """
+    found = (_sets_out(one, begin_s, end_s, *speeds_ms) for one in vehicles)
+    return [one for one in found if one is not None]
+
+
+def first_to_set_out(
+    first: Iterable[Passage], begin_s: float, end_s: float, speeds_ms: tuple[float, float]
+) -> list[float]:
+    """Return the same of those who are the first of a queue, about the stop line."""
+    found = (
+        _sets_out(one.seen, begin_s, min(end_s, one.passed_s + _NOBODY_AHEAD_S), *speeds_ms)
+        for one in first
+    )
+    return [one for one in found if one is not None]
+
+
+def _sets_out(
+    one: SeenTrack, begin_s: float, end_s: float, low_ms: float, high_ms: float
+) -> float | None:
+    here = (one.time_s >= max(begin_s, float(one.time_s[0]) + SETTLES_S)) & (one.time_s < end_s)
+    speed, times = np.abs(one.speed[here]), one.time_s[here]
+    slow = np.flatnonzero(speed <= low_ms)
+    if not len(slow):
+        return None
+    stood = times[speed < STANDS_MS]
+    if low_ms <= FIRST_MS[0] and (len(stood) < 2 or np.ptp(stood) < _STOOD_S):
+        return None
+    fast = slow[-1] + np.flatnonzero(speed[slow[-1] :] >= high_ms)
+    if not len(fast):
+        return None
+    ends = [
+        float(np.interp(value, speed[k : k + 2], times[k : k + 2]))
+        for value, k in ((low_ms, slow[-1]), (high_ms, fast[0] - 1))
+    ]
+    return (high_ms - low_ms) / (ends[1] - ends[0])

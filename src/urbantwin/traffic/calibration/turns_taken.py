@@ -1,0 +1,60 @@
+"""Turns: how vehicles take them whom nobody holds up."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+import numpy as np
+
+from urbantwin.traffic.calibration.passages import SETTLES_S, Passage
+
+__all__ = ["turns_taken"]
+
+_Way = tuple[str, str]
+#: A turn is of so much, rad, and who is slower in it, m/s, was held up.
+_TURNS_RAD, _ROLLS_MS = 0.8, 2.5
+
+
+def turns_taken(
+    passages: Sequence[Passage], begin_s: float, end_s: float
+) -> tuple[dict[_Way, list[float]], dict[_Way, list[float]]]:
+    """Return by way what those have in turns who were not held up.
+
+    Args:
+        passages: of everybody.
+        begin_s: the first moment.
+        end_s: the last one.
+
+    Returns:
+        Accelerations to the side that four fifths of a turn stay below, m/s2; and speeds that four
+        fifths of it are above, m/s.
+    """
+    bends: dict[_Way, list[float]] = defaultdict(list)
+    speeds: dict[_Way, list[float]] = defaultdict(list)
+    for one in passages:
+        found = _in_a_turn(one, begin_s, end_s)
+        if found is not None:
+            bends[one.approach, one.leaving].append(found[0])
+            speeds[one.approach, one.leaving].append(found[1])
+    return dict(bends), dict(speeds)
+
+
+def _in_a_turn(one: Passage, begin_s: float, end_s: float) -> tuple[float, float] | None:
+    seen = one.seen
+    first = max(begin_s, float(seen.time_s[0]) + SETTLES_S)
+    rows = slice(*np.searchsorted(seen.time_s, [first, end_s]).tolist())
+    times, speed = seen.time_s[rows], np.abs(seen.speed[rows])
+    if len(times) < 3:
+        return None
+    # By the second: headings of trackers and of SUMO go in steps.
+    at = np.arange(times[0], times[-1] + 1e-9, 0.5)
+    if len(at) < 4:
+        return None
+    yaw = np.interp(at, times, np.unwrap(seen.yaw[rows]))
+    pace = np.interp(at, times, speed)[1:-1]
+    rate = np.abs(yaw[2:] - yaw[:-2]) / (at[2:] - at[:-2])
+    turns = rate > _TURNS_RAD / 10
+    if np.ptp(yaw) < _TURNS_RAD or not turns.any() or pace[turns].min() < _ROLLS_MS:
+        return None
+    return float(np.quantile((rate * pace)[turns], 0.8)), float(np.quantile(pace[turns], 0.2))

@@ -1,0 +1,124 @@
+"""By which roads those come who pass the main junction, and by which they go on.
+
+Its turns do not tell that where an approach is reached from two roads, or an exit
+leads to two. As many are counted there as pass the main junction, so that these rows agree with
+those of its turns: whoever was not seen there is taken to have come as the others did.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from urbantwin.roads import RoadNetwork
+from urbantwin.traffic.calibration.elsewhere import Spot, ways_between
+from urbantwin.traffic.calibration.passages import Passage
+
+__all__ = ["ways_seen"]
+
+#: Where fewer vehicles were seen to come, or a smaller share, nothing is told of the others.
+_FEWEST, _SHARE = 5, 0.5
+
+_Passed = tuple[Passage, tuple[str, ...]]
+
+
+def ways_seen(
+    passages: Iterable[Passage], roads: RoadNetwork, counted: Collection[Spot] = ()
+) -> dict[Spot, dict[str, list[float]]]:
+    """Count those who pass the main junction where they came to its approach, and left its exit.
+
+    Args:
+        passages: of motor vehicles over the main junction.
+        roads: the lanes.
+        counted: where turns were counted already; junctions with such turns are left out.
+
+    Returns:
+        Turn at another junction -> class -> when each passed the main junction, seconds. Turns
+        that nobody took are there, too, if others take another turn.
+    """
+    before, behind = defaultdict(set), defaultdict(set)
+    driven = {
+        road.id
+        for road in roads.roads
+        if any("car" in roads.lane_by_id[lane].allowed for lane in road.lanes)
+    }
+    for first, last in sorted(ways_between(roads)):
+        if {first, last} <= driven:
+            before[last].add(first)
+            behind[first].add(last)
+    came: dict[str, list[_Passed]] = defaultdict(list)
+    left: dict[str, list[_Passed]] = defaultdict(list)
+    for one in passages:
+        if not one.approach or not one.leaving:
+            continue
+        lanes = (roads.lane_by_id.get(str(name)) for name in one.lanes)
+        way = [road for road, _ in groupby(lane.road for lane in lanes if lane and lane.road)]
+        ahead = way[: way.index(one.approach)] if one.approach in way else []
+        after = way[way.index(one.leaving) + 1 :] if one.leaving in way else []
+        came[one.approach].append((one, tuple(reversed(ahead))))
+        left[one.leaving].append((one, tuple(after)))
+    found: dict[Spot, list[Passage]] = {}
+    for road, those in sorted(came.items()):
+        found |= _told(road, those, before, behind, backwards=True)
+    for road, those in sorted(left.items()):
+        found |= _told(road, those, behind, before, backwards=False)
+    ends_at = {road.id: road.to_junction for road in roads.roads}
+    done = {ends_at[name] for spot in counted for field, name in spot if field == "approach"}
+    return {
+        spot: _by_class(those) for spot, those in found.items() if ends_at[spot[0][1]] not in done
+    }
+
+
+def _told(
+    road: str,
+    those: Sequence[_Passed],
+    onward: Mapping[str, set[str]],
+    back: Mapping[str, set[str]],
+    *,
+    backwards: bool,
+) -> dict[Spot, list[Passage]]:
+    """Return turns between a road and those beyond it, as far as all who take them are known.
+
+    Args:
+        road: an approach, or an exit; or, called again, one beyond it.
+        those: who was on it, with the roads that they were seen on beyond it, the nearest first.
+        onward: road -> roads beyond it.
+        back: road -> roads that it leads to.
+        backwards: whether beyond is where they came from.
+    """
+    beyond = sorted(onward.get(road, ()))
+    seen = Counter(way[0] for _, way in those if way and way[0] in beyond)
+    known = sum(seen.values())
+    if known < max(_FEWEST, _SHARE * len(those)):
+        return {}
+    given: Counter[str] = Counter()
+    through: dict[str, list[_Passed]] = {name: [] for name in beyond}
+    for one, way in those:
+        if way and way[0] in beyond:
+            through[way[0]].append((one, way[1:]))
+            continue
+        # As the others: where fewest are for how many there should be.
+        number = sum(given.values()) + 1
+        lacks = {name: seen[name] / known * number - given[name] for name in beyond}
+        name = max(beyond, key=lacks.__getitem__)
+        given[name] += 1
+        through[name].append((one, ()))
+    found: dict[Spot, list[Passage]] = {}
+    for name, mine in through.items():
+        if len(beyond) > 1:
+            first, last = (name, road) if backwards else (road, name)
+            found[("approach", first), ("turn", last)] = [one for one, _ in mine]
+        if back[name] == {road}:  # nobody else was there
+            found |= _told(name, mine, onward, back, backwards=backwards)
+    return found
+
+
+def _by_class(those: Sequence[Passage]) -> dict[str, list[float]]:
+    times: dict[str, list[float]] = defaultdict(list)
+    for one in those:
+        at = float(np.nan_to_num(one.passed_s, nan=one.seen.time_s[0]))
+        times[one.seen.track.actor_class].append(at)
+    return dict(times)
