@@ -358,15 +358,12 @@ def sumo_options(sumo_step_ms: int, seed: int, *, circulates: bool = False) -> d
         seed: of SUMO's random choices.
         circulates: whether everybody stays: then no actor is removed, however long it waits.
     """
-    waits = {"time-to-teleport": _STUCK_S}
+    # Who stands on a junction for long no longer bars others: a last resort, by which two who wait
+    # for each other do not lock up the whole network.
+    waits = {"time-to-teleport": _STUCK_S, "ignore-junction-blocker": _BLOCKER_S}
     if circulates:
-        # Nobody is lifted off the road. Who stands on a junction for long no longer bars others:
-        # a last resort, by which two who wait for each other do not lock up the whole network.
-        waits = {
-            "time-to-teleport": -1,
-            "ignore-junction-blocker": _BLOCKER_S,
-            "pedestrian.striping.jamtime": _SQUEEZE_S,
-        }
+        # Nobody is lifted off the road.
+        waits |= {"time-to-teleport": -1, "pedestrian.striping.jamtime": _SQUEEZE_S}
     return {
         "step-length": sumo_step_ms / 1000,
         "seed": seed % 2**31,
