@@ -8,7 +8,8 @@ from numba import njit
 from urbantwin.geometry.compiled.room import with_more_room
 from urbantwin.traffic.compiled.waiting import depth_of
 
-__all__ = ["foresee", "lets_by", "looks_ahead", "near_whom", "part", "slip_by", "what_is_at"]
+__all__ = ["comes_near", "foresee", "lets_by", "looks_ahead", "near_whom", "part"]
+__all__ += ["room_ahead", "slip_by", "what_is_at"]
 
 #: How far one looks ahead, in so many looks, seconds; and how far one goes aside for that, metres.
 LOOKS, AHEAD_S, ROOM_M = 8, 2.0, 1.0
@@ -72,6 +73,29 @@ def looks_ahead(step_s):
     for k in range(LOOKS):
         looks[k] = round((k + 1) * AHEAD_S / LOOKS / step_s)
     return looks
+
+
+@njit(cache=True, nogil=True)
+def room_ahead(i, looks, boxes, come, last, room):
+    """Put west, south, east and north of where somebody is as far as it looks ahead in ``room``."""
+    row = int(come[i])
+    room[0], room[1] = boxes[row, 0], boxes[row, 1]
+    room[2], room[3] = room[0], room[1]
+    for ahead in looks:
+        own = row + ahead
+        if own > last[i]:
+            break
+        x, y = boxes[own, 0], boxes[own, 1]
+        room[0], room[1] = min(room[0], x), min(room[1], y)
+        room[2], room[3] = max(room[2], x), max(room[3], y)
+
+
+@njit(cache=True, nogil=True)
+def comes_near(i, j, off, a, room, boxes):
+    """Return whether what stands may be nearer than a gap to somebody's ``room``."""
+    x, y = boxes[j, 0] - off[a, 0], boxes[j, 1] - off[a, 1]
+    reach = boxes[i, 6] + boxes[j, 6] + GAP_M + 1e-6
+    return room[0] - reach < x < room[2] + reach and room[1] - reach < y < room[3] + reach
 
 
 @njit(cache=True, nogil=True)

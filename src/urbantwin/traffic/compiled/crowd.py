@@ -6,11 +6,13 @@ import numpy as np
 from numba import njit
 
 from urbantwin.traffic.compiled.asides import (
+    comes_near,
     foresee,
     lets_by,
     looks_ahead,
     near_whom,
     part,
+    room_ahead,
     slip_by,
     what_is_at,
 )
@@ -94,7 +96,7 @@ def walked(
         held: (N,) int64, for how many steps one was held up.
         let: (N,) int64, for how many steps one let vehicles by.
     """
-    count, looks = len(far), looks_ahead(step_s)
+    count, looks, room = len(far), looks_ahead(step_s), np.empty(4)
     for s in range(len(begins) - 1):
         mine, cars = rows[begins[s] : begins[s + 1]], others[other_begins[s] : other_begins[s + 1]]
         if len(mine) == 0:
@@ -121,12 +123,16 @@ def walked(
                 waits[a] = lets_by(mine[a], j, off, a, looks, boxes, now, come, joined, last)
                 if waits[a]:
                     _keep(mine[a], off[a], now, place, come, at)
+        whose_room = -1
         for p in range(len(pairs)):
             a, j, b = pairs[p, 0], pairs[p, 1], pairs[p, 2]
-            foresee(
-                mine[a], j, off, a, b, looks, boxes, now, come,
-                joined, last, step_s,
-            )  # fmt: skip
+            if j >= count and a != whose_room:
+                room_ahead(mine[a], looks, boxes, come, last, room)
+                whose_room = a
+            if j < count or comes_near(mine[a], j, off, a, room, boxes):
+                foresee(
+                    mine[a], j, off, a, b, looks, boxes, now, come, joined, last, step_s
+                )  # fmt: skip
             slip_by(mine[a], j, off, a, b, now, joined, held, step_s)
         for _ in range(ROUNDS):
             parted = True
