@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.column_assignment import columns_apart
+from urbantwin.fidelity.column_assignment import fired_columns
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import Pose
 from urbantwin.lidar import Rig, beam_directions
 from urbantwin.lidar import sensor as model_of
-from urbantwin.lidar.pattern import beam_azimuths
 from urbantwin.lidar.rig import dataset_frame
 from urbantwin.lidar.sensor import Sensor
 
@@ -87,11 +86,8 @@ class BeamsOf:
             beam, on = self._nearest(aim)
             rows, beam = rows[on], beam[on]
         else:
-            first = beam_azimuths(self.sensor, self.columns, turns_per_second=self._turning)[:, 0]
-            turned = np.arctan2(aim[:, 1], aim[:, 0]) - first[channel]
-            if self.sensor.spin == "cw":
-                turned = -turned
-            column = columns_apart(channel, turned * self.columns / (2 * np.pi), self.columns)
+            azimuth = np.arctan2(aim[:, 1], aim[:, 0])
+            column = fired_columns(channel, azimuth, self.columns, self.sensor, self._turning)
             beam = channel * self.columns + column
         once = np.unique(beam, return_index=True)[1]
         return rows[once], beam[once], range_m

@@ -5,12 +5,39 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["columns_apart"]
+from urbantwin.lidar import Sensor
+from urbantwin.lidar.pattern import beam_azimuths
+
+__all__ = ["columns_apart", "fired_columns"]
 
 #: Points nearer to each other than this, columns, are returns of one firing.
 _SAME = 0.05
 #: No point is put farther than this from where it is, columns.
 _MOST = 1.0
+
+
+def fired_columns(
+    ring: NDArray[np.integer],
+    azimuth: NDArray[np.float64],
+    columns: int,
+    model: Sensor | None,
+    turns_per_second: float = 0.0,
+) -> NDArray[np.int64]:
+    """Return the columns (N,) in which a sensor fired at points.
+
+    Args:
+        ring: (N,) channels of the points.
+        azimuth: (N,) of the points, sensor frame, rad.
+        columns: in a turn.
+        model: says where channels look and which way it turns; none: clockwise, all alike.
+        turns_per_second: how far channels that fire later look on; 0: not at all.
+    """
+    turned, clockwise = azimuth, True
+    if model is not None:
+        first = beam_azimuths(model, columns, turns_per_second=turns_per_second)[:, 0]
+        turned, clockwise = turned - first[ring], model.spin == "cw"
+    at = (-turned if clockwise else turned) * columns / (2 * np.pi)
+    return columns_apart(ring, at, columns)
 
 
 def columns_apart(

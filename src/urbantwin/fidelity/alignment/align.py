@@ -17,7 +17,7 @@ from urbantwin.fidelity.alignment.pose_search import Found, PoseSearch, SearchSp
 from urbantwin.fidelity.alignment.registration import Registered, registered
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
 from urbantwin.fidelity.frame import Frame
-from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials, ypr_from_rotation
+from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials, wrapped, ypr_from_rotation
 from urbantwin.progress import Progress, untold
 
 __all__ = ["Alignment", "Guess", "align"]
@@ -288,8 +288,7 @@ def _bounded(
     if guess is None:
         return pose
     away = pose.translation[:2] - [guess.east_m, guess.north_m]
-    yaw = np.degrees(_stance(pose, plane)[1]) - guess.yaw_deg
-    turned = float((yaw + 180.0) % 360.0 - 180.0)
+    turned = wrapped(float(np.degrees(_stance(pose, plane)[1])) - guess.yaw_deg, 360.0)
     back = np.clip(away, -guess.within_m, guess.within_m) - away
     turn = float(np.clip(turned, -guess.within_deg, guess.within_deg)) - turned
     if (np.abs(back) > found.sigma_m[:2]).any() or abs(turn) > found.sigma_deg[2]:

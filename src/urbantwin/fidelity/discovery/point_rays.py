@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.column_assignment import columns_apart
+from urbantwin.fidelity.column_assignment import fired_columns
 from urbantwin.fidelity.compiled.ring_support import ring_support
 from urbantwin.fidelity.discovery.elevation_match import TableFit, normal_density
 from urbantwin.lidar import Sensor
-from urbantwin.lidar.pattern import beam_azimuths
 
 __all__ = ["PointRays", "azimuth_of", "column_step_deg", "columns_in", "columns_of", "point_rays"]
 
@@ -167,11 +166,5 @@ def columns_in(
 ) -> NDArray[np.int64]:
     """Return the columns (M,) of a sensor's points: whole numbers from 0 at a yaw of 0."""
     mine = rays.sensor == sensor
-    turned = rays.azimuth[mine]
-    clockwise = True
-    if model is not None:
-        first = beam_azimuths(model, columns, turns_per_second=model.rate_hz)[:, 0]
-        turned = turned - first[rays.ring[mine]]
-        clockwise = model.spin == "cw"
-    turned = -turned if clockwise else turned
-    return columns_apart(rays.ring[mine], turned * columns / (2 * np.pi), columns)
+    rate_hz = 0.0 if model is None else model.rate_hz
+    return fired_columns(rays.ring[mine], rays.azimuth[mine], columns, model, rate_hz)

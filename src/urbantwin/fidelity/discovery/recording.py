@@ -16,6 +16,7 @@ from urbantwin.fidelity.discovery.result import Discovery
 from urbantwin.fidelity.discovery.written import write_frames, write_rig
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.sampling import evenly
+from urbantwin.geometry import row_keys
 from urbantwin.progress import Progress, between, each
 from urbantwin.reconstruct.recording import LEAST_FRAMES, Looks, RecordedFrames
 from urbantwin.reconstruct.recording.beams import recorded_beams
@@ -99,7 +100,8 @@ def _losses(looks: Looks, found: Discovery) -> list[Losses]:
             mine = frame.sensor == k
             rings = frame.ring[mine]
             if found.sensors[k].dual:  # a firing with two returns is one look
-                rings = np.unique(np.column_stack([rings, frame.column[mine]]), axis=0)[:, 0]
+                looks_of = np.column_stack([rings, frame.column[mine]])
+                rings = rings[np.unique(row_keys(looks_of), axis=0, return_index=True)[1]]
             counted[k] += np.bincount(rings, minlength=sensor.channels) / len(looks.frames)
     lost = []
     for beams, points, one in zip(recorded_beams(looks), counted, found.sensors, strict=True):

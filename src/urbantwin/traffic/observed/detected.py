@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry import points_in_box
+
 __all__ = ["DETECTED", "LEAST_SCORE", "DetectedActor", "with_points"]
 
 #: Classes that are taken from detections: by their points alone they are too easily mistaken.
@@ -50,11 +52,9 @@ def with_points(
     """
     free = np.ones(len(points), np.bool_)
     for actor in sorted(actors, key=lambda one: (-one.score, *one.place)):
-        away = points[:, :2] - actor.place
-        c, s = np.cos(actor.yaw), np.sin(actor.yaw)
-        along, aside = away @ [c, s], away @ [-s, c]
         length, width, _ = actor.size
-        inside = (np.abs(along) < length / 2 + BESIDE_M) & (np.abs(aside) < width / 2 + BESIDE_M)
+        column = np.array([*actor.place, 0.0, length, width, np.inf, actor.yaw])
+        inside = points_in_box(points, column, BESIDE_M)
         own = np.flatnonzero(inside & free)
         if len(own) < max(LEAST_POINTS, OWN * int(inside.sum())):
             continue
