@@ -123,7 +123,7 @@ def test_levels_are_those_of_the_page(rig_of, street, crowd):
 
 @pytest.mark.parametrize(
     ("model", "returns"),
-    [("OS1-128", "strongest"), ("VLP-32C", "strongest"), ("VLP-32C", "last")],
+    [("OS1-128", "strongest"), ("VLP-32C", "strongest"), ("VLP-32C", "last"), ("VLP-32C", "dual")],
 )
 def test_what_stands_free_is_not_occluded(rig_of, ground_mesh, model, returns):
     """Its edges share beams with the ground behind, which may win them: nothing hides it.

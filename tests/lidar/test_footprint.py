@@ -23,8 +23,11 @@ def test_the_rays_spread_light_as_a_gaussian_beam_does():
     assert abs(beam.share @ beam.offset.prod(axis=1)) < 1e-12
 
 
-def test_a_beam_of_unknown_width_is_a_ray():
-    assert len(Footprint.of(sensor("HDL-32E")).share) == 1
+def test_a_beam_of_unknown_width_is_as_wide_as_that_of_the_vls_128():
+    assert sensor("HDL-32E").beam_divergence_deg is None
+    np.testing.assert_array_equal(
+        Footprint.of(sensor("HDL-32E")).offset, Footprint.of(sensor("VLS-128")).offset
+    )
 
 
 def walls(box_mesh, gap):

@@ -41,7 +41,8 @@ def test_a_sign_blooms_into_all_beams_around_it_that_the_skirt_reaches(
         beams.rings,
         one(sign, range_m, amplitude),
     )
-    width = np.radians(0.18)
+    # Of both ways: the OS1's, or what is assumed of those that publish none.
+    width = np.radians(np.sqrt(np.prod(mounted.sensor.beam_divergence_deg or (0.18, 0.09))))
     angle = 2 * np.arcsin(np.linalg.norm(beams.directions - beams.directions[sign], axis=1) / 2)
     angle[sign] = np.inf
     expected = amplitude * SKIRT * np.minimum(1, (width / angle) ** 3)

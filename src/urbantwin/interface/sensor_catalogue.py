@@ -37,6 +37,7 @@ _LINES = (
     ("measured_light", "measured light, times", ""),
     ("measured_sigma_m", "measured range noise", "m"),
     ("measured_faintest", "half missed however near, share of white", ""),
+    ("measured_divergence_deg", "measured divergence", "deg"),
     ("weak_sigma_m", "range noise at 10 %, at that range", "m"),
     ("overlap_m", "half of the light collected at", "m"),
     ("return_modes", "returns", ""),
@@ -178,6 +179,7 @@ def _everything(sensor: Sensor) -> dict[str, Any]:
         "measured_light": sensor.measured_light,
         "measured_sigma_m": sensor.measured_sigma_m,
         "measured_faintest": sensor.measured_faintest,
+        "measured_divergence_deg": _listed(sensor.measured_divergence_deg),
         "weak_sigma_m": sensor.weak_sigma_m,
         "overlap_m": sensor.overlap_m,
         "return_modes": _listed(sensor.return_modes),
@@ -225,7 +227,7 @@ def _page(sensor: Sensor) -> str:
             continue
         why = sensor.unknown.get(field)
         text = "unknown" if value is None else f"{_text(value)} {unit}".rstrip()
-        if field == "beam_divergence_deg" and value is not None:
+        if field.endswith("divergence_deg") and value is not None:
             text = f"{value[0]:g} x {value[1]:g} {unit}"
         lines.append(f"  {label:<28}{text}" + (f" ({why})" if why else ""))
     lines.append("  channel: elevation, azimuth offset (degrees), firing time (us)")

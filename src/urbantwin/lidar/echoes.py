@@ -154,7 +154,7 @@ def combined(
     # A thin ray meets what is in front or what is behind, and both only through a pane.
     if len(share) == 1 and not model.scatter.through.any():
         return echoes, Alone(beam, alone.actor, level)
-    own = ~_is_from_behind(echoes, alone.beam, alone.actor, alone.range_m)
+    own = ~_is_from_behind(echoes, alone.beam, alone.actor, alone.range_m, returns)
     return echoes, Alone(beam[own], alone.actor[own], level[own])
 
 
@@ -219,11 +219,13 @@ def _is_from_behind(
     beam: NDArray[np.int32],
     actor: NDArray[np.int32],
     range_m: NDArray[np.float32],
+    returns: ReturnMode,
 ) -> NDArray[np.bool_]:
     """Return whether beams (L,) report what is behind actors (L,) that they meet at ranges (L,)."""
     first, second = echoes.first[beam], echoes.second[beam]
     mine = np.zeros(len(beam), np.bool_)
-    for one in (first, second):
+    # A second echo is reported by dual returns, too; else it only stands in for a missed one.
+    for one in (first, second) if returns == "dual" else (first,):
         mine |= (one >= 0) & (echoes.owner[one] % BESIDE == actor) & (echoes.owner[one] >= 0)
     behind = (first >= 0) & (echoes.range_m[first] > range_m)
     return np.asarray(behind & ~mine)

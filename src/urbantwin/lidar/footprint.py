@@ -44,10 +44,8 @@ class Footprint:
 
     @classmethod
     def of(cls, sensor: Sensor) -> Footprint:
-        """Return the beam of a sensor; a single ray where its divergence is not published."""
-        if sensor.beam_divergence_deg is None:
-            return cls.thin()
-        across, up = np.radians(sensor.beam_divergence_deg) / np.sqrt(8 * np.log(2))
+        """Return the beam of a sensor."""
+        across, up = np.radians(sensor.assumed_divergence_deg) / np.sqrt(8 * np.log(2))
         turn = np.radians(60.0 * np.arange(6) + 30.0)
         ring = np.sqrt(7 / 3) * np.column_stack([across * np.cos(turn), up * np.sin(turn)])
         return cls(np.vstack([np.zeros((1, 2)), ring]), np.full(7, 1 / 7))

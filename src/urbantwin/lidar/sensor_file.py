@@ -66,6 +66,7 @@ class _SensorFile(BaseModel):
     measured_light: _Positive | None = None
     measured_sigma_m: _NotNegative | None = None
     measured_faintest: Annotated[float, Field(gt=0, lt=0.1)] | None = None
+    measured_divergence_deg: tuple[_Divergence, _Divergence] | None = None
     weak_sigma_m: _Positive | None = None
     overlap_m: _Positive | None = None
     return_modes: tuple[str, ...] | None = None

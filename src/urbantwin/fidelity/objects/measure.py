@@ -271,7 +271,9 @@ class _Look:
     ) -> SeenBodies:
         """Return what the sensor sees of bodies where they were then."""
         there = bodies_then(bodies, self.shift)
-        return scan_rays(sensor, self.rays.origin, self.direction, there, ground, seed)
+        # What ended at no object ended before it, and then counts on neither side, or behind.
+        behind = np.where(self.owner < 0, self.rays.range_m[self.near], np.inf)
+        return scan_rays(sensor, self.rays.origin, self.direction, there, ground, behind, seed)
 
     @property
     def direction(self) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,18 @@ from urbantwin.lidar.sensor_path import FixedPath
 from urbantwin.lidar.shapes import PresentActors, ShapeTable
 from urbantwin.lidar.standing import standing_at
 from urbantwin.lidar.static_view import StaticView
-from urbantwin.lidar.static_world import World
+from urbantwin.lidar.static_world import StaticLayers, World
 from urbantwin.lidar.sweep import Sweep
 from urbantwin.lidar.turn import Turn, observe
 from urbantwin.site.rig import Effects
-from urbantwin.taxonomy import materials
+from urbantwin.taxonomy import material_id, materials, semantic_id
 
 __all__ = ["SeenBodies", "scan_rays"]
 
 #: Rays are put in so many rows; a row's number fits 16 bits.
 _ROWS = 64
+#: What stands behind objects.
+_WALL = "plaster"
 #: The frame's points stand already where they are at its time; stray light needs whole turns.
 _EFFECTS = Effects(rolling_shutter=False, blooming=False, sun=False, weather=False)
 
@@ -64,6 +66,7 @@ def scan_rays(
     direction: NDArray[np.float64],
     bodies: list[PlacedBody],
     ground: LabelledMesh,
+    behind_m: NDArray[np.float64],
     seed: int,
 ) -> SeenBodies:
     """Scan bodies on the ground along rays.
@@ -74,6 +77,8 @@ def scan_rays(
         direction: (R, 3) unit vectors.
         bodies: what stands there.
         ground: below and behind them.
+        behind_m: (R,) range of what each ray met in the frame that is no object, and stands there
+            in place of the ground: a part of a beam's light goes there. inf where nothing is known.
         seed: of all random numbers.
     """
     count = len(direction)
@@ -90,6 +95,9 @@ def scan_rays(
     world = World(ground, origin, None, tracer)
     path = FixedPath(mounted.site_SE3_sensor)
     view = StaticView.of(mounted, beams, model, world, path, sweep, frame)
+    view = replace(
+        view, layers=_with_behind(view.layers, behind_m, model, len(beams.footprint.share))
+    )
     turn = Turn(0, mounted, model, view, sweep, np.zeros(0, np.bool_))
     table = ShapeTable(lambda name, _: bodies[int(name)].mesh)
     actors = [
@@ -129,4 +137,39 @@ def scan_rays(
         range_m[:count],
         intensity[:count],
         reported[:count],
+    )
+
+
+def _with_behind(
+    layers: StaticLayers, behind_m: NDArray[np.float64], model: ReturnModel, samples: int
+) -> StaticLayers:
+    """Return layers of N beams, those of the first R replaced by what stands behind at ranges (R,).
+
+    What it is made of a frame does not say: it is a wall that is faced.
+    """
+    count = len(layers.start) - 1
+    known = np.zeros(count, np.bool_)
+    known[: len(behind_m)] = np.isfinite(behind_m)
+    ray = np.repeat(np.arange(count), np.diff(layers.start))
+    kept, new = np.flatnonzero(~known[ray]), np.flatnonzero(known)
+    order = np.argsort(np.concatenate([ray[kept], new]), kind="stable")
+    wall = np.full(len(new), material_id(_WALL))
+    facing = np.ones(len(new), np.float32)
+    start = np.zeros(count + 1, np.int64)
+    np.cumsum(np.bincount(np.concatenate([ray[kept], new]), minlength=count), out=start[1:])
+    walls = StaticLayers(
+        start,
+        behind_m[new].astype(np.float32),
+        model.scatter.backscatter(wall, facing),
+        np.zeros(len(new)),
+        np.full(len(new), (1 << samples) - 1, np.uint8),
+        np.full(len(new), semantic_id("building"), np.uint16),
+        facing,
+    )
+    return StaticLayers(
+        start,
+        *(
+            np.concatenate([old[kept], other])[order]
+            for old, other in zip(layers[1:], walls[1:], strict=True)
+        ),
     )

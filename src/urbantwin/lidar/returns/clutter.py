@@ -19,7 +19,7 @@ where sensors in a fog chamber went blind (Bijelic et al. 2018, IEEE IV, "A benc
 sensors in fog").
 
 A beam is `EXIT_M` wide where it leaves the sensor (the OS1's datasheet) and widens by its
-divergence, `ASSUMED_DIVERGENCE_DEG` where none is published.
+divergence.
 """
 
 from __future__ import annotations
@@ -36,7 +36,6 @@ from urbantwin.lidar.sensor import Sensor
 from urbantwin.site.rig import Conditions
 
 __all__ = [
-    "ASSUMED_DIVERGENCE_DEG",
     "CELL_M",
     "EXIT_M",
     "FAINTEST",
@@ -52,8 +51,6 @@ CELL_M = 0.75
 EXIT_M = 0.0095
 #: Amplitude that is as strong as the datasheet's target, right before the sensor.
 FAINTEST = 0.01
-#: Full divergence of sensors that publish none.
-ASSUMED_DIVERGENCE_DEG = 0.18
 
 _STEP_M = 0.02
 _FARTHEST_M = 100.0
@@ -138,8 +135,7 @@ def clutter_of(sensor: Sensor, conditions: Conditions, response: Response) -> Cl
 
 def beam_area(sensor: Sensor, range_m: Doubles) -> Doubles:
     """Return the cross-section of a beam (G,) at distances (G,), m2."""
-    assumed = (ASSUMED_DIVERGENCE_DEG, ASSUMED_DIVERGENCE_DEG)
-    across, up = np.radians(sensor.beam_divergence_deg or assumed)
+    across, up = np.radians(sensor.assumed_divergence_deg)
     return np.asarray(np.pi / 4 * (EXIT_M + across * range_m) * (EXIT_M + up * range_m))
 
 

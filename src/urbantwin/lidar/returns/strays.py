@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from urbantwin.lidar.beams import Beams, Rings
 from urbantwin.lidar.compiled.response import strengths
 from urbantwin.lidar.compiled.strays import crosstalk, spill
-from urbantwin.lidar.returns.clutter import ASSUMED_DIVERGENCE_DEG, CELL_M
+from urbantwin.lidar.returns.clutter import CELL_M
 from urbantwin.lidar.returns.model import ReturnModel
 from urbantwin.lidar.sensor import Sensor
 
@@ -96,8 +96,7 @@ def blooms(
         rings: in which they stand.
         source: bright echoes.
     """
-    divergence = sensor.beam_divergence_deg or (ASSUMED_DIVERGENCE_DEG,) * 2
-    width = float(np.sqrt(np.prod(np.radians(divergence))))
+    width = float(np.sqrt(np.prod(np.radians(sensor.assumed_divergence_deg))))
     strength = _strengths(model, source)
     by_channel = np.argsort(rings.order)
     ordered = rings._replace(
