@@ -166,10 +166,15 @@ def _with_behind(
         np.full(len(new), semantic_id("building"), np.uint16),
         facing,
     )
-    return StaticLayers(
-        start,
-        *(
-            np.concatenate([old[kept], other])[order]
-            for old, other in zip(layers[1:], walls[1:], strict=True)
-        ),
-    )
+    joined = [
+        np.concatenate([old[kept], other])[order]
+        for old, other in (
+            (layers.range_m, walls.range_m),
+            (layers.backscatter, walls.backscatter),
+            (layers.through, walls.through),
+            (layers.mask, walls.mask),
+            (layers.semantic, walls.semantic),
+            (layers.cosine, walls.cosine),
+        )
+    ]
+    return StaticLayers(start, *joined)
