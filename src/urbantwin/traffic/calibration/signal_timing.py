@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.signals.controlled_links import Link, Signalised
 from urbantwin.roads.signals.intergreen import crossing_s
 from urbantwin.roads.signals.phases import walks
+from urbantwin.traffic.calibration.actuated import ActuatedCycle, actuated_cycle
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage
 from urbantwin.traffic.recorded.track import RecordedSignals
 
@@ -39,8 +41,11 @@ class Timing:
         cycles: how many such times there are.
         group_of: link -> group.
         certain: links whose group passages tell.
-        states: (seconds, one letter for each link), one cycle as it was shown.
+        states: (seconds, one letter for each link), one cycle as it was shown; where traffic
+            extends greens, the usual one.
         greens: group -> seconds of green in it.
+        lasts: how long each of the states lasts at the least and at the most, seconds.
+        actuated: the cycle in which traffic extends greens; ``None`` where it does not.
     """
 
     cycle_s: float
@@ -49,6 +54,17 @@ class Timing:
     certain: tuple[int, ...]
     states: tuple[tuple[float, str], ...]
     greens: dict[str, float]
+    lasts: tuple[tuple[float, float], ...]
+    actuated: ActuatedCycle | None = None
+
+    @property
+    def program(self) -> list[dict[str, Any]]:
+        """The states as a site's ``signals`` has them."""
+        return [
+            {"seconds": seconds, "state": state}
+            | ({} if least == most else {"at_least": least, "at_most": most})
+            for (seconds, state), (least, most) in zip(self.states, self.lasts, strict=True)
+        ]
 
 
 def timing_of(
@@ -78,18 +94,31 @@ def timing_of(
     group_of, certain = _groups(shown, passages, links, until_s)
     if not group_of:
         return None
-    times = np.arange(0.0, cycle_s - _STEP_S / 2, _STEP_S)
-    letters = {group: _letters(shown[group], times) for group in set(group_of.values())}
+    groups = set(group_of.values())
+    times = np.arange(0.0, until_s - _STEP_S / 2, _STEP_S)
+    actuated = actuated_cycle({one: _letters(shown[one], times) for one in groups}, _STEP_S)
+    if actuated is not None and actuated.driven:
+        letters, phase = actuated.sampled(_STEP_S)
+    else:
+        times = np.arange(0.0, cycle_s - _STEP_S / 2, _STEP_S)
+        letters = {group: _letters(shown[group], times) for group in groups}
+        phase = np.zeros(len(times), np.int64)
+    states = _states(letters, group_of, links.signals, phase)
+    lasts = [(seconds, seconds) for seconds, _, _ in states]
+    if actuated is not None and actuated.driven:
+        lasts = _extended(states, actuated)
     return Timing(
         cycle_s,
         len(periods),
         group_of,
         certain,
-        _states(letters, group_of, links.signals, len(times)),
+        tuple((seconds, state) for seconds, state, _ in states),
         {
             group: round(float(np.isin(found, ["G", "g"]).sum() * _STEP_S), 1)
             for group, found in sorted(letters.items())
         },
+        tuple(lasts),
+        actuated,
     )
 
 
@@ -197,12 +226,14 @@ def _states(
     letters: Mapping[str, NDArray[np.str_]],
     group_of: Mapping[int, str],
     signals: Signalised,
-    moments: int,
-) -> tuple[tuple[float, str], ...]:
-    """Return a cycle as phases; links whose group is not known blink: who comes gives way.
+    phase: NDArray[np.int64],
+) -> list[tuple[float, str, int]]:
+    """Return a cycle as states: seconds, letters, and the phase that each is a part of.
 
-    Crossings have green when nobody who would meet people there has any (`_walked`).
+    Links whose group is not known blink: who comes gives way. Crossings have green when nobody who
+    would meet people there has any (`_walked`).
     """
+    moments = len(phase)
     rows = np.full((moments, signals.size), "o")
     for link, group in group_of.items():
         rows[:, link] = letters[group]
@@ -210,8 +241,30 @@ def _states(
         _close(column)
     _walked(rows, signals)
     whole = [_with_right_of_way(row, signals) for row in rows]
-    cuts = [0, *(k for k in range(1, moments) if whole[k] != whole[k - 1]), moments]
-    return tuple((round((end - begin) * _STEP_S, 1), whole[begin]) for begin, end in pairwise(cuts))
+    parts = list(zip(whole, phase.tolist(), strict=True))
+    cuts = [0, *(k for k in range(1, moments) if parts[k] != parts[k - 1]), moments]
+    return [(round((end - begin) * _STEP_S, 1), *parts[begin]) for begin, end in pairwise(cuts)]
+
+
+def _extended(
+    states: Sequence[tuple[float, str, int]], cycle: ActuatedCycle
+) -> list[tuple[float, float]]:
+    """Return how long each state lasts at the least and at the most, seconds.
+
+    Of the states of a phase it is the longest that traffic extends: where people begin to walk and
+    clear the street within it, their times stay.
+    """
+    lasts = [(seconds, seconds) for seconds, _, _ in states]
+    for phase in range(len(cycle.letters)):
+        own = [k for k, (_, _, whose) in enumerate(states) if whose == phase]
+        longest = max(own, key=lambda k: states[k][0])
+        seconds = states[longest][0]
+        least = seconds - (cycle.seconds[phase] - cycle.at_least[phase])
+        if len(own) > 1:
+            least = max(least, min(seconds, _WALK_S))
+        most = seconds + cycle.at_most[phase] - cycle.seconds[phase]
+        lasts[longest] = round(least, 1), round(most, 1)
+    return lasts
 
 
 def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:
