@@ -30,6 +30,8 @@ _YELLOW_S = 3.0
 _WALK_S, _CLEARS_S = 5.0, 1.0
 _MISSED = 0.02  # chance of a passage at red
 _CYCLE_S = (20.0, 180.0)
+#: How often a group has green in a cycle is told by so many beginnings, as most have.
+_OFTEN = 4
 
 
 @dataclass(frozen=True)
@@ -83,10 +85,7 @@ def timing_of(
         until_s: what was shown until then, seconds.
     """
     shown = _of_vehicles(signals)
-    starts = {
-        group: [at for at in _starts(changes) if at < until_s] for group, changes in shown.items()
-    }
-    periods = [period for found in starts.values() for period in np.diff(found)]
+    periods = _periods([_starts(changes, until_s) for changes in shown.values()])
     periods = [one for one in periods if _CYCLE_S[0] <= one <= _CYCLE_S[1]]
     if links.signals is None or not periods:
         return None
@@ -138,9 +137,26 @@ def _of_vehicles(signals: RecordedSignals) -> dict[str, Shown]:
     }
 
 
-def _starts(changes: Shown) -> list[float]:
-    """Return when green began."""
-    return [at for at, letter in changes[1:] if letter in "Gg"]
+def _starts(changes: Shown, until_s: float) -> list[float]:
+    """Return when green began; not where who has it gets right of way, or gives way."""
+    return [
+        at
+        for (_, was), (at, letter) in pairwise(changes)
+        if letter in "Gg" and was not in "Gg" and at < until_s
+    ]
+
+
+def _periods(starts: Sequence[Sequence[float]]) -> list[float]:
+    """Return the times of whole cycles between two beginnings of green of a group, seconds.
+
+    Some groups have green twice in a cycle: those that begin twice as often as most do.
+    """
+    usual = float(np.median([len(one) for one in starts if one] or [0]))
+    found: list[float] = []
+    for begins in starts:
+        times = max(round(len(begins) / usual), 1) if usual >= _OFTEN else 1
+        found += (np.array(begins[times:]) - np.array(begins[:-times])).tolist()
+    return found
 
 
 def _letters(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.str_]:
