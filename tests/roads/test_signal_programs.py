@@ -220,6 +220,26 @@ def test_states_are_taken_letter_by_letter(plan):
     ]
 
 
+def test_traffic_extends_states_that_last_between_two_times(plan):
+    net = plan({"junction": "Long Avenue", "offset": 1})
+    (before,) = described_signals(net).values()
+    states = [{"seconds": p["seconds"], "state": p["state"]} for p in before["phases"]]
+    longest = max(states, key=lambda one: one["seconds"])
+    longest |= {"at_least": 6.0, "at_most": 60.0}
+    net = plan({"junction": "Long Avenue", "states": states})
+    (after,) = described_signals(net).values()
+    assert [
+        {name: p[name] for name in ("seconds", "state", "at_least", "at_most") if name in p}
+        for p in after["phases"]
+    ] == states
+    (logic,) = ElementTree.parse(net).getroot().iter("tlLogic")
+    assert logic.get("type") == "actuated"
+    for one in states:  # the least green counts
+        one |= {"at_least": min(one["seconds"], 1.0), "at_most": one["seconds"]}
+    with pytest.raises(InputError, match=r"s of green"):
+        plan({"junction": "Long Avenue", "states": states})
+
+
 @pytest.mark.parametrize(
     ("signal", "place", "words"),
     [

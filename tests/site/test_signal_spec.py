@@ -55,6 +55,19 @@ def test_plans_are_kept_and_written_again(write_site: Callable[[object], Path]) 
             "letters of GgyYruoOs",
         ),
         (
+            {"junction": "A", "states": [{"seconds": 9, "state": "G", "at_least": 5}]},
+            "signals[0].states[0]",
+            "both at_least and at_most",
+        ),
+        (
+            {
+                "junction": "A",
+                "states": [{"seconds": 9, "state": "G", "at_least": 10, "at_most": 20}],
+            },
+            "signals[0].states[0]",
+            "between at_least and at_most",
+        ),
+        (
             {"junction": "A", "phases": PHASES, "states": [{"seconds": 9, "state": "G"}]},
             "signals[0]",
             "not both",

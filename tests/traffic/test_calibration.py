@@ -215,6 +215,28 @@ def test_groups_of_signals_are_told_by_who_passes(
     assert sum(seconds for seconds, _ in timing.states) == pytest.approx(cycle, abs=0.5)
 
 
+def test_a_green_begins_once_that_gets_right_of_way(
+    links: JunctionLinks, passages: list[Passage], shown: Any
+) -> None:
+    """The cycle is told by beginnings, also of groups that have green twice in it."""
+    cycle, shown = shown
+    halved = {
+        name: tuple(
+            row
+            for at, letter in changes
+            for row in (((at, "g"), (at + 4.0, "G")) if letter in "Gg" else ((at, letter),))
+        )
+        for name, changes in shown.items()
+    }
+    begins = np.arange(3.0, SECONDS, cycle / 2)
+    halved["twice"] = tuple(
+        row for at in begins for row in ((at, "G"), (at + 9.0, "y"), (at + 12.0, "r"))
+    )
+    timing = timing_of(RecordedSignals(halved), passages, links, SECONDS)
+    assert timing is not None
+    assert timing.cycle_s == pytest.approx(cycle, abs=0.5)
+
+
 def test_people_have_green_when_nobody_who_would_meet_them_has(
     links: JunctionLinks, passages: list[Passage], shown: Any, crossing_twin: Twin
 ) -> None:

@@ -110,7 +110,7 @@ class Calibration:
             fitted_s=told["fitted_s"],
             vehicles=sum(row["count"] for row in told["measured"]["turns"]),
             signals=told["signals"]
-            and {name: told["signals"][name] for name in ("cycle_s", "green_s")},
+            and {name: told["signals"].get(name) for name in ("cycle_s", "green_s", "actuated")},
             drivers={
                 one["field"]: one["value"]
                 for one in told["drivers"]

@@ -45,10 +45,38 @@ class PhaseSpec(_Strict):
 
 
 class StateSpec(_Strict):
-    """A phase as SUMO writes it: seconds, and one letter per link."""
+    """A phase as SUMO writes it: seconds, and one letter per link.
+
+    Attributes:
+        seconds: how long it lasts; where traffic extends it, usually.
+        state: the letters.
+        at_least: where traffic extends it, how long it lasts at the least, seconds.
+        at_most: and at the most.
+    """
 
     seconds: Annotated[Time, Field(gt=0.0)]
     state: Annotated[str, Field(min_length=1)]
+    at_least: Annotated[Time, Field(gt=0.0)] | None = None
+    at_most: Time | None = None
+
+    @model_validator(mode="after")
+    def _lasts_as_long_as_it_may(self) -> StateSpec:
+        if (self.at_least is None) != (self.at_most is None):
+            raise wrong("is extended within one limit", "both at_least and at_most, or neither")
+        least, most = self.lasts
+        if not least <= self.seconds <= most:
+            raise wrong(
+                f"lasts {self.seconds:g} s, and {least:g} to {most:g} s",
+                "seconds between at_least and at_most",
+            )
+        return self
+
+    @property
+    def lasts(self) -> tuple[float, float]:
+        """How long it lasts at the least and at the most, seconds."""
+        if self.at_least is None or self.at_most is None:
+            return self.seconds, self.seconds
+        return self.at_least, self.at_most
 
     @field_validator("state")
     @classmethod

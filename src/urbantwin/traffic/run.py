@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -126,10 +127,6 @@ def _driven(
     net = driven_net(twin, asked, demand, steps * float(asked["step_s"]), scratch)
     roads, retimed = timing_told(net, twin.roads) if demand.counted else (twin.roads, {})
     streets = _Streets(twin, asked, steps, net, scratch, own_bodies(twin))
-    ground = Ground(twin.ground_mesh, twin.roads)
-    parked = _parked(twin, asked, ground)
-    standing = parked.table(ACTOR_SCHEMA)
-    place = Place.of(twin.roads, ground, twin.mesh, standing, twin.region)
     scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
     reacting = [
         (n, one) for n, one in scenario if one.event in REACTING and isinstance(one, PlacedEvent)
@@ -137,14 +134,18 @@ def _driven(
 
     hand_back_freed_memory()
     tell = between(told, 0.6, 0.85, "actors")
-    drive = streets.tabled(
-        streets.drive(
-            demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what),
-            # Whoever crosses foresees gaps, and nobody foresees an event.
-            blocks=None if reacting else place.blocks.low,
-        ),
-        demand, place, by_trip=bool(reacting), tell=tell,
-    )  # fmt: skip
+    # SUMO drives in a process of its own: what stands in the way is found meanwhile.
+    with ThreadPoolExecutor(1) as beside_it:
+        stands = beside_it.submit(_standing, twin, asked)
+        drive = streets.tabled(
+            streets.drive(
+                demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what),
+                # Whoever crosses foresees gaps, and nobody foresees an event.
+                blocks=None if reacting else lambda: stands.result()[1].blocks.low,
+            ),
+            demand, stands.result()[1], by_trip=bool(reacting), tell=tell,
+        )  # fmt: skip
+    parked, place = stands.result()
     if reacting:
         told(0.85, "the same with events")
         drive = streets.with_reactions(drive, reacting, place)
@@ -166,7 +167,7 @@ def _driven(
     }
     if scenario:
         manifest["events"] = []
-    driven = Motion(manifest, drive.actors, signals, streets.own.meshes, parked=standing)
+    driven = Motion(manifest, drive.actors, signals, streets.own.meshes, parked=place.parked)
     size = asked.get("size", {})
     staged, overlaps = drive.staged, None if size or scenario else drive.overlaps
     del drive  # an hour of it takes hundreds of megabytes
@@ -243,9 +244,12 @@ class _Streets:
         demand: Demand,
         progress: Callable[[float, str], None] | None = None,
         staged: tuple[dict[str, Any], ...] = (),
-        blocks: PlanBoxes | None = None,
+        blocks: Callable[[], PlanBoxes] | None = None,
     ) -> Simulated:
-        """Let SUMO drive a demand; people cross between crossings where blocks are given."""
+        """Let SUMO drive a demand; people cross between crossings where blocks are given.
+
+        They are asked for once SUMO has driven.
+        """
         rows = [
             simulate(
                 self.net,
@@ -264,7 +268,7 @@ class _Streets:
         share = float(self.asked.get("jaywalking", 0.0))
         if share > 0 and blocks is not None:
             seen = with_jaywalkers(
-                rows.pop(), demand, self.twin.roads, blocks, share=share, seed=self.asked["seed"],
+                rows.pop(), demand, self.twin.roads, blocks(), share=share, seed=self.asked["seed"],
                 step_s=self.step_s, asset=self.own.asset,
             )  # fmt: skip
             rows.append(seen)
@@ -371,12 +375,15 @@ class _Streets:
         return replace(drive, actors=as_rows(actors), overlaps=None, staged=staged)
 
 
-def _parked(twin: Twin, asked: Mapping[str, Any], ground: Ground) -> ParkedVehicles:
-    """Return who is parked."""
+def _standing(twin: Twin, asked: Mapping[str, Any]) -> tuple[ParkedVehicles, Place]:
+    """Return who is parked, and the place with them."""
+    ground = Ground(twin.ground_mesh, twin.roads)
     fleet = fleet_of(twin, asked["seed"])
     spaces = asked.get("parked", {})
     own = own_bodies(twin)
-    return park(twin.roads, twin.mesh, ground, spaces, fleet=fleet, asset=own.asset)
+    parked = park(twin.roads, twin.mesh, ground, spaces, fleet=fleet, asset=own.asset)
+    rows = parked.table(ACTOR_SCHEMA)
+    return parked, Place.of(twin.roads, ground, twin.mesh, rows, twin.region)
 
 
 def _told(motion: Motion, twin: Twin, overlaps: dict[str, Any] | None) -> Motion:

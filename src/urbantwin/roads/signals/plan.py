@@ -45,8 +45,10 @@ def plan_phases(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Ph
             ("cycle",),
             f"{cycle:g}, or a phase without seconds to take what is left",
         )
-    if spec.phases is not None or spec.states is not None:
+    if spec.phases is not None:
         check_greens(junction, plan, phases)
+    elif spec.states is not None:
+        check_greens(junction, plan, [(one.lasts[0], one.state) for one in spec.states])
     offset = junction.offset if spec.offset is None else spec.offset % cycle
     return offset, phases
 

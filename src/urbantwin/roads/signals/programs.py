@@ -59,9 +59,14 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
         for phase in list(logic.iter("phase")):
             logic.remove(phase)
         logic.set("offset", f"{offset:g}")
-        logic.set("type", "static")
-        for seconds, state in phases:
-            etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=state)
+        extended = [one.lasts for one in plan.spec.states or () if one.at_least is not None]
+        logic.set("type", "actuated" if extended else "static")
+        for k, (seconds, state) in enumerate(phases):
+            phase = etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=state)
+            if extended and plan.spec.states:
+                least, most = plan.spec.states[k].lasts
+                phase.set("minDur", f"{least:g}")
+                phase.set("maxDur", f"{most:g}")
         etree.indent(logic, space=" ", level=1)
     text = etree.tostring(tree.getroot(), xml_declaration=True, encoding="UTF-8")
     net.write_bytes(text + b"\n")
@@ -95,11 +100,13 @@ def described_signals(net: Path) -> dict[str, dict[str, Any]]:
         InputError: it is not a valid network.
     """
     with reading_sumo_network(net):
-        junctions = signalised_junctions(etree.parse(net).getroot())
-        return {item.program: _described(item) for item in junctions}
+        root = etree.parse(net).getroot()
+        logics = {item.get("id"): item for item in root.iter("tlLogic")}
+        junctions = signalised_junctions(root)
+        return {item.program: _described(item, logics[item.program]) for item in junctions}
 
 
-def _described(junction: Signalised) -> dict[str, Any]:
+def _described(junction: Signalised, logic: etree._Element) -> dict[str, Any]:
     arms = [f"{arm} ({street})" if street else arm for arm, street in approaches(junction)]
     return {
         "streets": " / ".join(junction.streets),
@@ -110,10 +117,23 @@ def _described(junction: Signalised) -> dict[str, Any]:
         "cycle": junction.cycle,
         "offset": junction.offset,
         "phases": [
-            {"seconds": seconds, "shows": _shown(junction, state), "state": state}
-            for seconds, state in junction.phases
+            {
+                "seconds": seconds,
+                **_extended(phase),
+                "shows": _shown(junction, state),
+                "state": state,
+            }
+            for (seconds, state), phase in zip(junction.phases, logic.iter("phase"), strict=True)
         ],
     }
+
+
+def _extended(phase: etree._Element) -> dict[str, float]:
+    """Return how long a phase lasts at the least and at the most, where traffic extends it."""
+    least, most = phase.get("minDur"), phase.get("maxDur")
+    if least is None or most is None or least == most:
+        return {}
+    return {"at_least": float(least), "at_most": float(most)}
 
 
 def _shown(junction: Signalised, state: str) -> str:

@@ -17,6 +17,7 @@ from urbantwin.errors import InputError
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
 from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.calibration.actuated import ActuatedCycle
 from urbantwin.traffic.calibration.arrivals import arrivals_of, come_evenly, platoons_of
 from urbantwin.traffic.calibration.bicycles import bicycle_counts
 from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers, of_approaches, of_classes
@@ -250,7 +251,7 @@ def _timed(document: dict[str, Any], timing: Timing) -> None:
     first.pop("phases", None)
     first.pop("cycle", None)
     first["minimum_green"] = 0.0
-    first["states"] = [{"seconds": seconds, "state": state} for seconds, state in timing.states]
+    first["states"] = timing.program
     document["signals"] = [first, *document["signals"][1:]]
 
 
@@ -318,4 +319,28 @@ def _signals_told(timing: Timing | None) -> dict[str, Any] | None:
         "green_s": timing.greens,
         "group_of_link": {str(link): group for link, group in sorted(timing.group_of.items())},
         "links_told_by_passages": list(timing.certain),
+        "actuated": None if timing.actuated is None else _actuated_told(timing.actuated),
+    }
+
+
+def _actuated_told(cycle: ActuatedCycle) -> dict[str, Any]:
+    """Return within what times traffic extends phases, and whether the program does so."""
+    return {
+        "driven": cycle.driven,
+        "cycles": cycle.cycles,
+        "share_in_this_order": round(cycle.ordered, 3),
+        "phases": [
+            {
+                "green": [
+                    name for name, one in zip(cycle.groups, shown, strict=True) if one in "Gg"
+                ],
+                "seconds": seconds,
+                "at_least": least,
+                "at_most": most,
+            }
+            for shown, seconds, least, most in zip(
+                cycle.letters, cycle.seconds, cycle.at_least, cycle.at_most, strict=True
+            )
+            if least < most
+        ],
     }

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.signals.controlled_links import Link, Signalised
 from urbantwin.roads.signals.intergreen import crossing_s
 from urbantwin.roads.signals.phases import walks
+from urbantwin.traffic.calibration.actuated import ActuatedCycle, actuated_cycle
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage
 from urbantwin.traffic.recorded.track import RecordedSignals
 
@@ -28,6 +30,8 @@ _YELLOW_S = 3.0
 _WALK_S, _CLEARS_S = 5.0, 1.0
 _MISSED = 0.02  # chance of a passage at red
 _CYCLE_S = (20.0, 180.0)
+#: How often a group has green in a cycle is told by so many beginnings, as most have.
+_OFTEN = 4
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,11 @@ class Timing:
         cycles: how many such times there are.
         group_of: link -> group.
         certain: links whose group passages tell.
-        states: (seconds, one letter for each link), one cycle as it was shown.
+        states: (seconds, one letter for each link), one cycle as it was shown; where traffic
+            extends greens, the usual one.
         greens: group -> seconds of green in it.
+        lasts: how long each of the states lasts at the least and at the most, seconds.
+        actuated: the cycle in which traffic extends greens; ``None`` where it does not.
     """
 
     cycle_s: float
@@ -49,6 +56,17 @@ class Timing:
     certain: tuple[int, ...]
     states: tuple[tuple[float, str], ...]
     greens: dict[str, float]
+    lasts: tuple[tuple[float, float], ...]
+    actuated: ActuatedCycle | None = None
+
+    @property
+    def program(self) -> list[dict[str, Any]]:
+        """The states as a site's ``signals`` has them."""
+        return [
+            {"seconds": seconds, "state": state}
+            | ({} if least == most else {"at_least": least, "at_most": most})
+            for (seconds, state), (least, most) in zip(self.states, self.lasts, strict=True)
+        ]
 
 
 def timing_of(
@@ -67,10 +85,7 @@ def timing_of(
         until_s: what was shown until then, seconds.
     """
     shown = _of_vehicles(signals)
-    starts = {
-        group: [at for at in _starts(changes) if at < until_s] for group, changes in shown.items()
-    }
-    periods = [period for found in starts.values() for period in np.diff(found)]
+    periods = _periods([_starts(changes, until_s) for changes in shown.values()])
     periods = [one for one in periods if _CYCLE_S[0] <= one <= _CYCLE_S[1]]
     if links.signals is None or not periods:
         return None
@@ -78,18 +93,31 @@ def timing_of(
     group_of, certain = _groups(shown, passages, links, until_s)
     if not group_of:
         return None
-    times = np.arange(0.0, cycle_s - _STEP_S / 2, _STEP_S)
-    letters = {group: _letters(shown[group], times) for group in set(group_of.values())}
+    groups = set(group_of.values())
+    times = np.arange(0.0, until_s - _STEP_S / 2, _STEP_S)
+    actuated = actuated_cycle({one: _letters(shown[one], times) for one in groups}, _STEP_S)
+    if actuated is not None and actuated.driven:
+        letters, phase = actuated.sampled(_STEP_S)
+    else:
+        times = np.arange(0.0, cycle_s - _STEP_S / 2, _STEP_S)
+        letters = {group: _letters(shown[group], times) for group in groups}
+        phase = np.zeros(len(times), np.int64)
+    states = _states(letters, group_of, links.signals, phase)
+    lasts = [(seconds, seconds) for seconds, _, _ in states]
+    if actuated is not None and actuated.driven:
+        lasts = _extended(states, actuated)
     return Timing(
         cycle_s,
         len(periods),
         group_of,
         certain,
-        _states(letters, group_of, links.signals, len(times)),
+        tuple((seconds, state) for seconds, state, _ in states),
         {
             group: round(float(np.isin(found, ["G", "g"]).sum() * _STEP_S), 1)
             for group, found in sorted(letters.items())
         },
+        tuple(lasts),
+        actuated,
     )
 
 
@@ -109,9 +137,26 @@ def _of_vehicles(signals: RecordedSignals) -> dict[str, Shown]:
     }
 
 
-def _starts(changes: Shown) -> list[float]:
-    """Return when green began."""
-    return [at for at, letter in changes[1:] if letter in "Gg"]
+def _starts(changes: Shown, until_s: float) -> list[float]:
+    """Return when green began; not where who has it gets right of way, or gives way."""
+    return [
+        at
+        for (_, was), (at, letter) in pairwise(changes)
+        if letter in "Gg" and was not in "Gg" and at < until_s
+    ]
+
+
+def _periods(starts: Sequence[Sequence[float]]) -> list[float]:
+    """Return the times of whole cycles between two beginnings of green of a group, seconds.
+
+    Some groups have green twice in a cycle: those that begin twice as often as most do.
+    """
+    usual = float(np.median([len(one) for one in starts if one] or [0]))
+    found: list[float] = []
+    for begins in starts:
+        times = max(round(len(begins) / usual), 1) if usual >= _OFTEN else 1
+        found += (np.array(begins[times:]) - np.array(begins[:-times])).tolist()
+    return found
 
 
 def _letters(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.str_]:
@@ -197,12 +242,14 @@ def _states(
     letters: Mapping[str, NDArray[np.str_]],
     group_of: Mapping[int, str],
     signals: Signalised,
-    moments: int,
-) -> tuple[tuple[float, str], ...]:
-    """Return a cycle as phases; links whose group is not known blink: who comes gives way.
+    phase: NDArray[np.int64],
+) -> list[tuple[float, str, int]]:
+    """Return a cycle as states: seconds, letters, and the phase that each is a part of.
 
-    Crossings have green when nobody who would meet people there has any (`_walked`).
+    Links whose group is not known blink: who comes gives way. Crossings have green when nobody who
+    would meet people there has any (`_walked`).
     """
+    moments = len(phase)
     rows = np.full((moments, signals.size), "o")
     for link, group in group_of.items():
         rows[:, link] = letters[group]
@@ -210,8 +257,30 @@ def _states(
         _close(column)
     _walked(rows, signals)
     whole = [_with_right_of_way(row, signals) for row in rows]
-    cuts = [0, *(k for k in range(1, moments) if whole[k] != whole[k - 1]), moments]
-    return tuple((round((end - begin) * _STEP_S, 1), whole[begin]) for begin, end in pairwise(cuts))
+    parts = list(zip(whole, phase.tolist(), strict=True))
+    cuts = [0, *(k for k in range(1, moments) if parts[k] != parts[k - 1]), moments]
+    return [(round((end - begin) * _STEP_S, 1), *parts[begin]) for begin, end in pairwise(cuts)]
+
+
+def _extended(
+    states: Sequence[tuple[float, str, int]], cycle: ActuatedCycle
+) -> list[tuple[float, float]]:
+    """Return how long each state lasts at the least and at the most, seconds.
+
+    Of the states of a phase it is the longest that traffic extends: where people begin to walk and
+    clear the street within it, their times stay.
+    """
+    lasts = [(seconds, seconds) for seconds, _, _ in states]
+    for phase in range(len(cycle.letters)):
+        own = [k for k, (_, _, whose) in enumerate(states) if whose == phase]
+        longest = max(own, key=lambda k: states[k][0])
+        seconds = states[longest][0]
+        least = seconds - (cycle.seconds[phase] - cycle.at_least[phase])
+        if len(own) > 1:
+            least = max(least, min(seconds, _WALK_S))
+        most = seconds + cycle.at_most[phase] - cycle.seconds[phase]
+        lasts[longest] = round(least, 1), round(most, 1)
+    return lasts
 
 
 def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:

@@ -4,4 +4,10 @@ Arrays are of float64 unless said otherwise, lengths in metres and times in seco
 holds the interpreter's lock.
 """
 
-__all__: list[str] = []
+from urbantwin.geometry.compiled import per_ray
+
+__all__ = ["per_actor"]
+
+#: For a function that is called for an actor or a pair in every step, and neither makes nor keeps
+#: arrays: what holds for rays (`geometry.compiled`) holds for them.
+per_actor = per_ray

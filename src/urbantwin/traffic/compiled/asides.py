@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from urbantwin.geometry.compiled.room import with_more_room
+from urbantwin.traffic.compiled import per_actor
 from urbantwin.traffic.compiled.waiting import depth_of
 
 __all__ = ["comes_near", "foresee", "lets_by", "looks_ahead", "near_whom", "part"]
@@ -75,7 +76,7 @@ def looks_ahead(step_s):
     return looks
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def room_ahead(i, looks, boxes, come, last, room):
     """Put west, south, east and north of where somebody is as far as it looks ahead in ``room``."""
     row = int(come[i])
@@ -90,7 +91,7 @@ def room_ahead(i, looks, boxes, come, last, room):
         room[2], room[3] = max(room[2], x), max(room[3], y)
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def comes_near(i, j, off, a, room, boxes):
     """Return whether what stands may be nearer than a gap to somebody's ``room``."""
     x, y = boxes[j, 0] - off[a, 0], boxes[j, 1] - off[a, 1]
@@ -98,7 +99,7 @@ def comes_near(i, j, off, a, room, boxes):
     return room[0] - reach < x < room[2] + reach and room[1] - reach < y < room[3] + reach
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def lets_by(i, j, off, a, looks, boxes, now, come, joined, last):
     """Return whether somebody would walk into a vehicle that drives, and would not if it waited."""
     if not joined[i]:
@@ -122,7 +123,7 @@ def lets_by(i, j, off, a, looks, boxes, now, come, joined, last):
     return into and drives
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def foresee(i, j, off, a, b, looks, boxes, now, come, joined, last, step_s):
     """Go a little to the side of somebody whom one would come into soon."""
     walks = b >= 0
@@ -166,7 +167,7 @@ def foresee(i, j, off, a, b, looks, boxes, now, come, joined, last, step_s):
         return
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def slip_by(i, j, off, a, b, now, joined, held, step_s):
     """Go to the side of somebody right before whom one is held up."""
     walks = b >= 0
@@ -192,7 +193,7 @@ def slip_by(i, j, off, a, b, now, joined, held, step_s):
         off[b, 1] += side * push * now[j, 2]
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def part(i, j, off, a, b, now, joined, step_s):
     """Part two who are in each other, by the shortest way; return whether they were."""
     walks = b >= 0
@@ -224,7 +225,7 @@ def part(i, j, off, a, b, now, joined, step_s):
     return True
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _gives(r, now, joined, step_s):
     """Return how much somebody on foot gives way: who stands hardly."""
     if not joined[r]:
@@ -233,20 +234,20 @@ def _gives(r, now, joined, step_s):
     return STANDING + (1 - STANDING) * min(went / step_s, 1.0)
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def close_to(x, y, reach):
     """Return whether it is less far than that."""
     return x * x + y * y < reach * reach
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _reach(box, x, y):
     """Return how far a box reaches from its middle along a way."""
     along, across = abs(box[2] * x + box[3] * y), abs(box[2] * y - box[3] * x)
     return along * box[4] + across * box[5]
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def what_is_at(x, y, blocked, corner):
     """Return what is at a place."""
     row, column = int((y - corner[1]) / corner[2]), int((x - corner[0]) / corner[2])

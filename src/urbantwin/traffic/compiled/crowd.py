@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
+from urbantwin.traffic.compiled import per_actor
 from urbantwin.traffic.compiled.asides import (
     comes_near,
     foresee,
@@ -153,7 +154,7 @@ def walked(
                 _come_in(mine, a, pairs, boxes, now, joined, place, blocked, corner)
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _point(r, at, begin, far, boxes):
     """Return from which row on, and by what share of the way to the next, one is ``at`` so far."""
     u = begin
@@ -165,7 +166,7 @@ def _point(r, at, begin, far, boxes):
     return u, share
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, step_s):
     """Go on along the way, so far at most, and back to it; ``now`` is then where one would be."""
     turn = 0.0
@@ -209,7 +210,7 @@ def _go_on(r, off, most_far, boxes, now, far, pace, joined, place, come, at, ste
     _face(r, boxes, now, come, turn)
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _step_back(r, off, now, whose, place, come, at, held, step_s):
     """Step back for a while in turn, where all are stuck, to begin anew."""
     q = r - 1
@@ -220,7 +221,7 @@ def _step_back(r, off, now, whose, place, come, at, held, step_s):
     off[0], off[1] = -BACK_MS * step_s * now[q, 2], -BACK_MS * step_s * now[q, 3]
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _keep(r, off, now, place, come, at):
     """Stay where one was a step earlier."""
     q = r - 1
@@ -230,7 +231,7 @@ def _keep(r, off, now, place, come, at):
     off[0] = off[1] = 0.0
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _beside(q, boxes, now, come):
     """Return how far one is beside its way in a row that is done."""
     u = int(come[q])
@@ -242,7 +243,7 @@ def _beside(q, boxes, now, come):
     return now[q, 0] - x, now[q, 1] - y
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _face(r, boxes, now, come, turn):
     """Turn the box of a row by an angle from where its way leads."""
     u = int(come[r])
@@ -251,7 +252,7 @@ def _face(r, boxes, now, come, turn):
     now[r, 3] = boxes[u, 3] * c + boxes[u, 2] * s
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _hold(
     r, off, cars, level, last, boxes, now, far, joined, place, come, at, held, blocked, corner,
     step_s,
@@ -363,7 +364,7 @@ def _hold(
     _face(r, boxes, now, come, place[r, 2])
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _strays(x, y, was_x, was_y, base_x, base_y):
     """Return whether a step leads farther away from one's way than its edge."""
     away = math.hypot(x - base_x, y - base_y)
@@ -420,7 +421,7 @@ def _stay(mine, pairs, queues, boxes, now, joined, place, come, at, held, step_s
             held[r] = held[r - 1] + 1 if late else 0
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _back(r, boxes, now, place, come, at, place_too):
     """Let somebody face as it did a step earlier, then be where it was, too."""
     q = r - 1

@@ -1,8 +1,8 @@
 """Who waits at a kerb: until the signal lets it cross, and nothing comes."""
 
 import numpy as np
-from numba import njit
 
+from urbantwin.traffic.compiled import per_actor
 from urbantwin.traffic.compiled.asides import DRIVES_M
 from urbantwin.traffic.compiled.waiting import depth_of
 
@@ -21,7 +21,7 @@ ASIDE_S = 5.0
 NEAR_M = 4.0
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def to_kerb(
     r, s, cars, boxes, level, far, last, kerbs, green, patience, come, at, let, stride, step_s
 ):  # fmt: skip
@@ -66,14 +66,14 @@ def to_kerb(
     return kerb if closed else np.inf, closed
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _lets_begin(light, s, way, green, step_s):
     """Return whether a signal is green in a step, and as long as one goes to the crossing."""
     comes = min(s + int(way / CROSSES_MS / step_s), green.shape[1] - 1)
     return green[light, s] and green[light, comes]
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _next_kerb(u, last, kerbs):
     """Return the row with which the next crossing after a row begins, -1 for none."""
     begins = kerbs[u, 0]
@@ -82,7 +82,7 @@ def _next_kerb(u, last, kerbs):
     return begins
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _drives_into(x, y, box, boxes, now, then):
     """Return whether a vehicle, in row ``now``, has driven up to a box at x, y in row ``then``."""
     far_x, far_y = x - boxes[then, 0], y - boxes[then, 1]
@@ -93,7 +93,7 @@ def _drives_into(x, y, box, boxes, now, then):
     return abs(boxes[then, 0] - boxes[now, 0]) + abs(boxes[then, 1] - boxes[now, 1]) > DRIVES_M
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s):
     """Return whether a vehicle comes over the crossing while one who begins now is on it."""
     end, stands = kerbs[begins, 1], kerbs[begins, 3]
@@ -117,7 +117,7 @@ def _something_comes(begins, r, cars, boxes, level, far, last, kerbs, step_s):
     return False
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def drives_by(r, x, y, cars, level, last, boxes, now, step_s):
     """Return whether a vehicle comes by a place soon so near that one does not step there."""
     for c in range(len(cars)):

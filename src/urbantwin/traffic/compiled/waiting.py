@@ -5,6 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
+from urbantwin.traffic.compiled import per_actor
+
 __all__ = ["depth", "depth_of", "driven", "first_contacts"]
 
 
@@ -110,13 +112,13 @@ def first_contacts(top, width, mine, theirs, beside):
     return found
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def depth(a, b):
     """Return how deep two boxes lie in each other, by the theorem of separating axes."""
     return depth_of(a[0] - b[0], a[1] - b[1], a, b)
 
 
-@njit(cache=True, nogil=True)
+@per_actor
 def depth_of(x, y, a, b):
     """Return the same of boxes where the first's middle is so far from the other's."""
     cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])

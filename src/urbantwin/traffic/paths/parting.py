@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import cholesky_banded
 
+from urbantwin.traffic.compiled.displacements import displaced
 from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs
 from urbantwin.traffic.paths.obstacles import Blocks
 
@@ -183,24 +184,14 @@ class PartingPaths:
         axes = np.concatenate([self.axes, np.zeros((1, 2, 2))])
         sides = np.stack([near, beside], axis=1)
         slope = np.einsum("psad,pd->psa", axes[sides], way) * np.array([1.0, -1.0])[:, None]
-        size = np.maximum((slope**2).sum(axis=(1, 2)), 1e-6)
         here = np.concatenate([moved, np.zeros((1, 2))])
         short = least + (slope * here[sides]).sum(axis=(1, 2))
-        times = np.bincount(sides.ravel(), minlength=count + 1)[:count]
         system = self._system()
-        system[2] += _RHO * times
+        system[2] += _RHO * np.bincount(sides.ravel(), minlength=count + 1)[:count]
         factor = cholesky_banded(system)
-        dual = np.zeros((len(pairs), 2, 2))
-        for _ in range(_ROUNDS):
-            wanted = here[sides] + dual
-            lack = np.maximum(short - (slope * wanted).sum(axis=(1, 2)), 0.0)
-            there = wanted + (lack / size)[:, None, None] * slope
-            dual = wanted - there
-            pull = (there - dual).reshape(-1, 2)
-            right = [np.bincount(sides.ravel(), one, count + 1)[:count] for one in pull.T]
-            here[:count] = cho_solve_banded((factor, False), _RHO * np.column_stack(right))
+        found = displaced(moved, sides, slope, short, factor, _RHO, _ROUNDS)
         low, high = (side * self.most - self.already for side in (-1.0, 1.0))
-        return np.asarray(np.clip(here[:count], low / self.scale, high / self.scale))
+        return np.asarray(np.clip(found, low / self.scale, high / self.scale))
 
     def _contacts(
         self, place: NDArray[np.float64]

@@ -29,7 +29,6 @@ from urbantwin.traffic.paths.parting import (
     ASIDE_M,
     GAP_M,
     MOVED_M,
-    NEAR_M,
     STANDING_MS,
     Moving,
     PartingPaths,
@@ -68,15 +67,15 @@ def separated(
         begin: the first step that may be another, where it is not the first of all.
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
+    driving = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
+    drives = driving if begin is None else driving & (moving.boxes.step >= begin)
+    # Whom people meet among themselves changes nothing here.
+    near = moving.pairs(ASIDE_M, xy, driving)
     meeting = np.zeros(len(xy), np.bool_)
-    meeting[_meeting(moving, xy)] = True
-    meeting[blocks.beside(moving.boxes, height, 0.0)[0]] = True
-    if not meeting.any():
-        return xy, speed
-    drives = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
-    if begin is not None:
-        drives &= moving.boxes.step >= begin
-    changed = _around(moving, meeting & drives, step_s) & drives
+    meeting[near[meetings(moving.boxes, near)[0] > -GAP_M]] = True
+    rows = np.flatnonzero(drives)
+    meeting[rows[blocks.beside(moving.boxes.take(rows), height[rows], 0.0)[0]]] = True
+    changed = _around(moving, meeting & drives, near, step_s) & drives
     already = np.zeros(len(xy)) if aside is None else aside
     bent = xy, speed
     for _ in range(_TRIES):
@@ -101,7 +100,7 @@ def _parted(
     """Return where actors are (N, 2), and their speeds (N,), some rows (N,) being changed."""
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     # Whoever else comes near keeps its path, and so does everybody before and after.
-    near = moving.pairs(2 * ASIDE_M, xy)
+    near = moving.pairs(2 * ASIDE_M, xy, changed)
     there = changed | _within(changed, moving.actor, 2)
     there |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
     there[near[changed[near].any(axis=1)]] = True
@@ -143,13 +142,9 @@ def _bent_into(
     return np.asarray(into[stretch] & changed)
 
 
-def _meeting(moving: Moving, xy: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the pairs (P, 2) of rows whose boxes all but touch."""
-    pairs = moving.pairs(NEAR_M, xy)
-    return np.asarray(pairs[meetings(moving.boxes, pairs)[0] > -GAP_M])
-
-
-def _around(moving: Moving, meeting: NDArray[np.bool_], step_s: float) -> NDArray[np.bool_]:
+def _around(
+    moving: Moving, meeting: NDArray[np.bool_], near: NDArray[np.int64], step_s: float
+) -> NDArray[np.bool_]:
     """Return the rows (N,) that are to be changed where some rows meet somebody.
 
     That is a while before and after them, of whoever comes near then too; who stands is moved for
@@ -158,7 +153,6 @@ def _around(moving: Moving, meeting: NDArray[np.bool_], step_s: float) -> NDArra
     reach = round(_BEFORE_S / step_s)
     still = moving.speed < STANDING_MS
     stay = np.cumsum(np.concatenate([[True], ~(moving.joined & still[1:] & still[:-1])]))
-    near = moving.pairs(ASIDE_M, moving.boxes.xy)
     wanted = meeting.copy()
     for _ in range(2):
         stays = np.zeros(int(stay[-1]) + 1, np.bool_)

@@ -1,0 +1,87 @@
+"""Displacements of paths that meet: the rounds of the alternating direction method."""
+
+import numpy as np
+from numba import njit
+
+from urbantwin.traffic.compiled import per_actor
+
+__all__ = ["displaced"]
+
+
+@njit(cache=True, nogil=True)
+def displaced(moved, sides, slope, short, factor, weight, rounds):
+    """Return displacements (N, 2) nearer to those with which pairs are apart.
+
+    In each round every pair parts by itself, and every path is bent anew, as stiff as it is, to
+    where its pairs want it (`paths.separation` says of what).
+
+    Args:
+        moved: (N, 2) the displacements so far.
+        sides: (P, 2) int64, the rows of both of each pair, N for who stays.
+        slope: (P, 2, 2) how a pair's distance changes with the displacements of both.
+        short: (P,) at which distance it is apart, from where nobody is displaced.
+        factor: (3, N) of the paths' matrix, and ``weight`` for each pair, by Cholesky: upper
+            banded form.
+        weight: of the pairs against the paths.
+        rounds: how many.
+    """
+    count, pairs = len(moved), len(sides)
+    here, right = np.zeros((count + 1, 2)), np.zeros((count + 1, 2))
+    for n in range(count):
+        here[n, 0], here[n, 1] = moved[n, 0], moved[n, 1]
+    size, dual = np.empty(pairs), np.zeros((pairs, 2, 2))
+    for p in range(pairs):
+        size[p] = max(_product(slope, slope, p), 1e-6)
+    wanted = np.empty((pairs, 2, 2))
+    for _ in range(rounds):
+        right[:] = 0.0
+        for p in range(pairs):
+            for s in range(2):
+                for k in range(2):
+                    wanted[p, s, k] = here[sides[p, s], k] + dual[p, s, k]
+            lack = max(short[p] - _product(slope, wanted, p), 0.0) / size[p]
+            for s in range(2):
+                for k in range(2):
+                    there = wanted[p, s, k] + lack * slope[p, s, k]
+                    dual[p, s, k] = wanted[p, s, k] - there
+                    right[sides[p, s], k] += there - dual[p, s, k]
+        for n in range(count):
+            here[n, 0], here[n, 1] = weight * right[n, 0], weight * right[n, 1]
+        _solve(factor, here)
+    return here[:count]
+
+
+@per_actor
+def _product(ones, others, p):
+    """Return the sum of the products of two arrays' values (2, 2) of a pair."""
+    return (
+        ones[p, 0, 0] * others[p, 0, 0]
+        + ones[p, 0, 1] * others[p, 0, 1]
+        + ones[p, 1, 0] * others[p, 1, 0]
+        + ones[p, 1, 1] * others[p, 1, 1]
+    )
+
+
+@per_actor
+def _solve(factor, here):
+    """Put in place of right sides, the first rows of ``here``, what solves them.
+
+    As LAPACK's ``pbtrs`` does, which is called for one right side after the other and takes ten
+    times as long for three diagonals.
+    """
+    count = factor.shape[1]
+    for n in range(count):
+        for k in range(2):
+            known = 0.0
+            if n > 1:
+                known += factor[0, n] * here[n - 2, k]
+            if n > 0:
+                known += factor[1, n] * here[n - 1, k]
+            here[n, k] = (here[n, k] - known) / factor[2, n]
+    for n in range(count - 1, -1, -1):
+        for k in range(2):
+            here[n, k] /= factor[2, n]
+            if n > 1:
+                here[n - 2, k] -= here[n, k] * factor[0, n]
+            if n > 0:
+                here[n - 1, k] -= here[n, k] * factor[1, n]
