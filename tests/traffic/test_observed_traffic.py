@@ -1,11 +1,13 @@
 """Objects in points without labels, against bodies whose place and size are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from urbantwin.reconstruct.recording import RecordedFrame
 from urbantwin.traffic.observed.association import tracks_of
-from urbantwin.traffic.observed.box_fit import SeenObject, extents, fitted_yaw
+from urbantwin.traffic.observed.box_fit import SeenObject, beneath_gap, extents, fitted_yaw
 from urbantwin.traffic.observed.clusters import clusters
 from urbantwin.traffic.observed.detected import DetectedActor, with_points
 from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight
@@ -192,6 +194,23 @@ def test_each_is_followed_where_two_pass_each_other():
     assert sorted(len(one.seen) for one in tracks) == [5, 5]
     for one in tracks:
         assert np.ptp([moment.middle[1] for moment in one.seen]) < 0.2
+
+
+@pytest.mark.parametrize(("points", "tracks"), [(5, 2), (1, 1)])
+def test_a_van_that_stands_where_a_car_stood_is_another(points, tracks):
+    # Well seen; of a vehicle that hardly anything is seen of, the roof may be hidden.
+    frames = []
+    for k, top in enumerate((1.45, 1.45, 1.9, 1.9)):
+        one = seen(k, 9.0, 8.0, 0.0, 4.4, 1.8, top)
+        frames.append([replace(one, points=np.repeat(one.points, points, axis=0))])
+    assert len(tracks_of(frames, 1.0)) == tracks
+
+
+def test_leaves_above_a_car_are_no_part_of_it_and_rings_of_a_truck_are():
+    car, leaves = np.linspace(0.2, 1.45, 200), np.linspace(2.6, 4.0, 100)
+    np.testing.assert_array_equal(beneath_gap(np.concatenate([leaves, car])), car)
+    rings = np.repeat([0.5, 1.9, 3.3], 40)
+    np.testing.assert_array_equal(beneath_gap(rings), rings)
 
 
 def test_people_who_walk_together_are_counted_one_by_one():

@@ -24,6 +24,8 @@ LARGE_M, HIDDEN_M = 2.4, 2.5
 PERSON_M = 1.2
 #: Nobody gets taller or shorter by more, metres; what is less is as unlikely as a step aside.
 TALLER_M = 0.7
+#: Vehicles of which so many points were seen in both frames keep their height so far, metres.
+WELL_SEEN, SAME_HEIGHT_M = 300, 0.2
 #: What always stood in one frame does not move in another: the shares of points that do, apart.
 SAME_SHARE = 0.7
 #: Frames that a track may be out of sight.
@@ -63,7 +65,10 @@ class SeenTrack:
         if gone > most * seconds + ERROR_M or abs(one.diagonal - last.diagonal) > HIDDEN_M:
             return NEVER
         taller = abs(one.top - last.top)
-        if abs(one.moves - last.moves) > SAME_SHARE or taller > TALLER_M:
+        well = large and min(len(one.points), len(last.points)) >= WELL_SEEN
+        if abs(one.moves - last.moves) > SAME_SHARE or taller > (
+            SAME_HEIGHT_M if well else TALLER_M
+        ):
             return NEVER
         if large and gone > 2 * ERROR_M:
             heading = np.arctan2(way[1], way[0])

@@ -15,12 +15,15 @@ from numpy.typing import NDArray
 
 from urbantwin.traffic.observed.detected import DetectedActor
 
-__all__ = ["SeenObject", "extents", "fitted_yaw", "highest"]
+__all__ = ["SeenObject", "beneath_gap", "extents", "fitted_yaw", "highest"]
 
 #: Steps of the heading, radians; points nearer to a side than this count the same, metres.
 STEP, NEAR_M = np.radians(2.0), 0.05
 #: So many points say it as well as all.
 MOST = 250
+#: What hangs above a gap of so many metres, so many times as wide as those below it, and above so
+#: many metres of what stands, is something else.
+HANGS_M, HANGS_TIMES, LEAST_HIGH_M = 0.5, 3.0, 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +89,19 @@ def extents(
     if len(points) > MOST:
         return np.quantile(turned, 0.005, axis=0), np.quantile(turned, 0.995, axis=0)
     return turned.min(axis=0), turned.max(axis=0)
+
+
+def beneath_gap(above: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the heights (N,) of what stands, without what hangs above it: leaves, lamps, wires.
+
+    It hangs where the gap to it is far wider than the gaps between rings below.
+    """
+    order = np.sort(above)
+    gaps = np.diff(order)
+    widest_below = np.maximum.accumulate(np.concatenate([[0.0], gaps[:-1]]))
+    hangs = (gaps > HANGS_M) & (gaps > HANGS_TIMES * widest_below) & (order[:-1] > LEAST_HIGH_M)
+    first = np.flatnonzero(hangs)
+    return order[: first[0] + 1] if len(first) else order
 
 
 def highest(above: NDArray[np.float64]) -> float:

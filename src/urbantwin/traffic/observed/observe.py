@@ -18,7 +18,7 @@ from urbantwin.reconstruct.recording import Looks, RecordedFrame, RecordedFrames
 from urbantwin.reconstruct.recording.recorded_ground import RecordedGround, recorded_ground
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.observed.association import tracks_of
-from urbantwin.traffic.observed.box_fit import SeenObject, fitted_yaw, highest
+from urbantwin.traffic.observed.box_fit import SeenObject, beneath_gap, fitted_yaw, highest
 from urbantwin.traffic.observed.clusters import clusters
 from urbantwin.traffic.observed.detected import DetectedActor, with_points
 from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
@@ -127,11 +127,12 @@ def _objects(
     def seen(rows: NDArray[np.intp], actor: DetectedActor | None = None) -> SeenObject:
         of = np.bincount(np.maximum(frame.sensor[rows], 0), minlength=len(sensors))
         plan = frame.points[rows, :2]
+        stands = beneath_gap(above[rows])
         return SeenObject(
             number,
             plan,
-            float(np.quantile(above[rows], 0.98)),
-            highest(above[rows]),
+            float(np.quantile(stands, 0.98)),
+            highest(stands),
             float(np.quantile(above[rows], 0.02)),
             sensors[int(of.argmax())],
             float(moves[rows].mean()),
