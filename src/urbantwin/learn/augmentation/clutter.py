@@ -20,8 +20,8 @@ __all__ = ["Obstacles", "cluttered", "with_obstacles"]
 
 #: So many samples are cluttered, with so many things on average: few in most, a garden in some.
 _OFTEN, _THINGS = 0.8, 60.0
-#: Nothing stands nearer to a sensor, nor to a labelled box, metres.
-_FROM_SENSOR_M, _BESIDE_M = 2.5, 0.3
+#: Nothing stands nearer to a sensor, nor to a labelled box, metres: people lean at posts and walls.
+_FROM_SENSOR_M, _BESIDE_M = 2.5, 0.05
 #: Noise of ranges, metres.
 _NOISE_M = 0.02
 
@@ -184,15 +184,19 @@ def _bin(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[
 
 
 def _posts(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
-    """Return a bollard, meter, hydrant or post, or a row of them: pales of a fence."""
+    """Return a bollard, meter, hydrant or post, some with a plate, or a row of them: a fence."""
     thick, high = draw.uniform(0.08, 0.5), draw.uniform(0.7, 2.5)
-    apart = draw.uniform(0.5, 2.5)
+    apart, wide = draw.uniform(0.5, 2.5), thick * draw.uniform(0.5, 1.0)
     count = 1 if draw.random() < 0.6 else int(draw.integers(2, 9))
-    return [
-        (x + k * apart * np.cos(yaw), y + k * apart * np.sin(yaw), high / 2, thick,
-         thick * draw.uniform(0.5, 1.0), high, yaw, 0.0, 0.0)
-        for k in range(count)
-    ]  # fmt: skip
+    parts: list[_Part] = []
+    for k in range(count):
+        at = (x + k * apart * np.cos(yaw), y + k * apart * np.sin(yaw))
+        parts.append((*at, high / 2, thick, wide, high, yaw, 0.0, 0.0))
+    if draw.random() < 0.25:
+        long, tall = draw.uniform(0.3, 0.9, 2)
+        parts.append((x, y, high - tall / 2, long, 0.06, tall, draw.uniform(-np.pi, np.pi),
+                      0.0, 0.0))  # fmt: skip
+    return parts
 
 
 def _tree(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
@@ -214,4 +218,4 @@ _KINDS: tuple[Callable[[float, float, float, np.random.Generator], Sequence[_Par
     _posts,
     _tree,
 )
-_SHARES = (0.2, 0.2, 0.12, 0.08, 0.1, 0.15, 0.15)
+_SHARES = (0.18, 0.18, 0.12, 0.08, 0.1, 0.2, 0.14)
