@@ -20,8 +20,8 @@ REGRESSED = 10
 OUTPUTS = 1 + REGRESSED
 #: Cells of people and two-wheelers are the finest: in cells of 0.8 m two of them are one.
 _SMALL = ("pedestrian", "bicycle", "motorcycle")
-#: What boxes count beside centres, of vehicles and of whoever is small. With 1 boxes had ten times
-#: the loss of centres and most of the gradient, and clear people were as doubtful as a few points.
+#: What boxes count beside centres, of vehicles and of whoever is small. With 1 boxes had five to
+#: seven times the loss of centres, and two thirds of the gradient of what all share.
 _BOX, _BOX_SMALL = 0.5, 0.25
 #: Usual length, width, height, metres: where the sizes begin.
 _USUAL = {
