@@ -1,5 +1,7 @@
 """Clutter set into frames: beams end where they first meet it, and nowhere else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -8,6 +10,8 @@ pytest.importorskip("torch", reason="torch is not installed: pip install 'urbant
 
 from urbantwin.learn.augmentation import Obstacles, cluttered, with_obstacles
 from urbantwin.learn.frames import LevelFrame
+from urbantwin.learn.heads import class_heads
+from urbantwin.learn.sample import Varied, sample_of
 
 
 def frame_of(points: np.ndarray, sensors: np.ndarray, ring: np.ndarray) -> LevelFrame:
@@ -79,3 +83,19 @@ def test_plants_let_beams_in_and_nothing_stands_in_a_box() -> None:
         c, s = np.cos(0.3), np.sin(0.3)
         x, y = (car[shifted, :2] - frame.box[0, :2]).T
         assert not ((np.abs(c * x + s * y) < 2.2) & (np.abs(c * y - s * x) < 0.8)).any()
+
+
+def test_a_person_of_four_points_is_neither_right_nor_wrong_and_one_of_five_is_asked_for() -> None:
+    nothing = Varied(placed=False, beams=False, objects=False, sizes=False, clutter=False)
+    for held in (4, 5):
+        points = np.zeros((held, 3))
+        points[:, 0], points[:, 2] = 6.0, np.linspace(0.4, 1.6, held)
+        frame = replace(
+            frame_of(points, np.array([[0.0, 0.0, 1.7]]), np.zeros(held)),
+            box=np.array([[6.0, 0.0, 0.9, 0.6, 0.6, 1.8, 0.0]]),
+        )
+        sample = sample_of(
+            frame, 24.0, 0.5, class_heads(("pedestrian",)), np.random.default_rng(0), varied=nothing
+        )
+        assert sample.targets[0].objects == (held == 5)
+        assert (sample.targets[0].counts.min() == 0) == (held == 4)

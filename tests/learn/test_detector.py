@@ -213,7 +213,7 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path) -> None:
     design = Design(("car",), 12.0, 0.5, points=("car", "road"))
     frames = labelled_frames([street], design, tmp_path / "frames", untold)
     assert frames.objects == (10,)
-    same = Varied(placed=False, beams=False, objects=False, sizes=False)
+    same = Varied(placed=False, beams=False, objects=False, sizes=False, clutter=False)
     recipe = Recipe(steps=140, batch=2, window_m=24.0, varied=same)
     network, *_ = trained(frames, design, recipe, tmp_path / "state", untold)
     folder = tmp_path / "model"
@@ -282,7 +282,7 @@ def test_what_a_teacher_is_sure_of_is_a_label_and_what_it_doubts_does_not_count(
     bare.mkdir(parents=True)
     for number in range(3):
         np.save(
-            bare / f"{number:06}.npy", draw.uniform(-9, 9, (2000, 4)).astype("f4") * [1, 1, 0, 0]
+            bare / f"{number:06}.npy", draw.uniform(-9, 9, (9000, 4)).astype("f4") * [1, 1, 0, 0]
         )
     box = [
         [2.0, 1, 0.1, 4, 2, 1.5, 0.5],

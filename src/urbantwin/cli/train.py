@@ -54,12 +54,9 @@ def train(
         typer.Option(
             metavar="KIND",
             help="Do not vary samples so: placed (turned, mirrored, scaled), beams (fewer), "
-            "objects (of other frames), sizes (of objects).",
+            "objects (of other frames), sizes (of objects), clutter (bushes, walls, posts).",
         ),
     ] = None,
-    clutter: Annotated[
-        bool, typer.Option("--clutter", help="Set bushes, walls and bins into samples.")
-    ] = False,
     heads: Annotated[
         list[str] | None,
         typer.Option(
@@ -96,7 +93,6 @@ def train(
         width=width,
         intensity=intensity,
         without=without or (),
-        clutter=clutter,
         heads=heads,
         start=start,
         in_order=in_order,

@@ -61,7 +61,6 @@ def train(  # noqa: PLR0913 - the options of the command
     width: float = 1.0,
     intensity: bool = False,
     without: Sequence[str] = (),
-    clutter: bool = False,
     heads: Sequence[str] | None = None,
     start: AnyPath | None = None,
     in_order: bool = False,
@@ -84,8 +83,8 @@ def train(  # noqa: PLR0913 - the options of the command
         batch: windows of frames in a step.
         width: multiple of the channels of the network for two processors.
         intensity: tell it of intensities (0..1): those of other sensors may mean something else.
-        without: how samples are not varied: ``placed``, ``beams``, ``objects``, ``sizes``.
-        clutter: set bushes, hedges, walls and bins without a label into samples.
+        without: how samples are not varied: ``placed``, ``beams``, ``objects``, ``sizes``,
+            ``clutter``.
         heads: what it tells: ``boxes``, and ``points``: the semantic class of every point; boxes
             when not given.
         start: a model of the same cells and channels: its weights are the first, where it has
@@ -126,13 +125,13 @@ def train(  # noqa: PLR0913 - the options of the command
     seen = chosen_frames(given, part)
     sources = list(seen.folders)
     target = beside(given[0], KIND) if out is None else Path(out)
-    kinds = [one.name for one in fields(Varied) if one.default]
+    kinds = [one.name for one in fields(Varied)]
     _check_names("class", classes or (), DETECTED_CLASSES)
     _check_names("without", without, kinds)
     heads = heads or ("boxes",)
     _check_names("head", heads, _HEADS)
     _check_order(in_order, steps)
-    varied = Varied(**{name: name not in without for name in kinds}, clutter=clutter)
+    varied = Varied(**{name: name not in without for name in kinds})
     chosen = tuple(one for one in DETECTED_CLASSES if classes is None or one in classes)
     minutes = 10.0 if steps is None and minutes is None else minutes
     design = Design(chosen if "boxes" in heads else (), reach, cell, intensity, width)
@@ -182,7 +181,6 @@ def train(  # noqa: PLR0913 - the options of the command
                 "batch": batch,
                 "seed": seed,
                 "without": sorted(set(without)),
-                "clutter": clutter,
                 "loss": round(loss, 4),
             }
             made = Model(design, network, told)

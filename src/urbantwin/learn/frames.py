@@ -37,8 +37,9 @@ RINGS = 4096
 IGNORED = -1
 #: Edge of the cells in which it is known where labels count, metres.
 COUNTED_M = 1.0
-#: A box with fewer points is neither.
-LEAST_POINTS = 2
+#: A box with fewer points is neither: evaluation does not ask for it, and so few points are a twig
+#: as often as somebody.
+LEAST_POINTS = 5
 #: Points beyond the range by this are kept for crops that are turned, metres.
 BEYOND_M = 4.0
 #: A box's lower edge lies on the ground, but for this, metres: else z is no height.

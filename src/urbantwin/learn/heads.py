@@ -20,6 +20,9 @@ REGRESSED = 10
 OUTPUTS = 1 + REGRESSED
 #: Cells of people and two-wheelers are the finest: in cells of 0.8 m two of them are one.
 _SMALL = ("pedestrian", "bicycle", "motorcycle")
+#: What boxes count beside centres, of vehicles and of whoever is small. With 1 boxes had five to
+#: seven times the loss of centres, and two thirds of the gradient of what all share.
+_BOX, _BOX_SMALL = 0.5, 0.25
 #: Usual length, width, height, metres: where the sizes begin.
 _USUAL = {
     "car": (4.5, 1.85, 1.6),
@@ -58,8 +61,10 @@ def class_heads(names: Sequence[str]) -> tuple[ClassHead, ...]:
     heads = []
     for name in names:
         small = name in _SMALL
+        whole = _BOX_SMALL if small else _BOX
         angle = 0.25 if name == "pedestrian" else 1.0
-        weights = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, angle, angle, 0.2 * angle, 0.2 * angle)
+        each = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, angle, angle, 0.2 * angle, 0.2 * angle)
+        weights = tuple(whole * one for one in each)
         heads.append(ClassHead(name, 1 if small else 2, _USUAL[name], weights))
     return tuple(heads)
 

@@ -149,7 +149,7 @@ class _Windows:
 
     def __init__(self, frames: LabelledFrames, design: Design, recipe: Recipe) -> None:
         self._frames, self.recipe = frames, recipe
-        self._varied = replace(recipe.varied, objects=False)
+        self._varied = replace(recipe.varied, objects=False, clutter=False)
         self.grid = Grid.around(0.0, 0.0, recipe.window_m / 2, design.cell_m)
 
     def batch(self, step: int) -> Arrays:

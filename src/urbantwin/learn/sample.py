@@ -35,14 +35,14 @@ class Varied:
         beams: with fewer beams.
         objects: with objects of other frames.
         sizes: with larger and smaller objects.
-        clutter: with things that have no label; off, as nothing has shown yet that it pays.
+        clutter: with things that have no label.
     """
 
     placed: bool = True
     beams: bool = True
     objects: bool = True
     sizes: bool = True
-    clutter: bool = False
+    clutter: bool = True
 
 
 @dataclass(frozen=True, eq=False)

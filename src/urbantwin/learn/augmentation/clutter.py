@@ -19,9 +19,9 @@ from urbantwin.learn.frames import RINGS, LevelFrame
 __all__ = ["Obstacles", "cluttered", "with_obstacles"]
 
 #: So many samples are cluttered, with so many things on average: few in most, a garden in some.
-_OFTEN, _THINGS = 0.7, 20.0
-#: Nothing stands nearer to a sensor, nor to a labelled box, metres.
-_FROM_SENSOR_M, _BESIDE_M = 2.5, 0.3
+_OFTEN, _THINGS = 0.8, 60.0
+#: Nothing stands nearer to a sensor, nor to a labelled box, metres: people lean at posts and walls.
+_FROM_SENSOR_M, _BESIDE_M = 2.5, 0.05
 #: Noise of ranges, metres.
 _NOISE_M = 0.02
 
@@ -89,18 +89,19 @@ def with_obstacles(frame: LevelFrame, stands: Obstacles, draw: np.random.Generat
     whose = np.zeros(len(frame.points), np.int32)
     if len(frame.sensors) > 1:
         whose = frame.ring // RINGS  # -1 where it is unknown
-    start = frame.sensors[np.maximum(whose, 0)]
     deep = draw.exponential(size=len(whose))
     noise = draw.normal(0.0, _NOISE_M, len(whose))
     brightness = draw.uniform(0.05, 0.6, len(stands.yaw))
-    share, which = met(frame.points, start, stands.middle, stands.half, stands.yaw,
+    seen_by = np.maximum(whose, 0)
+    share, which = met(frame.points, seen_by, frame.sensors, stands.middle, stands.half, stands.yaw,
                        stands.is_round, stands.depth, deep)  # fmt: skip
     moved = (which >= 0) & (whose >= 0)
     points = frame.points.copy()
-    way = points[moved, :3] - start[moved]
+    start = frame.sensors[seen_by[moved]]
+    way = points[moved, :3] - start
     far = np.linalg.norm(way, axis=1, keepdims=True)
     ends = share[moved, None] + noise[moved, None] / far
-    points[moved, :3] = (start[moved] + way * ends).astype(np.float32)
+    points[moved, :3] = (start + way * ends).astype(np.float32)
     if points.shape[1] > 3:
         points[moved, 3] = brightness[which[moved]]
     # What stands there has no class that labels know.
@@ -124,29 +125,47 @@ def _is_taken(frame: LevelFrame, part: _Part) -> bool:
 
 def _bush(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
     """Return some ellipsoids that grow into each other."""
-    parts, size = [], draw.uniform(0.4, 1.6)
-    for _ in range(int(draw.integers(2, 6))):
+    parts, size, depth = [], draw.uniform(0.3, 1.6), _let_in(draw)
+    for _ in range(int(draw.integers(1, 6))):
         at = draw.normal(0.0, 0.6 * size, 2)
         wide, long = 2 * size * draw.uniform(0.5, 1.0, 2)
         high = draw.uniform(0.7, 2.6)
-        parts.append((x + at[0], y + at[1], 0.4 * high, long, wide, 1.2 * high, yaw, 1.0,
-                      draw.uniform(0.05, 0.4)))  # fmt: skip
+        parts.append((x + at[0], y + at[1], 0.4 * high, long, wide, 1.2 * high, yaw, 1.0, depth))
+    return parts
+
+
+def _thicket(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
+    """Return tufts of leaves on stems and above the ground, apart from each other: a garden."""
+    parts, reach = [], draw.uniform(1.0, 4.0)
+    for _ in range(int(draw.integers(4, 16))):
+        along, across = draw.normal(0.0, (reach, reach / 3))
+        at = (x + along * np.cos(yaw) - across * np.sin(yaw),
+              y + along * np.sin(yaw) + across * np.cos(yaw))  # fmt: skip
+        long, wide, high = draw.uniform(0.3, 1.2, 3)
+        parts.append((*at, draw.uniform(0.2, 2.5), long, wide, high, draw.uniform(-np.pi, np.pi),
+                      1.0, _let_in(draw)))  # fmt: skip
     return parts
 
 
 def _row(
     x: float, y: float, yaw: float, draw: np.random.Generator, *, is_plant: bool
 ) -> Sequence[_Part]:
-    """Return a hedge, or a wall or fence, piece by piece."""
+    """Return a hedge, or a wall or fence, piece by piece; of some a part of the pieces is gone."""
     high = draw.uniform(0.5, 2.2)
     wide = draw.uniform(0.4, 1.3) if is_plant else draw.uniform(0.1, 0.35)
-    depth = draw.uniform(0.03, 0.3) if is_plant else 0.0
-    edge, parts = draw.uniform(1.2, 2.0), []
-    for k in range(int(draw.integers(2, 9))):
+    depth = _let_in(draw) if is_plant else 0.0
+    edge, whole, parts = draw.uniform(0.4, 2.0), draw.uniform(0.5, 1.3), []
+    for k in range(int(draw.integers(2, 13))):
         lift = high * (draw.uniform(0.85, 1.15) if is_plant else 1.0)
         at = (x + k * edge * np.cos(yaw), y + k * edge * np.sin(yaw))
-        parts.append((*at, lift / 2, edge, wide, lift, yaw, 0.0, depth))
+        if draw.random() < whole:
+            parts.append((*at, lift / 2, edge, wide, lift, yaw, 0.0, depth))
     return parts
+
+
+def _let_in(draw: np.random.Generator) -> float:
+    """Return how deep beams get into leaves: from a clipped hedge to a few twigs, metres."""
+    return float(np.exp(draw.uniform(np.log(0.04), np.log(1.0))))
 
 
 def _hedge(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
@@ -164,10 +183,26 @@ def _bin(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[
     return [(x, y, high / 2, length, width, high, yaw, float(draw.random() < 0.3), 0.0)]
 
 
+def _posts(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
+    """Return a bollard, meter, hydrant or post, some with a plate, or a row of them: a fence."""
+    thick, high = draw.uniform(0.08, 0.5), draw.uniform(0.7, 2.5)
+    apart, wide = draw.uniform(0.5, 2.5), thick * draw.uniform(0.5, 1.0)
+    count = 1 if draw.random() < 0.6 else int(draw.integers(2, 9))
+    parts: list[_Part] = []
+    for k in range(count):
+        at = (x + k * apart * np.cos(yaw), y + k * apart * np.sin(yaw))
+        parts.append((*at, high / 2, thick, wide, high, yaw, 0.0, 0.0))
+    if draw.random() < 0.25:
+        long, tall = draw.uniform(0.3, 0.9, 2)
+        parts.append((x, y, high - tall / 2, long, 0.06, tall, draw.uniform(-np.pi, np.pi),
+                      0.0, 0.0))  # fmt: skip
+    return parts
+
+
 def _tree(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
-    """Return a trunk or post, and often a crown that hangs down to where people walk."""
-    thick, high = draw.uniform(0.08, 0.6), draw.uniform(1.5, 5.0)
-    parts = [(x, y, high / 2, thick, thick, high, yaw, 0.0, 0.0)]
+    """Return a trunk or mast, and often a crown that hangs down to where people walk."""
+    thick, high = draw.uniform(0.08, 0.8), draw.uniform(1.5, 5.0)
+    parts = [(x, y, high / 2, thick, thick * draw.uniform(0.7, 1.0), high, yaw, 0.0, 0.0)]
     if draw.random() < 0.5:
         wide, below = draw.uniform(1.0, 4.0), draw.uniform(0.8, 3.0)
         parts.append((x, y, below + 1.5, wide, wide, 3.0, yaw, 1.0, draw.uniform(0.3, 1.0)))
@@ -176,9 +211,11 @@ def _tree(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence
 
 _KINDS: tuple[Callable[[float, float, float, np.random.Generator], Sequence[_Part]], ...] = (
     _bush,
+    _thicket,
     _hedge,
     _wall,
     _bin,
+    _posts,
     _tree,
 )
-_SHARES = (0.35, 0.15, 0.1, 0.2, 0.2)
+_SHARES = (0.18, 0.18, 0.12, 0.08, 0.1, 0.2, 0.14)

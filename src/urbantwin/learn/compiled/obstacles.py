@@ -6,13 +6,18 @@ from numba import njit
 __all__ = ["met"]
 
 
+#: Directions that obstacles are sorted by: of the ways to points only those near to one are tried.
+_SECTORS = 720
+
+
 @njit(cache=True, nogil=True)
-def met(points, start, middle, half, turn, is_round, depth, deep):
+def met(points, whose, sensors, middle, half, turn, is_round, depth, deep):
     """Return where the way from the sensor to each point ends, and at which obstacle.
 
     Args:
         points: (N, >= 3) metres.
-        start: (N, 3) where the sensor of each stands.
+        whose: (N,) the number of the sensor that each was seen by.
+        sensors: (S, 3) where they stand.
         middle: (K, 3) of the obstacles.
         half: (K, 3) half their length, width and height.
         turn: (K,) their yaw, radians.
@@ -27,23 +32,26 @@ def met(points, start, middle, half, turn, is_round, depth, deep):
     which = np.full(len(points), -1, np.int64)
     c, s = np.cos(turn), np.sin(turn)
     reach = np.hypot(half[:, 0], half[:, 1])
+    first, obstacles = _by_sector(sensors, middle, reach)
     for i in range(len(points)):
-        dx = points[i, 0] - start[i, 0]
-        dy = points[i, 1] - start[i, 1]
-        dz = points[i, 2] - start[i, 2]
+        start = sensors[whose[i]]
+        dx = points[i, 0] - start[0]
+        dy = points[i, 1] - start[1]
+        dz = points[i, 2] - start[2]
         flat = np.hypot(dx, dy)
         length = np.hypot(flat, dz)
         if flat < 1e-6:
             continue
-        for k in range(len(middle)):
-            x = start[i, 0] - middle[k, 0]
-            y = start[i, 1] - middle[k, 1]
+        sector = whose[i] * _SECTORS + _sector(dx, dy)
+        for k in obstacles[first[sector] : first[sector + 1]]:
+            x = start[0] - middle[k, 0]
+            y = start[1] - middle[k, 1]
             along = -(x * dx + y * dy) / flat
             if along < 0 or along > flat + reach[k] or abs(x * dy - y * dx) > reach[k] * flat:
                 continue
             ox = (c[k] * x + s[k] * y) / half[k, 0]
             oy = (c[k] * y - s[k] * x) / half[k, 1]
-            oz = (start[i, 2] - middle[k, 2]) / half[k, 2]
+            oz = (start[2] - middle[k, 2]) / half[k, 2]
             ux = (c[k] * dx + s[k] * dy) / half[k, 0]
             uy = (c[k] * dy - s[k] * dx) / half[k, 1]
             uz = dz / half[k, 2]
@@ -68,3 +76,42 @@ def met(points, start, middle, half, turn, is_round, depth, deep):
                 share[i] = ends
                 which[i] = k
     return share, which
+
+
+@njit(cache=True, nogil=True)
+def _sector(x, y):
+    return int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * _SECTORS) % _SECTORS
+
+
+@njit(cache=True, nogil=True)
+def _by_sector(sensors, middle, reach):
+    """Return the obstacles that reach into each sector about each sensor.
+
+    Returns:
+        first (S * `_SECTORS` + 1,) and numbers of obstacles, in rising order: those of a sector
+        are ``[first[sector] : first[sector + 1]]``.
+    """
+    low = np.zeros((len(sensors), len(middle)), np.int64)
+    wide = np.zeros((len(sensors), len(middle)), np.int64)
+    first = np.zeros(len(sensors) * _SECTORS + 1, np.int64)
+    for s in range(len(sensors)):
+        for k in range(len(middle)):
+            x, y = middle[k, 0] - sensors[s, 0], middle[k, 1] - sensors[s, 1]
+            away = np.hypot(x, y)
+            wide[s, k] = _SECTORS
+            if away > reach[k]:
+                aside = int(np.arcsin(reach[k] / away) / (2 * np.pi) * _SECTORS) + 1
+                wide[s, k] = min(_SECTORS, 2 * aside + 1)
+                low[s, k] = _sector(x, y) - aside
+            for sector in range(low[s, k], low[s, k] + wide[s, k]):
+                first[s * _SECTORS + sector % _SECTORS + 1] += 1
+    first = np.cumsum(first)
+    filled = first.copy()
+    obstacles = np.empty(first[-1], np.int64)
+    for s in range(len(sensors)):
+        for k in range(len(middle)):
+            for sector in range(low[s, k], low[s, k] + wide[s, k]):
+                at = s * _SECTORS + sector % _SECTORS
+                obstacles[filled[at]] = k
+                filled[at] += 1
+    return first, obstacles
