@@ -1,8 +1,7 @@
 """How wrong it is: centres by a focal loss, boxes by absolute differences, points by entropy.
 
-Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. Each sample is measured by how
-many of a class it has, and rare classes by how many there are on average: a crowd must not hide
-what a street with one person teaches.
+Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. Each class is measured by how
+many of it there are in a sample on average: people are many, buses few.
 """
 
 from __future__ import annotations
@@ -33,9 +32,6 @@ __all__ = [
 _EASY, _NEAR = 2.0, 4.0
 #: A class that is rarer than this, objects a sample, counts as if it were not.
 _RAREST = 0.2
-#: A sample counts as if it had so many of a class at least, unless the class is rarer: one without
-#: anybody, where all that is said is wrong, counts as much as a crowd.
-_ALONE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,18 +91,17 @@ def detection_loss(
     """
     rows = []
     for told, target, head, many in zip(said, wanted, heads, usual, strict=True):
+        per = 1 / (max(many, _RAREST) * len(told))
         maps = told.float()
         logit = maps[:, 0]
         likely = torch.sigmoid(logit)
         hit = target.heat >= 1
-        own = (hit & target.counts).sum(dim=(1, 2))
-        per = 1 / (own.clamp(min=min(max(many, _RAREST), _ALONE)) * len(told))
         focal = torch.where(
             hit,
             -((1 - likely) ** _EASY) * functional.logsigmoid(logit),
             -(likely**_EASY) * (1 - target.heat) ** _NEAR * functional.logsigmoid(-logit),
         )
-        centres = ((focal * target.counts).sum(dim=(1, 2)) * per).sum()
+        centres = (focal * target.counts).sum() * per
         flat = maps[:, 1:].permute(0, 2, 3, 1).reshape(-1, maps.shape[1] - 1)
         regressed = flat.index_select(0, target.cell)
         off = torch.cat(
@@ -119,8 +114,7 @@ def detection_loss(
             dim=1,
         )
         weights = off.new_tensor(head.box_weights)
-        whose = target.cell // logit[0].numel()
-        boxes = ((off * weights).sum(dim=1) * target.weight * per[whose]).sum()
+        boxes = ((off * weights).sum(dim=1) * target.weight).sum() * per
         rows.append(torch.stack([centres, boxes]))
     return torch.stack(rows)
 
