@@ -1,7 +1,9 @@
+import contextlib
 import errno
 import fcntl
 import os
 import pickle
+import signal
 import subprocess
 from pathlib import Path
 
@@ -27,6 +29,7 @@ from urbantwin.artefact import (
 )
 from urbantwin.artefact.disk_space import says_no_room
 from urbantwin.errors import InputError, StageError
+from urbantwin.interruption import unwinds
 
 KEY = "0123456789abcdef"
 
@@ -77,6 +80,19 @@ def test_an_interruption_keeps_the_older_one(tmp_path, error):
         raise error
     assert read_json(tmp_path / "twin" / "twin.json", kind="twin")["number"] == 1
     assert names(tmp_path) == ["twin"]
+
+
+def test_an_interruption_that_a_library_swallowed_keeps_the_older_one(tmp_path):
+    make(tmp_path / "out")
+    with unwinds() as interruptions:
+        with pytest.raises(KeyboardInterrupt):  # noqa: SIM117 - the first block is the program
+            with replaced_folder(tmp_path / "out", kind="twin") as scratch:
+                with contextlib.suppress(KeyboardInterrupt):
+                    signal.raise_signal(signal.SIGTERM)
+                (scratch / "twin.json").write_text('{"kind": "twin", "number": 2}')
+        assert interruptions.count == 1
+    assert '"number": 1' in (tmp_path / "out" / "twin.json").read_text()
+    assert names(tmp_path) == ["out"]
 
 
 def test_a_failure_takes_the_folders_above_away_again(tmp_path):

@@ -1,8 +1,9 @@
 """Interruption: Ctrl-C, SIGTERM and SIGHUP end a command in the same way, wherever it is.
 
 While Python starts and imports, nothing is made yet and the process just ends (`ends_at_once`).
-While a command works, ``KeyboardInterrupt`` unwinds it, so that its scratch goes (`unwinds`). Where
-a result takes its place, the signal waits (`deferred`).
+While a command works, ``KeyboardInterrupt`` unwinds it, so that its scratch goes (`unwinds`); where
+a library swallowed it, it comes again before a result takes its place (`unless_swallowed`). While
+that takes its place, the signal waits (`deferred`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-__all__ = ["EXIT_CODE", "Interruptions", "deferred", "ends_at_once", "unwinds"]
+__all__ = ["EXIT_CODE", "Interruptions", "deferred", "ends_at_once", "unless_swallowed", "unwinds"]
 
 #: As shells have it: 128 + SIGINT.
 EXIT_CODE = 130
@@ -57,6 +58,10 @@ def ends_at_once(*, said: bool = False) -> None:
     atexit.register(_ignore)
 
 
+#: Those of the blocks that are at work (`unwinds`), the innermost last.
+_at_work: list[Interruptions] = []
+
+
 @contextmanager
 def unwinds() -> Iterator[Interruptions]:
     """Let an interruption raise ``KeyboardInterrupt`` in the block."""
@@ -67,8 +72,21 @@ def unwinds() -> Iterator[Interruptions]:
         if interruptions.heard:
             raise _Interrupted
 
-    with _handled(interrupt):
-        yield interruptions
+    _at_work.append(interruptions)
+    try:
+        with _handled(interrupt):
+            yield interruptions
+    finally:
+        _at_work.pop()
+
+
+def unless_swallowed() -> None:
+    """Raise ``KeyboardInterrupt`` again where a library swallowed it.
+
+    Python itself does, in what it calls while it imports or collects garbage.
+    """
+    if any(one.count and one.heard for one in _at_work):
+        raise _Interrupted
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from urbantwin.artefact.inventory import (
 )
 from urbantwin.artefact.scratch import claimed, put_in_place, refuse_if_written
 from urbantwin.errors import InputError
-from urbantwin.interruption import deferred
+from urbantwin.interruption import deferred, unless_swallowed
 
 __all__ = ["KINDS", "check_file", "check_folder", "kind_of", "replaced_file", "replaced_folder"]
 
@@ -140,6 +140,7 @@ def replaced_folder(
         yield scratch.folder
         if not (scratch.folder / INVENTORY).is_file():
             write_inventory(scratch.folder)
+        unless_swallowed()
         with deferred():
             # Somebody may have put something there since it was checked.
             _check_replaceable(target, scratch.target, kind)
@@ -178,6 +179,7 @@ def replaced_file(
                         file=target,
                         expected="another name",
                     )
+        unless_swallowed()
         with deferred():
             for file in sorted(scratch.folder.iterdir(), key=lambda one: one.name == target.name):
                 last = file.name == target.name
