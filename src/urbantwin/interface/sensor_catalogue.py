@@ -229,6 +229,9 @@ def _page(sensor: Sensor) -> str:
         text = "unknown" if value is None else f"{_text(value)} {unit}".rstrip()
         if field.endswith("divergence_deg") and value is not None:
             text = f"{value[0]:g} x {value[1]:g} {unit}"
+        elif field == "beam_divergence_deg":
+            across, up = sensor.assumed_divergence_deg
+            text = f"unknown, {across:g} x {up:g} {unit} are simulated"
         lines.append(f"  {label:<28}{text}" + (f" ({why})" if why else ""))
     lines.append("  channel: elevation, azimuth offset (degrees), firing time (us)")
     times = sensor.firing_time_us
