@@ -46,8 +46,7 @@ def measured_layers(
             it, surfaces that measured looks refute are left out: they would have seen them.
         several: what beams see now and then: each of these meets something, if out of reach.
     """
-    known, count = background.known, len(modelled.start) - 1
-    beam = np.repeat(np.arange(count), np.diff(modelled.start))
+    known, beam = background.known, modelled.beam
     kept = ~known[beam] if background.fused else np.zeros(len(beam), np.bool_)
     if level is not None and background.looks.size:
         missed = (1 - level / LEVELS) ** background.looks.ravel()
@@ -66,19 +65,9 @@ def measured_layers(
         range_m = np.concatenate([range_m, np.full(len(bare), _NOWHERE_M, np.float32)])
         back = np.concatenate([back, np.zeros(len(bare), np.float32)])
         semantic = np.concatenate([semantic, np.zeros(len(bare), np.uint16)])
-    number = np.concatenate([beam[kept], mine])
-    order = np.argsort(number, kind="stable")
-    full = np.full(len(mine), (1 << rays) - 1, np.uint8)
-    start = np.zeros(count + 1, np.int64)
-    np.cumsum(np.bincount(number, minlength=count), out=start[1:])
-    return StaticLayers(
-        start,
-        np.concatenate([modelled.range_m[kept], range_m])[order],
-        np.concatenate([modelled.backscatter[kept], back])[order],
-        np.concatenate([modelled.through[kept], np.zeros(len(mine), np.float32)])[order],
-        np.concatenate([modelled.mask[kept], full])[order],
-        np.concatenate([modelled.semantic[kept], semantic])[order],
-    )
+    # What was measured is what it sends back as it stands, and so is what is modelled beside it.
+    faced = modelled._replace(cosine=np.zeros(0, np.float32))
+    return faced.filled(kept, mine, range_m, back, semantic, rays)
 
 
 def measured_answers(

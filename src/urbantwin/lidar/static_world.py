@@ -42,6 +42,48 @@ class StaticLayers(NamedTuple):
     semantic: NDArray[np.uint16]
     cosine: NDArray[np.float32] = np.zeros(0, np.float32)
 
+    @property
+    def beam(self) -> NDArray[np.int64]:
+        """The beam (L,) of each layer."""
+        return np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+
+    def filled(
+        self,
+        kept: NDArray[np.bool_],
+        beam: NDArray[np.int64],
+        range_m: NDArray[np.float32],
+        backscatter: NDArray[np.floating],
+        semantic: NDArray[np.uint16],
+        rays: int,
+    ) -> StaticLayers:
+        """Return some of the layers and, for M beams, one opaque surface that fills each.
+
+        Args:
+            kept: (L,) which of the layers.
+            beam: (M,) that meet something else; it is faced squarely.
+            range_m: (M,) where.
+            backscatter: (M,) of it.
+            semantic: (M,) its class.
+            rays: how many a beam is made of.
+        """
+        number = np.concatenate([self.beam[kept], beam])
+        order = np.argsort(number, kind="stable")
+        start = np.zeros(len(self.start), np.int64)
+        np.cumsum(np.bincount(number, minlength=len(start) - 1), out=start[1:])
+        cosine = self.cosine
+        if len(cosine):
+            cosine = np.concatenate([cosine[kept], np.ones(len(beam), np.float32)])[order]
+        full = np.full(len(beam), (1 << rays) - 1, np.uint8)
+        return StaticLayers(
+            start,
+            np.concatenate([self.range_m[kept], range_m])[order],
+            np.concatenate([self.backscatter[kept], backscatter])[order],
+            np.concatenate([self.through[kept], np.zeros(len(beam), np.float32)])[order],
+            np.concatenate([self.mask[kept], full])[order],
+            np.concatenate([self.semantic[kept], semantic])[order],
+            cosine,
+        )
+
 
 class World:
     """The static world as rays see it.

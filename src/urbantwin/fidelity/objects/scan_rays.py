@@ -147,34 +147,15 @@ def _with_behind(
 
     What it is made of a frame does not say: it is a wall that is faced.
     """
-    count = len(layers.start) - 1
-    known = np.zeros(count, np.bool_)
+    known = np.zeros(len(layers.start) - 1, np.bool_)
     known[: len(behind_m)] = np.isfinite(behind_m)
-    ray = np.repeat(np.arange(count), np.diff(layers.start))
-    kept, new = np.flatnonzero(~known[ray]), np.flatnonzero(known)
-    order = np.argsort(np.concatenate([ray[kept], new]), kind="stable")
-    wall = np.full(len(new), material_id(_WALL))
-    facing = np.ones(len(new), np.float32)
-    start = np.zeros(count + 1, np.int64)
-    np.cumsum(np.bincount(np.concatenate([ray[kept], new]), minlength=count), out=start[1:])
-    walls = StaticLayers(
-        start,
+    new = np.flatnonzero(known)
+    wall, facing = np.full(len(new), material_id(_WALL)), np.ones(len(new), np.float32)
+    return layers.filled(
+        ~known[layers.beam],
+        new,
         behind_m[new].astype(np.float32),
         model.scatter.backscatter(wall, facing),
-        np.zeros(len(new)),
-        np.full(len(new), (1 << samples) - 1, np.uint8),
         np.full(len(new), semantic_id("building"), np.uint16),
-        facing,
+        samples,
     )
-    joined = [
-        np.concatenate([old[kept], other])[order]
-        for old, other in (
-            (layers.range_m, walls.range_m),
-            (layers.backscatter, walls.backscatter),
-            (layers.through, walls.through),
-            (layers.mask, walls.mask),
-            (layers.semantic, walls.semantic),
-            (layers.cosine, walls.cosine),
-        )
-    ]
-    return StaticLayers(start, *joined)
