@@ -2,8 +2,9 @@
 
 While Python starts and imports, nothing is made yet and the process just ends (`ends_at_once`).
 While a command works, ``KeyboardInterrupt`` unwinds it, so that its scratch goes (`unwinds`); where
-a library swallowed it, it comes again before a result takes its place (`unless_swallowed`). While
-that takes its place, the signal waits (`deferred`).
+a library swallowed it, it comes again before a result takes its place (`unless_swallowed`). Where
+it would be lost on its way through compiled code, it comes a moment later. While a result takes its
+place, the signal waits (`deferred`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ __all__ = ["EXIT_CODE", "Interruptions", "deferred", "ends_at_once", "unless_swa
 #: As shells have it: 128 + SIGINT.
 EXIT_CODE = 130
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: When a signal comes again that came where nothing can be raised.
+_SOON_S = 0.01
 
 Handler = Callable[[int, FrameType | None], object]
 
@@ -67,7 +70,10 @@ def unwinds() -> Iterator[Interruptions]:
     """Let an interruption raise ``KeyboardInterrupt`` in the block."""
     interruptions = Interruptions()
 
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if _called_by_compiler(frame):
+            _again_soon(number)
+            return
         interruptions.count += 1
         if interruptions.heard:
             raise _Interrupted
@@ -99,6 +105,25 @@ def deferred() -> Iterator[None]:
     finally:
         if waiting:
             signal.raise_signal(waiting[0])
+
+
+def _called_by_compiler(frame: FrameType | None) -> bool:
+    """Return whether LLVM called what runs now: no exception gets through it, and it crashes."""
+    while frame is not None:
+        if frame.f_code.co_name.startswith("_raw_object_cache_"):
+            return frame.f_globals.get("__name__") == "llvmlite.binding.executionengine"
+        frame = frame.f_back
+    return False
+
+
+def _again_soon(number: int) -> None:
+    import threading
+
+    main = threading.main_thread().ident
+    assert main is not None
+    timer = threading.Timer(_SOON_S, signal.pthread_kill, (main, number))
+    timer.daemon = True
+    timer.start()
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:

@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -28,6 +29,44 @@ def test_an_interruption_while_python_starts(
         assert ended.code in ((-number, 1) if number == signal.SIGINT else (-number,))
     assert not list((tmp_path / "out").glob("*"))  # the command may have made its empty parent
     assert not list((tmp_path / "tmp").iterdir())
+
+
+#: A signal that comes while LLVM asks Python for what it compiled before.
+WITHIN_THE_COMPILER = """
+import signal, sys
+import numba
+from urbantwin.interruption import unwinds
+
+def meet(frame, event, argument):
+    if event == "call" and frame.f_code.co_name == "_raw_object_cache_getbuffer":
+        sys.setprofile(None)
+        signal.raise_signal(signal.SIGTERM)
+
+@numba.njit
+def twice(x):
+    return 2 * x
+
+try:
+    with unwinds():
+        sys.setprofile(meet)
+        print(twice(3), flush=True)
+        while True:
+            pass
+except KeyboardInterrupt:
+    print("unwound")
+"""
+
+
+def test_an_interruption_of_the_compiler_waits_until_it_has_returned() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WITHIN_THE_COMPILER],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.endswith("unwound\n")
 
 
 def waited(stand: Stand, tmp_path: Path, key: str) -> tuple[subprocess.Popen[bytes], Path]:
