@@ -164,19 +164,24 @@ def ours(job: Job) -> dict:
             index = number + job.workers * done
             scanner.scan(index, turns[index % MOMENTS])
             done += 1
-        results.put((done, own_memory_mb(), time.process_time() - used))
+        used = time.process_time() - used
+        gate.wait()  # all are there while each says what part of the shared pages is its own
+        results.put((done, own_memory_mb(), used))
+        gate.wait()
 
     workers = [fork.Process(target=work, args=(n,)) for n in range(job.workers)]
     for one in workers:
         one.start()
     gate.wait()
     began = time.perf_counter()
-    parts = [results.get() for _ in workers]
+    gate.wait()
     took = time.perf_counter() - began
-    for one in workers:
-        one.join()
+    parts = [results.get() for _ in workers]
     done = sum(part[0] for part in parts)
     memory_mb = own_memory_mb() + sum(part[1] for part in parts)
+    gate.wait()
+    for one in workers:
+        one.join()
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     return {
         **asdict(job),
