@@ -10,7 +10,7 @@ from urbantwin.traffic.observed.association import tracks_of
 from urbantwin.traffic.observed.box_fit import SeenObject, beneath_gap, extents, fitted_yaw
 from urbantwin.traffic.observed.clusters import clusters
 from urbantwin.traffic.observed.detected import DetectedActor, with_points
-from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight
+from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight, seen_length
 from urbantwin.traffic.observed.observed_track import observed_track
 
 SENSOR = np.array([0.0, 0.0])
@@ -155,6 +155,28 @@ def test_what_another_hides_is_not_looked_through():
     none = np.zeros(len(points), np.int64)
     frame = RecordedFrame("1", points, none, none, none)
     assert not looked_through(frame, eye[None], np.array([12.0, 0.0]), 0.0)
+
+
+@pytest.mark.parametrize("long", [3.4, 4.4, 5.1])
+@pytest.mark.parametrize("hidden", [False, True])
+def test_a_length_is_told_where_nothing_hides_an_end(long, hidden):
+    eye = np.array([0.0, 0.0, 1.6])
+    aims = np.arange(-60, 60, 0.2), np.arange(-24.0, -0.4, 0.25)
+    points = cast_from(eye, *aims, (12.0, 3.0, 1.8, long))  # abeam
+    if hidden:  # a van before its rear
+        before = cast_from(eye, *aims, (7.0, 3.0 * 7 / 12 - long / 4, 2.0, 1.6))
+        nearer = np.linalg.norm(before - eye, axis=1) < np.linalg.norm(points - eye, axis=1)
+        points[nearer] = before[nearer]
+    none = np.zeros(len(points), np.int64)
+    frame = RecordedFrame("1", points, none, none, none)
+    seen = points[(points[:, 0] > 10.9) & (points[:, 0] < 13.1) & (points[:, 2] > 0.3), :2]
+    seen = seen[np.abs(seen[:, 1] - 3.0) < long / 2 + 0.1]
+    told = seen_length(seen, np.pi / 2, frame, eye[None], 0.0)
+    if hidden:
+        assert told is None
+    else:
+        # Nearly as long as it is: bumpers of real cars are round.
+        assert told == pytest.approx(long + 0.2, abs=0.1)
 
 
 def test_a_track_ends_before_a_frame_in_which_it_was_not_there():

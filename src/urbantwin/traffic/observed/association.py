@@ -28,6 +28,9 @@ TALLER_M = 0.7
 WELL_SEEN, SAME_HEIGHT_M = 300, 0.2
 #: What always stood in one frame does not move in another: the shares of points that do, apart.
 SAME_SHARE = 0.7
+#: Who walks in one frame and rides or drives in the next is somebody else, unless it is as near as
+#: this, metres: an outline may be hidden in part.
+SAME_PLACE_M = 1.0
 #: Frames that a track may be out of sight.
 LOST = 1
 #: A vehicle moves along its sides, radians.
@@ -66,8 +69,11 @@ class SeenTrack:
             return NEVER
         taller = abs(one.top - last.top)
         well = large and min(len(one.points), len(last.points)) >= WELL_SEEN
-        if abs(one.moves - last.moves) > SAME_SHARE or taller > (
-            SAME_HEIGHT_M if well else TALLER_M
+        outlines = {_outline(each) for each in (one, last)} - {None}
+        if (
+            abs(one.moves - last.moves) > SAME_SHARE
+            or taller > (SAME_HEIGHT_M if well else TALLER_M)
+            or (len(outlines) > 1 and gone > SAME_PLACE_M)
         ):
             return NEVER
         if large and gone > 2 * ERROR_M:
@@ -90,6 +96,13 @@ class SeenTrack:
         before = self.velocity if self.velocity is not None else velocity
         self.velocity = before + share * (velocity - before)
         self.seen.append(one)
+
+
+def _outline(one: SeenObject) -> str | None:
+    """Return who somebody is by its outline, or that it is a vehicle; ``None`` for neither."""
+    if one.silhouette is None and one.diagonal > LARGE_M:
+        return "vehicle"
+    return one.silhouette
 
 
 def tracks_of(frames: Sequence[Sequence[SeenObject]], rate_hz: float) -> list[SeenTrack]:

@@ -40,6 +40,8 @@ class SeenObject:
         moves: share of its points that move.
         yaw: of the fitted sides, radians, within a quarter of a turn.
         actor: who a detector says it is; ``None`` where none does.
+        length: of a vehicle of which nothing hides an end (`seen_length`), metres.
+        silhouette: who it is by its outline (`silhouette`); ``None`` where that does not tell.
     """
 
     frame: int
@@ -51,6 +53,8 @@ class SeenObject:
     moves: float
     yaw: float
     actor: DetectedActor | None = None
+    silhouette: str | None = None
+    length: float | None = None
 
     @property
     def detected_class(self) -> str | None:

@@ -8,7 +8,7 @@ that waits; with one, what stands on its lanes and is as large as a vehicle.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,14 @@ from urbantwin.progress import Progress, between, each, untold
 from urbantwin.reconstruct.recording import Looks, RecordedFrame, RecordedFrames
 from urbantwin.reconstruct.recording.recorded_ground import RecordedGround, recorded_ground
 from urbantwin.roads import RoadNetwork
-from urbantwin.traffic.observed.association import tracks_of
+from urbantwin.traffic.observed.association import LARGE_M, tracks_of
 from urbantwin.traffic.observed.box_fit import SeenObject, beneath_gap, fitted_yaw, highest
 from urbantwin.traffic.observed.clusters import clusters
 from urbantwin.traffic.observed.detected import DetectedActor, with_points
 from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
-from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight
+from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight, seen_length
 from urbantwin.traffic.observed.observed_track import ObservedTrack, observed_track
+from urbantwin.traffic.observed.silhouette import apart, silhouette
 
 __all__ = ["Observation", "observe"]
 
@@ -81,20 +82,18 @@ def observe(
         np.concatenate([frames.read(k).points[one][::share] for k, one in enumerate(still)])
     )
     lanes = LanesBeneath(network) if network is not None else None
-    places = np.array([sensor.place[:2] for sensor in frames.sensors])
+    stand = np.array([sensor.place for sensor in frames.sensors])
     objects, trails = [], []
     for number in each(range(len(frames)), between(tell, 0.5, 0.9), "objects"):
         frame = frames.read(number)
-        boxes = detected[number] if detected is not None else ()
-        found, moving = _objects(number, frame, ~still[number], ground, lanes, places, boxes)
+        boxes = detected[number] if detected is not None else None
+        found, moving = _objects(number, frame, ~still[number], ground, lanes, stand, boxes)
         objects.append(found)
         trails.append(moving)
     tell(0.9, "tracks")
-    stand = np.array([sensor.place for sensor in frames.sensors])
 
     def nobody(number: int, place: NDArray[np.float64]) -> bool:
-        height = -float(ground.above(np.array([[*place, 0.0]]))[0])
-        return looked_through(frames.read(number), stand, place, height)
+        return looked_through(frames.read(number), stand, place, _height(ground, place))
 
     tracks = [
         observed_track(part.seen, lanes, rate_hz, small=detected is None)
@@ -117,7 +116,7 @@ def _objects(
     ground: RecordedGround,
     lanes: LanesBeneath | None,
     sensors: NDArray[np.float64],
-    detected: Sequence[DetectedActor],
+    detected: Sequence[DetectedActor] | None,
 ) -> tuple[list[SeenObject], NDArray[np.float64]]:
     """Return a frame's objects, and (N, 3) place and frame of what moves."""
     above = ground.above(frame.points)
@@ -126,22 +125,29 @@ def _objects(
 
     def seen(rows: NDArray[np.intp], actor: DetectedActor | None = None) -> SeenObject:
         of = np.bincount(np.maximum(frame.sensor[rows], 0), minlength=len(sensors))
+        most = int(of.argmax())
         plan = frame.points[rows, :2]
         stands = beneath_gap(above[rows])
-        return SeenObject(
+        yaw = fitted_yaw(plan)
+        one = SeenObject(
             number,
             plan,
             float(np.quantile(stands, 0.98)),
             highest(stands),
             float(np.quantile(above[rows], 0.02)),
-            sensors[int(of.argmax())],
+            sensors[most, :2],
             float(moves[rows].mean()),
-            fitted_yaw(plan),
+            yaw,
             actor,
+            silhouette(plan, above[rows], yaw) if detected is None else None,
         )
+        if actor is not None or one.diagonal <= LARGE_M:
+            return one
+        own, below = plan[frame.sensor[rows] == most], _height(ground, one.middle)
+        return replace(one, length=seen_length(own, one.long_way, frame, sensors, below))
 
     found, theirs = [], np.zeros(len(above), np.bool_)
-    for actor, rows in with_points(detected, frame.points[rises]):
+    for actor, rows in with_points(detected or (), frame.points[rises]):
         found.append(seen(rises[rows], actor))
         theirs[rises[rows]] = True
     left = rises[~theirs[rises]]
@@ -149,8 +155,16 @@ def _objects(
     if lanes is not None:
         wanted = wanted | lanes.cover(frame.points[left])
     left = left[wanted]
-    for rows in clusters(frame.points[left], above[left]):
-        one = seen(left[rows])
-        if one.top >= LEAST_TOP_M:
-            found.append(one)
+    for part in clusters(frame.points[left], above[left]):
+        rows = left[part]
+        group = apart(frame.points[rows, :2], above[rows]) if detected is None else []
+        for own in group or [np.arange(len(rows))]:
+            one = seen(rows[own])
+            if one.top >= LEAST_TOP_M:
+                found.append(one)
     return found, np.column_stack([trail[:, :2], np.full(len(trail), float(number))])
+
+
+def _height(ground: RecordedGround, place: NDArray[np.float64]) -> float:
+    """Return the height of the ground at a place (2,), metres."""
+    return -float(ground.above(np.array([[*place, 0.0]]))[0])

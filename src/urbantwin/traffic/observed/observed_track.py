@@ -25,6 +25,8 @@ USUAL = {
     "car": (4.3, 1.8), "van": (5.2, 1.95), "truck": (8.0, 2.4), "bus": (12.0, 2.5),
     "bicycle": (1.75, 0.6), "pedestrian": (0.6, 0.6),
 }  # fmt: skip
+#: Lengths of who ends where it was seen to end: what is shorter or longer is a part, or two.
+LENGTHS = {"car": (3.2, 5.3), "van": (4.2, 7.0)}
 #: No vehicle is wider, mirrors apart: the widest of the catalogue's cars and vans; trucks and buses
 #: by the law (Directive 96/53/EC). Sensors that are not synchronous see one that turns twice.
 WIDEST = {"car": 2.05, "van": 2.2, "truck": 2.55, "bus": 2.55}
@@ -111,11 +113,16 @@ def observed_track(
     length, width = np.quantile(spans, 0.75, axis=0)
     whole = np.array([_both_flanks(one, yaw) for one, yaw in zip(seen, yaws, strict=True)])
     on_lane = lanes is not None and bool(lanes.cover(middles).mean() > 0.5)
-    name = _class(float(length), float(width), top, speed, on_lane=on_lane, moves=moves)
+    outlines = [one.silhouette for one in seen if one.silhouette is not None]
+    rides = outlines.count("bicycle") > len(outlines) / 2
+    if len(outlines) > len(seen) / 2 and (moves or (rides and on_lane)):
+        name: str | None = "bicycle" if rides else "pedestrian"
+    else:
+        name = _class(float(length), float(width), top, speed, on_lane=on_lane, moves=moves)
     gone = float(np.linalg.norm(middles[-1] - middles[0]))
     if name in SMALL and (
         not small
-        or (gone < GONE_M and moving < SURELY)
+        or (gone < GONE_M and moving < SURELY and "bicycle" not in outlines)
         or min(one.bottom for one in seen) > OFF_GROUND_M
         or not SHORT_M < top < TALL_M
     ):
@@ -133,7 +140,13 @@ def observed_track(
     if not whole.any() or width < WHOLE * usual[1]:
         width = max(width, usual[1])
     width = min(width, WIDEST.get(name, width))
-    size = (max(float(length), usual[0]), float(width), height)
+    ended = [one.length for one in seen if one.length is not None]
+    if ended and name in LENGTHS:
+        # Both are off by as much, a quarter of a metre.
+        length = (np.clip(np.median(ended), *LENGTHS[name]) + usual[0]) / 2
+    else:
+        length = max(length, usual[0])
+    size = (float(length), float(width), height)
     if name in SMALL:
         size = (usual[0], usual[1], height)
     if name == "pedestrian":
@@ -172,7 +185,7 @@ def _class(
     if width < WIDE_M and length < LONG_M and top < 2.3:
         if not moves:
             return None
-        walks = length < RIDDEN_M if speed < WALKS_M_S else length < STRIDE_M
+        walks = length < (RIDDEN_M if speed < WALKS_M_S else STRIDE_M)
         return "pedestrian" if walks else "bicycle"
     if top > 2.6 and length > 7.0:
         return "bus" if length > 9.0 else "truck"
