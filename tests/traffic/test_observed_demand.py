@@ -10,7 +10,10 @@ import shapely
 import yaml
 
 from urbantwin.traffic.calibration import calibrate_observation, momentary
+from urbantwin.traffic.calibration.passages import SeenTrack
+from urbantwin.traffic.calibration.presence import Presence, corrected, passed_per_hour
 from urbantwin.traffic.calibration.simulated import simulated_tracks
+from urbantwin.traffic.recorded.track import RecordedTrack
 from urbantwin.twin import Twin
 
 ASKED, SECONDS = 1500.0, 40
@@ -45,7 +48,7 @@ def test_as_many_drive_as_were_observed(
     # The site's streets are those of the crossing: what is built of a site is tested elsewhere.
     monkeypatch.setitem(crossing_twin.site["traffic"], "warmup_s", 30.0)
     monkeypatch.setattr(momentary, "built", lambda *_: crossing_twin)
-    monkeypatch.setattr(momentary, "_TRIAL_S", 40.0)
+    monkeypatch.setattr(momentary, "_TRIAL_S", 180.0)  # two cycles
     monkeypatch.setattr(momentary, "_ROUNDS", 1)
     report = calibrate_observation(observed, SITE, tmp_path / "calibrated")
     written = yaml.safe_load((tmp_path / "calibrated/traffic.yaml").read_text())["per_hour"]
@@ -55,3 +58,40 @@ def test_as_many_drive_as_were_observed(
     assert car["present"] == pytest.approx(len(rows) / SECONDS, rel=0.2)
     assert car["present_simulated"] == pytest.approx(car["present"], rel=0.3)
     assert yaml.safe_load((tmp_path / "calibrated/site.yaml").read_text())["name"] == "hannover"
+
+
+def car_along(times: np.ndarray, x: np.ndarray, name: str = "car") -> SeenTrack:
+    xy = np.column_stack([x, np.zeros_like(x)])
+    none = np.zeros_like(times)
+    track = RecordedTrack("1", name, times, xy, none, none, np.array([4.0, 1.8, 1.5]))
+    return SeenTrack(track, times, xy, none, none)
+
+
+def test_who_leaves_is_counted_as_often_as_it_leaves() -> None:
+    times = np.arange(0.0, 100.0)
+    through = car_along(times[:40], np.linspace(-60, 60, 40))
+    twice = car_along(
+        times, 60 * np.sin(times / 8)
+    )  # four times
+    waits = car_along(times, np.zeros(100))
+    ends = car_along(times[:30], np.linspace(-30, 20, 30))  # where its road ends
+    walks = car_along(times[:40], np.linspace(-60, 60, 40), "pedestrian")
+    area = shapely.box(-50, -5, 50, 5)
+    for tracks, count in (([through], 1), ([twice], 4), ([waits], 0), ([ends], 1), ([walks], 0)):
+        assert passed_per_hour(tracks, area, 100.0) == pytest.approx(36.0 * count)
+
+
+def test_no_more_are_asked_for_than_pass_where_they_queue() -> None:
+    def present(motors: int, people: int) -> Presence:
+        counts = {"car": np.full(10, motors), "pedestrian": np.full(10, people)}
+        return Presence(10, counts, {})
+
+    asked = {"car": 2000.0, "pedestrian": 100.0}
+    recorded, simulated = present(30, 9), present(24, 6)
+    free = corrected(asked, recorded, simulated, passed=1950.0)
+    full = corrected(asked, recorded, simulated, passed=1500.0)
+    assert free["car"] == pytest.approx(2000 * 30.5 / 24.5)
+    assert full["car"] == pytest.approx(1500.0)
+    assert free["pedestrian"] == full["pedestrian"] == pytest.approx(100 * 9.5 / 6.5)
+    # Fewer are present than simulated: that holds, too.
+    assert corrected(asked, present(6, 9), simulated, passed=1500.0)["car"] < 1500.0

@@ -20,6 +20,7 @@ from urbantwin.traffic.calibration.presence import (
     corrected,
     first_flows,
     flows_of_arms,
+    passed_per_hour,
     presence_of,
 )
 from urbantwin.traffic.calibration.simulated import simulated_tracks
@@ -72,7 +73,7 @@ def calibrate_observation(
         recorded = presence_of(tracks, moments_s, area, arms)
         trial_s = np.arange(0.0, _TRIAL_S, 1.0)
 
-        def simulated(per_hour: dict[str, float], turn: int) -> Presence:
+        def simulated(per_hour: dict[str, float], turn: int) -> tuple[Presence, float]:
             asked = {**twin.site["traffic"], "counts": [], "seed": seed}
             asked["per_hour"] = {name: per_hour.get(name, 0.0) for name in ACTOR_CLASSES}
             tell = between(progress, 0.2 + 0.8 * turn / (_ROUNDS + 1), 1.0)
@@ -80,13 +81,14 @@ def calibrate_observation(
             found = simulated_tracks(
                 twin, asked, _TRIAL_S, area, scratch=scratch, told=lambda share: tell(share, what)
             )
-            return presence_of(found, trial_s, area, arms)
+            passed = passed_per_hour(found, area, _TRIAL_S)
+            return presence_of(found, trial_s, area, arms), passed
 
         flows = first_flows(recorded)
         for turn in range(_ROUNDS):
-            flows = corrected(flows, recorded, simulated(flows, turn))
+            flows = corrected(flows, recorded, *simulated(flows, turn))
         flows = {name: round(value, 1) for name, value in flows.items()}
-        last = simulated(flows, _ROUNDS)
+        last, passed = simulated(flows, _ROUNDS)
         span_s = float(moments_s[-1] - moments_s[0]) + float(np.diff(moments_s[:2]).sum())
         report = {
             "kind": "calibration",
@@ -98,6 +100,7 @@ def calibrate_observation(
             "recorded_s": round(span_s, 3),
             "simulated_s": _TRIAL_S,
             "seen_m2": round(float(area.area), 1),
+            "motor_vehicles_passed_per_hour": round(passed, 1),
             "demand": _told(flows, recorded, last, max(1, round(span_s))),
         }
         traffic = {"per_hour": {name: flows.get(name, 0.0) for name in _TOLD}}

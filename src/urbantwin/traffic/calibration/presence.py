@@ -27,6 +27,7 @@ __all__ = [
     "corrected",
     "first_flows",
     "flows_of_arms",
+    "passed_per_hour",
     "presence_of",
 ]
 
@@ -36,6 +37,10 @@ _SEEN_M = 5.0
 _WALKS_M_S = 0.3
 #: One stays so long at first, seconds; and no round changes a flow by more than this.
 _STAYS_S, _MOST_CHANGE = 40.0, 1.6
+#: Streets are full that carry less than this share of what is asked.
+_CARRIED = 0.85
+#: Who is seen so shortly before the end has not left, seconds.
+_STILL_THERE_S = 1.0
 #: So many more of each are supposed on both sides: few say little.
 _SUPPOSED = 0.5
 #: A flow is not smaller, per hour.
@@ -158,13 +163,33 @@ def first_flows(recorded: Presence) -> dict[str, float]:
     }
 
 
+def passed_per_hour(tracks: Sequence[SeenTrack], area: shapely.Geometry, seconds: float) -> float:
+    """Return how many motor vehicles an hour leave an area, of tracks over so many seconds."""
+    shapely.prepare(area)
+    left = 0
+    for one in tracks:
+        if one.track.actor_class in MOTORS:
+            inside = shapely.contains_xy(area, one.xy[:, 0], one.xy[:, 1])
+            left += int((inside[:-1] & ~inside[1:]).sum())
+            left += int(inside[-1] and one.time_s[-1] < seconds - _STILL_THERE_S)
+    return left * 3600 / seconds
+
+
 def corrected(
-    per_hour: Mapping[str, float], recorded: Presence, simulated: Presence
+    per_hour: Mapping[str, float], recorded: Presence, simulated: Presence, passed: float = np.inf
 ) -> dict[str, float]:
     """Return flows times who is present in the recording over who is in a simulation of them.
 
-    Motor vehicles together: of rare classes chance decides who is present.
+    Motor vehicles together: of rare classes chance decides who is present. Where fewer pass in the
+    simulation than are asked for, they queue, more would only wait, and as many as pass are asked.
+
+    Args:
+        per_hour: flows by class that were simulated.
+        recorded: who is present in the recording.
+        simulated: who is present in the simulation.
+        passed: motor vehicles per hour that passed in it.
     """
+    motors = sum(value for name, value in per_hour.items() if name in MOTORS)
 
     def ratio(names: Sequence[str]) -> float:
         here, there = (
@@ -174,8 +199,11 @@ def corrected(
         found = (here + _SUPPOSED) / (there + _SUPPOSED)
         return float(np.clip(found, 1 / _MOST_CHANGE, _MOST_CHANGE))
 
+    of_motors = ratio(MOTORS)
+    if passed < _CARRIED * motors:
+        of_motors = min(of_motors, passed / motors)
     return {
-        name: max(value * ratio(MOTORS if name in MOTORS else (name,)), _LEAST)
+        name: max(value * (of_motors if name in MOTORS else ratio((name,))), _LEAST)
         for name, value in per_hour.items()
     }
 
