@@ -22,7 +22,7 @@ from urbantwin.traffic.calibration.measured import Measured, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage, SeenTrack, passages_of
 from urbantwin.traffic.calibration.signal_timing import timing_of
-from urbantwin.traffic.calibration.simulated import parts_seen, simulated_tracks
+from urbantwin.traffic.calibration.simulated import simulated_tracks
 from urbantwin.traffic.recorded.track import RecordedSignals
 from urbantwin.traffic.sumo.counted_signals import timing_told
 from urbantwin.twin import Twin
@@ -324,17 +324,3 @@ def test_at_signals_gaps_count_between_ways_that_are_green_together(
     met = {one.major[0].split("_")[0] for one in conflicts if one.minor == ("ec_2", "cs")}
     assert met == {"wc"}
     assert not [one for one in conflicts if one.minor[1] == "ce" and one.minor[0].startswith("wc")]
-
-
-def test_who_turns_round_out_of_view_comes_back_as_another() -> None:
-    """A street of 100 m is seen, but for a hole of 20 m; the way leads 60 m out of it and back."""
-    seen = shapely.union_all([shapely.box(0, -5, 40, 5), shapely.box(60, -5, 100, 5)])
-    x = np.concatenate([np.arange(-20, 160), np.arange(160, -20, -1)]).astype(float)  # 10 m/s
-    there, back = parts_seen(np.column_stack([x, 0 * x]), seen, 0.1)
-    assert (x[there.start], x[there.stop - 1]) == (0, 100)
-    assert (x[back.start], x[back.stop - 1]) == (100, 0)
-    # A second out of view is a gap that is closed.
-    x = np.concatenate([np.arange(-20, 105), np.arange(105, -20, -1)]).astype(float)
-    (both,) = parts_seen(np.column_stack([x, 0 * x]), seen, 0.1)
-    assert both.stop - both.start == 211
-    assert parts_seen(np.full((50, 2), 500.0), seen, 0.1) == []

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.calibration.passages import SeenTrack
@@ -19,14 +18,11 @@ from urbantwin.traffic.sumo.driven_net import driven_net
 from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.twin import Twin
 
-__all__ = ["parts_seen", "seen_area", "simulated_tracks"]
+__all__ = ["seen_area", "simulated_tracks"]
 
 _STEP_S = 0.2
 #: Beside the recorded paths so much is seen, metres; paths are taken so coarsely.
 _BESIDE_M, _COARSE_M = 3.0, 0.5
-#: Who was out of view for longer is somebody else when it comes back, seconds: so long are the gaps
-#: that are closed in recorded tracks (``recorded/rejoined``). Fewer moments are no track.
-_GONE_S, _FEWEST = 2.0, 3
 
 
 def seen_area(tracks: list[SeenTrack]) -> shapely.Geometry:
@@ -35,27 +31,6 @@ def seen_area(tracks: list[SeenTrack]) -> shapely.Geometry:
     return shapely.union_all(
         [line.simplify(_COARSE_M, preserve_topology=False).buffer(_BESIDE_M) for line in lines]
     )
-
-
-def parts_seen(xy: NDArray[np.float64], area: shapely.Geometry, step_s: float) -> list[slice]:
-    """Return which moments of a way (N, 2) are seen in an area: parts, where it was away between.
-
-    Away is who is beyond everything that is seen. Who is beside the recorded paths for a moment, on
-    a lane that nobody took, is followed.
-
-    Args:
-        xy: where somebody is, moment by moment.
-        area: what is seen.
-        step_s: time between two moments.
-    """
-    inside = np.flatnonzero(shapely.intersects_xy(area, *xy.T))
-    away = np.cumsum(~shapely.intersects_xy(shapely.convex_hull(area), *xy.T))
-    cuts = np.flatnonzero(np.diff(away[inside]) * step_s > _GONE_S) + 1
-    return [
-        slice(int(part[0]), int(part[-1]) + 1)
-        for part in np.split(inside, cuts)
-        if len(part) >= _FEWEST
-    ]
 
 
 def simulated_tracks(
@@ -104,11 +79,14 @@ def simulated_tracks(
         yaw = np.pi / 2 - np.radians(found.angle_deg[rows])
         ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
         xy = found.front[rows] - ahead * mesh.length / 2
+        inside = np.flatnonzero(shapely.intersects_xy(area, *xy.T))
+        if len(inside) < 3:
+            continue
+        part = slice(int(inside[0]), int(inside[-1]) + 1)
+        times = np.asarray(found.step[rows][part] * _STEP_S, np.float64)
         size = np.array([mesh.length, mesh.width, mesh.height])
-        for number, part in enumerate(parts_seen(xy, area, _STEP_S)):
-            times = np.asarray(found.step[rows][part] * _STEP_S, np.float64)
-            nothing = np.full(len(times), np.nan)
-            name = f"{found.trip[rows[0]]}" + (f" again {number}" if number else "")
-            track = RecordedTrack(name, trip.actor_class, times, xy[part], yaw[part], nothing, size)
-            tracks.append(SeenTrack(track, times, xy[part], yaw[part], found.speed[rows][part]))
+        nothing = np.full(len(times), np.nan)
+        name = str(found.trip[rows[0]])
+        track = RecordedTrack(name, trip.actor_class, times, xy[part], yaw[part], nothing, size)
+        tracks.append(SeenTrack(track, times, xy[part], yaw[part], found.speed[rows][part]))
     return tracks
