@@ -145,7 +145,7 @@ class DriverSpec(Strict):
         speed_factor: mean of the desired speed as a share of the limit.
         speed_spread: its standard deviation.
         headway_s: time that they keep to who is ahead, seconds.
-        queue_headway_s: the same of who has stood, to the end of the road of its queue.
+        queue_headway_s: the same of who stands, which comes to ``headway_s`` as it drives.
         standing_gap_m: distance that they keep when they stand, metres.
         acceleration: most that they speed up with, m/s2.
         acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
@@ -196,8 +196,8 @@ class ApproachSpec(Strict):
 
     Attributes:
         approach: id of the road.
-        queue_headway_s: time that motor traffic which has stood there keeps to who is ahead, in
-            place of its class's, seconds.
+        queue_headway_s: time that motor traffic which stands there keeps to who is ahead, in place
+            of its class's, seconds.
         lanes: by which lanes who leaves.
     """
 

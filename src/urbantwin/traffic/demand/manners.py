@@ -12,7 +12,7 @@ __all__ = ["IN_BENDS", "IN_QUEUES", "manners_of"]
 
 _ACCELERATION = "2.6"  # SUMO's for cars
 #: Parameters (no attributes) of a vehicle type: its speed in bends, against what is usual, which
-#: ``curves`` reads, and its headway once it has stood, which ``queue_headway`` reads.
+#: ``curves`` reads, and its headway when it stands, which ``queue_headway`` reads.
 IN_BENDS, IN_QUEUES = "urbantwin.in_bends", "urbantwin.queue_headway"
 #: Field of ``traffic.drivers`` -> SUMO's attribute.
 _ATTRIBUTES = {

@@ -1,8 +1,8 @@
 """Headways of those who leave queues, in SUMO's process.
 
-Who sets out after standing keeps more time to who is ahead than who drives in a platoon all along;
-SUMO's drivers know one headway for both. Part of SUMO's worker: nothing of UrbanTwin may be
-imported here (see ``worker``).
+Who sets out after standing keeps more time to who is ahead than who drives in a platoon all along,
+and less and less of it as it drives; SUMO's drivers know one headway for all that. Part of SUMO's
+worker: nothing of UrbanTwin may be imported here (see ``worker``).
 """
 
 from __future__ import annotations
@@ -11,13 +11,15 @@ from typing import Any
 
 import libsumo
 
-#: Parameter of a vehicle type: the headway of who has stood, seconds.
+#: Parameter of a vehicle type: the headway of who stands, seconds.
 IN_QUEUES = "urbantwin.queue_headway"
 #: Who is slower stands, m/s.
 STANDS_MS = 0.5
-#: Who keeps more time when it moves on takes it by so much each second: whoever is behind slows
-#: down by a tenth, and not to a standstill beyond the stop line.
-_LETS_GO = 0.1
+#: Who has set out comes to its usual headway by so much each second. So queues are left faster and
+#: faster, as at the junctions of Greenshields, Schapiro and Ericksen (Traffic Performance at Urban
+#: Street Intersections, Yale, 1947); who keeps it to the stop line leaves them slower and slower
+#: the farther behind it stood. And whoever is behind slows down by a tenth at most.
+_COMES_BACK = 0.1
 #: A queue reaches back from where it waits over roads that lead there so near before it, metres, as
 #: maps cut streets; and past another signal, where no three cars fit between the two.
 _BEFORE_M, _BETWEEN_M = 150.0, 25.0
@@ -28,10 +30,10 @@ _OTHERS = ("bicycle", "tram", "pedestrian")
 
 
 class QueueHeadways:
-    """Lets who has stood keep another headway, to the end of the road at which its queue waits.
+    """Lets who stands keep another headway, and come back to its own when it has set out.
 
-    That is the road where it stood, or one that follows: where drivers wait for a signal or give
-    way. After that it closes up at once, or falls back bit by bit.
+    It is that of the road at which its queue waits: the road where it stands, or one that follows,
+    where drivers wait for a signal or give way.
 
     Args:
         told: by road ``queue_headway_s``, which goes before that of a vehicle's type.
@@ -46,44 +48,41 @@ class QueueHeadways:
         }
         self.of_any = of_types or bool(self.roads)
         self.kinds: dict[str, float | None] = {}
-        #: Vehicle -> roads of its queue that are still to come, the one that it is on first, and
-        #: its usual headway.
-        self.stood: dict[str, tuple[tuple[str, ...], float]] = {}
-        self.falls_back: dict[str, float] = {}
+        self.stood: set[str] = set()
+        #: Vehicle -> its usual headway, of those who have another.
+        self.usual: dict[str, float] = {}
         self.one_queue: dict[tuple[str, str], bool] = {}
 
     def look(self) -> None:
-        """See who stands, and who has left the roads of its queue, at a whole second."""
+        """See who stands, and who has set out, at a whole second."""
         if not self.of_any:
             return
         vehicle = libsumo.vehicle
-        there = vehicle.getIDList()
-        stood: dict[str, tuple[tuple[str, ...], float]] = {}
-        for name in there:
-            road, before = vehicle.getRoadID(name), self.stood.get(name)
-            if before is not None:
-                left = _left(before[0], road)
-                if left:
-                    before = left, before[1]
-                else:
-                    self.falls_back[name] = before[1]
-                    before = None
-            if before is None and not road.startswith(":") and vehicle.getSpeed(name) < STANDS_MS:
-                roads = self._queue(name, road)
-                headway_s = self._headway(name, roads)
-                if headway_s is not None:
-                    before = roads, self.falls_back.pop(name, vehicle.getTau(name))
-                    vehicle.setTau(name, headway_s)
-            if before is not None:
-                stood[name] = before
-        self.stood = stood
-        falls_back: dict[str, float] = {}
-        for name in (one for one in there if one in self.falls_back):
-            headway_s = min(self.falls_back[name], vehicle.getTau(name) + _LETS_GO)
+        stood: set[str] = set()
+        usual: dict[str, float] = {}
+        for name in vehicle.getIDList():
+            if vehicle.getSpeed(name) < STANDS_MS:
+                stood.add(name)
+                if name not in self.stood:
+                    self._stands(name)
+                if name in self.usual:
+                    usual[name] = self.usual[name]
+            elif name in self.usual:
+                headway_s, own = vehicle.getTau(name), self.usual[name]
+                step = min(max(own - headway_s, -_COMES_BACK), _COMES_BACK)
+                vehicle.setTau(name, headway_s + step)
+                if abs(own - headway_s) > _COMES_BACK:
+                    usual[name] = own
+        self.stood, self.usual = stood, usual
+
+    def _stands(self, name: str) -> None:
+        """Give a vehicle that has come to stand the headway of its queue."""
+        vehicle = libsumo.vehicle
+        road = vehicle.getRoadID(name)
+        headway_s = None if road.startswith(":") else self._headway(name, self._queue(name, road))
+        if headway_s is not None:
+            self.usual.setdefault(name, vehicle.getTau(name))
             vehicle.setTau(name, headway_s)
-            if headway_s < self.falls_back[name]:
-                falls_back[name] = self.falls_back[name]
-        self.falls_back = falls_back
 
     def _queue(self, name: str, road: str) -> tuple[str, ...]:
         """Return the roads from the one where a vehicle stands to the one at whose end it waits.
@@ -119,7 +118,7 @@ class QueueHeadways:
         return self.one_queue[road, following]
 
     def _headway(self, name: str, roads: tuple[str, ...]) -> float | None:
-        """Return the headway that a vehicle keeps who has stood in a queue; none: its usual."""
+        """Return the headway that a vehicle keeps who stands in a queue; none: its usual."""
         # A vehicle that was told anything has a type of its own.
         kind = libsumo.vehicle.getTypeID(name).removesuffix(f"@{name}")
         if kind not in self.kinds:
@@ -129,15 +128,3 @@ class QueueHeadways:
             return self.kinds[kind]
         own = (self.roads[road] for road in reversed(roads) if road in self.roads)
         return next(own, self.kinds[kind])
-
-
-def _left(roads: tuple[str, ...], now: str) -> tuple[str, ...]:
-    """Return the roads of a queue that are still to come, of those that were; empty: it is left.
-
-    Args:
-        roads: that were to come when somebody looked last.
-        now: where the vehicle is, a road or within a junction.
-    """
-    if now.startswith(":"):
-        return roads if len(roads) > 1 else ()
-    return roads[roads.index(now) :] if now in roads else ()
