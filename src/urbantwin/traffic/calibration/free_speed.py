@@ -52,13 +52,13 @@ def free_speeds(
     where = np.concatenate([one.xy for one in drive])
     when = np.concatenate([one.time_s for one in drive])
     who = np.repeat(np.arange(len(drive)), [len(one.time_s) for one in drive])
-    number = {id(one): k for k, one in enumerate(drive)}
+    number = {id(one.track): k for k, one in enumerate(drive)}
     there = cKDTree(where).query_ball_point([one.seen.xy[-1] for one in leave], _SAME_PLACE_M)
     found: dict[str, list[float]] = defaultdict(list)
     for one, near in zip(leave, there, strict=True):
         seen, at = one.seen, np.array(near, int)
         before = float(seen.time_s[-1]) - when[at]
-        close = (before > 0) & (before < _CLOSE_S) & (who[at] != number.get(id(seen), -1))
+        close = (before > 0) & (before < _CLOSE_S) & (who[at] != number.get(id(seen.track), -1))
         if not close.any():
             last = np.abs(seen.speed[seen.time_s > seen.time_s[-1] - _LAST_S])
             found[one.leaving].append(float(last.max()) / limits[one.leaving])

@@ -275,7 +275,7 @@ def _gaps(
     stand: dict[tuple[str, str], list[float]] = defaultdict(list)
     follow: dict[tuple[str, str], list[float]] = defaultdict(list)
     drive: dict[tuple[str, str], list[float]] = defaultdict(list)
-    stood_s = {one.seen.track.name: _first_stood(one.seen) for one in passages}
+    stood_s = {id(one.seen): _first_stood(one.seen) for one in passages}
     for ones in there.values():
         yaw = ones[0][0].seen.yaw[ones[0][1]]
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
@@ -291,7 +291,7 @@ def _gaps(
             elif slow > _FOLLOWS_MS and fast - slow < _AS_FAST_MS and 0 < gap < _FOLLOWS_S * slow:
                 time = gap / abs(float(a.speed[k]))
                 follow[pair].append(time)
-                if a.time_s[k] < stood_s[a.track.name]:
+                if a.time_s[k] < stood_s[id(a)]:
                     drive[pair].append(time)
     return _medians(stand), _medians(follow), _medians(drive)
 

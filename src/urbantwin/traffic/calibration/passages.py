@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,8 @@ __all__ = [
     "passages_of",
 ]
 
+#: Who is on a way to the junction for fewer moments has not come back: paths lie across lanes.
+_COMES = 3
 _FIRST, _SLOWEST_MS = 10, 3.0  # moments, and a speed, to tell what was before a track
 #: Classes whose passages are counted.
 MOTORS = ("car", "van", "truck", "bus", "motorcycle")
@@ -56,6 +59,11 @@ class SeenTrack:
     xy: NDArray[np.float64]
     yaw: NDArray[np.float64]
     speed: NDArray[np.float64]
+
+    def part(self, rows: slice) -> SeenTrack:
+        """Return a part of it, of the same track."""
+        columns = (self.time_s, self.xy, self.yaw, self.speed)
+        return SeenTrack(self.track, *(one[rows] for one in columns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,37 +175,69 @@ def passages_of(
     links: JunctionLinks,
     classes: Collection[str] = MOTORS,
 ) -> list[Passage]:
-    """Return the passages of some classes over the main junction, in the order of the tracks."""
+    """Return the passages of some classes over the main junction, in the order of the tracks.
+
+    Who comes back and passes it again has a passage for each time, each with its part of the track.
+    """
     below = LanesBelow(roads)
     road_of = {lane: road for road in roads.roads for lane in road.lanes}
-    found = []
-    for seen in tracks:
-        name = seen.track.actor_class
+    found: list[Passage | None] = []
+    for whole in tracks:
+        name = whole.track.actor_class
         if name not in classes:
             continue
         # What stands on the map as lanes for cars serves all motor traffic.
-        lanes = below.at(seen.xy, seen.yaw, "car" if name in MOTORS else name)
-        came = [k for k, one in enumerate(lanes) if _to(road_of, one) == links.junction]
-        approach = lane = leaving = ""
-        passed = np.nan
-        if came:
-            last = came[-1]
-            lane = str(lanes[last])
-            approach = road_of[lane].id
-            if last + 1 < len(lanes):
-                passed = _after(seen, last, roads.lane_by_id[lane].centre[-1, :2])
-        left = [k for k, one in enumerate(lanes) if _from(road_of, one) == links.junction]
-        left = [k for k in left if not came or k > came[-1]]
-        if left:
-            leaving = road_of[str(lanes[left[0]])].id
-        if not approach or not leaving:
-            lane, leaving = _by_ways(lanes, links, lane, leaving)
-            approach = road_of[lane].id if lane else ""
-            if lane and not came:
-                passed = _before(seen, roads.lane_by_id[lane].centre[-1, :2])
-        if approach or leaving:
-            found.append(Passage(seen, lanes, approach, leaving, lane, passed))
-    return found
+        every = below.at(whole.xy, whole.yaw, "car" if name in MOTORS else name)
+        found += [
+            _passage(whole.part(part), every[part], roads, road_of, links)
+            for part in _rounds(every, road_of, links.junction)
+        ]
+    return [one for one in found if one is not None]
+
+
+def _rounds(lanes: NDArray[np.object_], road_of: dict[str, Road], junction: str) -> list[slice]:
+    """Return the parts of a track: each begins where it comes to a junction that it had left."""
+    comes = np.array([_to(road_of, one) == junction for one in lanes])
+    leaves = np.array([_from(road_of, one) == junction for one in lanes])
+    told = np.flatnonzero(comes | leaves)
+    before, then = told[:-1], told[1:]
+    again = then[comes[then] & ~leaves[then] & leaves[before] & ~comes[before]]
+    cuts = [0]
+    for cut, end in zip(again, [*again[1:], len(lanes)], strict=True):
+        if comes[cut:end].sum() >= _COMES:
+            cuts.append(int(cut))
+    return [slice(a, b) for a, b in pairwise([*cuts, len(lanes)])]
+
+
+def _passage(
+    seen: SeenTrack,
+    lanes: NDArray[np.object_],
+    roads: RoadNetwork,
+    road_of: dict[str, Road],
+    links: JunctionLinks,
+) -> Passage | None:
+    """Return the passage of a track that passes the main junction once, or of which it is seen."""
+    came = [k for k, one in enumerate(lanes) if _to(road_of, one) == links.junction]
+    approach = lane = leaving = ""
+    passed = np.nan
+    if came:
+        last = came[-1]
+        lane = str(lanes[last])
+        approach = road_of[lane].id
+        if last + 1 < len(lanes):
+            passed = _after(seen, last, roads.lane_by_id[lane].centre[-1, :2])
+    left = [k for k, one in enumerate(lanes) if _from(road_of, one) == links.junction]
+    left = [k for k in left if not came or k > came[-1]]
+    if left:
+        leaving = road_of[str(lanes[left[0]])].id
+    if not approach or not leaving:
+        lane, leaving = _by_ways(lanes, links, lane, leaving)
+        approach = road_of[lane].id if lane else ""
+        if lane and not came:
+            passed = _before(seen, roads.lane_by_id[lane].centre[-1, :2])
+    if approach or leaving:
+        return Passage(seen, lanes, approach, leaving, lane, passed)
+    return None
 
 
 def _after(seen: SeenTrack, last: int, end: NDArray[np.float64]) -> float:
