@@ -13,9 +13,10 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane, leveling
 from urbantwin.fidelity.alignment.pose_belief import Belief, beliefs
-from urbantwin.fidelity.alignment.pose_search import Found, PoseSearch, SearchSpan
+from urbantwin.fidelity.alignment.pose_search import Found, PoseSearch
 from urbantwin.fidelity.alignment.registration import Registered, registered
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.fidelity.alignment.search_span import SearchSpan
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials, wrapped, ypr_from_rotation
 from urbantwin.progress import Progress, untold

@@ -1,4 +1,4 @@
-"""Features of one frame that a twin has too: surfaces, curbs and bright paint."""
+"""Features of one frame that a twin has too: surfaces, posts, curbs and bright paint."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from urbantwin.fidelity.alignment.curbs import above_lowest, curbs_of
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, leveling, thinned
 from urbantwin.fidelity.alignment.lane_markings import bright_spots_of
+from urbantwin.fidelity.alignment.posts import posts_of
 from urbantwin.fidelity.frame import Frame
 
 __all__ = ["RAISED_M", "FrameFeatures"]
@@ -25,6 +26,8 @@ class FrameFeatures:
     Attributes:
         points: (N, 3), metres.
         raised: (N,) which lie off the ground.
+        posts: (K, 3) axes of posts, somewhere along their height.
+        post: (N,) the post that each point is of; -1: none.
         curbs: (C, 3) where rings meet curbs.
         curb_road: (C, 3) unit vectors from there towards the road.
         spots: (B, 3) bright points of the ground.
@@ -33,6 +36,8 @@ class FrameFeatures:
 
     points: NDArray[np.float64]
     raised: NDArray[np.bool_]
+    posts: NDArray[np.float64]
+    post: NDArray[np.int64]
     curbs: NDArray[np.float64]
     curb_road: NDArray[np.float64]
     spots: NDArray[np.float64]
@@ -62,9 +67,13 @@ class FrameFeatures:
             bright = bright_spots_of(points[mine], level[mine], shine)
             spots.append(bright.points)
             weights.append(bright.weight)
+        above = above_lowest(level)
+        posts = posts_of(level, above)
         return cls(
             points,
-            above_lowest(level) > RAISED_M,
+            above > RAISED_M,
+            posts.axis @ leveling(plane.normal),
+            posts.of,
             np.concatenate(curbs),
             np.concatenate(roads),
             np.concatenate(spots),
@@ -77,6 +86,8 @@ class FrameFeatures:
         return FrameFeatures(
             self.points[kept],
             self.raised[kept],
+            self.posts,
+            self.post[kept],
             self.curbs,
             self.curb_road,
             self.spots,

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.alignment.pose_search import Likeness, PoseSearch, SearchSpan
+from urbantwin.fidelity.alignment.pose_search import KINDS, Likeness, PoseSearch
+from urbantwin.fidelity.alignment.search_span import SearchSpan
 
 __all__ = ["Belief", "beliefs"]
 
@@ -27,6 +28,8 @@ _LEVER_M = 12.0
 _ALIKE = 1.0
 #: Where chance is measured: places to each side, and turns; over this at least, metres and radians.
 _PLACES, _TURNS, _LEAST_M, _LEAST_RAD = 10, 4, 3.0, np.radians(15.0)
+#: Less than this is not measured there, by kind: the ground, surfaces, edges, lines and posts.
+_LEAST_CHANCE = np.array([0.02, 0.02, 0.02, 0.02, 0.005])
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +112,13 @@ def _measured(
     width_m: float,
 ) -> Likeness:
     """Measure what pieces gain by chance, and how many of them the scene has, by kind."""
-    none = Likeness(width_m, np.zeros(4), np.ones(4))
+    none = Likeness(width_m, np.zeros(KINDS), np.ones(KINDS))
     offsets = np.linspace(-1.0, 1.0, _PLACES) * max(span.reach_m, _LEAST_M)
     xy = span.middle + np.stack(np.meshgrid(offsets, offsets), -1).reshape(-1, 2)
     turns = np.linspace(-1.0, 1.0, _TURNS) * max(span.reach_rad, _LEAST_RAD)
     _, _, scores, gains = search.fit(xy, span.yaw + turns, none)
-    known = gains[np.isfinite(scores)].reshape(-1, 4)
-    chance = np.clip(known.mean(axis=0) if len(known) else np.ones(4), 0.02, 0.98)
+    known = gains[np.isfinite(scores)].reshape(-1, KINDS)
+    chance = np.clip(known.mean(axis=0) if len(known) else np.ones(KINDS), _LEAST_CHANCE, 0.98)
     best = [search.fit(place[None], np.array([yaw]), none)[3][0, 0] for place, yaw in places]
     shared = (np.max(best, axis=0) - chance) / (1.0 - chance)
     return Likeness(width_m, np.clip(shared, 0.02, 0.9), chance)

@@ -12,6 +12,7 @@ from urbantwin.fidelity.alignment.correspondences import (
     GROUND,
     KINDS,
     LINES,
+    POSTS,
     RAISED,
     Correspondences,
     Residuals,
@@ -181,7 +182,7 @@ def _wrong(residuals: Residuals) -> NDArray[np.float64]:
         cluster, weight = residuals.cluster[mine], residuals.weight[mine]
         total = np.bincount(cluster, weight)
         mean = np.bincount(cluster, weight * residuals.error[mine])
-        held = np.bincount(cluster) >= (1 if kind in {EDGES, LINES} else 3)
+        held = np.bincount(cluster) >= (1 if kind in {EDGES, LINES, POSTS} else 3)
         held = held & (total > 0)
         count = int(held.sum())
         if count < 2:
@@ -210,4 +211,6 @@ def _explained(
     on = np.zeros(len(at), np.bool_)
     close = (residuals.kind == RAISED) & (np.abs(residuals.error) < EXPLAINED_M)
     on[residuals.number[close]] = True
+    upright = (residuals.kind == POSTS) & (np.abs(residuals.error) < EXPLAINED_M)
+    on |= np.isin(features.post, residuals.number[upright])
     return float((on & off).sum() / max(off.sum(), 1))
