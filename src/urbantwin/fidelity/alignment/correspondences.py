@@ -88,7 +88,7 @@ class Correspondences:
         surface = features.raised & ((features.post < 0) | (len(scene.posts) == 0))
         self._targets = []
         for mine, theirs in (
-            (~features.raised, np.ones(len(ground), bool)),
+            (~features.raised, ~post),
             (surface, scene.is_raised[seen] & ~post),
         ):
             places = self.surface[theirs]

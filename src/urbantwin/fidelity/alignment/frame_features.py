@@ -25,7 +25,7 @@ class FrameFeatures:
 
     Attributes:
         points: (N, 3), metres.
-        raised: (N,) which lie off the ground.
+        above: (N,) how high they are above the lowest point around.
         posts: (K, 3) axes of posts, somewhere along their height.
         post: (N,) the post that each point is of; -1: none.
         curbs: (C, 3) where rings meet curbs.
@@ -35,7 +35,7 @@ class FrameFeatures:
     """
 
     points: NDArray[np.float64]
-    raised: NDArray[np.bool_]
+    above: NDArray[np.float64]
     posts: NDArray[np.float64]
     post: NDArray[np.int64]
     curbs: NDArray[np.float64]
@@ -71,7 +71,7 @@ class FrameFeatures:
         posts = posts_of(level, above)
         return cls(
             points,
-            above > RAISED_M,
+            above,
             posts.axis @ leveling(plane.normal),
             posts.of,
             np.concatenate(curbs),
@@ -80,12 +80,17 @@ class FrameFeatures:
             np.concatenate(weights),
         )
 
+    @property
+    def raised(self) -> NDArray[np.bool_]:
+        """Which points (N,) lie off the ground."""
+        return self.above > RAISED_M
+
     def thinned(self, cell_m: float) -> FrameFeatures:
         """Return it with one point a cell; curbs and spots stay as they are."""
         kept = thinned(self.points, cell_m)
         return FrameFeatures(
             self.points[kept],
-            self.raised[kept],
+            self.above[kept],
             self.posts,
             self.post[kept],
             self.curbs,

@@ -28,8 +28,8 @@ _LEVER_M = 12.0
 _ALIKE = 1.0
 #: Where chance is measured: places to each side, and turns; over this at least, metres and radians.
 _PLACES, _TURNS, _LEAST_M, _LEAST_RAD = 10, 4, 3.0, np.radians(15.0)
-#: Less than this is not measured there, by kind: the ground, surfaces, edges, lines and posts.
-_LEAST_CHANCE = np.array([0.02, 0.02, 0.02, 0.02, 0.005])
+#: Less than this is not measured there, by kind: see `pose_search`.
+_LEAST_CHANCE = np.array([0.02, 0.02, 0.02, 0.02, 0.005, 0.02])
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,13 +21,16 @@ __all__ = ["KINDS", "Found", "Likeness", "PoseSearch"]
 
 #: A point of the ground this far above or below the twin's tells nothing, metres.
 _FAR_UP_M = 0.4
-#: What a piece of the ground counts, of surfaces off it, edges of carriageways, lines, and a post.
-#: The ground looks alike everywhere, and much that is bright is no line.
-_WEIGHTS = (0.03, 1.0, 1.0, 0.3, 1.0)
+#: What a piece of the ground counts, of low things on it, edges of carriageways, lines, a post, and
+#: of tall things. The ground looks alike everywhere, and much that is bright is no line.
+_WEIGHTS = (0.03, 1.0, 1.0, 0.3, 1.0, 1.0)
 #: Points this near to each other are one piece of what the frame shows, metres.
 _PIECE_M = 4.0
-_GROUND, _RAISED, _EDGES, _LINES, _POSTS = range(5)
-KINDS = 5
+#: Cars, hedges and fences are no higher than this, metres: maps have other shares of them than of
+#: houses and trees.
+_LOW_M = 2.2
+_GROUND, _RAISED, _EDGES, _LINES, _POSTS, _TALL = range(6)
+KINDS = 6
 #: From everywhere in a span that reaches no farther, metres, much the same can be seen.
 _SMALL_M = 10.0
 _MOST_POINTS = 1500
@@ -58,8 +61,8 @@ class Likeness(NamedTuple):
     Attributes:
         width_m: how far off the scene is about; 0: what is farther off gains evenly less, up to
             `FAR_M`, for looking from afar.
-        shared: (5,) share of the pieces of a kind that are in the scene too.
-        chance: (5,) what pieces gain by chance.
+        shared: (6,) share of the pieces of a kind that are in the scene too.
+        chance: (6,) what pieces gain by chance.
     """
 
     width_m: float
@@ -73,7 +76,7 @@ class Likeness(NamedTuple):
 
 #: Before anything is measured. Posts are few: one is seldom near another by chance.
 _FROM_AFAR = Likeness(
-    0.0, np.array([0.5, 0.5, 0.5, 0.5, 0.3]), np.array([0.25, 0.25, 0.25, 0.25, 0.02])
+    0.0, np.array([0.5, 0.5, 0.5, 0.5, 0.3, 0.5]), np.array([0.25, 0.25, 0.25, 0.25, 0.02, 0.25])
 )
 
 
@@ -147,7 +150,11 @@ class PoseSearch:
         posts = np.flatnonzero(which == _POSTS)  # each is a piece
         cell[posts, :2] = np.column_stack([np.arange(len(posts))] * 2)
         _, first, piece = np.unique(row_keys(cell), axis=0, return_index=True, return_inverse=True)
-        return point, which, np.concatenate(weights)[order], piece.reshape(-1), which[first]
+        kinds_of = which[first]
+        tall = set(map(tuple, np.floor(level[features.above[kept] > _LOW_M, :2] / _PIECE_M)))
+        high = [tuple(place) in tall for place in np.floor(point[first, :2] / _PIECE_M)]
+        kinds_of[(kinds_of == _RAISED) & np.array(high, bool)] = _TALL
+        return point, which, np.concatenate(weights)[order], piece.reshape(-1), kinds_of
 
     def run(self, span: SearchSpan, most: int = 5) -> list[Found]:
         """Return the best poses, best first; empty where no ground was found in the span."""
@@ -214,7 +221,7 @@ class PoseSearch:
         like: Likeness = _FROM_AFAR,
         every: int = 1,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the ground's normals (P, 3), places (P, 3), scores (P, Y) and gains (P, Y, 5).
+        """Return the ground's normals (P, 3), places (P, 3), scores (P, Y) and gains (P, Y, 6).
 
         Scores are logarithms of how much likelier what the frame shows is at a pose than by
         chance; where there is no ground, nothing is likely. Gains are the means of pieces' by kind.

@@ -17,7 +17,7 @@ __all__ = ["ScenePoints"]
 GROUND_SPACING_M, OTHER_SPACING_M = 0.4, 0.15
 _MOST_POINTS = 2_000_000
 #: So wide at most, and so high at least, is a post; it is known by its lower part, of so many
-#: points, and all of it is so near to its axis, beyond its own radius; metres.
+#: points, and all of it is so near to its axis, beyond half of its diagonal; metres.
 _POST_WIDE_M, _POST_HIGH_M, _POST_LOW_M, _POST_POINTS, _POST_NEAR_M = 0.6, 1.8, 2.5, 8, 0.05
 _GROUND = tuple(semantic_id(name) for name in GROUND_CLASSES)
 
@@ -127,7 +127,7 @@ def _posts(
     axis = (first + last) / 2
     away = np.hypot(*(points[:, :2] - axis[number]).T)
     feet = np.column_stack([axis, least[:, 2]])[thin]
-    return thin[number] & (away < wide[number] / 2 + _POST_NEAR_M), feet
+    return thin[number] & (away < wide[number] / np.sqrt(2.0) + _POST_NEAR_M), feet
 
 
 def _strewn(mesh: LabelledMesh) -> NDArray[np.int64]:
