@@ -91,9 +91,13 @@ def _told(
     if not np.isfinite(best):
         return -np.inf, [Belief(0.0, np.full(2, np.inf), np.inf, 0.0) for _ in places]
     mass = [np.exp(log - best) for _, log, _ in clouds]
-    total = sum(float(one.sum()) for one in mass)
+    # What lies between two places is told of the nearer one, and spreads both.
+    shares = [
+        float(likely[_nearest(number, places, xy, turns)].sum())
+        for number, ((xy, _, _), likely) in enumerate(zip(clouds, mass, strict=True))
+    ]
     found = []
-    for (xy, _, evidence), likely in zip(clouds, mass, strict=True):
+    for (xy, _, evidence), likely, share in zip(clouds, mass, shares, strict=True):
         here = max(float(likely.sum()), 1e-300)
         place, turn = likely.sum(axis=1) / here, likely.sum(axis=0) / here
         spread = place @ (xy - place @ xy) ** 2
@@ -101,8 +105,26 @@ def _told(
         # A pose that is held spreads as far as this by the width alone; registration knows better.
         spread = np.sqrt(np.maximum(spread - (like.width_m / 2) ** 2, 0.0))
         wide = float(np.sqrt(max(wide - (like.width_m / 2 / _LEVER_M) ** 2, 0.0)))
-        found.append(Belief(here / total, spread, wide, evidence))
+        found.append(Belief(share / max(sum(shares), 1e-300), spread, wide, evidence))
     return best, found
+
+
+def _nearest(
+    number: int,
+    places: list[tuple[NDArray[np.float64], float]],
+    xy: NDArray[np.float64],
+    turns: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Return which poses (P, Y) around one of several places lie nearest to that one."""
+    yaw = places[number][1]
+    away = np.stack(
+        [
+            ((xy - place) ** 2).sum(axis=1)[:, None]
+            + (_LEVER_M * np.angle(np.exp(1j * (yaw + turns - other)))) ** 2
+            for place, other in places
+        ]
+    )
+    return np.asarray(away.argmin(axis=0) == number)
 
 
 def _measured(
