@@ -21,12 +21,17 @@ from urbantwin.fidelity.alignment import (
     write_aligned_rig,
 )
 from urbantwin.fidelity.alignment.curbs import above_lowest, curbs_of
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.ground_plane import leveling
 from urbantwin.fidelity.alignment.lane_markings import bright_spots_of, mark_lines
 from urbantwin.fidelity.alignment.pose_average import averaged
+from urbantwin.fidelity.alignment.pose_belief import beliefs
 from urbantwin.fidelity.alignment.pose_deviation import pull_share, sandwich
+from urbantwin.fidelity.alignment.pose_search import PoseSearch
 from urbantwin.fidelity.alignment.posts import posts_of
 from urbantwin.fidelity.alignment.road_edges import road_edges
+from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.fidelity.alignment.search_span import SearchSpan
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import LabelledMesh, MaterialLayer, Pose, SurfaceMaterials
 from urbantwin.geometry.surface_material import TILE
@@ -245,6 +250,18 @@ def test_two_places_that_look_alike_are_said():
             world,
             guess=Guess(37.0, -3.0, 63.0, within_m=38.0, within_deg=8.0),
         )
+
+
+def test_a_place_beside_the_right_one_is_no_second_one(points):
+    """What is likely around both is counted once, and told of the nearer."""
+    plane = ground_plane(points)
+    span = SearchSpan(TRUE.translation[:2], 3.0, np.radians(63.0), np.radians(15.0))
+    scene = ScenePoints(street(), span.middle, 50.0)
+    search = PoseSearch(scene, FrameFeatures.of(Frame(points), np.zeros(3), plane), plane, span)
+    yaw = np.arctan2(*(TRUE.rotation @ leveling(plane.normal).T[:, 0])[1::-1])
+    told = beliefs(search, [(span.middle, yaw), (span.middle + [0.9, 0.0], yaw)], span)
+    assert told[0].share > 0.95
+    assert sum(one.share for one in told) == pytest.approx(1.0)
 
 
 def test_what_is_no_frame_of_a_street_is_said(points):

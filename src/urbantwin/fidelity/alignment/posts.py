@@ -13,10 +13,10 @@ from scipy.spatial import cKDTree
 from urbantwin.fidelity.alignment.ground_plane import thinned
 from urbantwin.geometry import row_keys
 
-__all__ = ["POST_HIGH_M", "Posts", "posts_of"]
+__all__ = ["Posts", "posts_of"]
 
 #: A post rises at least so far, through slices of this height, metres: people and bollards do not.
-POST_HIGH_M, _SLICE_M = 1.5, 0.5
+_HIGH_M, _SLICE_M = 1.5, 0.5
 #: It is looked for up to here above the ground, and so far away, metres.
 _UP_TO_M, _REACH_M = 6.0, 40.0
 #: In a slice it is no wider than this, and so far around nothing else stands, metres: a tenth of
@@ -83,7 +83,8 @@ def posts_of(level: NDArray[np.float64], above: NDArray[np.float64]) -> Posts:
     pairs = cKDTree(middle[:, :2]).query_pairs(_UPRIGHT_M, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(middle),) * 2)
     count, group = connected_components(graph, directed=False)
-    axes, of = [], none
+    axes: list[list[float]] = []
+    of = none
     places = cKDTree(level[upright, :2])
     for one in range(count):
         mine = group == one
@@ -95,7 +96,7 @@ def posts_of(level: NDArray[np.float64], above: NDArray[np.float64]) -> Posts:
         points = upright[places.query_ball_point(axis, _WIDE_M / 2 + 0.05)]
         points = points[np.isin(np.floor(above[points] / _SLICE_M), slices)]
         high = np.ptp(above[points]) if len(points) else 0.0
-        if high < POST_HIGH_M:
+        if high < _HIGH_M:
             continue
         of[points] = len(axes)
         axes.append([*_axis(level[points, :2]), level[points, 2].mean()])
