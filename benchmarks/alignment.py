@@ -326,6 +326,9 @@ def main() -> None:
     parser.add_argument("twins", type=Path, nargs="+", help="folders of twins")
     parser.add_argument("--places", type=int, default=5, help="on each site, of a sensor each")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--maps", nargs="+", choices=sorted({*MAPS[0], *MAPS[1]}), help="all of these, none drawn"
+    )
     parser.add_argument("--json", type=Path, help="a file for every case, a line each")
     given = parser.parse_args()
     rows = []
@@ -337,7 +340,7 @@ def main() -> None:
             sensor = SENSORS[generator.integers(len(SENSORS))]
             frames = FRAMES if generator.random() < STANDS else 1
             scans = scanned(twin, sensor, frames, generator)
-            for kinds in MAPS:
+            for kinds in [(kind,) for kind in given.maps] if given.maps else MAPS:
                 kind, guess = str(generator.choice(kinds)), str(generator.choice(GUESSES))
                 span = SPANS[generator.integers(len(SPANS))]
                 map_ = wrong_map(twin.mesh, kind, scans, generator)

@@ -20,11 +20,18 @@ from urbantwin.fidelity.alignment import (
     ground_plane,
     write_aligned_rig,
 )
-from urbantwin.fidelity.alignment.curbs import curbs_of
+from urbantwin.fidelity.alignment.curbs import above_lowest, curbs_of
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures
+from urbantwin.fidelity.alignment.ground_plane import leveling
 from urbantwin.fidelity.alignment.lane_markings import bright_spots_of, mark_lines
 from urbantwin.fidelity.alignment.pose_average import averaged
-from urbantwin.fidelity.alignment.pose_deviation import sandwich
+from urbantwin.fidelity.alignment.pose_belief import beliefs
+from urbantwin.fidelity.alignment.pose_deviation import pull_share, sandwich
+from urbantwin.fidelity.alignment.pose_search import PoseSearch
+from urbantwin.fidelity.alignment.posts import posts_of
 from urbantwin.fidelity.alignment.road_edges import road_edges
+from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.fidelity.alignment.search_span import SearchSpan
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import LabelledMesh, MaterialLayer, Pose, SurfaceMaterials
 from urbantwin.geometry.surface_material import TILE
@@ -203,14 +210,31 @@ def test_a_bare_plane_holds_no_place():
 def test_the_scatter_of_poses_is_that_of_the_errors_over_the_curvature_that_is_left():
     """Least squares of which each error pulls as the matrix says, and half of it pulls back."""
     generator = np.random.default_rng(3)
-    root = generator.normal(size=(8, 8)) + 3 * np.eye(8)
-    matrix = root @ root.T
-    pulls = generator.multivariate_normal(np.zeros(8), matrix, 40_000)
+    roots = generator.normal(size=(2, 8, 8)) + 3 * np.eye(8)
+    matrix, scatter = roots @ roots.transpose(0, 2, 1)
+    pulls = generator.multivariate_normal(np.zeros(8), scatter, 40_000)
     for left in (0.5, 1.0):
         poses = np.linalg.solve(left * matrix, pulls.T).T
-        assert sandwich(matrix, left * matrix) == pytest.approx(poses.var(axis=0)[:6], rel=0.05)
+        told = sandwich(matrix, left * matrix, scatter)
+        assert told == pytest.approx(poses.var(axis=0)[:6], rel=0.05)
     # A curvature that was measured larger than it can be makes nothing surer.
-    assert sandwich(matrix, 3.0 * matrix) == pytest.approx(np.diag(np.linalg.inv(matrix))[:6])
+    told = sandwich(matrix, 3.0 * matrix, matrix)
+    assert told == pytest.approx(np.diag(np.linalg.inv(matrix))[:6])
+
+
+def test_weighted_errors_scatter_a_mean_as_is_said():
+    """Means of 60 normal errors, weighted by Geman and McClure, are found ten thousand times."""
+    errors = np.random.default_rng(4).normal(size=(10_000, 60))
+    for scale in (2.5, 4.0):
+        mean = errors.mean(axis=1, keepdims=True)
+        for _ in range(30):
+            weight = (1 + ((errors - mean) / scale) ** 2) ** -2
+            mean = (weight * errors).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+        ratio = (errors / scale) ** 2
+        matrix = np.eye(8) * ((1 + ratio) ** -2).mean() * 60
+        curvature = np.eye(8) * ((1 - 3 * ratio) / (1 + ratio) ** 3).mean() * 60
+        told = sandwich(matrix, curvature, matrix * pull_share(np.array([scale]))[0])
+        assert told == pytest.approx(np.full(6, mean.var()), rel=0.05)
 
 
 def test_two_places_that_look_alike_are_said():
@@ -226,6 +250,18 @@ def test_two_places_that_look_alike_are_said():
             world,
             guess=Guess(37.0, -3.0, 63.0, within_m=38.0, within_deg=8.0),
         )
+
+
+def test_a_place_beside_the_right_one_is_no_second_one(points):
+    """What is likely around both is counted once, and told of the nearer."""
+    plane = ground_plane(points)
+    span = SearchSpan(TRUE.translation[:2], 3.0, np.radians(63.0), np.radians(15.0))
+    scene = ScenePoints(street(), span.middle, 50.0)
+    search = PoseSearch(scene, FrameFeatures.of(Frame(points), np.zeros(3), plane), plane, span)
+    yaw = np.arctan2(*(TRUE.rotation @ leveling(plane.normal).T[:, 0])[1::-1])
+    told = beliefs(search, [(span.middle, yaw), (span.middle + [0.3, 0.0], yaw)], span)
+    assert told[0].share > 0.95
+    assert sum(one.share for one in told) == pytest.approx(1.0)
 
 
 def test_what_is_no_frame_of_a_street_is_said(points):
@@ -436,6 +472,56 @@ def test_poles_alone_hold_a_place_and_those_of_elsewhere_do_not():
     assert (np.abs(found.pose.translation - TRUE.translation) < 2 * found.found.sigma_m).all()
     with pytest.raises(InputError):
         align(frame, LabelledMesh.concatenate([slope(), *elsewhere]), guess=guess)
+
+
+def at_posts(places, high_m=7.0, wide_m=0.25):
+    """Posts that stand on the sloping street."""
+    return [
+        replace(
+            box((x, y, 0.03 * x - 0.02 * y + high_m / 2), (wide_m, wide_m, high_m), "pole"),
+            part=np.full(12, number + 1),
+        )
+        for number, (x, y) in enumerate(places)
+    ]
+
+
+def test_posts_of_a_frame_are_found_behind_cars_and_walls_are_none():
+    posts = np.array([[6.0, 4.0], [-8.0, 5.0], [14.0, -11.0]])
+    things = [
+        box((5.2, 1.8, 0.8), (4.4, 1.8, 1.5), "car"),  # hides the foot of the first
+        box((2.0, 12.0, 3.0), (22.0, 0.3, 6.0), "building"),
+        box((-5.0, -8.0, 0.5), (0.5, 0.4, 1.8), "pedestrian"),
+        box((-12.0, -9.0, 4.0), (5.0, 5.0, 3.0), "vegetation"),
+        box((9.0, -14.0, 1.0), (3.0, 0.6, 2.0), "vegetation"),
+    ]
+    world = LabelledMesh.concatenate([slope(), *things, *at_posts(posts)])
+    points = seen(world, TRUE, step_deg=0.4)
+    level = points @ leveling(ground_plane(points).normal).T
+    found = posts_of(level, above_lowest(level))
+    at = TRUE.apply(found.axis @ leveling(ground_plane(points).normal))[:, :2]
+    away = np.hypot(*(at[:, None] - posts).transpose(2, 0, 1))
+    assert at.shape == (3, 2)
+    assert (away.min(axis=0) < 0.1).all()
+    mine = found.of >= 0
+    near = np.hypot(*(TRUE.apply(points[mine])[:, None, :2] - posts).transpose(2, 0, 1)).min(axis=1)
+    assert mine.sum() > 30
+    assert near.max() < 0.4
+
+
+def test_three_posts_hold_a_place_and_one_does_not():
+    """In a street of which the map has nothing else, and a post that is not there."""
+    places = np.array([[6.0, 4.0], [-8.0, 5.0], [14.0, -11.0], [-3.0, -14.0]])
+    frame = Frame(seen(LabelledMesh.concatenate([street(), *at_posts(places)]), TRUE, step_deg=0.5))
+    guess = Guess(1.0, -4.2, 68.0, within_m=3.0, within_deg=15.0)
+    moved = places + [[0.1, 0.05], [-0.1, 0.1], [0.0, -0.1], [0.1, 0.0]]
+    map_ = LabelledMesh.concatenate([slope(), *at_posts([*moved, [-9.0, 13.0]])])
+    found = align(frame, map_, guess=guess)
+    assert found.found.posts == 4
+    assert off(found.pose, TRUE)[0] < 0.15
+    assert (np.abs(found.pose.translation - TRUE.translation) < 2 * found.found.sigma_m).all()
+    for some in (moved[:1], places[:, ::-1] * [-1, 1] + [3, 1]):
+        with pytest.raises(InputError, match=r"three posts|another guess|nearer to the right one"):
+            align(frame, LabelledMesh.concatenate([slope(), *at_posts(some)]), guess=guess)
 
 
 @pytest.mark.thorough

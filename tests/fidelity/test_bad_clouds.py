@@ -33,6 +33,7 @@ def ply(body=b"", vertices=40, names="xyzi"):
         ("a.pcd", pcd("ascii"), "truncated: 0 points"),
         ("a.pcd", pcd("binary", POINTS.tobytes(), points=-40), "header is not valid"),
         ("a.pcd", pcd("binary", POINTS.tobytes(), count="1 1 1 -1"), "header is not valid"),
+        ("a.pcd", pcd("binary", POINTS.tobytes(), fields="x y z x"), "two fields x"),
         ("a.pcd", pcd("ascii", b"1 2 3 4\n1 2 here 4\n", points=2), "could not convert"),
         ("a.ply", ply(POINTS.tobytes(), vertices=-40), "line 3: has 'element vertex -40'"),
         ("a.ply", ply(POINTS.tobytes(), names="xxyz"), "line 5: has 'property float x'"),

@@ -52,6 +52,12 @@ def read_pcd(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int
             "the header is not valid", file=path, expected="a PCD 0.7 header"
         ) from None
 
+    # Bytes that are padding all have one name.
+    twice = sorted({name for name in names if name != "_" and names.count(name) > 1})
+    if twice:
+        raise InputError(
+            f"has two fields {twice[0]}", file=path, expected="each field once, as in FIELDS x y z"
+        )
     if shape[0] * shape[1] != points:
         shape = 1, points
     if encoding == "ascii":

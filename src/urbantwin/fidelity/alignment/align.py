@@ -13,9 +13,10 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane, leveling
 from urbantwin.fidelity.alignment.pose_belief import Belief, beliefs
-from urbantwin.fidelity.alignment.pose_search import Found, PoseSearch, SearchSpan
+from urbantwin.fidelity.alignment.pose_search import Found, PoseSearch
 from urbantwin.fidelity.alignment.registration import Registered, registered
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.fidelity.alignment.search_span import SearchSpan
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials, wrapped, ypr_from_rotation
 from urbantwin.progress import Progress, untold
@@ -36,12 +37,15 @@ _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
 #: A frame that is likelier than chance by less than this (a logarithm) may fit by chance: some
 #: hundred places that differ are tried.
 _LEAST_EVIDENCE = 8.0
+#: A pose farther beyond the span than so many standard deviations is none of it.
+_BEYOND = 2.0
 _CANDIDATES = 6
 #: Two of them are one place, metres and degrees.
 _SAME_M, _SAME_DEG = 0.5, 3.0
 #: With fewer curbs and fewer points off the ground, only heights of the ground would hold the
 #: place, and they fit somewhere whatever the frame shows.
 _FEWEST_CURBS, _FEWEST_RAISED = 4, 50
+_HOLDING = "a twin with walls, curbs or three posts that the sensor sees"
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,7 @@ class Alignment:
             "explained_share": round(self.found.explained, 4),
             "curbs_explained": round(self.found.curbs_explained, 4),
             "marks_explained": round(self.found.marks_explained, 4),
+            "posts": self.found.posts,
             "confidence": round(self.confidence, 4),
             "evidence": round(self.evidence, 1),
             "surface_offset_m": round(self.found.surface_offset_m, 4),
@@ -229,15 +234,17 @@ def _certain(found: Registered, likely: Belief, file: str | None) -> None:
     if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
         raise InputError(
             f"determines the pose to no better than {found.sigma_m.max():.2f} m and "
-            f"{found.sigma_deg.max():.1f} degrees (standard deviation)",
+            f"{found.sigma_deg.max():.1f} degrees (standard deviation; posts that the twin has "
+            f"too: {found.posts})",
             file=file,
-            expected="a twin with walls, poles or curbs that the sensor sees",
+            expected=_HOLDING,
         )
     if likely.evidence < _LEAST_EVIDENCE:
         raise InputError(
-            f"shows too little that the twin has too (evidence {likely.evidence:.1f})",
+            f"shows too little that the twin has too (evidence {likely.evidence:.1f} of "
+            f"{_LEAST_EVIDENCE:g}; posts: {found.posts})",
             file=file,
-            expected=f"{_LEAST_EVIDENCE:g}, as where walls, poles or curbs of the twin are seen",
+            expected=_HOLDING,
         )
 
 
@@ -283,7 +290,7 @@ def _bounded(
     """Return the pose of the points' frame in the bounds of a guess, or refuse it.
 
     Where the truth lies just within a bound, half of all estimates lie beyond. They are moved onto
-    the bound, which a standard deviation allows; farther off the guess is wrong, or the place.
+    the bound, which two standard deviations allow; farther off the guess is wrong, or the place.
     """
     if guess is None:
         return pose
@@ -291,7 +298,8 @@ def _bounded(
     turned = wrapped(float(np.degrees(_stance(pose, plane)[1])) - guess.yaw_deg, 360.0)
     back = np.clip(away, -guess.within_m, guess.within_m) - away
     turn = float(np.clip(turned, -guess.within_deg, guess.within_deg)) - turned
-    if (np.abs(back) > found.sigma_m[:2]).any() or abs(turn) > found.sigma_deg[2]:
+    beyond = np.abs(back) > _BEYOND * found.sigma_m[:2]
+    if beyond.any() or abs(turn) > _BEYOND * found.sigma_deg[2]:
         raise InputError(
             f"fits best {np.abs(away).max():.2f} m and {abs(turned):.1f} degrees from the guess",
             file=file,

@@ -1,4 +1,4 @@
-"""Correspondences of a frame's points in the scene: planes, road edges, painted lines."""
+"""Correspondences of a frame's points in the scene: planes, road edges, painted lines, posts."""
 
 from __future__ import annotations
 
@@ -48,10 +48,9 @@ class Residuals:
         aim: (P, 3) unit vectors along which the error is measured.
         error: (P,) by how much, metres.
         weight: (P,) per square metre.
-        kind: (P,) what they lie on: `RAISED`, `GROUND`, `EDGES` or `LINES`; or beside whose axis,
-            as seen from the sensor: `POSTS`.
+        kind: (P,) what they lie on: `RAISED`, `GROUND`, `EDGES`, `LINES` or `POSTS`.
         cluster: (P,) of points whose errors are one: on one object, or on one stretch.
-        number: (P,) of the point, curb or spot in its features.
+        number: (P,) of the point, curb, spot or post in its features.
     """
 
     at: NDArray[np.float64]
@@ -84,16 +83,18 @@ class Correspondences:
         normal = normal * np.where(facing < 0, -1.0, 1.0)[:, None]
         ground = scene.is_ground[seen]
         cluster = _clusters(self.surface, scene.object[seen])
-        post = scene.post[seen]
+        post = scene.is_post[seen]
+        self._posts = scene.posts
+        surface = features.raised & ((features.post < 0) | (len(scene.posts) == 0))
         self._targets = []
         for mine, theirs in (
-            (~features.raised, np.ones(len(ground), bool)),
-            (features.raised, scene.is_raised[seen]),
+            (~features.raised, ~post),
+            (surface, scene.is_raised[seen] & ~post),
         ):
             places = self.surface[theirs]
             tree = cKDTree(places) if len(places) else None
             chosen = np.flatnonzero(mine)
-            of = (normal[theirs], ground[theirs], cluster[theirs], post[theirs])
+            of = (normal[theirs], ground[theirs], cluster[theirs])
             self._targets.append((chosen, places, *of, tree))
         self._edges, self._edge_normal = scene.edges, scene.edge_normal
         self._lines, self._line_normal = scene.lines, scene.line_normal
@@ -118,7 +119,7 @@ class Correspondences:
             wrong: (5,) how far the scene is wrong over `ALIKE_M`, by kind, metres.
             scale: (5,) the distance at which a point counts a quarter, by kind, metres.
         """
-        parts = [*self._surfaces(pose), self._curbs(pose), self._spots(pose)]
+        parts = [*self._surfaces(pose), self._curbs(pose), self._spots(pose), *self._uprights(pose)]
         at, aim, error, weight, kind, cluster, number = (
             np.concatenate(column) for column in zip(*parts, strict=True)
         )
@@ -133,11 +134,11 @@ class Correspondences:
     def _surfaces(self, pose: Pose) -> list[_Part]:
         """Match points of the ground to any surface, and others to those off the ground.
 
-        What rises from the ground is not the ground below it: cars, hedges, people. A post is too
-        thin to hold points on its planes when they slide sideways: its axis does.
+        What rises from the ground is not the ground below it: cars, hedges, people. Nor is it of a
+        post, where it is not thin.
         """
         found = []
-        for chosen, places, normal, ground, cluster, post, tree in self._targets:
+        for chosen, places, normal, ground, cluster, tree in self._targets:
             if tree is None or not len(chosen):
                 continue
             at = pose.apply(self._features.points[chosen])
@@ -148,13 +149,24 @@ class Correspondences:
             kind = np.where(ground[nearest], GROUND, RAISED)
             weight = np.ones(len(near))
             found.append((at, normal[nearest], error, weight, kind, cluster[nearest], mine))
-            of = np.flatnonzero(np.isfinite(post[nearest, 0]))
-            at, sight = at[of], (at[of] - pose.translation)[:, :2]
-            aside = np.column_stack([-sight[:, 1], sight[:, 0], np.zeros(len(of))])
-            aside /= np.maximum(np.linalg.norm(aside, axis=1), 1e-9)[:, None]
-            error = ((at[:, :2] - post[nearest[of]]) * aside[:, :2]).sum(axis=1)
-            kind = np.full(len(of), POSTS)
-            found.append((at, aside, error, weight[of], kind, cluster[nearest[of]], mine[of]))
+        return found
+
+    def _uprights(self, pose: Pose) -> list[_Part]:
+        """Match axes of posts in plan, east and north: they are too thin for their planes."""
+        at = pose.apply(self._features.posts)
+        if not len(at) or not len(self._posts):
+            return []
+        distance, nearest = cKDTree(self._posts[:, :2]).query(
+            at[:, :2], distance_upper_bound=self._reach
+        )
+        near = np.flatnonzero(np.isfinite(distance))
+        nearest, at = nearest[near], at[near]
+        found: list[_Part] = []
+        for axis in range(2):
+            aim = np.tile(np.eye(3)[axis], (len(near), 1))
+            error = at[:, axis] - self._posts[nearest, axis]
+            kind = np.full(len(near), POSTS)
+            found.append((at, aim, error, np.ones(len(near)), kind, 2 * nearest + axis, near))
         return found
 
     def _curbs(self, pose: Pose) -> _Part:

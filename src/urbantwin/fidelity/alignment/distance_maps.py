@@ -1,4 +1,4 @@
-"""Distance maps of a scene for the pose search: to surfaces, road edges and painted lines."""
+"""Distance maps of a scene for the pose search: to surfaces, road edges, painted lines, posts."""
 
 from __future__ import annotations
 
@@ -48,15 +48,16 @@ class Space(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """How near edges and lines are in plan, and how high the ground is.
+    """How near edges, lines and posts are in plan, and how high the ground is.
 
     Attributes:
-        gain: (2, X, Y) of edges and of lines: 1 on one, 0 from `FAR_M` on.
+        gain: (3, X, Y) of edges, of lines and of posts: 1 on one, 0 from `FAR_M` on.
         height: (X, Y) of the ground, nan where there is none.
         low: (2,) corner of the first cell.
         cell_m: edge of a cell.
         any_edges: whether there are edges of carriageways.
         any_lines: whether there are painted lines.
+        any_posts: whether there are posts.
     """
 
     gain: NDArray[np.float32]
@@ -65,6 +66,7 @@ class Plan(NamedTuple):
     cell_m: float
     any_edges: bool
     any_lines: bool
+    any_posts: bool
 
     @classmethod
     def over(cls, scene: ScenePoints, low: NDArray[np.float64], high: NDArray[np.float64]) -> Plan:
@@ -73,7 +75,7 @@ class Plan(NamedTuple):
         cell = max(_FINEST_M, float((extent.prod() / _MOST_PLAN_CELLS) ** 0.5))
         shape = np.ceil(extent / cell).astype(int) + 1
         gains = []
-        for places in (scene.edges, scene.lines):
+        for places in (scene.edges, scene.lines, scene.posts):
             free = np.ones(shape, np.bool_)
             at = ((places[:, :2] - low) / cell).astype(int)
             at = at[((at >= 0) & (at < shape)).all(axis=1)]
@@ -86,8 +88,7 @@ class Plan(NamedTuple):
         if not empty.all():  # a cell that no point fell into has its neighbour's height
             away, nearest = distance_transform_edt(empty, sampling=cell, return_indices=True)
             height = np.where(away < FAR_M, height[tuple(nearest)], np.nan)
-        any_edges, any_lines = (bool(gain.any()) for gain in gains)
-        return cls(np.stack(gains), height, low, cell, any_edges, any_lines)
+        return cls(np.stack(gains), height, low, cell, *(bool(gain.any()) for gain in gains))
 
 
 def _nearness(free: NDArray[np.bool_], cell_m: float) -> NDArray[np.float32]:

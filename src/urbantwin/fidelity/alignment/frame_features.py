@@ -1,4 +1,4 @@
-"""Features of one frame that a twin has too: surfaces, curbs and bright paint."""
+"""Features of one frame that a twin has too: surfaces, posts, curbs and bright paint."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from urbantwin.fidelity.alignment.curbs import above_lowest, curbs_of
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, leveling, thinned
 from urbantwin.fidelity.alignment.lane_markings import bright_spots_of
+from urbantwin.fidelity.alignment.posts import posts_of
 from urbantwin.fidelity.frame import Frame
 
 __all__ = ["RAISED_M", "FrameFeatures"]
@@ -24,7 +25,9 @@ class FrameFeatures:
 
     Attributes:
         points: (N, 3), metres.
-        raised: (N,) which lie off the ground.
+        above: (N,) how high they are above the lowest point around.
+        posts: (K, 3) axes of posts, somewhere along their height.
+        post: (N,) the post that each point is of; -1: none.
         curbs: (C, 3) where rings meet curbs.
         curb_road: (C, 3) unit vectors from there towards the road.
         spots: (B, 3) bright points of the ground.
@@ -32,7 +35,9 @@ class FrameFeatures:
     """
 
     points: NDArray[np.float64]
-    raised: NDArray[np.bool_]
+    above: NDArray[np.float64]
+    posts: NDArray[np.float64]
+    post: NDArray[np.int64]
     curbs: NDArray[np.float64]
     curb_road: NDArray[np.float64]
     spots: NDArray[np.float64]
@@ -62,21 +67,32 @@ class FrameFeatures:
             bright = bright_spots_of(points[mine], level[mine], shine)
             spots.append(bright.points)
             weights.append(bright.weight)
+        above = above_lowest(level)
+        posts = posts_of(level, above)
         return cls(
             points,
-            above_lowest(level) > RAISED_M,
+            above,
+            posts.axis @ leveling(plane.normal),
+            posts.of,
             np.concatenate(curbs),
             np.concatenate(roads),
             np.concatenate(spots),
             np.concatenate(weights),
         )
 
+    @property
+    def raised(self) -> NDArray[np.bool_]:
+        """Which points (N,) lie off the ground."""
+        return self.above > RAISED_M
+
     def thinned(self, cell_m: float) -> FrameFeatures:
         """Return it with one point a cell; curbs and spots stay as they are."""
         kept = thinned(self.points, cell_m)
         return FrameFeatures(
             self.points[kept],
-            self.raised[kept],
+            self.above[kept],
+            self.posts,
+            self.post[kept],
             self.curbs,
             self.curb_road,
             self.spots,

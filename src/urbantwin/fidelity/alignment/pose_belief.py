@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.alignment.pose_search import Likeness, PoseSearch, SearchSpan
+from urbantwin.fidelity.alignment.pose_search import KINDS, Likeness, PoseSearch
+from urbantwin.fidelity.alignment.search_span import SearchSpan
 
 __all__ = ["Belief", "beliefs"]
 
@@ -27,6 +28,8 @@ _LEVER_M = 12.0
 _ALIKE = 1.0
 #: Where chance is measured: places to each side, and turns; over this at least, metres and radians.
 _PLACES, _TURNS, _LEAST_M, _LEAST_RAD = 10, 4, 3.0, np.radians(15.0)
+#: Less than this is not measured there, by kind: see `pose_search`.
+_LEAST_CHANCE = np.array([0.02, 0.02, 0.02, 0.02, 0.005, 0.02])
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +91,13 @@ def _told(
     if not np.isfinite(best):
         return -np.inf, [Belief(0.0, np.full(2, np.inf), np.inf, 0.0) for _ in places]
     mass = [np.exp(log - best) for _, log, _ in clouds]
-    total = sum(float(one.sum()) for one in mass)
+    # What lies between two places is told of the nearer one, and spreads both.
+    shares = [
+        float(likely[_nearest(number, places, xy, turns)].sum())
+        for number, ((xy, _, _), likely) in enumerate(zip(clouds, mass, strict=True))
+    ]
     found = []
-    for (xy, _, evidence), likely in zip(clouds, mass, strict=True):
+    for (xy, _, evidence), likely, share in zip(clouds, mass, shares, strict=True):
         here = max(float(likely.sum()), 1e-300)
         place, turn = likely.sum(axis=1) / here, likely.sum(axis=0) / here
         spread = place @ (xy - place @ xy) ** 2
@@ -98,8 +105,26 @@ def _told(
         # A pose that is held spreads as far as this by the width alone; registration knows better.
         spread = np.sqrt(np.maximum(spread - (like.width_m / 2) ** 2, 0.0))
         wide = float(np.sqrt(max(wide - (like.width_m / 2 / _LEVER_M) ** 2, 0.0)))
-        found.append(Belief(here / total, spread, wide, evidence))
+        found.append(Belief(share / max(sum(shares), 1e-300), spread, wide, evidence))
     return best, found
+
+
+def _nearest(
+    number: int,
+    places: list[tuple[NDArray[np.float64], float]],
+    xy: NDArray[np.float64],
+    turns: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Return which poses (P, Y) around one of several places lie nearest to that one."""
+    yaw = places[number][1]
+    away = np.stack(
+        [
+            ((xy - place) ** 2).sum(axis=1)[:, None]
+            + (_LEVER_M * np.angle(np.exp(1j * (yaw + turns - other)))) ** 2
+            for place, other in places
+        ]
+    )
+    return np.asarray(away.argmin(axis=0) == number)
 
 
 def _measured(
@@ -109,13 +134,13 @@ def _measured(
     width_m: float,
 ) -> Likeness:
     """Measure what pieces gain by chance, and how many of them the scene has, by kind."""
-    none = Likeness(width_m, np.zeros(4), np.ones(4))
+    none = Likeness(width_m, np.zeros(KINDS), np.ones(KINDS))
     offsets = np.linspace(-1.0, 1.0, _PLACES) * max(span.reach_m, _LEAST_M)
     xy = span.middle + np.stack(np.meshgrid(offsets, offsets), -1).reshape(-1, 2)
     turns = np.linspace(-1.0, 1.0, _TURNS) * max(span.reach_rad, _LEAST_RAD)
     _, _, scores, gains = search.fit(xy, span.yaw + turns, none)
-    known = gains[np.isfinite(scores)].reshape(-1, 4)
-    chance = np.clip(known.mean(axis=0) if len(known) else np.ones(4), 0.02, 0.98)
+    known = gains[np.isfinite(scores)].reshape(-1, KINDS)
+    chance = np.clip(known.mean(axis=0) if len(known) else np.ones(KINDS), _LEAST_CHANCE, 0.98)
     best = [search.fit(place[None], np.array([yaw]), none)[3][0, 0] for place, yaw in places]
     shared = (np.max(best, axis=0) - chance) / (1.0 - chance)
     return Likeness(width_m, np.clip(shared, 0.02, 0.9), chance)

@@ -12,19 +12,25 @@ from numpy.typing import NDArray
 from urbantwin.fidelity.alignment.distance_maps import FAR_M, HIGHEST_M, Plan, Space
 from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, leveling, thinned
+from urbantwin.fidelity.alignment.post_pairs import poses_by_posts
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.fidelity.alignment.search_span import SearchSpan
 from urbantwin.geometry import Pose, row_keys
 
-__all__ = ["Found", "Likeness", "PoseSearch", "SearchSpan"]
+__all__ = ["KINDS", "Found", "Likeness", "PoseSearch"]
 
 #: A point of the ground this far above or below the twin's tells nothing, metres.
 _FAR_UP_M = 0.4
-#: What a piece of the ground counts, of surfaces off it, edges of carriageways, lines. The ground
-#: looks alike everywhere, and much that is bright is no line.
-_WEIGHTS = (0.03, 1.0, 1.0, 0.3)
+#: What a piece of the ground counts, of low things on it, edges of carriageways, lines, a post, and
+#: of tall things. The ground looks alike everywhere, and much that is bright is no line.
+_WEIGHTS = (0.03, 1.0, 1.0, 0.3, 1.0, 1.0)
 #: Points this near to each other are one piece of what the frame shows, metres.
 _PIECE_M = 4.0
-_GROUND, _RAISED, _EDGES, _LINES = range(4)
+#: Cars, hedges and fences are no higher than this, metres: maps have other shares of them than of
+#: houses and trees.
+_LOW_M = 2.2
+_GROUND, _RAISED, _EDGES, _LINES, _POSTS, _TALL = range(6)
+KINDS = 6
 #: From everywhere in a span that reaches no farther, metres, much the same can be seen.
 _SMALL_M = 10.0
 _MOST_POINTS = 1500
@@ -32,39 +38,6 @@ _MOST_POINTS = 1500
 _MANY_POSES, _FIRST_LOOK = 5000, 6
 #: Poses nearer to each other than this are one.
 _SAME_M, _SAME_RAD = 1.5, np.radians(8.0)
-
-
-@dataclass(frozen=True, eq=False)
-class SearchSpan:
-    """Where the sensor may be.
-
-    Attributes:
-        middle: (2,) east and north, metres.
-        reach_m: how far from there, east and north.
-        yaw: middle heading of the frame's x axis, radians counter-clockwise from east.
-        reach_rad: how far from it, either way; pi: any.
-    """
-
-    middle: NDArray[np.float64]
-    reach_m: float
-    yaw: float
-    reach_rad: float
-
-    def holds(self, place: NDArray[np.float64], yaw: float) -> bool:
-        """Whether a place (2,) and a heading, radians, lie in it."""
-        apart = np.abs(place - self.middle).max()
-        turned = abs(np.angle(np.exp(1j * (yaw - self.yaw))))
-        return bool(apart <= self.reach_m + 1e-6 and turned <= self.reach_rad + 1e-6)
-
-    def clipped(
-        self, xy: NDArray[np.float64], yaws: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the nearest places (P, 2) and headings (Y,) in it."""
-        xy = np.clip(xy, self.middle - self.reach_m, self.middle + self.reach_m)
-        if self.reach_rad >= np.pi:
-            return xy, yaws
-        turned = np.angle(np.exp(1j * (yaws - self.yaw)))
-        return xy, self.yaw + np.clip(turned, -self.reach_rad, self.reach_rad)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +61,8 @@ class Likeness(NamedTuple):
     Attributes:
         width_m: how far off the scene is about; 0: what is farther off gains evenly less, up to
             `FAR_M`, for looking from afar.
-        shared: (4,) share of the pieces of a kind that are in the scene too.
-        chance: (4,) what pieces gain by chance.
+        shared: (6,) share of the pieces of a kind that are in the scene too.
+        chance: (6,) what pieces gain by chance.
     """
 
     width_m: float
@@ -98,11 +71,13 @@ class Likeness(NamedTuple):
 
     def without_ground(self) -> Likeness:
         """Return it with what the ground says left out."""
-        return self._replace(shared=np.where(np.arange(4) == _GROUND, 0.0, self.shared))
+        return self._replace(shared=np.where(np.arange(KINDS) == _GROUND, 0.0, self.shared))
 
 
-#: Before anything is measured.
-_FROM_AFAR = Likeness(0.0, np.full(4, 0.5), np.full(4, 0.25))
+#: Before anything is measured. Posts are few: one is seldom near another by chance.
+_FROM_AFAR = Likeness(
+    0.0, np.array([0.5, 0.5, 0.5, 0.5, 0.3, 0.5]), np.array([0.25, 0.25, 0.25, 0.25, 0.02, 0.25])
+)
 
 
 class PoseSearch:
@@ -120,7 +95,7 @@ class PoseSearch:
     ) -> None:
         self._scene, self.plane = scene, plane
         self._level = leveling(plane.normal)
-        raised = scene.points[scene.is_raised & self._in_sight(span)]
+        raised = scene.points[scene.is_raised & ~scene.is_post & self._in_sight(span)]
         self._space = Space.around(raised)
         low, high = scene.points[:, :2].min(axis=0), scene.points[:, :2].max(axis=0)
         self._plan = Plan.over(scene, low - 2.0, high + 2.0)
@@ -153,9 +128,13 @@ class PoseSearch:
         level, raised = features.points[kept] @ self._level.T, features.raised[kept]
         above = level[:, 2] + self.plane.height_m
         near = above < HIGHEST_M
-        parts = [level[~raised & near], level[raised & near][: len(level) * any_raised]]
+        # Where the scene has no post, those of the frame are surfaces like any other.
+        any_posts = self._plan.any_posts
+        surface = raised & near & ((features.post[kept] < 0) | (not any_posts))
+        parts = [level[~raised & near], level[surface][: len(level) * any_raised]]
         parts.append((features.curbs @ self._level.T)[: len(features.curbs) * self._plan.any_edges])
         parts.append((features.spots @ self._level.T)[: len(features.spots) * self._plan.any_lines])
+        parts.append((features.posts @ self._level.T)[: len(features.posts) * any_posts])
         generator = np.random.default_rng(len(level))
         points, kinds, weights = [], [], []
         for kind, part in enumerate(parts):
@@ -168,8 +147,14 @@ class PoseSearch:
         order = generator.permutation(sum(len(part) for part in points))
         point, which = np.concatenate(points)[order], np.concatenate(kinds)[order]
         cell = np.column_stack([np.floor(point[:, :2] / _PIECE_M).astype(np.int64), which])
+        posts = np.flatnonzero(which == _POSTS)  # each is a piece
+        cell[posts, :2] = np.column_stack([np.arange(len(posts))] * 2)
         _, first, piece = np.unique(row_keys(cell), axis=0, return_index=True, return_inverse=True)
-        return point, which, np.concatenate(weights)[order], piece.reshape(-1), which[first]
+        kinds_of = which[first]
+        tall = set(map(tuple, np.floor(level[features.above[kept] > _LOW_M, :2] / _PIECE_M)))
+        high = [tuple(place) in tall for place in np.floor(point[first, :2] / _PIECE_M)]
+        kinds_of[(kinds_of == _RAISED) & np.array(high, bool)] = _TALL
+        return point, which, np.concatenate(weights)[order], piece.reshape(-1), kinds_of
 
     def run(self, span: SearchSpan, most: int = 5) -> list[Found]:
         """Return the best poses, best first; empty where no ground was found in the span."""
@@ -180,6 +165,9 @@ class PoseSearch:
         yaws = self._yaws(span, turn)
         many = len(xy) * len(yaws) > _MANY_POSES
         found = self._best(xy, yaws, 8 * most, _FIRST_LOOK if many else 1)
+        seen, posts = self._points[self._kind == _POSTS, :2], self._scene.posts[:, :2]
+        for place, yaw in zip(*poses_by_posts(seen, posts, span, 8 * most), strict=True):
+            found += self._best(place[None], np.array([yaw]), 1, 1)
         while step > 0.2:
             step, turn = step / 2, turn / 2
             near = np.stack(np.meshgrid([-step, 0, step], [-step, 0, step]), -1).reshape(-1, 2)
@@ -233,7 +221,7 @@ class PoseSearch:
         like: Likeness = _FROM_AFAR,
         every: int = 1,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return the ground's normals (P, 3), places (P, 3), scores (P, Y) and gains (P, Y, 4).
+        """Return the ground's normals (P, 3), places (P, 3), scores (P, Y) and gains (P, Y, 6).
 
         Scores are logarithms of how much likelier what the frame shows is at a pose than by
         chance; where there is no ground, nothing is likely. Gains are the means of pieces' by kind.
@@ -314,8 +302,8 @@ def _scores(  # noqa: PLR0912, PLR0913, PLR0917
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how much likelier than chance pieces of points (N, 3) make every pose, and gains."""
     out = np.zeros((len(place), len(headings)))
-    means = np.zeros((len(place), len(headings), 4))
-    many = np.zeros(4)
+    means = np.zeros((len(place), len(headings), KINDS))
+    many = np.zeros(KINDS)
     for n in range(len(kinds)):
         if kinds[n] >= 0:
             many[kinds[n]] += 1.0

@@ -12,6 +12,7 @@ from urbantwin.fidelity.alignment.correspondences import (
     GROUND,
     KINDS,
     LINES,
+    POSTS,
     RAISED,
     Correspondences,
     Residuals,
@@ -35,7 +36,7 @@ _REACHES_M = (1.5, 1.0)
 _SCALES_M = np.array([[0.5, 0.2, 0.5, 0.4, 0.5], [0.2, 0.1, 0.25, 0.2, 0.2]])
 _SCALE_OF_WRONG = 2.5
 #: Nearer to its plane, edge or line than this a point is explained, metres.
-EXPLAINED_M, _EDGE_EXPLAINED_M = 0.15, 0.25
+EXPLAINED_M, _EDGE_EXPLAINED_M, _POST_M = 0.15, 0.25, 0.5
 #: Steps, and the last: no longer than this, metres and radians, when all is told and when it is
 #: only to be told which place it is.
 _STEPS, _LAST_M, _LAST_RAD = 40, (5e-4, 5e-3), (3e-5, 3e-4)
@@ -56,6 +57,7 @@ class Registered:
         explained: share of the points off the ground that have a surface within 0.15 m.
         curbs_explained: share of the curbs that have an edge of carriageway within 0.25 m.
         marks_explained: share of the bright spots that have a line within 0.15 m.
+        posts: how many of the posts seen are on one of the scene's, within 0.5 m.
         residual_m: median distance of points from the planes of their surfaces.
         surface_offset_m: how far real surfaces off the ground lie behind the scene's (negative)
             or before them, on average.
@@ -69,6 +71,7 @@ class Registered:
     explained: float
     curbs_explained: float
     marks_explained: float
+    posts: int
     residual_m: float
     surface_offset_m: float
     edge_offset_m: float
@@ -128,6 +131,7 @@ def registered(
         explained=_explained(features, pose, scene, residuals),
         curbs_explained=_share(residuals, EDGES, _EDGE_EXPLAINED_M, len(features.curbs)),
         marks_explained=_share(residuals, LINES, EXPLAINED_M, len(features.spots)),
+        posts=len(np.unique(residuals.number[_on_posts(residuals, _POST_M)])),
         residual_m=float(np.median(np.abs(residuals.error[surfaces]))),
         surface_offset_m=float(offsets[0]),
         edge_offset_m=float(offsets[1]),
@@ -181,7 +185,7 @@ def _wrong(residuals: Residuals) -> NDArray[np.float64]:
         cluster, weight = residuals.cluster[mine], residuals.weight[mine]
         total = np.bincount(cluster, weight)
         mean = np.bincount(cluster, weight * residuals.error[mine])
-        held = np.bincount(cluster) >= (1 if kind in {EDGES, LINES} else 3)
+        held = np.bincount(cluster) >= (1 if kind in {EDGES, LINES, POSTS} else 3)
         held = held & (total > 0)
         count = int(held.sum())
         if count < 2:
@@ -200,6 +204,13 @@ def _share(residuals: Residuals, kind: int, within: float, of: int) -> float:
     return float(near.sum() / max(of, 1))
 
 
+def _on_posts(residuals: Residuals, within: float) -> NDArray[np.bool_]:
+    """Return which residuals are of posts that lie so near to one of the scene, in both ways."""
+    upright = residuals.kind == POSTS
+    far = residuals.number[upright & (np.abs(residuals.error) >= within)]
+    return np.asarray(upright & ~np.isin(residuals.number, far))
+
+
 def _explained(
     features: FrameFeatures, pose: Pose, scene: ScenePoints, residuals: Residuals
 ) -> float:
@@ -210,4 +221,5 @@ def _explained(
     on = np.zeros(len(at), np.bool_)
     close = (residuals.kind == RAISED) & (np.abs(residuals.error) < EXPLAINED_M)
     on[residuals.number[close]] = True
+    on |= np.isin(features.post, residuals.number[_on_posts(residuals, EXPLAINED_M)])
     return float((on & off).sum() / max(off.sum(), 1))

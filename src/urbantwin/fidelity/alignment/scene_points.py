@@ -17,8 +17,8 @@ __all__ = ["ScenePoints"]
 GROUND_SPACING_M, OTHER_SPACING_M = 0.4, 0.15
 _MOST_POINTS = 2_000_000
 #: So wide at most, and so high at least, is a post; it is known by its lower part, of so many
-#: points, and all of it is so near to its axis, beyond its own radius; metres.
-_POST_WIDE_M, _POST_HIGH_M, _POST_LOW_M, _POST_POINTS, _POST_NEAR_M = 0.6, 1.0, 2.5, 8, 0.05
+#: points, and all of it is so near to its axis, beyond half of its diagonal; metres.
+_POST_WIDE_M, _POST_HIGH_M, _POST_LOW_M, _POST_POINTS, _POST_NEAR_M = 0.6, 1.8, 2.5, 8, 0.05
 _GROUND = tuple(semantic_id(name) for name in GROUND_CLASSES)
 
 
@@ -37,7 +37,9 @@ class ScenePoints:
         is_ground: (N,) whether one can stand there.
         is_raised: (N,) whether it stands on the ground; the faces of curbs do neither.
         object: (N,) of what is in its place, or out of it, as one: a building, a pole.
-        post: (N, 2) the axis of the post, pole or trunk that a point is of, in plan; else nan.
+        is_post: (N,) whether it is of a pole or trunk that is thin, and high enough to be known as
+            one in a frame.
+        posts: (K, 3) the feet of their axes.
         edges: (E, 3) along the edges of carriageways.
         edge_normal: (E, 3) unit vectors from there towards the road, level.
         lines: (L, 3) along painted lines.
@@ -74,7 +76,7 @@ class ScenePoints:
         self.is_raised = ~low[face[inside]]
         key = self._near.part + self._near.semantic.astype(np.int64) * (1 << 32)
         self.object = np.where(self._near.part > 0, key, 0)[face[inside]]
-        self.post = _posts(self.points, np.where(self.is_raised, self.object, 0))
+        self.is_post, self.posts = _posts(self.points, np.where(self.is_raised, self.object, 0))
         flat = self._near.select(ground)
         self._probe = DownwardProbe(flat) if len(flat.faces) else None
         self._top = float(points[:, 2].max()) + 1.0 if len(points) else 0.0
@@ -100,8 +102,10 @@ class ScenePoints:
         return self._probe.height_below(np.column_stack([xy, np.full(len(xy), self._top)]))
 
 
-def _posts(points: NDArray[np.float64], of: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the axis (N, 2) of the post that each point is of, nan where it is of none.
+def _posts(
+    points: NDArray[np.float64], of: NDArray[np.int64]
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return which points (N,) are of posts, and the feet (K, 3) of these.
 
     Args:
         points: (N, 3).
@@ -119,9 +123,11 @@ def _posts(points: NDArray[np.float64], of: NDArray[np.int64]) -> NDArray[np.flo
     wide = (last - first).max(axis=1)
     thin = (wide < _POST_WIDE_M) & (most[:, 2] - least[:, 2] > _POST_HIGH_M)
     thin &= np.bincount(number[low], minlength=count) >= _POST_POINTS
-    axis = ((first + last) / 2)[number]
-    near = np.hypot(*(points[:, :2] - axis).T) < wide[number] / 2 + _POST_NEAR_M
-    return np.where((thin[number] & near & (of != 0))[:, None], axis, np.nan)
+    thin[number[of == 0]] = False
+    axis = (first + last) / 2
+    away = np.hypot(*(points[:, :2] - axis[number]).T)
+    feet = np.column_stack([axis, least[:, 2]])[thin]
+    return thin[number] & (away < wide[number] / np.sqrt(2.0) + _POST_NEAR_M), feet
 
 
 def _strewn(mesh: LabelledMesh) -> NDArray[np.int64]:

@@ -1,0 +1,79 @@
+"""Poses that bring two posts of a frame onto two of a scene."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.fidelity.alignment.search_span import SearchSpan
+
+__all__ = ["poses_by_posts"]
+
+#: Two posts are as far apart in the frame as in the scene, to this; nearer to each other than the
+#: second they tell no heading, farther than the third one sensor seldom sees both; metres.
+_ALIKE_M, _LEAST_M, _MOST_M = 0.6, 3.0, 80.0
+#: A pose as far beyond the span as this is one at its edge, metres and radians; a post lies on one
+#: of the scene within the last, metres.
+_BEYOND_M, _BEYOND_RAD, _NEAR_M = 0.5, np.radians(3.0), 0.8
+_MOST_POSES = 50_000
+
+
+def poses_by_posts(
+    seen: NDArray[np.float64], posts: NDArray[np.float64], span: SearchSpan, most: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return places (P, 2) and headings (P,), radians, those first that explain most posts.
+
+    A grid of places is too coarse for things that are as thin.
+
+    Args:
+        seen: (K, 2) posts of the frame, level.
+        posts: (M, 2) of the scene.
+        span: where the sensor may be.
+        most: so many poses at most.
+    """
+    none = np.zeros((0, 2)), np.zeros(0)
+    if len(seen) < 2 or len(posts) < 2:
+        return none
+    tree = cKDTree(posts)
+    pairs = tree.query_pairs(_MOST_M, output_type="ndarray")
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    along = posts[pairs[:, 1]] - posts[pairs[:, 0]]
+    apart, course = np.hypot(*along.T), np.arctan2(along[:, 1], along[:, 0])
+    middle = posts[pairs].mean(axis=1)
+    order = np.argsort(apart, kind="stable")
+    apart, course, middle = apart[order], course[order], middle[order]
+    places, yaws = [], []
+    for i, j in np.argwhere(np.triu(np.ones((len(seen),) * 2, bool), 1)):
+        away = seen[j] - seen[i]
+        long = float(np.hypot(*away))
+        low, high = np.searchsorted(apart, [long - _ALIKE_M, long + _ALIKE_M])
+        if not _LEAST_M < long < _MOST_M or low == high:
+            continue
+        turned = course[low:high] - np.arctan2(away[1], away[0]) - span.yaw
+        turned = np.angle(np.exp(1j * turned))
+        yaw = span.yaw + turned
+        place = middle[low:high] - _turned((seen[i] + seen[j]) / 2, yaw)
+        held = (np.abs(place - span.middle) < span.reach_m + _BEYOND_M).all(axis=1)
+        held &= np.abs(turned) < span.reach_rad + _BEYOND_RAD
+        places.append(place[held])
+        yaws.append(yaw[held])
+    if not places:
+        return none
+    place, yaw = np.concatenate(places), np.concatenate(yaws)
+    some = np.random.default_rng(len(yaw)).permutation(len(yaw))[:_MOST_POSES]
+    place, yaw = place[some], yaw[some]
+    if not len(yaw):
+        return none
+    gain = np.zeros(len(yaw))
+    for one in seen:
+        off = tree.query(place + _turned(one, yaw), distance_upper_bound=_NEAR_M)[0]
+        gain += np.maximum(0.0, 1.0 - off / _NEAR_M)
+    best = np.argsort(-gain, kind="stable")[:most]
+    return span.clipped(place[best], yaw[best])
+
+
+def _turned(place: NDArray[np.float64], yaw: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a place (2,) turned by angles (P,), as (P, 2)."""
+    x, y = place
+    return np.column_stack([x * np.cos(yaw) - y * np.sin(yaw), x * np.sin(yaw) + y * np.cos(yaw)])

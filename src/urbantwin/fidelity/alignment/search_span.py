@@ -1,0 +1,43 @@
+"""Where a sensor may be: the span of a search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["SearchSpan"]
+
+
+@dataclass(frozen=True, eq=False)
+class SearchSpan:
+    """Where the sensor may be.
+
+    Attributes:
+        middle: (2,) east and north, metres.
+        reach_m: how far from there, east and north.
+        yaw: middle heading of the frame's x axis, radians counter-clockwise from east.
+        reach_rad: how far from it, either way; pi: any.
+    """
+
+    middle: NDArray[np.float64]
+    reach_m: float
+    yaw: float
+    reach_rad: float
+
+    def holds(self, place: NDArray[np.float64], yaw: float) -> bool:
+        """Whether a place (2,) and a heading, radians, lie in it."""
+        apart = np.abs(place - self.middle).max()
+        turned = abs(np.angle(np.exp(1j * (yaw - self.yaw))))
+        return bool(apart <= self.reach_m + 1e-6 and turned <= self.reach_rad + 1e-6)
+
+    def clipped(
+        self, xy: NDArray[np.float64], yaws: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the nearest places (P, 2) and headings (Y,) in it."""
+        xy = np.clip(xy, self.middle - self.reach_m, self.middle + self.reach_m)
+        if self.reach_rad >= np.pi:
+            return xy, yaws
+        turned = np.angle(np.exp(1j * (yaws - self.yaw)))
+        return xy, self.yaw + np.clip(turned, -self.reach_rad, self.reach_rad)
