@@ -70,9 +70,7 @@ def car_along(times: np.ndarray, x: np.ndarray, name: str = "car") -> SeenTrack:
 def test_who_leaves_is_counted_as_often_as_it_leaves() -> None:
     times = np.arange(0.0, 100.0)
     through = car_along(times[:40], np.linspace(-60, 60, 40))
-    twice = car_along(
-        times, 60 * np.sin(times / 8)
-    )  # four times
+    twice = car_along(times, 60 * np.sin(times / 8))  # four times
     waits = car_along(times, np.zeros(100))
     ends = car_along(times[:30], np.linspace(-30, 20, 30))  # where its road ends
     walks = car_along(times[:40], np.linspace(-60, 60, 40), "pedestrian")

@@ -5,9 +5,6 @@ street does not hold a pose as they say: in a tree's crown, along a hedge or bet
 point finds another surface, as near, when the pose moves. So the curvature is measured: how the
 pull on the pose changes when it is moved and all points are matched and weighted anew. Where little
 of it is left, the errors of the scene move the pose so much farther (the sandwich estimator).
-
-The same weights that leave less curvature let large errors pull less: how much less, on average, is
-known where errors are normal (Huber 1964, "Robust estimation of a location parameter").
 """
 
 from __future__ import annotations
@@ -80,9 +77,6 @@ def pose_deviation(
     """
     residuals = correspondences.residuals(pose, offsets, wrong, scale)
     jacobian, matrix, _ = equations(residuals, offsets, pose.translation)
-    pulling = jacobian * (residuals.weight * pull_share(scale / wrong)[residuals.kind])[:, None]
-    pulls = pulling.T @ jacobian
-    pulls[[6, 7], [6, 7]] += OFFSET_SIGMA_M**-2
 
     def pull(step: NDArray[np.float64]) -> NDArray[np.float64]:
         moved, other = turned_and_moved(pose, step), offsets + step[6:]
@@ -97,44 +91,24 @@ def pose_deviation(
     change = np.column_stack([pull(one) - pull(-one) for one in steps.T]) / 2.0
     curvature = change @ axes.T / lengths
     sigma = np.sqrt(
-        np.maximum(
-            sandwich(matrix, curvature, pulls), _jackknife(residuals, jacobian, matrix, pose)
-        )
+        np.maximum(sandwich(matrix, curvature), _jackknife(residuals, jacobian, matrix, pose))
     )
     sigma[3:] = np.hypot(sigma[3:], _ALL_ALIKE_M)
     sigma[:3] = np.hypot(sigma[:3], np.radians(_ALL_ALIKE_DEG))
     return np.asarray(sigma)
 
 
-def pull_share(scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the variance of what weighted errors pull, over that which their weights say.
+def sandwich(matrix: NDArray[np.float64], curvature: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the variances (6,) of errors that scatter as the matrix says under a curvature.
 
-    Weights of Geman and McClure, w = (1 + (e / scale)^2)^-2, of normal errors e of deviation 1:
-    the mean of (w e)^2 over that of w.
-
-    Args:
-        scale: (K,) the distances at which an error counts a quarter, in deviations.
-    """
-    error = np.linspace(-6.0, 6.0, 241)
-    chance = np.exp(-(error**2) / 2.0)
-    weight = (1.0 + (error / scale[:, None]) ** 2) ** -2
-    return np.asarray(((weight * error) ** 2 @ chance) / (weight @ chance))
-
-
-def sandwich(
-    matrix: NDArray[np.float64], curvature: NDArray[np.float64], pulls: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the variances (6,) under a curvature of errors that pull so much.
-
-    With curvature H and the pulls' covariance B it is H^-1 B H^-1. In the directions in which H and
-    the normal matrix M are both diagonal, H is a share of M: never more than all of it, as the
-    noise of a measured curvature makes nothing surer.
+    With curvature H and matrix M the covariance is H^-1 M H^-1. In the directions in which both are
+    diagonal, H is a share of M: never more than all of it, as the noise of a measured curvature
+    makes nothing surer.
     """
     lower = np.linalg.inv(np.linalg.cholesky(matrix))
     left, across = np.linalg.eigh(lower @ ((curvature + curvature.T) / 2.0) @ lower.T)
-    axes = lower.T @ across
-    inverse = (axes / np.clip(left, _LEAST_LEFT, 1.0)) @ axes.T
-    return np.asarray(np.diag(inverse @ pulls @ inverse)[:6])
+    spread = (lower.T @ across) / np.clip(left, _LEAST_LEFT, 1.0)
+    return np.asarray((spread**2).sum(axis=1)[:6])
 
 
 def _jackknife(

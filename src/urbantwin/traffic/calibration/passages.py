@@ -203,7 +203,7 @@ def _rounds(lanes: NDArray[np.object_], road_of: dict[str, Road], junction: str)
     before, then = told[:-1], told[1:]
     again = then[comes[then] & ~leaves[then] & leaves[before] & ~comes[before]]
     cuts = [0]
-    for cut, end in zip(again, [*again[1:], len(lanes)], strict=True):
+    for cut, end in pairwise([*again, len(lanes)]):
         if comes[cut:end].sum() >= _COMES:
             cuts.append(int(cut))
     return [slice(a, b) for a, b in pairwise([*cuts, len(lanes)])]
