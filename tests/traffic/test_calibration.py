@@ -106,6 +106,29 @@ def test_everybody_is_found_on_the_way_that_was_taken(whole: Measured) -> None:
         assert whole.turns[way] == pytest.approx(rate * SECONDS / 3600, abs=rate * 60 / 3600 + 2)
 
 
+def test_who_goes_round_and_passes_again_is_counted_each_time(
+    passages: list[Passage], crossing_twin: Twin, links: JunctionLinks
+) -> None:
+    """Two who passed are joined to one who is out of sight in between; nothing else changes."""
+    whole = [one for one in passages if one.approach and one.leaving]
+    pairs = list(zip(whole[:20], whole[20:40], strict=True))
+
+    def joined(first: SeenTrack, second: SeenTrack) -> SeenTrack:
+        later = second.time_s + first.time_s[-1] + 30.0 - second.time_s[0]
+        both = ("xy", "yaw", "speed")
+        columns = (np.concatenate([getattr(one, name) for one in (first, second)]) for name in both)
+        return SeenTrack(first.track, np.concatenate([first.time_s, later]), *columns)
+
+    round_again = [joined(one.seen, other.seen) for one, other in pairs]
+    found = passages_of(round_again, crossing_twin.roads, links)
+    wanted = [(one.approach, one.leaving) for pair in pairs for one in pair]
+    assert [(one.approach, one.leaving) for one in found] == wanted
+    for (one, other), first, second in zip(pairs, found[::2], found[1::2], strict=True):
+        assert first.passed_s == one.passed_s
+        moved = first.seen.time_s[-1] + 30.0 - other.seen.time_s[0]
+        assert second.passed_s == pytest.approx(other.passed_s + moved)
+
+
 def test_flows_and_sizes_are_found_again(
     whole: Measured, passages: list[Passage], tracks: list[SeenTrack]
 ) -> None:
