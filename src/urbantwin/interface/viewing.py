@@ -8,6 +8,7 @@ import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
+from queue import SimpleQueue
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -85,18 +86,19 @@ class View:
         """
         if self._server is None:
             return
-        over = threading.Event()
+        # An event's lock may be held by who waits for it when a signal comes.
+        over: SimpleQueue[None] = SimpleQueue()
         before: dict[int, Any] = {}
 
         def end(_number: int, _frame: FrameType | None) -> None:
-            over.set()
+            over.put(None)
 
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
                     before[number] = signal.signal(number, end)
         try:
-            over.wait()
+            over.get()
         finally:
             self.close()
             for heard, former in before.items():
