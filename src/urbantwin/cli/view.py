@@ -82,6 +82,9 @@ def view(
         rerun=rerun,
         progress=not quiet,
     )
-    Console(quiet=quiet, as_json=as_json).result(shown.summary())
-    sys.stdout.flush()
-    shown.wait()
+
+    def tell() -> None:
+        Console(quiet=quiet, as_json=as_json).result(shown.summary())
+        sys.stdout.flush()
+
+    shown.wait(tell)

@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from queue import SimpleQueue
@@ -79,12 +80,16 @@ class View:
         """Stop serving."""
         self.close()
 
-    def wait(self) -> None:
+    def wait(self, ready: Callable[[], None] = lambda: None) -> None:
         """Serve until Ctrl-C, SIGTERM or SIGHUP, which end it in good order; then close.
 
         Returns at once where nothing is served.
+
+        Args:
+            ready: called as soon as they do: to tell the address.
         """
         if self._server is None:
+            ready()
             return
         # An event's lock may be held by who waits for it when a signal comes.
         over: SimpleQueue[None] = SimpleQueue()
@@ -98,6 +103,7 @@ class View:
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
                     before[number] = signal.signal(number, end)
         try:
+            ready()
             over.get()
         finally:
             self.close()
