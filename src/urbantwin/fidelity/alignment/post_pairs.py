@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from urbantwin.fidelity.alignment.search_span import SearchSpan
+from urbantwin.geometry import wrapped
 
 __all__ = ["poses_by_posts"]
 
@@ -50,8 +51,7 @@ def poses_by_posts(
         low, high = np.searchsorted(apart, [long - _ALIKE_M, long + _ALIKE_M])
         if not _LEAST_M < long < _MOST_M or low == high:
             continue
-        turned = course[low:high] - np.arctan2(away[1], away[0]) - span.yaw
-        turned = np.angle(np.exp(1j * turned))
+        turned = wrapped(course[low:high] - np.arctan2(away[1], away[0]) - span.yaw)
         yaw = span.yaw + turned
         place = middle[low:high] - _turned((seen[i] + seen[j]) / 2, yaw)
         held = (np.abs(place - span.middle) < span.reach_m + _BEYOND_M).all(axis=1)

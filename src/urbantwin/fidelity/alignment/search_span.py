@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry import wrapped
+
 __all__ = ["SearchSpan"]
 
 
@@ -29,7 +31,7 @@ class SearchSpan:
     def holds(self, place: NDArray[np.float64], yaw: float) -> bool:
         """Whether a place (2,) and a heading, radians, lie in it."""
         apart = np.abs(place - self.middle).max()
-        turned = abs(np.angle(np.exp(1j * (yaw - self.yaw))))
+        turned = abs(wrapped(yaw - self.yaw))
         return bool(apart <= self.reach_m + 1e-6 and turned <= self.reach_rad + 1e-6)
 
     def clipped(
@@ -39,5 +41,5 @@ class SearchSpan:
         xy = np.clip(xy, self.middle - self.reach_m, self.middle + self.reach_m)
         if self.reach_rad >= np.pi:
             return xy, yaws
-        turned = np.angle(np.exp(1j * (yaws - self.yaw)))
+        turned = wrapped(yaws - self.yaw)
         return xy, self.yaw + np.clip(turned, -self.reach_rad, self.reach_rad)

@@ -17,7 +17,7 @@ from urbantwin.traffic.observed.box_fit import fitted_yaw
 __all__ = ["apart", "silhouette"]
 
 #: Below the saddle and above it, metres above the ground; so many points of either tell.
-_LOW_M, _SADDLE_M, _TRUNK_M = 0.3, 0.9, 1.25
+_SADDLE_M, _TRUNK_M = 0.9, 1.25
 _FEWEST_LOW, _FEWEST_HIGH = 8, 4
 #: Lengths, metres: of a wheelbase at least, of what is above it at most; and of all at most.
 _WHEELS_M, _ABOVE_M, _LONGEST_M = 1.05, 0.9, 2.5
@@ -40,7 +40,7 @@ def silhouette(plan: NDArray[np.float64], above: NDArray[np.float64], yaw: float
 
     Args:
         plan: (N, 2) points of an object from above, metres.
-        above: (N,) their metres above the ground.
+        above: (N,) their metres above the ground, without the ground itself.
         yaw: of its fitted sides, radians.
     """
     c, s = np.cos(yaw), np.sin(yaw)
@@ -52,7 +52,7 @@ def silhouette(plan: NDArray[np.float64], above: NDArray[np.float64], yaw: float
         return None
     if long < _STRIDE_M:
         return "pedestrian"
-    low = along[(above > _LOW_M) & (above < _SADDLE_M)]
+    low = along[above < _SADDLE_M]
     high = along[above > _TRUNK_M]
     if long > _LONGEST_M or len(low) < _FEWEST_LOW or len(high) < _FEWEST_HIGH:
         return None
