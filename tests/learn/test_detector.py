@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from numpy.typing import NDArray
 
 import urbantwin as ut
@@ -37,6 +38,7 @@ from urbantwin.learn.frames import IGNORED, LevelFrame, level_frame_from  # noqa
 from urbantwin.learn.grid import Grid  # noqa: E402
 from urbantwin.learn.heads import OUTPUTS, class_heads  # noqa: E402
 from urbantwin.learn.labelling import write_labelled  # noqa: E402
+from urbantwin.learn.loss import detection_loss, target_arrays, targets_in  # noqa: E402
 from urbantwin.learn.model import first_weights  # noqa: E402
 from urbantwin.learn.onnx_file import write_onnx  # noqa: E402
 from urbantwin.learn.sample import Varied  # noqa: E402
@@ -89,6 +91,36 @@ def test_boxes_come_out_as_they_were_told() -> None:
         off = one - box[own]
         off[6] = np.arctan2(np.sin(off[6]), np.cos(off[6]))
         assert np.abs(off).max() < 1e-5
+
+
+@pytest.mark.parametrize("name", ["car", "bus", "bicycle", "pedestrian"])
+def test_finer_pillars_and_larger_vehicles_change_no_weight_of_boxes_and_centres(name: str) -> None:
+    number = [one.name for one in HEADS].index(name)
+    draw = np.random.default_rng(8)
+    plan = np.stack(np.meshgrid(*[np.arange(-20, 21, 10.0)] * 2), -1).reshape(-1, 2)
+    plan = plan + draw.uniform(-1, 1, plan.shape)
+    size = np.tile(HEADS[number].usual, (len(plan), 1))
+    yaw = draw.uniform(-np.pi, np.pi, len(plan))
+    box = np.column_stack([plan, size[:, 2] / 2, size, yaw])
+    losses = []
+    for cell_m in (0.2, 0.4):
+        grid = Grid.around(0, 0, 25.6, cell_m)
+        targets = targets_of(box, np.full(len(box), number), grid, HEADS)[number : number + 1]
+        wanted = targets_in(
+            {key: torch.from_numpy(one) for key, one in target_arrays([targets]).items()}, 1
+        )
+        # Everywhere a centre with a likelihood of 0.1, and boxes that are off.
+        said = torch.zeros((1, OUTPUTS, *targets[0].heat.shape))
+        said[:, 0] = np.log(0.1 / 0.9)
+        flat = said[0, 1:].reshape(OUTPUTS - 1, -1)
+        flat[:, wanted[0].cell] = wanted[0].box.T + 1
+        head = HEADS[number : number + 1]
+        losses.append(detection_loss([said], wanted, head, [len(box)], cell_m)[0].tolist())
+        # Of each object 8 of the 10 values are off by 1.
+        off = sum(head[0].box_weights[:8])
+        assert losses[-1][1] == pytest.approx(3 * off, rel=0.1)
+    fine, coarse = losses
+    assert fine[0] == pytest.approx(coarse[0], rel=0.1)
 
 
 def test_who_is_ignored_and_where_nothing_counts_teaches_nothing() -> None:
@@ -147,6 +179,30 @@ def test_points_stay_in_their_boxes_when_a_frame_is_turned_mirrored_and_scaled()
     after = points_in_boxes(there.points(points), there.boxes(box), 0.0)
     assert 20 < (before >= 0).sum() < 100
     assert (before == after).mean() > 0.99  # float32 at the faces
+
+
+@pytest.mark.parametrize("spread", [25.0, 4000.0])
+def test_each_point_is_of_the_first_box_that_holds_it(spread: float) -> None:
+    draw = np.random.default_rng(11)
+    box = np.column_stack([
+        draw.normal(0, spread, (60, 2)), draw.uniform(0, 1, 60), draw.uniform(0.4, 12, (60, 2)),
+        draw.uniform(1, 3, 60), draw.uniform(-4, 4, 60),
+    ])  # fmt: skip
+    about = box[draw.integers(0, 60, 20_000), :3]
+    points = (about + draw.normal(0, 3, about.shape)).astype(np.float32)
+    wanted = np.full(len(points), -1)
+    for number in range(59, -1, -1):
+        x, y, z, length, width, height, yaw = box[number]
+        plan = shapely.affinity.rotate(
+            shapely.box(x - length / 2, y - width / 2, x + length / 2, y + width / 2),
+            yaw, use_radians=True,
+        ).buffer(0.1, join_style="mitre")  # fmt: skip
+        inside = shapely.contains_xy(plan, points[:, 0], points[:, 1])
+        wanted[inside & (np.abs(points[:, 2] - z) <= height / 2 + 0.1)] = number
+    got = points_in_boxes(points, box, 0.1)
+    assert (wanted >= 0).sum() > 2000
+    assert (got == wanted).mean() > 0.9999  # on an edge
+    assert (points_in_boxes(points, box[:0], 0.1) == -1).all()
 
 
 def surface(box: NDArray[np.float64], draw: np.random.Generator, count: int) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.learn.compiled.gather import cells_of, gathered
+from urbantwin.learn.compiled.gather import cells_of, filled_rows, gathered
 from urbantwin.learn.grid import HIGHEST_M, LOWEST_M, Grid
 
 __all__ = ["MOST_POINTS", "Pillars", "features_of", "pillars_of", "stacked", "told_of_point"]
@@ -95,9 +95,8 @@ def stacked(parts: Sequence[Pillars], cells: int) -> dict[str, NDArray[Any]]:
         parts: of one grid each.
         cells: along the sides of each grid.
     """
-    filled = np.arange(MOST_POINTS)
     return {
-        "features": np.concatenate([one.features[filled < one.points[:, None]] for one in parts]),
+        "features": np.concatenate([filled_rows(one.features, one.points) for one in parts]),
         "points": np.concatenate([one.points for one in parts]),
         "cell": np.concatenate([one.cell + number * cells**2 for number, one in enumerate(parts)]),
     }

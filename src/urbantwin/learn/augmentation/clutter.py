@@ -58,16 +58,19 @@ def cluttered(
     if draw.random() > _OFTEN:
         return frame
     parts: list[_Part] = []
-    for _ in range(int(draw.poisson(draw.exponential(_THINGS)))):
+    whose: list[int] = []
+    for number in range(int(draw.poisson(draw.exponential(_THINGS)))):
         kind = _KINDS[int(draw.choice(len(_KINDS), p=_SHARES))]
         x, y = np.array(window[:2]) + draw.uniform(-window[2], window[2], 2)
         thing = kind(float(x), float(y), draw.uniform(-np.pi, np.pi), draw)
-        if not any(_is_taken(frame, part) for part in thing):
-            parts += thing
-    if not parts:
+        parts += thing
+        whose += [number] * len(thing)
+    table = np.array(parts, np.float64).reshape(-1, 9)
+    things = np.array(whose, np.int64)
+    table = table[~np.isin(things, things[_taken(frame, table)])]
+    if not len(table):
         return frame
-    columns = [np.array(column, np.float64) for column in zip(*parts, strict=True)]
-    x, y, z, length, width, height, yaw, is_round, depth = columns
+    x, y, z, length, width, height, yaw, is_round, depth = table.T
     stands = Obstacles(
         np.column_stack([x, y, z]),
         np.column_stack([length, width, height]) / 2,
@@ -89,8 +92,7 @@ def with_obstacles(frame: LevelFrame, stands: Obstacles, draw: np.random.Generat
     whose = np.zeros(len(frame.points), np.int32)
     if len(frame.sensors) > 1:
         whose = frame.ring // RINGS  # -1 where it is unknown
-    deep = draw.exponential(size=len(whose))
-    noise = draw.normal(0.0, _NOISE_M, len(whose))
+    deep = draw.standard_exponential(len(whose), np.float32)
     brightness = draw.uniform(0.05, 0.6, len(stands.yaw))
     seen_by = np.maximum(whose, 0)
     share, which = met(frame.points, seen_by, frame.sensors, stands.middle, stands.half, stands.yaw,
@@ -100,7 +102,7 @@ def with_obstacles(frame: LevelFrame, stands: Obstacles, draw: np.random.Generat
     start = frame.sensors[seen_by[moved]]
     way = points[moved, :3] - start
     far = np.linalg.norm(way, axis=1, keepdims=True)
-    ends = share[moved, None] + noise[moved, None] / far
+    ends = share[moved, None] + draw.normal(0.0, _NOISE_M, far.shape) / far
     points[moved, :3] = (start + way * ends).astype(np.float32)
     if points.shape[1] > 3:
         points[moved, 3] = brightness[which[moved]]
@@ -112,15 +114,14 @@ def with_obstacles(frame: LevelFrame, stands: Obstacles, draw: np.random.Generat
 _Part = tuple[float, float, float, float, float, float, float, float, float]
 
 
-def _is_taken(frame: LevelFrame, part: _Part) -> bool:
-    """Return whether a part would stand in a box, or at a sensor."""
-    reach = np.hypot(part[3], part[4]) / 2
-    boxes = frame.box
-    apart = np.hypot(boxes[:, 0] - part[0], boxes[:, 1] - part[1])
-    if (apart < reach + np.hypot(boxes[:, 3], boxes[:, 4]) / 2 + _BESIDE_M).any():
-        return True
-    away = np.hypot(frame.sensors[:, 0] - part[0], frame.sensors[:, 1] - part[1])
-    return bool((away < reach + _FROM_SENSOR_M).any())
+def _taken(frame: LevelFrame, parts: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which of (K, 9) parts would stand in a box, or at a sensor."""
+    reach = np.hypot(parts[:, 3], parts[:, 4]) / 2
+    boxes = np.hypot(frame.box[:, 3], frame.box[:, 4]) / 2 + _BESIDE_M
+    places = np.concatenate([frame.box[:, :2], frame.sensors[:, :2]])
+    clear = np.concatenate([boxes, np.full(len(frame.sensors), _FROM_SENSOR_M)])
+    apart = np.linalg.norm(parts[:, None, :2] - places, axis=2)
+    return np.asarray((apart < reach[:, None] + clear).any(axis=1))
 
 
 def _bush(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["cells_of", "gathered"]
+__all__ = ["cells_of", "filled_rows", "gathered"]
 
 
 @njit(cache=True, nogil=True)
@@ -107,3 +107,21 @@ def gathered(points, cell, low, cell_m, rows, columns, most, shorten):
         for other in range(3, told):
             features[p, k, 5 + other] = points[i, other]
     return features, kept, where
+
+
+@njit(cache=True, nogil=True)
+def filled_rows(features, points):
+    """Return the rows of pillars that are points (N, K), one pillar's after the other's.
+
+    Args:
+        features: (P, most, K) float32.
+        points: (P,) int64, how many rows of each are points: the first ones.
+    """
+    rows = np.empty((points.sum(), features.shape[2]), np.float32)
+    at = 0
+    for p in range(len(points)):
+        for m in range(points[p]):
+            for k in range(features.shape[2]):
+                rows[at, k] = features[p, m, k]
+            at += 1
+    return rows

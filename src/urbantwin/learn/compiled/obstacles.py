@@ -37,13 +37,15 @@ def met(points, whose, sensors, middle, half, turn, is_round, depth, deep):
         start = sensors[whose[i]]
         dx = points[i, 0] - start[0]
         dy = points[i, 1] - start[1]
-        dz = points[i, 2] - start[2]
-        flat = np.hypot(dx, dy)
-        length = np.hypot(flat, dz)
-        if flat < 1e-6:
+        if dx == 0 and dy == 0:
             continue
         sector = whose[i] * _SECTORS + _sector(dx, dy)
-        for k in obstacles[first[sector] : first[sector + 1]]:
+        if first[sector] == first[sector + 1]:
+            continue
+        dz = points[i, 2] - start[2]
+        flat = np.sqrt(dx * dx + dy * dy)
+        for at in range(first[sector], first[sector + 1]):
+            k = obstacles[at]
             x = start[0] - middle[k, 0]
             y = start[1] - middle[k, 1]
             along = -(x * dx + y * dy) / flat
@@ -71,6 +73,7 @@ def met(points, whose, sensors, middle, half, turn, is_round, depth, deep):
                         continue
                     near, far = (-1 - o) / u, (1 - o) / u
                     enters, leaves = max(enters, min(near, far)), min(leaves, max(near, far))
+            length = np.sqrt(flat * flat + dz * dz)
             ends = max(enters, 0.0) + depth[k] * deep[i] / length
             if ends < leaves and ends < share[i]:
                 share[i] = ends
@@ -80,7 +83,14 @@ def met(points, whose, sensors, middle, half, turn, is_round, depth, deep):
 
 @njit(cache=True, nogil=True)
 def _sector(x, y):
-    return int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * _SECTORS) % _SECTORS
+    """Return the sector of a direction: where it meets a square on its corner, not its angle.
+
+    That rises as the angle does, from -pi to pi, and needs no arc tangent.
+    """
+    up = y / (abs(x) + abs(y))
+    if x < 0:
+        up = 2 - up if y >= 0 else -2 - up
+    return min(int((up / 4 + 0.5) * _SECTORS), _SECTORS - 1)
 
 
 @njit(cache=True, nogil=True)
@@ -100,9 +110,11 @@ def _by_sector(sensors, middle, reach):
             away = np.hypot(x, y)
             wide[s, k] = _SECTORS
             if away > reach[k]:
-                aside = int(np.arcsin(reach[k] / away) / (2 * np.pi) * _SECTORS) + 1
-                wide[s, k] = min(_SECTORS, 2 * aside + 1)
-                low[s, k] = _sector(x, y) - aside
+                aside = np.arcsin(reach[k] / away) + 1e-6
+                c, d = np.cos(aside), np.sin(aside)
+                low[s, k] = _sector(c * x + d * y, c * y - d * x)
+                high = _sector(c * x - d * y, c * y + d * x)
+                wide[s, k] = (high - low[s, k]) % _SECTORS + 1
             for sector in range(low[s, k], low[s, k] + wide[s, k]):
                 first[s * _SECTORS + sector % _SECTORS + 1] += 1
     first = np.cumsum(first)
