@@ -18,6 +18,7 @@ urbantwin detect model/ dataset/ -o detections/
 urbantwin detect model/ kitti/training/ -o detections/
 urbantwin detect model/ dataset/ -o detections/ --part test
 urbantwin detect model/ real/ -o detections/ --least 0.3
+urbantwin detect model/ real/ -o detections/ --views 4
 urbantwin detect model/ another-hour/ -o before/
 urbantwin detect model/ real/ -o detections/ --standing before/
 """
@@ -42,6 +43,15 @@ def detect(
             "are at one place in half of them are left out."
         ),
     ] = None,
+    views: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            min=1,
+            max=8,
+            help="Look at each frame from so many sides and take the mean: N times as long.",
+        ),
+    ] = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -55,6 +65,7 @@ def detect(
         layout=layout,
         part=part,
         standing=standing,
+        views=views,
         device=device,
         progress=not quiet,
     )

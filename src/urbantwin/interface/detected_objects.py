@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from urbantwin.errors import InputError
 from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
@@ -59,6 +60,7 @@ def detect(  # noqa: PLR0913 - the options of the command
     layout: str | None = None,
     part: str = "all",
     standing: AnyPath | None = None,
+    views: int = 1,
     device: str = "cpu",
     progress: ShowProgress = True,
 ) -> DetectedObjects:
@@ -75,12 +77,14 @@ def detect(  # noqa: PLR0913 - the options of the command
         standing: detections in other frames of the same sensors, which stand still: whoever is
             found as a person or rider at one place in half of them is a post or a hedge, and is
             left out.
+        views: look at each frame from so many sides (turned by quarters, mirrored), and take the
+            mean of what is said: better boxes, in so many times the time.
         device: of torch: ``cpu``, ``cuda``.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
         InputError: torch is not installed, the model, the frames or ``standing`` cannot be used,
-            or it is of too few frames.
+            it is of too few frames, or there are not so many sides.
     """
     from urbantwin.artefact import replaced_folder
     from urbantwin.detections import (
@@ -95,7 +99,10 @@ def detect(  # noqa: PLR0913 - the options of the command
 
     check_torch(device)
     from urbantwin.learn import detected, read_model
+    from urbantwin.learn.views import MOST_VIEWS
 
+    if not 1 <= views <= MOST_VIEWS:
+        raise InputError(f"is {views}", place="--views", expected=f"1 to {MOST_VIEWS}")
     source, real = Path(model), Path(frames)
     target = beside(real, "detections") if out is None else Path(out)
     inputs = [source, real] if standing is None else [source, real, Path(standing)]
@@ -106,13 +113,19 @@ def detect(  # noqa: PLR0913 - the options of the command
             places = standing_places(read_detections(Path(standing)), Path(standing))
         detector = read_model(source, device)
         recording = recording_of_part(real, layout, part)
-        made_by = {"urbantwin": "detect", "least": least, "model": dict(detector.trained)}
+        made_by = {
+            "urbantwin": "detect",
+            "least": least,
+            "views": views,
+            "model": dict(detector.trained),
+        }
         with replaced_folder(target, kind="detections", inputs=inputs) as scratch:
             found = detected(
                 detector,
                 recording,
                 device=device,
                 least=least,
+                views=views,
                 semantic=partial(write_semantic, scratch),
                 tell=tell,
             )

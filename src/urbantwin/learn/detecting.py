@@ -18,6 +18,7 @@ from urbantwin.learn.grid import Grid
 from urbantwin.learn.model import Model
 from urbantwin.learn.network import inputs_of
 from urbantwin.learn.pillars import pillars_of, told_of_points
+from urbantwin.learn.views import VIEWS
 from urbantwin.progress import Progress, each
 from urbantwin.taxonomy import semantic_id
 
@@ -25,7 +26,12 @@ __all__ = ["detected", "found_in"]
 
 
 def found_in(
-    model: Model, frame: Frame, *, device: str = "cpu", least: float = LEAST_SCORE
+    model: Model,
+    frame: Frame,
+    *,
+    device: str = "cpu",
+    least: float = LEAST_SCORE,
+    views: int = 1,
 ) -> tuple[Found, NDArray[np.uint8] | None]:
     """Return what a model finds in one frame, in the frame of its points, and their classes.
 
@@ -37,24 +43,28 @@ def found_in(
         frame: of any sensor.
         device: where the model's network is.
         least: boxes that are less likely are left out.
+        views: how many of `VIEWS` it is seen in: boxes are those of the mean of what is said of
+            each; classes of points, of the first.
     """
     design = model.design
     level = levelled(frame, design.range_m, intensity=design.intensity)
     points = level.frame.points
     grid = Grid.around(0.0, 0.0, design.range_m, design.cell_m)
-    semantic = None
+    semantic, asked = None, []
     with torch.inference_mode():
-        given = inputs_of(pillars_of(points, grid), grid.cells, device)
         if design.points:
             told, at, inside = told_of_points(points, grid)
-            asked = (torch.from_numpy(told).to(device), torch.from_numpy(at).to(device))
-            *said, logits = model.network(*given, *asked)
-            ids = np.array([semantic_id(name) for name in design.points], np.uint8)
-            semantic = np.zeros(len(frame.points), np.uint8)
-            semantic[level.kept[inside]] = ids[logits.argmax(dim=1).cpu().numpy()]
-        else:
-            said = model.network(*given)
-        maps = [one[0].float().cpu().numpy() for one in said]
+            asked = [torch.from_numpy(told).to(device), torch.from_numpy(at).to(device)]
+        seen = []
+        for number, view in enumerate(VIEWS[:views]):
+            given = inputs_of(pillars_of(view.points(points), grid), grid.cells, device)
+            said = model.network(*given, *(asked if number == 0 else ()))
+            if asked and number == 0:
+                ids = np.array([semantic_id(name) for name in design.points], np.uint8)
+                semantic = np.zeros(len(frame.points), np.uint8)
+                semantic[level.kept[inside]] = ids[said.pop().argmax(dim=1).cpu().numpy()]
+            seen.append([view.back(one[0].float().cpu().numpy()) for one in said])
+    maps = [np.mean(of_class, axis=0) for of_class in zip(*seen, strict=True)]
     found = boxes_of_maps(maps, grid, design.heads, least)
     box = found.box.copy()
     box[:, :2] += level.middle
@@ -68,6 +78,7 @@ def detected(
     *,
     device: str = "cpu",
     least: float = LEAST_SCORE,
+    views: int = 1,
     semantic: Callable[[str, NDArray[np.uint8]], None] | None = None,
     tell: Progress,
 ) -> Detections:
@@ -78,6 +89,7 @@ def detected(
         recording: of any sensor.
         device: where the model's network is.
         least: boxes that are less likely are left out.
+        views: how many of `VIEWS` each frame is seen in.
         semantic: called with the name of each frame and the classes of its points, if it tells any.
         tell: called with the share that is done.
 
@@ -106,7 +118,7 @@ def detected(
                 place=f"frame {frame.name}",
                 expected="0 to 1, or a model without intensities",
             )
-        found, of_points = found_in(model, frame, device=device, least=least)
+        found, of_points = found_in(model, frame, device=device, least=least, views=views)
         if semantic is not None and of_points is not None:
             semantic(frame.name, of_points)
         classes = [model.design.classes[one] for one in found.number]

@@ -143,6 +143,5 @@ class _FromLabels:
         total = features.new_zeros(())
         if heads:
             wanted = targets_in(batch, len(heads))
-            cell_m = self.source.design.cell_m
-            total = detection_loss(said[: len(heads)], wanted, heads, self._usual, cell_m).sum()
+            total = detection_loss(said[: len(heads)], wanted, heads, self._usual).sum()
         return total + point_loss(said[-1], batch["wanted"], self._weights) if asked else total

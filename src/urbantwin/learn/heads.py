@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry.angle import wrapped
+from urbantwin.learn.grid import halvings
 
 __all__ = ["OUTPUTS", "REGRESSED", "ClassHead", "class_heads", "decoded", "encoded"]
 
@@ -18,7 +19,7 @@ __all__ = ["OUTPUTS", "REGRESSED", "ClassHead", "class_heads", "decoded", "encod
 REGRESSED = 10
 #: The values of each class in each cell: how likely a centre is there, and its box.
 OUTPUTS = 1 + REGRESSED
-#: Cells of people and two-wheelers are the finest: in cells of 0.8 m two of them are one.
+#: People and two-wheelers are looked for in cells of 0.4 m: in those of 0.8 m two of them are one.
 _SMALL = ("pedestrian", "bicycle", "motorcycle")
 #: What boxes count beside centres, of vehicles and of whoever is small. With 1 boxes had five to
 #: seven times the loss of centres, and two thirds of the gradient of what all share.
@@ -53,10 +54,14 @@ class ClassHead:
     box_weights: tuple[float, ...]
 
 
-def class_heads(names: Sequence[str]) -> tuple[ClassHead, ...]:
+def class_heads(names: Sequence[str], cell_m: float = 0.4) -> tuple[ClassHead, ...]:
     """Return the heads of classes in their order.
 
     A person's heading is seen in few points: it counts less.
+
+    Args:
+        names: of the classes.
+        cell_m: edge of a pillar.
     """
     heads = []
     for name in names:
@@ -65,7 +70,8 @@ def class_heads(names: Sequence[str]) -> tuple[ClassHead, ...]:
         angle = 0.25 if name == "pedestrian" else 1.0
         each = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, angle, angle, 0.2 * angle, 0.2 * angle)
         weights = tuple(whole * one for one in each)
-        heads.append(ClassHead(name, 1 if small else 2, _USUAL[name], weights))
+        stride = (1 if small else 2) << halvings(cell_m)
+        heads.append(ClassHead(name, stride, _USUAL[name], weights))
     return tuple(heads)
 
 

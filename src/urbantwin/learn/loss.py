@@ -30,9 +30,6 @@ __all__ = [
 
 #: Exponents of the focal loss: of what is nearly right already, and near to a centre.
 _EASY, _NEAR = 2.0, 4.0
-#: Pillars with edges of so many metres are the measure: what is said in cells where no centre is
-#: counts by their area, so that finer ones, which are more, count as much as coarse ones together.
-_CELL_M = 0.4
 #: A class that is rarer than this, objects a sample, counts as if it were not.
 _RAREST = 0.2
 
@@ -83,7 +80,6 @@ def detection_loss(
     wanted: Sequence[BatchTarget],
     heads: Sequence[ClassHead],
     usual: Sequence[float],
-    cell_m: float,
 ) -> Tensor:
     """Return the loss of each class (classes, 2): of its centres, and of its boxes.
 
@@ -92,9 +88,8 @@ def detection_loss(
         wanted: of each class.
         heads: the classes.
         usual: objects of each class in a sample on average.
-        cell_m: edge of a pillar.
     """
-    rows, area = [], (cell_m / _CELL_M) ** 2
+    rows = []
     for told, target, head, many in zip(said, wanted, heads, usual, strict=True):
         per = 1 / (max(many, _RAREST) * len(told))
         maps = told.float()
@@ -104,7 +99,7 @@ def detection_loss(
         focal = torch.where(
             hit,
             -((1 - likely) ** _EASY) * functional.logsigmoid(logit),
-            -area * likely**_EASY * (1 - target.heat) ** _NEAR * functional.logsigmoid(-logit),
+            -(likely**_EASY) * (1 - target.heat) ** _NEAR * functional.logsigmoid(-logit),
         )
         centres = (focal * target.counts).sum() * per
         flat = maps[:, 1:].permute(0, 2, 3, 1).reshape(-1, maps.shape[1] - 1)

@@ -19,6 +19,7 @@ from urbantwin.artefact.manifest import Part, validated
 from urbantwin.detections import DETECTED_CLASSES
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers.documents import read_yaml_document
+from urbantwin.learn.grid import halvings
 from urbantwin.learn.heads import ClassHead, class_heads
 from urbantwin.learn.network import Detector
 from urbantwin.learn.pillars import features_of
@@ -58,7 +59,7 @@ class Design:
     @property
     def heads(self) -> tuple[ClassHead, ...]:
         """The heads of its classes."""
-        return class_heads(self.classes)
+        return class_heads(self.classes, self.cell_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,11 @@ class _Manifest(Part):
 def new_network(design: Design) -> Detector:
     """Return a network of a design; its weights are drawn by torch's generator."""
     return Detector(
-        features_of(intensity=design.intensity), design.heads, design.width, len(design.points)
+        features_of(intensity=design.intensity),
+        design.heads,
+        design.width,
+        len(design.points),
+        halvings(design.cell_m),
     )
 
 

@@ -3,9 +3,10 @@
 PointPillars (Lang et al. 2019) for the encoder, CenterPoint (Yin, Zhou and Kraehenbuehl 2021,
 "Center-based 3D Object Detection and Tracking") for the heads, and a pyramid (Lin et al. 2017,
 "Feature Pyramid Networks for Object Detection") that leads back to the finest cells, so that people
-have heads there. A point's class is told by its cell and by where it is in it. Tensors are NCHW:
-channels last, the backward pass of a convolution with stride 2 is 35 times slower on a processor;
-on a GPU they lie with channels last, as its matrix units read them.
+have heads there. Finer pillars are merged to cells of that size first. A point's class is told by
+its cell and by where it is in its pillar. Tensors are NCHW: channels last, the backward pass of a
+convolution with stride 2 is 35 times slower on a processor; on a GPU they lie with channels last,
+as its matrix units read them.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from urbantwin.learn.pillars import MOST_POINTS, Pillars, told_of_point
 
 __all__ = ["Detector", "inputs_of"]
 
-#: Channels in cells 1, 2, 4 and 8 times as large as the pillars', of the smallest network.
+#: Channels in cells 1, 2, 4 and 8 times as large as the finest, of the smallest network.
 _CHANNELS = (32, 48, 64, 96)
 #: Of a class's own layer, and of the one that tells classes of points.
 _OWN, _OF_POINTS = 16, 48
@@ -74,16 +75,23 @@ class Detector(nn.Module):
         heads: the classes.
         width: multiple of the channels; 1 for two processors.
         points: how many classes of points it tells; none without the head for them.
+        merged: how often pillars are merged two by two to the finest cells (`grid.halvings`).
     """
 
     def __init__(
-        self, features: int, heads: Sequence[ClassHead], width: float = 1.0, points: int = 0
+        self,
+        features: int,
+        heads: Sequence[ClassHead],
+        width: float = 1.0,
+        points: int = 0,
+        merged: int = 0,
     ) -> None:
         super().__init__()
         one, two, four, eight = (8 * max(1, round(width * count / 8)) for count in _CHANNELS)
         own = 8 * max(1, round(width * _OWN / 8))
         self.channels = one
         self.encoder = _PillarEncoder(features, one)
+        self.merged = nn.Sequential(*(_layer(one, one, stride=2) for _ in range(merged)))
         self.near = _layer(one, one)
         self.down2 = nn.Sequential(_layer(one, two, stride=2), _layer(two, two), _layer(two, two))
         self.down4 = nn.Sequential(
@@ -96,19 +104,19 @@ class Detector(nn.Module):
         self.merge4 = _layer(four, four)
         self.up2 = _layer(four, two, kernel=1)
         self.merge2 = _layer(two, two)
-        self.strides = tuple(head.stride for head in heads)
+        self.strides = tuple(head.stride >> merged for head in heads)
         self.is_fine = 1 in self.strides or bool(points) or not heads
         if self.is_fine:
             self.up1 = _layer(two, one, kernel=1)
             self.merge1 = _layer(one, one)
         self.heads = nn.ModuleList()
-        for head in heads:
+        for stride in self.strides:
             last = nn.Conv2d(own, OUTPUTS, 1)
             nn.init.normal_(last.weight, std=0.01)
             bias = torch.zeros(OUTPUTS)
             bias[0] = _AT_FIRST
             last.bias = nn.Parameter(bias)
-            self.heads.append(nn.Sequential(_layer(one if head.stride == 1 else two, own), last))
+            self.heads.append(nn.Sequential(_layer(one if stride == 1 else two, own), last))
         self.of_points: nn.Sequential | None = None
         if points:
             wide = 8 * max(1, round(width * _OF_POINTS / 8))
@@ -142,8 +150,18 @@ class Detector(nn.Module):
         said = self.said_of(fine, half)
         if self.of_points is not None and told is not None and at is not None:
             cells = fine.permute(0, 2, 3, 1).reshape(-1, self.channels)
+            at = self._merged_cell(at, shape.shape[2], shape.shape[3])
             said.append(self.of_points(torch.cat([cells.index_select(0, at), told], dim=1)))
         return said
+
+    def _merged_cell(self, cell: Tensor, rows: int, columns: int) -> Tensor:
+        """Return the numbers of the finest cells that pillars are merged to, of their own."""
+        step = 1 << len(self.merged)
+        if step == 1:
+            return cell
+        grid, within = cell // (rows * columns), cell % (rows * columns)
+        row, column = within // columns // step, within % columns // step
+        return (grid * (rows // step) + row) * (columns // step) + column
 
     def said_of(self, fine: Tensor, half: Tensor) -> list[Tensor]:
         """Return (grids, `OUTPUTS`, rows, columns) for each class; see `maps_of_cells`."""
@@ -155,7 +173,7 @@ class Detector(nn.Module):
     def maps(
         self, features: Tensor, points: Tensor, cell: Tensor, shape: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Return what is known of the cells, and of cells twice as large; see `forward`."""
+        """Return what is known of the finest cells, and of cells twice as large; see `forward`."""
         grids, rows, columns = shape.shape[0], shape.shape[2], shape.shape[3]
         pillar = self.encoder(features, points)
         canvas = pillar.new_zeros((grids * rows * columns, self.channels))
@@ -168,13 +186,13 @@ class Detector(nn.Module):
         return self.maps_of_cells(canvas)
 
     def maps_of_cells(self, canvas: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what is known of the cells (grids, channels, rows, columns), and of larger ones.
+        """Return what is known of the finest cells and of larger ones: (grids, channels, ...).
 
         Args:
-            canvas: what the encoder says of each pillar, 0 where there is none; pillars of several
-                sensors are merged by their greatest values.
+            canvas: (grids, channels, rows, columns) what the encoder says of each pillar, 0 where
+                there is none; pillars of several sensors are merged by their greatest values.
         """
-        fine = self.near(canvas)
+        fine = self.near(self.merged(canvas))
         half = self.down2(fine)
         quarter = self.down4(half)
         eighth = self.down8(quarter)

@@ -197,6 +197,12 @@ class _FromFrames:
         shape = features.new_zeros((self.source.recipe.batch, 0, cells, cells))
         said = self._network(features, batch["points"], batch["cell"], shape).float()
         asked, occupied, highest = batch["asked"], batch["occupied"], batch["highest"]
+        # Of pillars that are merged: whether any was hidden and occupied, and the highest of them.
+        step = cells // said.shape[-1]
+        asked, occupied, highest = (
+            functional.max_pool2d(one[:, None].float(), step)[:, 0]
+            for one in (asked, occupied, highest)
+        )
         there = functional.binary_cross_entropy_with_logits(
             said[:, 0], occupied, weight=1 + (_OCCUPIED_WEIGHT - 1) * occupied, reduction="none"
         )
