@@ -34,6 +34,7 @@ RANGES_M = (3.0, 10.0, 20.0, 40.0)
 #: Cells in which the ground is sought; what is narrower than so many of them stands on it.
 CELL_M, WIDEST = 1.0, 13
 GROWN_M = 0.3
+FRAMES = {"all": slice(None), "odd": slice(1, None, 2), "even": slice(0, None, 2)}
 #: Recordings: model of the sensor, its height, and whether what moves is labelled.
 SENSORS = {
     "kitti": ("HDL-64E", 1.73, True),
@@ -73,8 +74,8 @@ def shares(points: np.ndarray, static: np.ndarray) -> np.ndarray:
     return counts
 
 
-def real(name: str) -> list[np.ndarray]:
-    """Counts of every frame of a recording."""
+def real(name: str, numbers: slice = slice(None)) -> list[np.ndarray]:
+    """Counts of every frame of a recording, or of those with some numbers."""
     if name == "pandaset":
         return [_pandaset()]
     folder = {
@@ -83,7 +84,7 @@ def real(name: str) -> list[np.ndarray]:
     }[name]  # fmt: skip
     recording = open_recording(DATA / folder)
     found = []
-    for number in range(len(recording)):
+    for number in range(len(recording))[numbers]:
         frame = recording.read(number)
         points = frame.points - frame.sensor_places[0]
         static = np.ones(len(points), bool)
@@ -171,6 +172,7 @@ def main() -> None:
     parser.add_argument("side", choices=("real", "twins"))
     parser.add_argument("twins", type=Path, nargs="*")
     parser.add_argument("--of", nargs="*", default=list(SENSORS), choices=SENSORS)
+    parser.add_argument("--frames", choices=FRAMES, default="all", help="of a recording, by number")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     print("per cent of points 0.3 to 2.5 m above the ground (least to most), and by height up to "
@@ -178,7 +180,10 @@ def main() -> None:
     rows = []
     for name in given.of:
         if given.side == "real":
-            rows.append(told(name + ("" if SENSORS[name][2] else " *"), real(name)))
+            rows.append(told(
+                f"{name}, {given.frames}" + ("" if SENSORS[name][2] else " *"),
+                real(name, FRAMES[given.frames]),
+            ))
             continue
         every = []
         for folder in given.twins:
