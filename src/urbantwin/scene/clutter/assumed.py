@@ -36,6 +36,8 @@ PARKS = (
     ("leisure", {"park", "garden"}),
     ("landuse", {"grass", "village_green", "cemetery", "recreation_ground", "greenery", "flowerbed"}),
 )
+#: Paving between buildings and streets is a forecourt so far from the street, metres.
+FORECOURT_M = 2.0
 #: Share of cycle stands' places that are taken: an estimate.
 PARKED = 0.45
 
@@ -120,7 +122,7 @@ def assumed_features(
             area_union([carriageway, walked, *paved]),
             walls,
             area_union([taken, _decks(features)]),
-            {**_land(features, zones, walls, group),
+            {**_land(features, zones, street, walls, group),
              "median": area_difference(area_union(islands), corners)},
         ),
         features,
@@ -186,7 +188,8 @@ def _decks(features: Sequence[OsmFeature]) -> shapely.Geometry:
 
 
 def _land(
-    features: Sequence[OsmFeature], zones: Sequence[Zone], walls: shapely.Geometry, group: str
+    features: Sequence[OsmFeature], zones: Sequence[Zone], street: shapely.Geometry, walls: shapely.Geometry,
+    group: str,
 ) -> dict[str, shapely.Geometry]:
     """Return land by what usually grows on it, see ``plants.csv``."""
     grass = area_union([z.area for z in zones if z.material == material_id("grass")])
@@ -197,7 +200,10 @@ def _land(
     cover = area_union([f.geometry for f in covered])
     land = area_difference(grass, cover)
     gardens = area_intersection(land, grown(area_union(dwellings), AROUND_M))
+    paving = area_union([z.area for z in zones if z.material == material_id("paving")
+                         and z.kind == "paved" and z.semantic != semantic_id("sidewalk")])  # fmt: skip
     kinds = {
+        "forecourt": area_difference(paving, grown(street, FORECOURT_M)),
         "garden": gardens,
         "green": area_difference(land, gardens),
         "mapped": area_intersection(grass, parks),

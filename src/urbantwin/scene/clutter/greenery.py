@@ -19,8 +19,8 @@ __all__ = ["Land", "greenery_features", "shrub_tags"]
 
 #: Plants farther than this from carriageways are not seen much of, metres.
 SEEN_M = 32.0
-#: Where a tree is mapped this near, the map has them all, metres.
-MAPPED_M = 30.0
+#: Where a tree is mapped this near, the map has them all, metres; in gardens few are mapped.
+MAPPED_M, MAPPED_IN_GARDENS_M = 30.0, 10.0
 #: Trunks stand so far from houses, and crowns so far from where one drives or walks, metres.
 FROM_WALLS_M, FROM_STREET_M = 2.5, 0.3
 #: Beds: edge of the cells that are a bed or none, and of those within that hold a shrub or none.
@@ -33,10 +33,13 @@ SIGHT_M, LOW_M = 3.0, 0.8
 BEDS = ((0.35, 0.4, 0.9), (0.40, 0.8, 1.6), (0.25, 1.4, 2.8))
 #: Garden trees are small ones: least and most height, and share of conifers. Estimates.
 TREE_M, CONIFERS = (3.0, 9.0), 0.25
+#: Where it is hot, palms stand in place of conifers.
+HOT = ("asia",)
 #: Triangles of a tree's crown and of a shrub of a metre, see `tree.leaves`.
 TREE_CLUMPS, SHRUB_CLUMPS = 120, 30
-#: Most trees and shrubs of a scene that are assumed: those whose own draw is lowest remain.
-MOST_TREES, MOST_SHRUBS = 160, 650
+#: Most trees and shrubs of a scene that are assumed: of more, those with the lowest draws, times how
+#: far they are from carriageways and this, metres.
+MOST_TREES, MOST_SHRUBS, NEAR_M = 160, 650, 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +82,25 @@ def greenery_features(
             continue
         mine = area_intersection(area, free)
         row = rows[kind]
-        trees += _trees(mine, land, features, float(row["trees"]), 100 + number)
+        apart = MAPPED_IN_GARDENS_M if kind == "garden" else MAPPED_M
+        open_ = _far_from_mapped(mine, features, apart)
+        other = "palm" if group in HOT else "needleleaved"
+        trees += _trees(open_, land, float(row["trees"]), other, 100 + number)
         shrubs += _shrubs(mine, land, float(row["beds"]), float(row["singles"]), 200 + 10 * number)
-    kept = [
-        *(one for _, one in sorted(trees, key=lambda pair: pair[0])[:MOST_TREES]),
-        *(one for _, one in sorted(shrubs, key=lambda pair: pair[0])[:MOST_SHRUBS]),
-    ]
+    kept = [*_first(trees, MOST_TREES, land), *_first(shrubs, MOST_SHRUBS, land)]
     notes = Counter(
         "trees beside streets" if one.tags["natural"] == "tree" else "shrubs" for one in kept
     )
     return kept, notes
+
+
+def _first(
+    found: list[tuple[float, OsmFeature]], most: int, land: Land
+) -> list[OsmFeature]:
+    """Return the plants whose draws are lowest, those near carriageways rather than others."""
+    away = shapely.distance(land.seen_from, [one.geometry for _, one in found])
+    order = (np.array([draw for draw, _ in found]) * (NEAR_M + away)).argsort(kind="stable")
+    return [found[k][1] for k in order[:most].tolist()]
 
 
 def shrub_tags(height: float, across: float) -> dict[str, str]:
@@ -103,13 +115,19 @@ def shrub_tags(height: float, across: float) -> dict[str, str]:
 
 
 def _trees(
-    area: shapely.Geometry, land: Land, features: Sequence[OsmFeature], rate: float, seed: int
+    area: shapely.Geometry,
+    land: Land,
+    rate: float,
+    other: str,
+    seed: int,
 ) -> list[tuple[float, OsmFeature]]:
-    """Return trees of an area, so many a hectare, with the draws by which some remain."""
+    """Return trees of an area, so many a hectare, with the draws by which some remain.
+
+    ``other`` is the leaf type of those that are not broadleaved.
+    """
     if rate <= 0:
         return []
     xy, draws = scattered(area, 100 / np.sqrt(rate), seed, 5)
-    xy, draws = _far_from_mapped(xy, draws, features)
     if not len(xy):
         return []
     points = shapely.points(xy)
@@ -121,6 +139,8 @@ def _trees(
     across = np.minimum(across, 2 * to_walls - 1.0)
     # Leaves down to the ground or nearly; over footways there are none below 2.5 m.
     base = np.where(conifer, 0.3, 0.5 + 1.3 * draws[:, 3])
+    if other == "palm":
+        base = np.where(conifer, 0.6 * height, base)
     over = to_street < across / 2 + FROM_STREET_M
     base = np.where(over, 2.5, base)
     good = (to_walls >= FROM_WALLS_M) & (across >= 1.2) & (to_street >= 1.0)
@@ -134,7 +154,7 @@ def _trees(
                     "height": f"{high:.2f}",
                     "diameter_crown": f"{wide:.2f}",
                     "crown_base": f"{low:.2f}",
-                    "leaf_type": "needleleaved" if needles else "broadleaved",
+                    "leaf_type": other if needles else "broadleaved",
                     "triangles": str(TREE_CLUMPS),
                 },
                 spot,
@@ -148,18 +168,16 @@ def _trees(
 
 
 def _far_from_mapped(
-    xy: NDArray[np.float64], draws: NDArray[np.float64], features: Sequence[OsmFeature]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    area: shapely.Geometry, features: Sequence[OsmFeature], apart: float
+) -> shapely.Geometry:
+    """Return what of an area is not near mapped trees."""
     mapped = [
-        f.geometry for f in features if f.tags.get("natural") in ("tree", "tree_row", "wood", "tree_group")
+        f.geometry for f in features
+        if f.tags.get("natural") in ("tree", "tree_row", "wood", "tree_group")
         or f.tags.get("landuse") in ("forest", "orchard")
     ]  # fmt: skip
-    if not mapped or not len(xy):
-        return xy, draws
-    near = shapely.STRtree(mapped).query(shapely.points(xy), "dwithin", MAPPED_M)[0]
-    keep = np.ones(len(xy), bool)
-    keep[near] = False
-    return xy[keep], draws[keep]
+    near = [shape for shape in mapped if shapely.dwithin(shape, area, apart)]
+    return area_difference(area, shapely.union_all(shapely.buffer(near, apart, quad_segs=3)))
 
 
 def _shrubs(

@@ -33,6 +33,10 @@ NEAREST_M, FARTHEST_M = 1.6, 16.0
 WIDE_M, FROM_HOUSES_M = 16.0, 120.0
 #: Boundaries between neighbours go on so far behind the front of a house, metres.
 BEHIND_M = 9.0
+#: Larger houses are blocks of flats, whose land is not divided, square metres.
+LARGEST_HOUSE_M2 = 350.0
+#: Land without a house that streets enclose is no plot below this: a traffic island, square metres.
+ISLAND_M2 = 1200.0
 #: Only along streets for vehicles, as near as this, metres.
 ALONG_M = 12.0
 #: Where a barrier is mapped this near, the map knows better, metres.
@@ -41,8 +45,9 @@ MAPPED_M = 4.0
 #: gardens of Ealing (London, 2005: a survey of 7,675) are parked in.
 GATE_M, DRIVE_M, DRIVES = 1.2, 3.0, 0.4
 SHORTEST_M, STEP_M = 2.5, 1.0
-#: Shrubs per metre of garden front, and share of gardens with wheeled bins: estimates.
-SHRUBS_PER_M, BINS = 0.12, 0.35
+#: Shrubs per metre of garden front (fitted to odd-numbered frames of KITTI), and share of gardens
+#: with wheeled bins (an estimate).
+SHRUBS_PER_M, BINS = 0.2, 0.35
 SEED = 9_101
 #: Ids of what is assumed begin here: above those of the map.
 FIRST_ID = 1 << 40
@@ -115,7 +120,8 @@ def plot_features(
                 found.append(OsmFeature("way", FIRST_ID + len(found), dict(tags), piece))
                 notes[f"{tags['barrier']} of plots, m"] += round(piece.length)
         if house is not None and use == "dwellings":
-            side = _side(front, blocked)
+            small = house.geometry.area <= LARGEST_HOUSE_M2
+            side = _side(front, blocked) if small else None
             tags = _drawn(side_boundaries(group), rng) if side is not None else None
             if side is not None and tags:
                 found.append(OsmFeature("way", FIRST_ID + len(found), dict(tags), side))
@@ -144,7 +150,9 @@ def _fronts(
     """Yield the fronts of plots along the streets."""
     # Strips between parts of a street are filled, so that only its outside is left.
     whole = grown(grown(ground.street, VERGE_M / 2), -VERGE_M / 2)
+    tree = shapely.STRtree([house.geometry for house in houses])
     street = area_union([ground.street, whole])
+    street = area_union([street, *_islands(street, tree)])
     kept_free = area_union(
         [grown(street, SET_BACK_M), grown(ground.carriageway, FROM_CARRIAGEWAY_M)]
     )
@@ -156,10 +164,18 @@ def _fronts(
         line = shapely.difference(line, shapely.buffer(ground.barriers, MAPPED_M, quad_segs=2))
     line = shapely.line_merge(line) if line.geom_type == "MultiLineString" else line
     parts = [p for p in shapely.get_parts(line) if p.length >= SHORTEST_M]
-    tree = shapely.STRtree([house.geometry for house in houses])
     shapely.prepare(street)
     for part in parts:
         yield from _of_line(part, tree, street, ground.is_town)
+
+
+def _islands(street: shapely.Geometry, houses: shapely.STRtree) -> Iterator[shapely.Polygon]:
+    """Yield what streets enclose and is too small for a plot, where no house stands."""
+    for part in shapely.get_parts(street):
+        for ring in part.interiors:
+            land = shapely.Polygon(ring)
+            if land.area < ISLAND_M2 and not len(houses.query(land, "intersects")):
+                yield land
 
 
 def _of_line(
