@@ -34,7 +34,10 @@ BESIDE_TRACKS_M, BESIDE_WAYS_M = 3.5, 2.0
 #: Land that is mapped as green and has plants beside its grass.
 PARKS = (
     ("leisure", {"park", "garden"}),
-    ("landuse", {"grass", "village_green", "cemetery", "recreation_ground", "greenery", "flowerbed"}),
+    (
+        "landuse",
+        {"grass", "village_green", "cemetery", "recreation_ground", "greenery", "flowerbed"},
+    ),
 )
 #: Paving between buildings and streets is a forecourt so far from the street, metres.
 FORECOURT_M = 2.0
@@ -188,7 +191,10 @@ def _decks(features: Sequence[OsmFeature]) -> shapely.Geometry:
 
 
 def _land(
-    features: Sequence[OsmFeature], zones: Sequence[Zone], street: shapely.Geometry, walls: shapely.Geometry,
+    features: Sequence[OsmFeature],
+    zones: Sequence[Zone],
+    street: shapely.Geometry,
+    walls: shapely.Geometry,
     group: str,
 ) -> dict[str, shapely.Geometry]:
     """Return land by what usually grows on it, see ``plants.csv``."""
@@ -200,16 +206,23 @@ def _land(
     cover = area_union([f.geometry for f in covered])
     land = area_difference(grass, cover)
     gardens = area_intersection(land, grown(area_union(dwellings), AROUND_M))
-    paving = area_union([z.area for z in zones if z.material == material_id("paving")
-                         and z.kind == "paved" and z.semantic != semantic_id("sidewalk")])  # fmt: skip
+    paving = [
+        z.area
+        for z in zones
+        if z.material == material_id("paving")
+        and z.kind == "paved"
+        and z.semantic != semantic_id("sidewalk")
+    ]
     kinds = {
-        "forecourt": area_difference(paving, grown(street, FORECOURT_M)),
+        "forecourt": area_difference(area_union(paving), grown(street, FORECOURT_M)),
         "garden": gardens,
         "green": area_difference(land, gardens),
         "mapped": area_intersection(grass, parks),
     }
     if group in ("japan", "asia"):
-        bare = [z.area for z in zones if z.kind == "paved" and z.material == material_id("concrete")]
+        bare = [
+            z.area for z in zones if z.kind == "paved" and z.material == material_id("concrete")
+        ]
         kinds["yard"] = area_difference(area_union(bare), area_union([cover, walls]))
     return kinds
 

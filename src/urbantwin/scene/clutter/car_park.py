@@ -10,6 +10,7 @@ import shapely
 from numpy.random import Generator, Philox
 
 from urbantwin.geometry import area_union, grown
+from urbantwin.scene.clutter.greenery import tree_clumps
 from urbantwin.scene.clutter.scatter import planted
 from urbantwin.site.extract import OsmFeature
 
@@ -53,7 +54,9 @@ def car_park_features(
     ]  # fmt: skip
     if not parks:
         return [], Counter()
-    ways = [f.geometry for f in features if "highway" in f.tags and f.geometry.geom_type == "LineString"]
+    ways = [
+        f.geometry for f in features if "highway" in f.tags and f.geometry.geom_type == "LineString"
+    ]
     blocked = area_union(
         [
             grown(area_union([p.geometry for p in parks]), 0.1),
@@ -81,9 +84,11 @@ def car_park_features(
             for along in np.arange(TREE_M / 2, piece.length, TREE_M).tolist():
                 spot = shapely.get_coordinates(piece.interpolate(along))[0]
                 height = float(rng.uniform(4.0, 8.0))
+                across = 0.6 * height
                 tree = {
                     "natural": "tree", "height": f"{height:.2f}",
-                    "diameter_crown": f"{0.6 * height:.2f}", "triangles": "110",
+                    "diameter_crown": f"{across:.2f}",
+                    "triangles": str(tree_clumps(height, across)),
                 }  # fmt: skip
                 found.append(planted(tree, spot))
                 notes["trees of car parks"] += 1

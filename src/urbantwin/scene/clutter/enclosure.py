@@ -29,7 +29,15 @@ FIRST_ID = 1 << 42
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What barriers keep clear of, site frame: carriageways, streets, buildings, barriers, sensors."""
+    """What barriers keep clear of, site frame.
+
+    Attributes:
+        seen_from: carriageways.
+        street: where one drives or walks.
+        walls: buildings.
+        barriers: what is mapped.
+        taken: crossings, corners where walkers wait, water.
+    """
 
     seen_from: shapely.Geometry
     street: shapely.Geometry
@@ -51,9 +59,12 @@ def enclosure_features(
     """
     near = shapely.intersection(region, shapely.buffer(kept.seen_from, SEEN_M, quad_segs=2))
     ways = [
-        f.geometry for f in features
-        if "highway" in f.tags and f.geometry.geom_type == "LineString" and near.intersects(f.geometry)
-    ]  # fmt: skip
+        f.geometry
+        for f in features
+        if "highway" in f.tags
+        and f.geometry.geom_type == "LineString"
+        and near.intersects(f.geometry)
+    ]
     taken = area_union(
         [
             grown(kept.street, SET_BACK_M),

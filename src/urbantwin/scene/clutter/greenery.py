@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from urbantwin.geometry import area_difference, area_intersection, area_union, grown
 from urbantwin.scene.clutter.scatter import cell_draws, planted, scattered
 from urbantwin.scene.clutter.table import rows_of
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["Land", "greenery_features", "shrub_tags"]
+__all__ = ["Land", "greenery_features", "shrub_tags", "tree_clumps"]
 
 #: Plants farther than this from carriageways are not seen much of, metres.
 SEEN_M = 32.0
 #: Where a tree is mapped this near, the map has them all, metres; in gardens few are mapped.
 MAPPED_M, MAPPED_IN_GARDENS_M = 30.0, 10.0
-#: Trunks stand so far from houses, and crowns so far from where one drives or walks, metres.
-FROM_WALLS_M, FROM_STREET_M = 2.5, 0.3
+#: Trunks stand so far from houses and from where one drives or walks, crowns so far from there, m.
+FROM_WALLS_M, NEAREST_M, FROM_STREET_M = 2.5, 1.0, 0.3
+#: Where little of the land is far enough from walls, so many times as many stand there at the most.
+MOST_DENSE = 2.0
 #: Beds: edge of the cells that are a bed or none, and of those within that hold a shrub or none.
 BED_M, SHRUB_M, FULL = 4.0, 1.5, 0.8
 #: Singles: edge of the cells that hold one at most, metres.
@@ -35,10 +37,11 @@ BEDS = ((0.35, 0.4, 0.9), (0.40, 0.8, 1.6), (0.25, 1.4, 2.8))
 TREE_M, CONIFERS = (3.0, 9.0), 0.25
 #: Where it is hot, palms stand in place of conifers.
 HOT = ("asia",)
-#: Triangles of a tree's crown and of a shrub of a metre, see `tree.leaves`.
-TREE_CLUMPS, SHRUB_CLUMPS = 120, 30
-#: Most trees and shrubs of a scene that are assumed: of more, those with the lowest draws, times how
-#: far they are from carriageways and this, metres.
+#: Triangles of a shrub of a metre, and of the crown of a tree of 6 m: as the root of the outline.
+SHRUB_CLUMPS, TREE_CLUMPS, OUTLINE_M2 = 30, 110, 25.0
+FEWEST_CLUMPS, MOST_CLUMPS = 70, 200
+#: Most trees and shrubs of a scene that are assumed: of more, those with the lowest draws, times
+#: how far they are from carriageways and this, metres.
 MOST_TREES, MOST_SHRUBS, NEAR_M = 160, 650, 5.0
 
 
@@ -50,7 +53,7 @@ class Land:
         seen_from: carriageways.
         street: where one drives or walks.
         walls: buildings.
-        taken: where nothing is planted: ways, tracks, what is kept free around sensors and junctions.
+        taken: where nothing is planted: ways, tracks, water, and around sensors and crossings.
         kinds: land by kind, see ``plants.csv``.
     """
 
@@ -94,9 +97,7 @@ def greenery_features(
     return kept, notes
 
 
-def _first(
-    found: list[tuple[float, OsmFeature]], most: int, land: Land
-) -> list[OsmFeature]:
+def _first(found: list[tuple[float, OsmFeature]], most: int, land: Land) -> list[OsmFeature]:
     """Return the plants whose draws are lowest, those near carriageways rather than others."""
     away = shapely.distance(land.seen_from, [one.geometry for _, one in found])
     order = (np.array([draw for draw, _ in found]) * (NEAR_M + away)).argsort(kind="stable")
@@ -114,6 +115,12 @@ def shrub_tags(height: float, across: float) -> dict[str, str]:
     }
 
 
+def tree_clumps(height: float, across: float) -> int:
+    """Return with how many triangles the crown of a tree that is assumed is drawn."""
+    count = TREE_CLUMPS * math.sqrt(height * across / OUTLINE_M2)
+    return round(min(max(count, FEWEST_CLUMPS), MOST_CLUMPS))
+
+
 def _trees(
     area: shapely.Geometry,
     land: Land,
@@ -125,13 +132,19 @@ def _trees(
 
     ``other`` is the leaf type of those that are not broadleaved.
     """
-    if rate <= 0:
+    kept_from = area_union([grown(land.walls, FROM_WALLS_M), grown(land.street, NEAREST_M)])
+    free = area_difference(area, kept_from)
+    if rate <= 0 or free.is_empty:
         return []
-    xy, draws = scattered(area, 100 / np.sqrt(rate), seed, 5)
+    # As many on the land as a hectare of it has, though not all of it is far enough from walls.
+    dense = min(area.area / free.area, MOST_DENSE)
+    xy, draws = scattered(free, 100 / np.sqrt(rate * dense), seed, 5)
     if not len(xy):
         return []
     points = shapely.points(xy)
-    to_walls = shapely.distance(land.walls, points) if not land.walls.is_empty else np.full(len(xy), 99.0)
+    to_walls = (
+        shapely.distance(land.walls, points) if not land.walls.is_empty else np.full(len(xy), 99.0)
+    )
     to_street = shapely.distance(land.street, points)
     height = TREE_M[0] + (TREE_M[1] - TREE_M[0]) * draws[:, 0]
     conifer = draws[:, 1] < CONIFERS
@@ -143,8 +156,7 @@ def _trees(
         base = np.where(conifer, 0.6 * height, base)
     over = to_street < across / 2 + FROM_STREET_M
     base = np.where(over, 2.5, base)
-    good = (to_walls >= FROM_WALLS_M) & (across >= 1.2) & (to_street >= 1.0)
-    good &= ~over | (~conifer & (height > 4.5))
+    good = (across >= 1.2) & (~over | (~conifer & (height > 4.5)))
     return [
         (
             float(draw),
@@ -155,7 +167,7 @@ def _trees(
                     "diameter_crown": f"{wide:.2f}",
                     "crown_base": f"{low:.2f}",
                     "leaf_type": other if needles else "broadleaved",
-                    "triangles": str(TREE_CLUMPS),
+                    "triangles": str(tree_clumps(high, wide)),
                 },
                 spot,
             ),

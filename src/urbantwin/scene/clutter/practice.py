@@ -73,9 +73,14 @@ BOUNDARIES: Mapping[str, tuple[Boundary, ...]] = {
 
 #: Between neighbours: up to 1.8 or 2 m behind the front of houses, as the same laws say; estimates.
 SIDES: Mapping[str, tuple[Boundary, ...]] = {
-    "europe": (Boundary(0.30, "hedge", 1.7), _fence(0.35, 1.5, "chain_link"), _fence(0.15, 1.7, "panel")),
+    "europe": (
+        Boundary(0.30, "hedge", 1.7), _fence(0.35, 1.5, "chain_link"), _fence(0.15, 1.7, "panel"),
+    ),
     "britain": (_fence(0.60, 1.75, "close_boarded"), Boundary(0.20, "hedge", 1.7)),
-    "america": (_fence(0.45, 1.75, "wood_panel"), _fence(0.15, 1.2, "chain_link"), Boundary(0.10, "hedge", 1.6)),
+    "america": (
+        _fence(0.45, 1.75, "wood_panel"), _fence(0.15, 1.2, "chain_link"),
+        Boundary(0.10, "hedge", 1.6),
+    ),
     "australia": (_fence(0.75, 1.8, "metal_panel"), Boundary(0.10, "hedge", 1.6)),
     "japan": (_wall(0.55, 1.4, "concrete"), _fence(0.25, 1.4, "metal_bars")),
     "asia": (_wall(0.70, 1.7, "plaster"),),

@@ -56,7 +56,10 @@ def scattered(
 
 
 def planted(tags: dict[str, str], xy: NDArray[np.float64]) -> OsmFeature:
-    """Return a plant as a mapper would have mapped it; its number, and so its shape, is its place's."""
+    """Return a plant as a mapper would have mapped it.
+
+    Its number, by which it is shaped, is that of its place.
+    """
     x, y = np.round(xy * 100).astype(np.int64).tolist()
     number = PLANTED_ID + (x & 0xFFFFF) * (1 << 20) + (y & 0xFFFFF)
     return OsmFeature("node", number, tags, shapely.Point(xy))

@@ -12,6 +12,7 @@ import shapely
 from numpy.random import Generator, Philox
 from numpy.typing import NDArray
 
+from urbantwin.scene.clutter.greenery import tree_clumps
 from urbantwin.scene.clutter.kerbside import BESIDE_M, CLEAR_M, is_business, streets_of
 from urbantwin.scene.clutter.scatter import planted
 from urbantwin.scene.clutter.table import rows_of
@@ -35,8 +36,8 @@ MEDIAN_M = 4.0
 WIDEST_M, STEP_M = 22.0, 0.25
 #: Trees of streets are 0.3 to 0.75 of what their genus grows to: an estimate.
 GROWN = (0.3, 0.75)
-#: Crowns are so wide at most, metres; triangles of each.
-WIDEST_CROWN_M, CLUMPS = 9.0, 130
+#: Crowns are so wide at most, metres.
+WIDEST_CROWN_M = 9.0
 SEED = 7_331
 
 
@@ -119,7 +120,9 @@ def street_tree_features(
                 if len(standing) and np.hypot(*(standing - spot).T).min() < apart:
                     continue
                 standing = np.vstack([standing, spot])
-                room = 2 * float(shapely.distance(kerbs.walls, at)) if not kerbs.walls.is_empty else 99
+                room = (
+                    2 * float(shapely.distance(kerbs.walls, at)) if not kerbs.walls.is_empty else 99
+                )
                 found.append(_tree(spot, genus, room - 0.6))
     return found
 
@@ -156,12 +159,14 @@ def _tree(spot: NDArray[np.float64], genus: str, room: float) -> OsmFeature:
     rng = Generator(Philox(key=[SEED, seed]))
     kind = genus_of({"genus": genus})
     height = min(max(kind.height_m * float(rng.uniform(*GROWN)), 3.5), 14.0)
-    across = min(kind.crown * height * float(rng.uniform(0.85, 1.1)), WIDEST_CROWN_M, max(room, 1.5))
+    across = min(
+        kind.crown * height * float(rng.uniform(0.85, 1.1)), WIDEST_CROWN_M, max(room, 1.5)
+    )
     tags = {
         "natural": "tree",
         "height": f"{height:.2f}",
         "diameter_crown": f"{across:.2f}",
-        "triangles": str(CLUMPS),
+        "triangles": str(tree_clumps(height, across)),
     }
     return planted({**tags, "genus": genus} if genus else tags, spot)
 

@@ -9,7 +9,7 @@ __all__ = ["rows_of", "tags_of"]
 
 
 def rows_of(name: str, group: str) -> list[dict[str, str]]:
-    """Return the rows of a table that hold for a group: its own, before those of everybody (``*``)."""
+    """Return the rows of a table that hold for a group: its own before everybody's (``*``)."""
     text = (files(__package__) / name).read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(line for line in text if not line.startswith("#")))
     return [row for own in (group, "*") for row in rows if row["group"] == own]

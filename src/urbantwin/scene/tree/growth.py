@@ -67,10 +67,7 @@ def grow(
     assembly.add(trunks, "trunk", "bark", np.repeat(parts, len(trunks.faces) // len(trees)))
     free = sum(tree.clumps is None for tree in trees)
     count = int(np.clip(MOST_TRIANGLES / max(free, 1), FEWEST_CLUMPS, MOST_CLUMPS))
-    crowns = [
-        _crown(tree, foot, count)
-        for tree, foot in zip(trees, feet, strict=True)
-    ]
+    crowns = [_crown(tree, foot, count) for tree, foot in zip(trees, feet, strict=True)]
     many = [len(crown) for crown in crowns]
     clumps, part, foot = np.concatenate(crowns), np.repeat(parts, many), np.repeat(feet[:, 2], many)
     keep = _clear_of_traffic(clumps, foot, carriageway)

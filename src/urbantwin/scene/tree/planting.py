@@ -107,7 +107,15 @@ def tree_mesh(
     notes["trees"] = len(trees)
     notes["trees without a mapped height"] = sum("height" not in t.tags for t in trees)
     _add_leafy(assembly, mine, region, ground_height, notes)
-    _add_scrub(assembly, [f for f in mine if not _is_leafy(f)], region, taken, carriageway, ground_height, notes)
+    _add_scrub(
+        assembly,
+        [f for f in mine if not _is_leafy(f)],
+        region,
+        taken,
+        carriageway,
+        ground_height,
+        notes,
+    )
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 

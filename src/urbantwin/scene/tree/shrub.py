@@ -14,7 +14,7 @@ from urbantwin.scene.tree.crown import crown_clumps, rounded
 __all__ = ["bushes", "hedge", "leafy_bush", "leafy_hedge"]
 
 BURIED_M = 0.2
-#: Leaves about a hedge's closed body: per metre of its length, their size, how far out they reach, m.
+#: Leaves about a hedge's closed body: per metre of length, size and how far out they reach, metres.
 LEAVES_PER_M, LEAF_M, OUT_M = 8, 0.16, 0.13
 
 
