@@ -41,6 +41,9 @@ PARKS = (
 )
 #: Paving between buildings and streets is a forecourt so far from the street, metres.
 FORECOURT_M = 2.0
+#: Shrubs of medians stand so far from their kerbs (Texas, Landscape and Aesthetics Design Manual:
+#: 3 feet, and up to 30 inches high at their ends), metres.
+FROM_MEDIANS_M = 0.8
 #: Share of cycle stands' places that are taken: an estimate.
 PARKED = 0.45
 
@@ -126,7 +129,7 @@ def assumed_features(
             walls,
             area_union([taken, _decks(features)]),
             {**_land(features, zones, street, walls, group),
-             "median": area_difference(area_union(islands), corners)},
+             "median": area_difference(grown(area_union(islands), -FROM_MEDIANS_M), corners)},
         ),
         features,
         region,

@@ -38,11 +38,11 @@ TREE_M, CONIFERS = (3.0, 9.0), 0.25
 #: Where it is hot, palms stand in place of conifers.
 HOT = ("asia",)
 #: Triangles of a shrub of a metre, and of the crown of a tree of 6 m: as the root of the outline.
-SHRUB_CLUMPS, TREE_CLUMPS, OUTLINE_M2 = 30, 110, 25.0
-FEWEST_CLUMPS, MOST_CLUMPS = 70, 200
+SHRUB_CLUMPS, TREE_CLUMPS, OUTLINE_M2 = 22, 85, 25.0
+FEWEST_CLUMPS, MOST_CLUMPS = 55, 160
 #: Most trees and shrubs of a scene that are assumed: of more, those with the lowest draws, times
 #: how far they are from carriageways and this, metres.
-MOST_TREES, MOST_SHRUBS, NEAR_M = 160, 650, 5.0
+MOST_TREES, MOST_SHRUBS, NEAR_M = 150, 500, 5.0
 
 
 @dataclass(frozen=True, eq=False)

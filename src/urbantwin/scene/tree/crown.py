@@ -20,8 +20,8 @@ __all__ = ["CLUMPS", "crown_clumps", "rounded"]
 CLUMPS = 480
 LOBES = 9
 FRONDS, LEAFLETS = 18, 6
-#: Corners of leaves that are only assumed lie on a grid of so many metres: a third less of a file.
-GRID_M = 1 / 64
+#: Corners of leaves that are only assumed lie on a grid of so many metres: half of a file.
+GRID_M = 1 / 32
 #: Size of a clump over the cube root of (diameter^2 height), at ``CLUMPS`` triangles.
 BROAD, NEEDLE = 0.068, 0.1
 

@@ -15,7 +15,7 @@ __all__ = ["bushes", "hedge", "leafy_bush", "leafy_hedge"]
 
 BURIED_M = 0.2
 #: Leaves about a hedge's closed body: per metre of length, size and how far out they reach, metres.
-LEAVES_PER_M, LEAF_M, OUT_M = 8, 0.16, 0.13
+LEAVES_PER_M, LEAF_M, OUT_M = 6, 0.18, 0.13
 
 
 def hedge(
