@@ -7,13 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from urbantwin.geometry import area_difference, area_intersection, area_union, areas_of, grown
 from urbantwin.scene.building_outline import building_footprints
 from urbantwin.scene.clutter.car_park import car_park_features
 from urbantwin.scene.clutter.enclosure import Kept, enclosure_features
 from urbantwin.scene.clutter.greenery import Land, greenery_features
-from urbantwin.scene.clutter.kerbside import Footway, kerbside_features
+from urbantwin.scene.clutter.kerbside import STREETS, Footway, kerbside_features
 from urbantwin.scene.clutter.plot import Ground, plot_features
 from urbantwin.scene.clutter.practice import group_of
 from urbantwin.scene.clutter.street_tree import Kerbs, street_tree_features
@@ -145,11 +146,16 @@ def assumed_features(
     notes += counts
     beside = [*plots, *fences, *parks]
     if len(free):
-        around = shapely.union_all(free)
-        beside = [f for f in beside if not f.geometry.intersects(around)]
+        beside = [f for f in beside if not _is_near(f, poles)]
     every = [_with_bicycles(f) for f in (*features, *pieces)]
     found = [*every, *beside, *trees, *green]
     return Assumed(found, {name: n for name, n in sorted(notes.items()) if n})
+
+
+def _is_near(feature: OsmFeature, poles: NDArray[np.object_]) -> bool:
+    """Return whether a feature is too near to a sensor."""
+    apart = FROM_LEAVES_M if "natural" in feature.tags else SENSOR_M
+    return bool(shapely.dwithin(poles, feature.geometry, apart).any())
 
 
 def _is_area(feature: OsmFeature) -> bool:
@@ -179,10 +185,11 @@ def _tracks(features: Sequence[OsmFeature]) -> shapely.Geometry:
 
 
 def _ways(features: Sequence[OsmFeature]) -> shapely.Geometry:
-    """Return what ways take that are no zones of their own: steps, bridges, drives."""
+    """Return what ways beside the streets take: paths, steps, bridges, drives."""
     lines = [
         f.geometry for f in features
-        if "highway" in f.tags and f.geometry.geom_type == "LineString"
+        if f.tags.get("highway", "street") not in ("street", *STREETS)
+        and f.geometry.geom_type == "LineString"
         and f.tags.get("tunnel", "no") == "no"
     ]  # fmt: skip
     return shapely.union_all(shapely.buffer(lines, BESIDE_WAYS_M, cap_style="flat"))

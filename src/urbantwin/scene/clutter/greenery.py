@@ -138,7 +138,9 @@ def _trees(
         return []
     # As many on the land as a hectare of it has, though not all of it is far enough from walls.
     dense = min(area.area / free.area, MOST_DENSE)
-    xy, draws = scattered(free, 100 / np.sqrt(rate * dense), seed, 5)
+    xy, draws = scattered(free, 100 / math.sqrt(rate * MOST_DENSE), seed, 6)
+    taken = draws[:, 5] < dense / MOST_DENSE
+    xy, draws = xy[taken], draws[taken]
     if not len(xy):
         return []
     points = shapely.points(xy)

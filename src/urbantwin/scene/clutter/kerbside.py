@@ -16,7 +16,15 @@ from urbantwin.scene.clutter.practice import Kerbside, kerbside_kinds
 from urbantwin.scene.land_use import use_of_building
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["BESIDE_M", "CLEAR_M", "Footway", "is_business", "kerbside_features", "streets_of"]
+__all__ = [
+    "BESIDE_M",
+    "CLEAR_M",
+    "STREETS",
+    "Footway",
+    "is_business",
+    "kerbside_features",
+    "streets_of",
+]
 
 #: Nothing stands nearer to the kerb than this (Inclusive Mobility, DfT 2021: 0.45 to 0.6 m).
 FROM_KERB_M = 0.45
