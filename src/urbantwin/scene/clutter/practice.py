@@ -67,7 +67,7 @@ BOUNDARIES: Mapping[str, tuple[Boundary, ...]] = {
     "institution": (
         _fence(0.35, 1.5, "metal_bars"), Boundary(0.20, "hedge", 1.2), _wall(0.10, 1.0, "stone"),
     ),
-    "business": (),
+    "business": (Boundary(0.15, "hedge", 0.9), _wall(0.08, 0.6, "concrete")),
 }  # fmt: skip
 
 
