@@ -39,10 +39,11 @@ TREE_M, CONIFERS = (3.0, 9.0), 0.25
 HOT = ("asia",)
 #: Triangles of a shrub of a metre, and of the crown of a tree of 6 m: as the root of the outline.
 SHRUB_CLUMPS, TREE_CLUMPS, OUTLINE_M2 = 22, 85, 25.0
-FEWEST_CLUMPS, MOST_CLUMPS = 55, 160
-#: Most trees and shrubs of a scene that are assumed: of more, those with the lowest draws, times
-#: how far they are from carriageways and this, metres.
-MOST_TREES, MOST_SHRUBS, NEAR_M = 150, 500, 5.0
+FEWEST_CLUMPS, MOST_CLUMPS = 55, 130
+#: Most trees and shrubs of a scene that are assumed, for the sake of files, and of a region's area,
+#: square metres for each shrub: of more, those with the lowest draws, times how far they are from
+#: carriageways and this, metres.
+MOST_TREES, MOST_SHRUBS, SHRUB_M2, NEAR_M = 150, 500, 110.0, 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,8 @@ def greenery_features(
         other = "palm" if group in HOT else "needleleaved"
         trees += _trees(open_, land, float(row["trees"]), other, 100 + number)
         shrubs += _shrubs(mine, land, float(row["beds"]), float(row["singles"]), 200 + 10 * number)
-    kept = [*_first(trees, MOST_TREES, land), *_first(shrubs, MOST_SHRUBS, land)]
+    most = min(MOST_SHRUBS, round(region.area / SHRUB_M2))
+    kept = [*_first(trees, MOST_TREES, land), *_first(shrubs, most, land)]
     notes = Counter(
         "trees beside streets" if one.tags["natural"] == "tree" else "shrubs" for one in kept
     )
