@@ -121,6 +121,7 @@ def test_street_trees_stand_in_the_verge_as_far_apart_as_the_table_says():
             lined += 1
             assert np.diff(x) == pytest.approx(spacing * np.round(np.diff(x) / spacing), abs=0.01)
             assert np.diff(x).min() == pytest.approx(spacing)
+            assert all(float(f.tags["crown_base"]) >= 2.5 for f in rows)
             # Nobody's sight at the crossing: 7.5 m and its half metre.
             assert np.abs(x).min() >= 3 + 7.5
             found += len(x)

@@ -36,6 +36,8 @@ MEDIAN_M = 4.0
 WIDEST_M, STEP_M = 22.0, 0.25
 #: Trees of streets are 0.3 to 0.75 of what their genus grows to: an estimate.
 GROWN = (0.3, 0.75)
+#: They are so high at least, and their crowns begin so high: people pass below (RASt 06), metres.
+LOWEST_M, CLEAR_BELOW_M = 4.5, 2.5
 #: Crowns are so wide at most, metres.
 WIDEST_CROWN_M = 9.0
 SEED = 7_331
@@ -158,7 +160,7 @@ def _tree(spot: NDArray[np.float64], genus: str, room: float) -> OsmFeature:
     seed = crc32(f"{spot[0]:.2f} {spot[1]:.2f}".encode())
     rng = Generator(Philox(key=[SEED, seed]))
     kind = genus_of({"genus": genus})
-    height = min(max(kind.height_m * float(rng.uniform(*GROWN)), 3.5), 14.0)
+    height = min(max(kind.height_m * float(rng.uniform(*GROWN)), LOWEST_M), 14.0)
     across = min(
         kind.crown * height * float(rng.uniform(0.85, 1.1)), WIDEST_CROWN_M, max(room, 1.5)
     )
@@ -166,6 +168,7 @@ def _tree(spot: NDArray[np.float64], genus: str, room: float) -> OsmFeature:
         "natural": "tree",
         "height": f"{height:.2f}",
         "diameter_crown": f"{across:.2f}",
+        "crown_base": f"{max(CLEAR_BELOW_M, kind.clear * height):.2f}",
         "triangles": str(tree_clumps(height, across)),
     }
     return planted({**tags, "genus": genus} if genus else tags, spot)
