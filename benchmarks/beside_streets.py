@@ -9,6 +9,8 @@ rule, from the points alone.
 
     python benchmarks/beside_streets.py real
     python benchmarks/beside_streets.py twins places/*/twin --json shares.json
+    python benchmarks/beside_streets.py real --of pandaset --kinds    # by what it consists of
+    python benchmarks/beside_streets.py real --of kitti --frames odd  # what rates were fitted to
 """
 
 from __future__ import annotations
@@ -34,6 +36,13 @@ RANGES_M = (3.0, 10.0, 20.0, 40.0)
 #: Cells in which the ground is sought; what is narrower than so many of them stands on it.
 CELL_M, WIDEST = 1.0, 13
 GROWN_M = 0.3
+#: What stands beside streets, by numbers of SemanticKITTI (ours) and of PandaSet.
+KINDS = {
+    "plants": ((70, 71), (5,)),
+    "buildings": ((50,), (41,)),
+    "fences, walls, furniture, poles": ((51, 52, 80, 81, 99), (34, 35, 36, 37, 38, 39, 40, 42)),
+}
+FRAMES = {"all": slice(None), "odd": slice(1, None, 2), "even": slice(0, None, 2)}
 #: Recordings: model of the sensor, its height, and whether what moves is labelled.
 SENSORS = {
     "kitti": ("HDL-64E", 1.73, True),
@@ -73,17 +82,35 @@ def shares(points: np.ndarray, static: np.ndarray) -> np.ndarray:
     return counts
 
 
-def real(name: str) -> list[np.ndarray]:
-    """Counts of every frame of a recording."""
+def by_kind(
+    points: np.ndarray, static: np.ndarray, semantic: np.ndarray, column: int
+) -> np.ndarray:
+    """Shares (kinds, 2) of static points within 40 m: 0.3 to 2.5 m above the ground, and higher."""
+    within = np.hypot(points[:, 0], points[:, 1]) < RANGES_M[-1]
+    high = above_ground(points[within])
+    static, semantic = static[within], semantic[within]
+    middle = (high > HEIGHTS_M[0]) & (high <= HEIGHTS_M[-1])
+    return np.array(
+        [
+            [(static & np.isin(semantic, numbers[column]) & where).sum() / static.sum()
+             for where in (middle, high > HEIGHTS_M[-1])]
+            for numbers in KINDS.values()
+        ]
+    )  # fmt: skip
+
+
+def real(name: str, numbers: slice = slice(None)) -> list[np.ndarray]:
+    """Counts of every frame of a recording, or of those with some numbers."""
     if name == "pandaset":
-        return [_pandaset()]
+        points, static, _ = _pandaset()
+        return [shares(points, static)]
     folder = {
         "kitti": "recordings/kitti-training", "pittsburgh": "lidar/argoverse2-pittsburgh",
         "os0": "recordings/ouster-os0-128", "os1": "lidar/ouster-os1-128",
     }[name]  # fmt: skip
     recording = open_recording(DATA / folder)
     found = []
-    for number in range(len(recording)):
+    for number in range(len(recording))[numbers]:
         frame = recording.read(number)
         points = frame.points - frame.sensor_places[0]
         static = np.ones(len(points), bool)
@@ -95,7 +122,8 @@ def real(name: str) -> list[np.ndarray]:
     return found
 
 
-def _pandaset() -> np.ndarray:
+def _pandaset() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of the Pandar64 about it, which are of nothing that moves, and their classes."""
     given = np.load(DATA / "recordings/pandaset-001/frame_ego.npz", allow_pickle=True)
     turned = given["device"] == 0
     points = given["xyz"][turned].astype(np.float64)
@@ -112,7 +140,7 @@ def _pandaset() -> np.ndarray:
         static &= ~(inside & (np.abs(away[:, 2]) < high / 2 + GROWN_M))
     # The Pandar64 is on the roof; the frame's origin is on the ground.
     ring = np.median(points[np.hypot(points[:, 0], points[:, 1]) < 12, 2])
-    return shares(points - [0.0, 0.0, ring + 1.85], static)
+    return points - [0.0, 0.0, ring + 1.85], static, given["semseg"][turned]
 
 
 def stands(twin: ut.Twin, count: int = 4) -> list[tuple[float, float]]:
@@ -128,8 +156,8 @@ def stands(twin: ut.Twin, count: int = 4) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in xy[chosen]]
 
 
-def of_twin(folder: Path, name: str) -> list[np.ndarray]:
-    """Counts of frames of a twin, scanned by a recording's sensor."""
+def scans(folder: Path, name: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Points (N, 3) about the sensor of a recording at places of a twin, and their classes (N,)."""
     twin = ut.Twin.open(folder)
     model, height, _ = SENSORS[name]
     found = []
@@ -137,9 +165,28 @@ def of_twin(folder: Path, name: str) -> list[np.ndarray]:
         one = {"name": "a", "model": model, "east_m": east, "north_m": north, "height_m": height}
         rig = place_rig(RigSpec.model_validate({"rate_hz": 10.0, "sensors": [one]}), twin.mesh)
         scanner = Scanner(twin.mesh, rig, 0, surface=twin.surface_materials)
-        points = scanner.scan(0, []).points[:, :3].astype(np.float64)
-        found.append(shares(points, np.ones(len(points), bool)))
+        frame = scanner.scan(0, [])
+        found.append((frame.points[:, :3].astype(np.float64), frame.semantic))
     return found
+
+
+def of_twin(folder: Path, name: str) -> list[np.ndarray]:
+    """Counts of frames of a twin, scanned by a recording's sensor."""
+    return [shares(points, np.ones(len(points), bool)) for points, _ in scans(folder, name)]
+
+
+def tell_kinds(side: str, twins: list[Path]) -> None:
+    """Print what stands beside streets by kind, of the recording that knows it."""
+    if side == "real":
+        found = [by_kind(*_pandaset(), 1)]
+    else:
+        found = [
+            by_kind(points, np.ones(len(points), bool), semantic, 0)
+            for folder in twins
+            for points, semantic in scans(folder, "pandaset")
+        ]
+    for name, (middle, above) in zip(KINDS, 100 * np.mean(found, axis=0), strict=True):
+        print(f"{name:34} {middle:5.1f} at 0.3 to 2.5 m, {above:5.1f} above")
 
 
 def row(counts: np.ndarray) -> dict[str, list[float]]:
@@ -171,14 +218,24 @@ def main() -> None:
     parser.add_argument("side", choices=("real", "twins"))
     parser.add_argument("twins", type=Path, nargs="*")
     parser.add_argument("--of", nargs="*", default=list(SENSORS), choices=SENSORS)
+    parser.add_argument("--frames", choices=FRAMES, default="all", help="of a recording, by number")
+    parser.add_argument("--kinds", action="store_true", help="by kind, as PandaSet knows it")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
+    if given.kinds:
+        tell_kinds(given.side, given.twins)
+        return
     print("per cent of points 0.3 to 2.5 m above the ground (least to most), and by height up to "
           + ", ".join(f"{h:g}" for h in HEIGHTS_M) + " m and above")  # fmt: skip
     rows = []
     for name in given.of:
         if given.side == "real":
-            rows.append(told(name + ("" if SENSORS[name][2] else " *"), real(name)))
+            rows.append(
+                told(
+                    f"{name}, {given.frames}" + ("" if SENSORS[name][2] else " *"),
+                    real(name, FRAMES[given.frames]),
+                )
+            )
             continue
         every = []
         for folder in given.twins:

@@ -1,22 +1,27 @@
 """How many things as large as a person stand in streets, real and simulated: docs/learning.md.
 
     python benchmarks/person_sized.py DATASET ...       # datasets of `record` by a sensor on a car
+    python benchmarks/person_sized.py PLACE/twin ...    # twins, without actors, by an HDL-64E
 
 Groups of points 0.4 to 1.9 m above the ground that are in no labelled box, per 1,000 m2 within
 40 m: of KITTI's odd and even frames (what the camera saw), of the datasets, and of the same with
-what `train` sets into samples.
+what `train` sets into samples. Of twins, the built scene alone as an HDL-64E sees it from four
+places on lanes.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects, label
 
+from beside_streets import above_ground, scans
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.learn.augmentation import cluttered
 from urbantwin.learn.compiled.box_points import points_in_boxes
@@ -36,7 +41,30 @@ Places = NDArray[np.floating]
 Where = Callable[[Places], NDArray[np.bool_]]
 
 
-def counted(frame: LevelFrame, where: Where) -> NDArray[np.float64]:
+class Levelled(Protocol):
+    """Points on level ground, and boxes."""
+
+    points: NDArray[np.float32]
+    box: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Bare:
+    """A frame of the built scene alone."""
+
+    points: NDArray[np.float32]
+    box: NDArray[np.float64]
+
+
+def bare_frames(twin: Path) -> Iterator[Bare]:
+    """Frames of a twin without actors, of an HDL-64E on lanes."""
+    for points, _ in scans(twin, "kitti"):
+        kept = points[np.hypot(points[:, 0], points[:, 1]) < FAR_M + 5]
+        high = np.column_stack([kept[:, :2], above_ground(kept)])
+        yield Bare(high.astype(np.float32), np.zeros((0, 7)))
+
+
+def counted(frame: Levelled, where: Where) -> NDArray[np.float64]:
     """How many slim, wide and low things there are where it is asked, per 1,000 m2."""
     along = np.arange(-FAR_M, FAR_M) + 0.5
     area = where(np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)).sum() / 1000
@@ -90,8 +118,11 @@ def main() -> None:
     for name, first in (("KITTI, odd", 1), ("KITTI, even", 0)):
         told(name, [counted(one, in_view) for one in frames_of(KITTI, slice(first, None, 2))])
     draw = np.random.default_rng(1)
-    bare, full = [], []
+    bare, full, built = [], [], []
     for folder in sys.argv[1:]:
+        if (Path(folder) / "twin.json").exists():
+            built += [counted(frame, near) for frame in bare_frames(Path(folder))]
+            continue
         for frame in frames_of(Path(folder), slice(0, None, 8)):
             x, y = draw.uniform(-25, 25, 2)
 
@@ -101,6 +132,8 @@ def main() -> None:
 
             bare.append(counted(frame, window))
             full += [counted(cluttered(frame, (x, y, HALF_M), draw), window) for _ in range(3)]
+    if built:
+        told("twins without actors", built)
     if bare:
         told("twins", bare)
         told("twins as train sees them", full)

@@ -21,7 +21,7 @@ from urbantwin.scene.barrier.point import add_point_barriers
 from urbantwin.scene.placement import not_imported, on_ground
 from urbantwin.scene.pole import bollards
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, sweep
-from urbantwin.scene.tree.shrub import hedge
+from urbantwin.scene.tree.shrub import hedge, leafy_hedge
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["barrier_mesh"]
@@ -173,7 +173,12 @@ def _add_line(
     half, height = form.thickness_m / 2, form.height_m
     make = form.make
     if make == "hedge":
-        solids = [hedge(path, height, form.thickness_m, feature.id, closed=closed)]
+        loose = "triangles" in feature.tags and not closed
+        solids = (
+            leafy_hedge(path, height, form.thickness_m, feature.id)
+            if loose
+            else [hedge(path, height, form.thickness_m, feature.id, closed=closed)]
+        )
     elif make in ("solid", "kerb"):
         profile = fence.rectangle(half, half, -BURIED_M, height)
         solids = [sweep(path, profile, closed=closed)]

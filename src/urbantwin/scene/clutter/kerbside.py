@@ -16,7 +16,15 @@ from urbantwin.scene.clutter.practice import Kerbside, kerbside_kinds
 from urbantwin.scene.land_use import use_of_building
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["Footway", "kerbside_features"]
+__all__ = [
+    "BESIDE_M",
+    "CLEAR_M",
+    "STREETS",
+    "Footway",
+    "is_business",
+    "kerbside_features",
+    "streets_of",
+]
 
 #: Nothing stands nearer to the kerb than this (Inclusive Mobility, DfT 2021: 0.45 to 0.6 m).
 FROM_KERB_M = 0.45
@@ -70,15 +78,8 @@ def kerbside_features(
         shapely.prepare(shape)
     walls = shapely.buffer(ground.walls, 0.25)
     shapely.prepare(walls)
-    shops = shapely.STRtree([f.geometry for f in features if _is_business(f)])
-    streets = [
-        f for f in features
-        if f.tags.get("highway") in STREETS
-        and f.geometry.geom_type == "LineString"
-        and f.tags.get("tunnel", "no") == "no"
-        and f.tags.get("bridge", "no") == "no"
-        and region.intersects(f.geometry)
-    ]  # fmt: skip
+    shops = shapely.STRtree([f.geometry for f in features if is_business(f)])
+    streets = streets_of(features, region)
     found: list[OsmFeature] = []
     notes: Counter[str] = Counter()
     standing = np.zeros((0, 2))
@@ -102,7 +103,20 @@ def kerbside_features(
     return found, notes
 
 
-def _is_business(feature: OsmFeature) -> bool:
+def streets_of(features: Sequence[OsmFeature], region: shapely.Polygon) -> list[OsmFeature]:
+    """Return the streets of a map on the ground, within a region."""
+    return [
+        f for f in features
+        if f.tags.get("highway") in STREETS
+        and f.geometry.geom_type == "LineString"
+        and f.tags.get("tunnel", "no") == "no"
+        and f.tags.get("bridge", "no") == "no"
+        and region.intersects(f.geometry)
+    ]  # fmt: skip
+
+
+def is_business(feature: OsmFeature) -> bool:
+    """Return whether a feature makes the side of a street beside it one of business."""
     tags = feature.tags
     if tags.get("building", "no") != "no":
         return use_of_building(feature) == "business"

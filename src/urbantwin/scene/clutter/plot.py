@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from shapely.ops import substring
 
 from urbantwin.geometry import area_difference, area_union, grown
-from urbantwin.scene.clutter.practice import boundaries
+from urbantwin.scene.clutter.greenery import shrub_tags
+from urbantwin.scene.clutter.practice import Boundary, boundaries, side_boundaries
 from urbantwin.scene.land_use import use_of_building
 from urbantwin.site.extract import OsmFeature
 
@@ -29,7 +30,13 @@ VERGE_M = 4.0
 #: A house has a front garden where it stands this far from the street, metres.
 NEAREST_M, FARTHEST_M = 1.6, 16.0
 #: Without a house, plots are this wide, as far as this from the next building, metres.
-WIDE_M, FROM_HOUSES_M = 16.0, 45.0
+WIDE_M, FROM_HOUSES_M = 16.0, 120.0
+#: Boundaries between neighbours go on so far behind the front of a house, metres.
+BEHIND_M = 9.0
+#: Larger houses are blocks of flats, whose land is not divided, square metres.
+LARGEST_HOUSE_M2 = 350.0
+#: Land without a house that streets enclose is no plot below this: a traffic island, square metres.
+ISLAND_M2 = 1200.0
 #: Only along streets for vehicles, as near as this, metres.
 ALONG_M = 12.0
 #: Where a barrier is mapped this near, the map knows better, metres.
@@ -38,8 +45,9 @@ MAPPED_M = 4.0
 #: gardens of Ealing (London, 2005: a survey of 7,675) are parked in.
 GATE_M, DRIVE_M, DRIVES = 1.2, 3.0, 0.4
 SHORTEST_M, STEP_M = 2.5, 1.0
-#: Shrubs per metre of garden front, and share of gardens with wheeled bins: estimates.
-SHRUBS_PER_M, BINS = 0.12, 0.35
+#: Shrubs per metre of garden front (fitted to odd-numbered frames of KITTI), and share of gardens
+#: with wheeled bins (an estimate).
+SHRUBS_PER_M, BINS = 0.2, 0.35
 SEED = 9_101
 #: Ids of what is assumed begin here: above those of the map.
 FIRST_ID = 1 << 40
@@ -92,6 +100,13 @@ def plot_features(
     ]  # fmt: skip
     found: list[OsmFeature] = []
     notes: Counter[str] = Counter()
+    blocked = area_union(
+        [grown(area_union([h.geometry for h in houses]), 0.15), grown(ground.street, SET_BACK_M),
+         ground.public]
+    )  # fmt: skip
+    if not ground.barriers.is_empty:
+        blocked = shapely.union(blocked, shapely.buffer(ground.barriers, 1.0, quad_segs=2))
+    blocked = shapely.union(blocked, shapely.difference(shapely.buffer(region, 50), region))
     for front in _fronts(ground, houses, region):
         house = houses[front.house] if front.house >= 0 else None
         use = "dwellings" if house is None else use_of_building(house)
@@ -99,26 +114,33 @@ def plot_features(
         # A house keeps its ways on all its sides; a plot is where it is.
         key = abs(house.id) if house else crc32(f"{middle.x:.0f} {middle.y:.0f}".encode())
         rng = Generator(Philox(key=[SEED, key]))
-        tags = _drawn(group, use, rng)
+        tags = _drawn(boundaries(group, use), rng)
         if tags:
             for piece in _with_gates(front.line, rng):
                 found.append(OsmFeature("way", FIRST_ID + len(found), dict(tags), piece))
                 notes[f"{tags['barrier']} of plots, m"] += round(piece.length)
         if house is not None and use == "dwellings":
+            small = house.geometry.area <= LARGEST_HOUSE_M2
+            side = _side(front, blocked) if small else None
+            tags = _drawn(side_boundaries(group), rng) if side is not None else None
+            if side is not None and tags:
+                found.append(OsmFeature("way", FIRST_ID + len(found), dict(tags), side))
+                notes[f"{tags['barrier']} between plots, m"] += round(side.length)
             for what, spot in _garden(front, group, rng):
                 found.append(OsmFeature("node", FIRST_ID + len(found), what, spot))
                 notes["shrubs" if "natural" in what else "wheeled bins"] += 1
     return found, notes
 
 
-def _drawn(group: str, use: str, rng: Generator) -> Mapping[str, str] | None:
+def _drawn(kinds: Sequence[Boundary], rng: Generator) -> Mapping[str, str] | None:
     """Return the tags of a boundary, ``None`` for an open front."""
     draw, vary = float(rng.random()), float(rng.uniform(0.85, 1.15))
-    for kind in boundaries(group, use):
+    for kind in kinds:
         draw -= kind.share
         if draw < 0:
-            height = f"{kind.height_m * vary:.2f}"
-            return {"barrier": kind.barrier, "height": height, **dict(kind.more)}
+            tags = {"barrier": kind.barrier, "height": f"{kind.height_m * vary:.2f}"}
+            leaves = {"triangles": "yes"} if kind.barrier == "hedge" else {}
+            return {**tags, **leaves, **dict(kind.more)}
     return None
 
 
@@ -128,7 +150,9 @@ def _fronts(
     """Yield the fronts of plots along the streets."""
     # Strips between parts of a street are filled, so that only its outside is left.
     whole = grown(grown(ground.street, VERGE_M / 2), -VERGE_M / 2)
+    tree = shapely.STRtree([house.geometry for house in houses])
     street = area_union([ground.street, whole])
+    street = area_union([street, *_islands(street, tree)])
     kept_free = area_union(
         [grown(street, SET_BACK_M), grown(ground.carriageway, FROM_CARRIAGEWAY_M)]
     )
@@ -140,10 +164,18 @@ def _fronts(
         line = shapely.difference(line, shapely.buffer(ground.barriers, MAPPED_M, quad_segs=2))
     line = shapely.line_merge(line) if line.geom_type == "MultiLineString" else line
     parts = [p for p in shapely.get_parts(line) if p.length >= SHORTEST_M]
-    tree = shapely.STRtree([house.geometry for house in houses])
     shapely.prepare(street)
     for part in parts:
         yield from _of_line(part, tree, street, ground.is_town)
+
+
+def _islands(street: shapely.Geometry, houses: shapely.STRtree) -> Iterator[shapely.Polygon]:
+    """Yield what streets enclose and is too small for a plot, where no house stands."""
+    for part in shapely.get_parts(street):
+        for ring in part.interiors:
+            land = shapely.Polygon(ring)
+            if land.area < ISLAND_M2 and not len(houses.query(land, "intersects")):
+                yield land
 
 
 def _of_line(
@@ -184,6 +216,18 @@ def _of_line(
             yield _Front(max(whose, -1), piece, float(depth[mine].min()), inward / length)
 
 
+def _side(front: _Front, blocked: shapely.Geometry) -> shapely.LineString | None:
+    """Return the boundary to the next plot, from a front's end inward to what stands in its way."""
+    start = shapely.get_coordinates(front.line)[-1]
+    end = start + (front.depth_m + BEHIND_M) * front.inward
+    line = shapely.LineString([start + 0.1 * front.inward, end])
+    parts = shapely.get_parts(shapely.difference(line, blocked))
+    first = [p for p in parts if p.distance(shapely.Point(line.coords[0])) < 0.5]
+    if not first or first[0].length < SHORTEST_M:
+        return None
+    return first[0]
+
+
 def _with_gates(line: shapely.LineString, rng: Generator) -> Iterator[shapely.LineString]:
     """Yield what is left of a boundary beside gates and drives, one every house's width."""
     houses = max(1, round(line.length / WIDE_M))
@@ -215,7 +259,7 @@ def _garden(
 
     length = front.line.length
     for _ in range(int(rng.poisson(SHRUBS_PER_M * length))):
-        tags = {"natural": "shrub", "height": f"{rng.uniform(0.5, 1.7):.2f}"}
+        tags = shrub_tags(float(rng.uniform(0.5, 1.7)), float(rng.uniform(0.6, 1.4)))
         yield tags, behind(rng.random() * length, rng.uniform(0.9, max(room, 0.95)))
     if group in ("britain", "europe", "america", "australia") and rng.random() < BINS:
         along = rng.uniform(0.1, 0.9) * length

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-__all__ = ["CLUMPS", "crown_clumps"]
+__all__ = ["CLUMPS", "crown_clumps", "rounded"]
 
 #: Triangles of a crown for which sizes of clumps are given.
 CLUMPS = 480
 LOBES = 9
 FRONDS, LEAFLETS = 18, 6
+#: Corners of leaves that are only assumed lie on a grid of so many metres: half of a file.
+GRID_M = 1 / 32
 #: Size of a clump over the cube root of (diameter^2 height), at ``CLUMPS`` triangles.
 BROAD, NEEDLE = 0.068, 0.1
 
@@ -44,6 +46,11 @@ def crown_clumps(
     else:
         clumps = _broad(form, diameter, low, high, rng, count)
     return _fitted(clumps, diameter, low, high)
+
+
+def rounded(clumps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return clumps (N, 3, 3) with their corners on a grid that files hold in fewer bytes."""
+    return np.asarray(np.round(clumps / GRID_M) * GRID_M)
 
 
 def _size(share: float, diameter: float, tall: float, count: int) -> float:

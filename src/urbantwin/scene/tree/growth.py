@@ -16,7 +16,7 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.reconstruct import SurveyedTree
 from urbantwin.scene.placement import beside_carriageway, on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, columns
-from urbantwin.scene.tree.crown import crown_clumps
+from urbantwin.scene.tree.crown import crown_clumps, rounded
 from urbantwin.scene.tree.size import TreeSize, surveyed_size
 from urbantwin.taxonomy import material_id
 
@@ -31,12 +31,17 @@ BURIED_M = 0.3
 
 @dataclass(frozen=True)
 class GrownTree:
-    """A tree to draw: where it stands, its size, and the seed of its shape."""
+    """A tree to draw: where it stands, its size, the seed of its shape.
+
+    ``clumps`` is how many triangles its crown is drawn with, ``None`` for as many as the scene has
+    for each.
+    """
 
     x: float
     y: float
     size: TreeSize
     seed: int
+    clumps: int | None = None
 
 
 def grow(
@@ -60,19 +65,9 @@ def grow(
     top = clear + reach * (height - clear)
     trunks = columns(feet - [0, 0, BURIED_M], top + BURIED_M, radius, 0.35 * radius)
     assembly.add(trunks, "trunk", "bark", np.repeat(parts, len(trunks.faces) // len(trees)))
-    count = int(np.clip(MOST_TRIANGLES / len(trees), FEWEST_CLUMPS, MOST_CLUMPS))
-    crowns = [
-        crown_clumps(
-            tree.size.form,
-            tree.size.crown,
-            tree.size.clear,
-            tree.size.height,
-            Generator(Philox(key=abs(tree.seed))),
-            count,
-        )
-        + foot
-        for tree, foot in zip(trees, feet, strict=True)
-    ]
+    free = sum(tree.clumps is None for tree in trees)
+    count = int(np.clip(MOST_TRIANGLES / max(free, 1), FEWEST_CLUMPS, MOST_CLUMPS))
+    crowns = [_crown(tree, foot, count) for tree, foot in zip(trees, feet, strict=True)]
     many = [len(crown) for crown in crowns]
     clumps, part, foot = np.concatenate(crowns), np.repeat(parts, many), np.repeat(feet[:, 2], many)
     keep = _clear_of_traffic(clumps, foot, carriageway)
@@ -81,6 +76,14 @@ def grow(
     needles = np.repeat([size.needles for size in sizes], many)[keep]
     leaf = np.where(needles, material_id("foliage-needle"), material_id("foliage"))
     assembly.add(leaves, "vegetation", leaf, part[keep])
+
+
+def _crown(tree: GrownTree, foot: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return the clumps (N, 3, 3) of a tree's crown where it stands."""
+    size, rng = tree.size, Generator(Philox(key=abs(tree.seed)))
+    drawn = count if tree.clumps is None else tree.clumps
+    crown = crown_clumps(size.form, size.crown, size.clear, size.height, rng, drawn) + foot
+    return crown if tree.clumps is None else rounded(crown)
 
 
 def _clear_of_traffic(

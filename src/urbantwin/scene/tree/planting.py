@@ -15,10 +15,10 @@ from shapely import Geometry, LineString, MultiPolygon, Point, Polygon
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.building import building_footprints
 from urbantwin.scene.placement import beside_carriageway, not_imported, on_ground
-from urbantwin.scene.solids import Assembly, GroundHeight
-from urbantwin.scene.tag_values import length_m_of
+from urbantwin.scene.solids import Assembly, GroundHeight, Solid
+from urbantwin.scene.tag_values import count_of, length_m_of
 from urbantwin.scene.tree.growth import GrownTree, grow
-from urbantwin.scene.tree.shrub import bushes
+from urbantwin.scene.tree.shrub import bushes, leafy_bush
 from urbantwin.scene.tree.size import mapped_size
 from urbantwin.site.corrections import REMOVED
 from urbantwin.site.extract import OsmFeature
@@ -94,13 +94,28 @@ def tree_mesh(
     trees = [tree for tree in trees if REMOVED not in tree.tags]
     assembly = Assembly()
     grown = [
-        GrownTree(t.x, t.y, mapped_size(t.tags, Generator(Philox(key=abs(t.seed)))), t.seed)
+        GrownTree(
+            t.x,
+            t.y,
+            mapped_size(t.tags, Generator(Philox(key=abs(t.seed)))),
+            t.seed,
+            _triangles(t.tags),
+        )
         for t in trees
     ]
     grow(assembly, grown, ground_height=ground_height, carriageway=carriageway)
     notes["trees"] = len(trees)
     notes["trees without a mapped height"] = sum("height" not in t.tags for t in trees)
-    _add_scrub(assembly, mine, region, taken, carriageway, ground_height, notes)
+    _add_leafy(assembly, mine, region, ground_height, notes)
+    _add_scrub(
+        assembly,
+        [f for f in mine if not _is_leafy(f)],
+        region,
+        taken,
+        carriageway,
+        ground_height,
+        notes,
+    )
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 
@@ -237,6 +252,47 @@ def _nearest(xy: Sequence[tuple[float, float]], carriageway: Geometry) -> NDArra
     """Return the order of points by distance to the carriageways, or to the anchor."""
     goal = Point(0, 0) if carriageway.is_empty else carriageway
     return np.argsort(shapely.distance(shapely.points(np.asarray(xy)), goal), kind="stable")
+
+
+def _triangles(tags: dict[str, str]) -> int | None:
+    """Return with how many triangles what is assumed is drawn; mapped trees do not say."""
+    count = count_of(tags.get("triangles"))
+    return None if count is None else int(np.clip(count, 12, 900))
+
+
+def _is_leafy(feature: OsmFeature) -> bool:
+    return feature.tags.get("natural") == "shrub" and "triangles" in feature.tags
+
+
+def _add_leafy(
+    assembly: Assembly,
+    features: Iterable[OsmFeature],
+    region: Polygon,
+    ground_height: GroundHeight,
+    notes: Counter[str],
+) -> None:
+    """Add the shrubs that are assumed, each of loose leaves."""
+    mine = [f for f in features if _is_leafy(f) and region.covers(f.geometry)]
+    if not mine:
+        return
+    xy = shapely.get_coordinates([f.geometry for f in mine])
+    feet = on_ground(xy, ground_height(xy))
+    solids = [
+        leafy_bush(
+            foot,
+            length_m_of(f.tags.get("diameter_crown")) or 1.0,
+            length_m_of(f.tags.get("height")) or 1.0,
+            f.id,
+            _triangles(f.tags) or 40,
+        )
+        for f, foot in zip(mine, feet, strict=True)
+    ]
+    many = [len(solid.faces) for solid in solids]
+    vertices = np.concatenate([solid.vertices for solid in solids])
+    faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+    parts = np.array([assembly.new_part() for _ in mine])
+    assembly.add(Solid(vertices, faces), "vegetation", "foliage", np.repeat(parts, many))
+    notes["leafy shrubs"] = len(mine)
 
 
 def _add_scrub(

@@ -9,10 +9,13 @@ from numpy.random import Generator, Philox
 from numpy.typing import NDArray
 
 from urbantwin.scene.solids import Solid, sweep
+from urbantwin.scene.tree.crown import crown_clumps, rounded
 
-__all__ = ["bushes", "hedge"]
+__all__ = ["bushes", "hedge", "leafy_bush", "leafy_hedge"]
 
 BURIED_M = 0.2
+#: Leaves about a hedge's closed body: per metre of length, size and how far out they reach, metres.
+LEAVES_PER_M, LEAF_M, OUT_M = 6, 0.18, 0.13
 
 
 def hedge(
@@ -36,6 +39,52 @@ def hedge(
     outline[:, :, 0] += rng.uniform(-rough, rough, outline.shape[:2])
     outline[:, 3:5, 1] -= rng.uniform(0, 2 * rough, (len(path), 2))
     return sweep(path, outline, closed=closed)
+
+
+def leafy_hedge(
+    path: NDArray[np.float64], height: float, thickness: float, seed: int
+) -> list[Solid]:
+    """Return a hedge along (N, 3) points whose closed body has leaves about it that beams enter."""
+    body = hedge(path, height - OUT_M / 2, thickness - OUT_M, seed)
+    step = np.diff(path, axis=0)
+    length = np.hypot(step[:, 0], step[:, 1])
+    rng = Generator(Philox(key=[abs(seed), 1]))
+    count = int(LEAVES_PER_M * length.sum())
+    if not count:
+        return [body]
+    at = rng.random(count) * length.sum()
+    ends = np.concatenate([[0.0], np.cumsum(length)])
+    foot = np.column_stack([np.interp(at, ends, path[:, k]) for k in range(3)])
+    own = np.clip(np.searchsorted(ends, at, side="right") - 1, 0, len(length) - 1)
+    across = np.column_stack([-step[own, 1], step[own, 0]]) / np.maximum(length[own], 1e-9)[:, None]
+    # Along a hedge's two sides and its top, as far around as these are long.
+    around = rng.uniform(-1, 1, count) * (height + thickness / 2)
+    up = np.minimum(np.abs(around), height)
+    half = thickness / 2 - OUT_M / 2
+    aside = np.sign(around) * np.where(
+        np.abs(around) < height, half, half - (np.abs(around) - height)
+    )
+    middle = foot + np.column_stack([across * aside[:, None], up])
+    corners = middle[:, None] + rng.uniform(-1, 1, (count, 3, 3)) * (LEAF_M, LEAF_M, LEAF_M)
+    return [body, _loose(rounded(corners))]
+
+
+def leafy_bush(
+    foot: NDArray[np.float64], across: float, height: float, seed: int, count: int
+) -> Solid:
+    """Return a bush of loose leaves in several lobes, down to the ground, at a point (3,).
+
+    Beams enter it, and some pass, as in crowns of trees.
+    """
+    rng = Generator(Philox(key=abs(seed)))
+    leaves = crown_clumps("round", across, -0.25 * height, height, rng, count) + foot
+    return _loose(rounded(leaves))
+
+
+def _loose(leaves: NDArray[np.float64]) -> Solid:
+    """Return triangles (N, 3, 3) that share no corners."""
+    vertices = leaves.reshape(-1, 3)
+    return Solid(vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
 
 
 def bushes(

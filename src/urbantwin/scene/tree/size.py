@@ -49,7 +49,8 @@ def mapped_size(tags: Mapping[str, str], rng: Generator) -> TreeSize:
     if crown is None:
         crown = min(max(genus.crown * height, 1.2), 16.0) * rng.uniform(0.9, 1.1)
     crown = min(crown, 35.0)
-    clear = _clear(genus, height)
+    base = length_m_of(tags.get("crown_base"))
+    clear = _clear(genus, height) if base is None else min(base, 0.6 * height)
     trunk = girth / (2 * np.pi) if girth is not None else 0.04 + 0.014 * height
     return TreeSize(height, crown, clear, min(trunk, 2.0, crown / 4), genus.form, genus.needles)
 
