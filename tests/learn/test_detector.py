@@ -140,7 +140,10 @@ def test_finer_pillars_and_larger_vehicles_change_no_weight_of_boxes_and_centres
         flat = said[0, 1:].reshape(OUTPUTS - 1, -1)
         flat[:, wanted[0].cell] = wanted[0].box.T + 1
         head = heads[number : number + 1]
-        losses.append(detection_loss([said], wanted, head, [len(box)])[0].tolist())
+        losses.append((detection_loss([said], wanted, head, [1.0])[0] / len(box)).tolist())
+        # Who is four times as many weighs half as much each.
+        many = detection_loss([said], wanted, head, [4.0])[0] / len(box)
+        assert many.tolist() == pytest.approx([one / 2 for one in losses[-1]])
         # Of each object 8 of the 10 values are off by 1.
         off = sum(head[0].box_weights[:8])
         assert losses[-1][1] == pytest.approx(3 * off, rel=0.1)

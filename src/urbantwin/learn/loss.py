@@ -1,11 +1,13 @@
 """How wrong it is: centres by a focal loss, boxes by absolute differences, points by entropy.
 
-Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. Each class is measured by how
-many of it there are in a sample on average: people are many, buses few.
+Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. Each class is measured by the
+root of how many of it there are in a sample on average: people are many, buses few. Measured by the
+number itself each class weighs as much as every other, and the few objects of rare ones drown all.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -91,7 +93,7 @@ def detection_loss(
     """
     rows = []
     for told, target, head, many in zip(said, wanted, heads, usual, strict=True):
-        per = 1 / (max(many, _RAREST) * len(told))
+        per = 1 / (math.sqrt(max(many, _RAREST)) * len(told))
         maps = told.float()
         logit = maps[:, 0]
         likely = torch.sigmoid(logit)
