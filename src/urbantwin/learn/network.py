@@ -3,10 +3,10 @@
 PointPillars (Lang et al. 2019) for the encoder, CenterPoint (Yin, Zhou and Kraehenbuehl 2021,
 "Center-based 3D Object Detection and Tracking") for the heads, and a pyramid (Lin et al. 2017,
 "Feature Pyramid Networks for Object Detection") that leads back to the finest cells, so that people
-have heads there. Finer pillars are merged to cells of that size first. A point's class is told by
-its cell and by where it is in its pillar. Tensors are NCHW: channels last, the backward pass of a
-convolution with stride 2 is 35 times slower on a processor; on a GPU they lie with channels last,
-as its matrix units read them.
+have heads there. Finer pillars are brought to cells of that size by strided convolutions first. A
+point's class is told by its cell and by where it is in its pillar. Tensors are NCHW: channels last,
+the backward pass of a convolution with stride 2 is 35 times slower on a processor; on a GPU they
+lie with channels last, as its matrix units read them.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ class Detector(nn.Module):
 
         Args:
             canvas: (grids, channels, rows, columns) what the encoder says of each pillar, 0 where
-                there is none; pillars of several sensors are merged by their greatest values.
+                there is none; pillars of several sensors are max-pooled.
         """
         fine = self.near(self.merged(canvas))
         half = self.down2(fine)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import area_difference, area_intersection, area_union, areas_of, grown
 from urbantwin.scene.building_outline import building_footprints
 from urbantwin.scene.clutter.car_park import car_park_features
-from urbantwin.scene.clutter.enclosure import Kept, enclosure_features
+from urbantwin.scene.clutter.enclosure import Kept, enclosure_features, tracks_of
 from urbantwin.scene.clutter.greenery import Land, greenery_features
 from urbantwin.scene.clutter.kerbside import STREETS, Footway, kerbside_features
 from urbantwin.scene.clutter.plot import Ground, plot_features
@@ -176,11 +176,7 @@ def _public(features: Sequence[OsmFeature]) -> list[shapely.Geometry]:
 
 def _tracks(features: Sequence[OsmFeature]) -> shapely.Geometry:
     """Return tracks of trains and trams on the ground, with what they need to the sides."""
-    lines = [
-        f.geometry for f in features
-        if "railway" in f.tags and f.geometry.geom_type == "LineString"
-        and f.tags.get("tunnel", "no") == "no"
-    ]  # fmt: skip
+    lines = tracks_of(features)
     return shapely.union_all(shapely.buffer(lines, BESIDE_TRACKS_M, cap_style="flat"))
 
 

@@ -10,10 +10,10 @@ import shapely
 from numpy.random import Generator, Philox
 
 from urbantwin.geometry import area_difference, area_union, grown
-from urbantwin.scene.clutter.table import rows_of, tags_of
+from urbantwin.scene.clutter.table import pairs_of, rows_of, tags_of
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["Kept", "enclosure_features"]
+__all__ = ["Kept", "enclosure_features", "tracks_of"]
 
 #: Nearest to where one drives or walks, and to walls, metres; mapped barriers this near go before.
 SET_BACK_M, FROM_WALLS_M, MAPPED_M = 0.4, 0.3, 4.0
@@ -65,9 +65,10 @@ def enclosure_features(
         and f.geometry.geom_type == "LineString"
         and near.intersects(f.geometry)
     ]
+    street, tracks = grown(kept.street, SET_BACK_M), shapely.union_all(tracks_of(features))
     taken = area_union(
         [
-            grown(kept.street, SET_BACK_M),
+            street,
             grown(kept.walls, FROM_WALLS_M),
             shapely.union_all(shapely.buffer(ways, OPEN_M, cap_style="flat")),
             kept.taken,
@@ -81,7 +82,7 @@ def enclosure_features(
     notes: Counter[str] = Counter()
     done: set[tuple[int, str]] = set()
     for row in rows:
-        marks = tags_of_land(row["tags_of_land"])
+        marks = pairs_of(row["tags_of_land"])
         for feature in features:
             mark = (feature.id, row["land"])
             if mark in done or not any(feature.tags.get(k) == v for k, v in marks):
@@ -94,7 +95,7 @@ def enclosure_features(
             rng = Generator(Philox(key=[SEED, abs(feature.id)]))
             if rng.random() >= float(row["share"]):
                 continue
-            for line in _borders(feature, float(row["aside_m"]), kept, features):
+            for line in _borders(feature, float(row["aside_m"]), street, tracks):
                 clear = shapely.difference(shapely.intersection(line, near), taken)
                 for piece in _pieces(clear):
                     tags = tags_of(row["tags"])
@@ -103,25 +104,25 @@ def enclosure_features(
     return found, notes
 
 
-def tags_of_land(text: str) -> list[tuple[str, str]]:
-    """Return the tags, any of which marks land, of a cell of the table."""
-    return [(key, value) for key, value in (pair.split("=", 1) for pair in text.split())]
+def tracks_of(features: Sequence[OsmFeature]) -> list[shapely.LineString]:
+    """Return the tracks of trains and trams on the ground, of a map's features."""
+    return [
+        f.geometry for f in features
+        if "railway" in f.tags and f.geometry.geom_type == "LineString"
+        and f.tags.get("tunnel", "no") == "no"
+    ]  # fmt: skip
 
 
 def _borders(
-    feature: OsmFeature, aside_m: float, kept: Kept, features: Sequence[OsmFeature]
+    feature: OsmFeature, aside_m: float, street: shapely.Geometry, tracks: shapely.Geometry
 ) -> Iterator[shapely.Geometry]:
     """Yield where a barrier would stand: within an area's border, on both sides of a track."""
     shape = feature.geometry
     if shape.geom_type in ("Polygon", "MultiPolygon"):
         # Mappers draw land to the middle of its streets.
-        inside = area_difference(shape, grown(kept.street, SET_BACK_M))
+        inside = area_difference(shape, street)
         yield shapely.boundary(grown(inside, -aside_m))
     elif "railway" in feature.tags and shape.geom_type == "LineString":
-        tracks = shapely.union_all(
-            [f.geometry for f in features if "railway" in f.tags
-             and f.geometry.geom_type == "LineString" and f.tags.get("tunnel", "no") == "no"]
-        )  # fmt: skip
         for side in (aside_m, -aside_m):
             line = shapely.offset_curve(shape, side, join_style="mitre")
             # Between tracks there is no fence.

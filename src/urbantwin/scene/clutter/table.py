@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 from importlib.resources import files
 
-__all__ = ["rows_of", "tags_of"]
+__all__ = ["pairs_of", "rows_of", "tags_of"]
 
 
 def rows_of(name: str, group: str) -> list[dict[str, str]]:
@@ -16,5 +16,10 @@ def rows_of(name: str, group: str) -> list[dict[str, str]]:
 
 
 def tags_of(text: str) -> dict[str, str]:
-    """Return the tags that a cell of a table holds: ``key=value`` by spaces."""
-    return dict(pair.split("=", 1) for pair in text.split())
+    """Return the tags that a cell of a table holds."""
+    return dict(pairs_of(text))
+
+
+def pairs_of(text: str) -> list[tuple[str, str]]:
+    """Return keys and values of a cell of a table: ``key=value`` by spaces, a key also twice."""
+    return [(key, value) for key, _, value in (pair.partition("=") for pair in text.split())]

@@ -15,10 +15,10 @@ from shapely import Geometry, LineString, MultiPolygon, Point, Polygon
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.building import building_footprints
 from urbantwin.scene.placement import beside_carriageway, not_imported, on_ground
-from urbantwin.scene.solids import Assembly, GroundHeight, Solid
+from urbantwin.scene.solids import Assembly, GroundHeight
 from urbantwin.scene.tag_values import count_of, length_m_of
 from urbantwin.scene.tree.growth import GrownTree, grow
-from urbantwin.scene.tree.shrub import bushes, leafy_bush
+from urbantwin.scene.tree.shrub import bushes, leafy_bush, loose
 from urbantwin.scene.tree.size import mapped_size
 from urbantwin.site.corrections import REMOVED
 from urbantwin.site.extract import OsmFeature
@@ -288,10 +288,9 @@ def _add_leafy(
         for f, foot in zip(mine, feet, strict=True)
     ]
     many = [len(solid.faces) for solid in solids]
-    vertices = np.concatenate([solid.vertices for solid in solids])
-    faces = np.arange(len(vertices), dtype=np.int32).reshape(-1, 3)
+    leaves = loose(np.concatenate([solid.vertices for solid in solids]))
     parts = np.array([assembly.new_part() for _ in mine])
-    assembly.add(Solid(vertices, faces), "vegetation", "foliage", np.repeat(parts, many))
+    assembly.add(leaves, "vegetation", "foliage", np.repeat(parts, many))
     notes["leafy shrubs"] = len(mine)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from urbantwin.scene.solids import Solid, sweep
 from urbantwin.scene.tree.crown import crown_clumps, rounded
 
-__all__ = ["bushes", "hedge", "leafy_bush", "leafy_hedge"]
+__all__ = ["bushes", "hedge", "leafy_bush", "leafy_hedge", "loose"]
 
 BURIED_M = 0.2
 #: Leaves about a hedge's closed body: per metre of length, size and how far out they reach, metres.
@@ -66,7 +66,7 @@ def leafy_hedge(
     )
     middle = foot + np.column_stack([across * aside[:, None], up])
     corners = middle[:, None] + rng.uniform(-1, 1, (count, 3, 3)) * (LEAF_M, LEAF_M, LEAF_M)
-    return [body, _loose(rounded(corners))]
+    return [body, loose(rounded(corners))]
 
 
 def leafy_bush(
@@ -78,10 +78,10 @@ def leafy_bush(
     """
     rng = Generator(Philox(key=abs(seed)))
     leaves = crown_clumps("round", across, -0.25 * height, height, rng, count) + foot
-    return _loose(rounded(leaves))
+    return loose(rounded(leaves))
 
 
-def _loose(leaves: NDArray[np.float64]) -> Solid:
+def loose(leaves: NDArray[np.float64]) -> Solid:
     """Return triangles (N, 3, 3) that share no corners."""
     vertices = leaves.reshape(-1, 3)
     return Solid(vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
