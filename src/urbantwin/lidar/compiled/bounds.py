@@ -45,6 +45,11 @@ def bounds_of_box(low, high, rotation, place):
     for n in range(7):
         if azimuth[n + 1] - azimuth[n] > gap:
             widest, gap = n, azimuth[n + 1] - azimuth[n]
+    for n in range(8):
+        level = np.hypot(corner[n, 0], corner[n, 1])
+        nearest = min(nearest, level)
+        elevation = np.arctan2(corner[n, 2], level)
+        lowest, highest = min(lowest, elevation), max(highest, elevation)
     for bit in (1, 2, 4):
         for n in range(8):
             if n & bit:
@@ -53,13 +58,13 @@ def bounds_of_box(low, high, rotation, place):
             dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
             pp, pd, dd = p[0] ** 2 + p[1] ** 2, p[0] * dx + p[1] * dy, dx * dx + dy * dy
             slope = dz * pd - p[2] * dd
-            share = 0.0
-            if slope != 0.0:
-                share = min(max((p[2] * pd - dz * pp) / slope, 0.0), 1.0)
-            for t in (0.0, 1.0, share):
-                level = np.hypot(p[0] + t * dx, p[1] + t * dy)
+            if slope == 0.0:
+                continue
+            share = (p[2] * pd - dz * pp) / slope
+            if 0.0 < share < 1.0:
+                level = np.hypot(p[0] + share * dx, p[1] + share * dy)
                 nearest = min(nearest, level)
-                elevation = np.arctan2(p[2] + t * dz, level)
+                elevation = np.arctan2(p[2] + share * dz, level)
                 lowest, highest = min(lowest, elevation), max(highest, elevation)
     if gap <= np.pi + 1e-6 or nearest < _AXIS_MARGIN_M:
         if down:
