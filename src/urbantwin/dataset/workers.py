@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -22,10 +23,11 @@ from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import LabelledFrame, PosedActor, Rig, Scanner
+from urbantwin.lidar.static_view import StaticView
 from urbantwin.processes import Helpers, handed, helpers, received, settle, usable_processors
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
-__all__ = ["Part", "Recipe", "Task", "Workers", "record_frames"]
+__all__ = ["Part", "Recipe", "Task", "Workers", "crew_of", "record_frames"]
 
 #: How many processes of this machine, this one and its helpers, or a cluster; ``None`` for as many
 #: as there are processors.
@@ -87,13 +89,22 @@ class Recipe:
 class _Recorder:
     """Records frames of one part after the other; the next one goes on with what both share."""
 
-    def __init__(self, recipe: Recipe) -> None:
+    def __init__(self, recipe: Recipe, standing: Sequence[StaticView | None] | None = None) -> None:
+        """Look at the static world, where another recorder has not: see `standing`."""
         self._recipe = recipe
         self._part = ""
         self._scanner: Scanner | None = None
-        self._scanner = self._scanner_of(next(iter(recipe.parts)))
+        self._scanner = self._scanner_of(next(iter(recipe.parts)), standing)
 
-    def _scanner_of(self, part: str) -> Scanner:
+    @property
+    def standing(self) -> list[StaticView | None]:
+        """What the sensors of the part that it records see of the static world, if they stand."""
+        assert self._scanner is not None
+        return self._scanner.standing
+
+    def _scanner_of(
+        self, part: str, standing: Sequence[StaticView | None] | None = None
+    ) -> Scanner:
         """Return the scanner of a part: what standing sensors see is kept of one part alone."""
         if self._scanner is None or part != self._part:
             recipe, own = self._recipe, self._recipe.parts[part]
@@ -107,6 +118,7 @@ class _Recorder:
                 region=recipe.region,
                 backend=recipe.backend,
                 beside=self._scanner,
+                standing=standing,
             )
         return self._scanner
 
@@ -138,8 +150,19 @@ class _Recorder:
         return task.index
 
 
+@contextmanager
+def crew_of(workers: Workers, frames: int) -> Iterator[Helpers | Cluster]:
+    """Yield who records so many frames: who is given, or processes that end with the block."""
+    if isinstance(workers, Helpers | Cluster):
+        yield workers
+        return
+    most = usable_processors() if workers is None else workers
+    with helpers(min(most, frames), rehearse) as crew:
+        yield crew
+
+
 def record_frames(
-    recipe: Recipe, tasks: Iterable[Task], count: int, workers: Workers
+    recipe: Recipe, tasks: Iterable[Task], count: int, workers: Helpers | Cluster
 ) -> Iterator[int]:
     """Record frames and yield the number of each when its files are there, in any order.
 
@@ -147,7 +170,7 @@ def record_frames(
         recipe: what all frames share.
         tasks: the frames, made when they are needed, those of a part together.
         count: how many they are.
-        workers: number of processes, this one among them, or a cluster.
+        workers: this process and its helpers, or a cluster.
 
     Raises:
         InputError: a worker does not see where the frames go.
@@ -160,20 +183,16 @@ def record_frames(
             runs = _runs(tasks, count, crew.workers)
             yield from _recorded(lambda run: crew.submit(_record, run), runs, crew.room)
         return
-    if not isinstance(workers, Helpers):
-        workers = usable_processors() if workers is None else workers
-        with helpers(min(workers, count), rehearse) as crew:
-            yield from record_frames(recipe, tasks, count, crew)
-        return
     pool = workers.pool
     if pool is None or count == 1:
         yield from _Recorder(recipe).recorded(tasks)
         return
     try:
-        with handed(recipe) as place:
-            checked = pool.submit(_check_places, places)
-            own = _Recorder(recipe)
-            checked.result()
+        checked = pool.submit(_check_places, places)
+        own = _Recorder(recipe)
+        checked.result()
+        # What this process has looked at the others, which were still starting, need not.
+        with handed((recipe, own.standing)) as place:
             recording = next(_recordings), place
             runs = _runs(tasks, count, workers.workers)
             room = (workers.workers - 1) * _QUEUED
@@ -239,9 +258,9 @@ _recorder: _Recorder | None = None
 _recorder_of: int | None = None
 
 
-def _start(recipe: Recipe) -> None:
+def _start(recipe: Recipe, standing: Sequence[StaticView | None] | None = None) -> None:
     global _recorder  # noqa: PLW0603 - a worker's only state: what its static rays hit
-    _recorder = _Recorder(recipe)
+    _recorder = _Recorder(recipe, standing)
 
 
 def _check_places(places: Iterable[FramePlace]) -> None:
@@ -259,6 +278,6 @@ def _record_of(recording: tuple[int, str], run: list[Task]) -> list[int]:
     global _recorder_of  # noqa: PLW0603
     number, place = recording
     if number != _recorder_of:
-        _start(received(place))
+        _start(*received(place))
         _recorder_of = number
     return _record(run)

@@ -54,12 +54,14 @@ class Scanner:
         backend: what casts the rays, see `casting.backend.tracer_on`.
         beside: a scanner of another rig in the same world, with the same meshes and backend: what
             it has of actors, and of the static world for sensors that move, serves both.
+        standing: what sensors that stand still see, of a scanner of the same rig in the same world:
+            its `standing`; they look for themselves when not given.
 
     Raises:
         InputError: there is no such backend here.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - most are what scanners share
         self,
         static: LabelledMesh,
         rig: Rig,
@@ -70,6 +72,7 @@ class Scanner:
         region: shapely.Polygon | None = None,
         backend: str = "embree",
         beside: Scanner | None = None,
+        standing: Sequence[StaticView | None] | None = None,
     ) -> None:
         from urbantwin.traffic.assets import asset_mesh
         from urbantwin.traffic.assets.truck_parts import mesh_of_part
@@ -88,6 +91,10 @@ class Scanner:
         self._eyes: list[_Eye] = []
         for number, one in enumerate(rig.sensors):
             model = ReturnModel(one, rig.conditions)
+            known = None if standing is None else standing[number]
+            if known is not None:
+                self._eyes.append(_Eye(number, one, model, known, known.beams))
+                continue
             # A pattern that does not repeat has other beams in every turn.
             beams = Beams.of(one) if one.sensor.pattern is None else None
             path = None if rig.ride is not None else one.path(0, seed)
@@ -103,6 +110,11 @@ class Scanner:
                 frame = rig.dataset_SE3_site
                 sees = StaticView.of(one, beams, model, sees, path, sweep, frame)
             self._eyes.append(_Eye(number, one, model, sees, beams))
+
+    @property
+    def standing(self) -> list[StaticView | None]:
+        """What each sensor sees of the static world; ``None`` where it does not stand still."""
+        return [one.sees if isinstance(one.sees, StaticView) else None for one in self._eyes]
 
     def scan(self, index: int, actors: Sequence[PosedActor]) -> LabelledFrame:
         """Return the frame of that number.

@@ -53,9 +53,7 @@ class Cells:
         return np.where(inside, row * columns + column, -1).astype(np.int64)
 
 
-def is_ground(
-    mesh: LabelledMesh, normals: NDArray[np.float64] | None = None
-) -> NDArray[np.bool_]:
+def is_ground(mesh: LabelledMesh, normals: NDArray[np.float64] | None = None) -> NDArray[np.bool_]:
     """Return which faces (F,) are ground that one can stand on: streets, sidewalks, terrain.
 
     ``normals`` are those of the mesh (F, 3), where they are known.
