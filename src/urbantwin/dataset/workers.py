@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -35,8 +36,9 @@ Workers = int | Helpers | Cluster | None
 
 #: What one worker has in hand besides what it works on: enough that it never waits.
 _QUEUED = 2
-#: Frames that a worker is told of at once: the last of them is written while nothing is scanned.
-_LONGEST_RUN = 4
+#: Frames that a worker is told of at once, at most, and how long they may take, seconds: the last
+#: of them is written while nothing is scanned, and a worker that is to stop ends its run before.
+_LONGEST_RUN, _RUN_S = 16, 0.5
 
 
 @dataclass(frozen=True)
@@ -87,12 +89,19 @@ class Recipe:
 
 
 class _Recorder:
-    """Records frames of one part after the other; the next one goes on with what both share."""
+    """Records frames of one part after the other; the next one goes on with what both share.
+
+    Attributes:
+        frame_s: what the last frame took to scan, seconds.
+    """
 
     def __init__(self, recipe: Recipe, standing: Sequence[StaticView | None] | None = None) -> None:
         """Look at the static world, where another recorder has not: see `standing`."""
         self._recipe = recipe
         self._part = ""
+        self._writer = ThreadPoolExecutor(1)
+        self._written: Future[int] | None = None
+        self.frame_s = float("inf")
         self._scanner: Scanner | None = None
         self._scanner = self._scanner_of(next(iter(recipe.parts)), standing)
 
@@ -126,17 +135,27 @@ class _Recorder:
         return mesh_among(self._recipe.meshes, asset, phase, asset_mesh)
 
     def recorded(self, tasks: Iterable[Task]) -> Iterator[int]:
-        """Record frames and yield the number of each; one is written while the next is scanned."""
-        with ThreadPoolExecutor(1) as writer:
-            under_way: Future[int] | None = None
-            for task in tasks:
-                actors = posed_actors(task.motion.rows, task.motion.paths())
-                frame = self._scanner_of(task.part).scan(task.index, actors)
-                if under_way is not None:
-                    yield under_way.result()
-                under_way = writer.submit(self._write, task, frame, actors)
-            if under_way is not None:
-                yield under_way.result()
+        """Record frames and yield the number of each that is there, from the one before them on.
+
+        One is written while the next is scanned; the last is there after `finished`.
+        """
+        for task in tasks:
+            began = time.perf_counter()
+            actors = posed_actors(task.motion.rows, task.motion.paths())
+            frame = self._scanner_of(task.part).scan(task.index, actors)
+            self.frame_s = time.perf_counter() - began
+            yield from self.finished()
+            self._written = self._writer.submit(self._write, task, frame, actors)
+
+    def finished(self) -> Iterator[int]:
+        """Wait for the frame that is being written and yield its number, if there is one."""
+        if self._written is not None:
+            written, self._written = self._written, None
+            yield written.result()
+
+    def close(self) -> None:
+        """Wait for what is being written; nothing is recorded afterwards."""
+        self._writer.shutdown()
 
     def _write(self, task: Task, frame: LabelledFrame, actors: Sequence[PosedActor]) -> int:
         part = self._recipe.parts[task.part]
@@ -185,19 +204,19 @@ def record_frames(
         return
     pool = workers.pool
     if pool is None or count == 1:
-        yield from _Recorder(recipe).recorded(tasks)
+        with closing(_Recorder(recipe)) as own:
+            yield from own.recorded(tasks)
+            yield from own.finished()
         return
     try:
         checked = pool.submit(_check_places, places)
-        own = _Recorder(recipe)
-        checked.result()
         # What this process has looked at the others, which were still starting, need not.
-        with handed((recipe, own.standing)) as place:
+        with closing(_Recorder(recipe)) as own, handed((recipe, own.standing)) as place:
             recording = next(_recordings), place
-            runs = _runs(tasks, count, workers.workers)
+            runs = _runs(tasks, count, workers.workers, lambda: int(_RUN_S / own.frame_s))
             room = (workers.workers - 1) * _QUEUED
             yield from _recorded(
-                lambda run: pool.submit(_record_of, recording, run), runs, room, own
+                lambda run: pool.submit(_record_of, recording, run), runs, room, own, checked
             )
     except BrokenProcessPool:
         raise StageError(
@@ -211,6 +230,7 @@ def _recorded(
     runs: Iterator[list[Task]],
     most: int,
     own: _Recorder | None = None,
+    checked: Future[list[int]] | None = None,
 ) -> Iterator[int]:
     """Yield the number of each frame that workers recorded.
 
@@ -219,8 +239,10 @@ def _recorded(
         runs: of frames.
         most: of them they have in hand at most.
         own: what this process records runs with while they work; it only waits when not given.
+        checked: what they were asked before; they may still be starting.
     """
-    under_way: set[Future[list[int]]] = set()
+    under_way: set[Future[list[int]]] = set() if checked is None else {checked}
+    most += len(under_way)
     try:
         while True:
             for run in islice(runs, most - len(under_way)):
@@ -229,10 +251,12 @@ def _recorded(
             if own is not None and mine is not None:
                 yield from own.recorded(mine)
                 finished, under_way = wait(under_way, timeout=0)
-            elif under_way:
-                finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
             else:
-                return
+                if own is not None:
+                    yield from own.finished()
+                if not under_way:
+                    return
+                finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
             for future in finished:
                 yield from future.result()
     finally:
@@ -240,11 +264,22 @@ def _recorded(
             settle(under_way)
 
 
-def _runs(tasks: Iterable[Task], count: int, workers: int) -> Iterator[list[Task]]:
-    """Yield so many tasks in runs: single ones at first and at last, that all have some to do."""
+def _runs(
+    tasks: Iterable[Task], count: int, workers: int, longest: Callable[[], int] | None = None
+) -> Iterator[list[Task]]:
+    """Yield so many tasks in runs: single ones at first and at last, that all have some to do.
+
+    Args:
+        tasks: the frames.
+        count: how many they are.
+        workers: who records them.
+        longest: says how many frames are a run at most, besides `_LONGEST_RUN`.
+    """
     waiting = iter(tasks)
     for number in itertools.count():
         most = min(1 + number // (2 * workers), _LONGEST_RUN, count // ((1 + _QUEUED) * workers))
+        if longest is not None and most > 1:
+            most = min(most, longest())
         run = list(islice(waiting, max(most, 1)))
         if not run:
             return
@@ -263,14 +298,16 @@ def _start(recipe: Recipe, standing: Sequence[StaticView | None] | None = None) 
     _recorder = _Recorder(recipe, standing)
 
 
-def _check_places(places: Iterable[FramePlace]) -> None:
+def _check_places(places: Iterable[FramePlace]) -> list[int]:
+    """Refuse places that this process does not see; it has recorded nothing of them yet."""
     for place in places:
         place.check()
+    return []
 
 
 def _record(run: list[Task]) -> list[int]:
     assert _recorder is not None
-    return list(_recorder.recorded(run))
+    return [*_recorder.recorded(run), *_recorder.finished()]
 
 
 def _record_of(recording: tuple[int, str], run: list[Task]) -> list[int]:
