@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from urbantwin.lidar.beams import Beams
+from urbantwin.lidar.compiled.report import merge
+from urbantwin.lidar.detections import Detections
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.returns.added import inserted, strongest_of
 from urbantwin.lidar.returns.strays import ISOLATION, SKIRT, Source, Stray, blooms, crosstalks
@@ -137,13 +139,14 @@ def test_added_echoes_take_their_place_among_the_reported(returns, count):
     named = np.sort(rng.choice(1000, 350, replace=False)).astype("i4")
     far, strong = rng.uniform(1, 50, (2, 350)).astype("f4")
     added = Stray(named, far, strong)
-    out = inserted(beam, range_m, strength, added, strong, returns)
-    rows = list(
-        zip(
-            np.concatenate([beam, named])[out.order].tolist(),
-            np.concatenate([range_m, far])[out.order].tolist(),
-            out.echo.tolist(),
-            strict=True,
-        )
+    placed = inserted(beam, range_m, strength.take, added, strong, returns)
+    whole = np.zeros(len(beam), "i4")
+    reported = Detections(
+        beam, whole.astype("u1"), whole, whole.astype("u2"), range_m, range_m, whole
     )
+    whole = np.zeros(len(named), "i4")
+    more = Detections(named, whole.astype("u1"), whole, whole.astype("u2"), far, far, whole)
+    out = Detections.room(len(beam) + placed.fresh.sum())
+    merge(reported, more, placed, out)
+    rows = list(zip(out.beam.tolist(), out.range_m.tolist(), out.echo.tolist(), strict=True))
     assert rows == by_hand(beam, range_m, strength, added, strong, returns)

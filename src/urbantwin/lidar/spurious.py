@@ -53,10 +53,10 @@ class Spurious:
             return detections
         strength = [self.model.strength(one.amplitude, one.range_m) for one in strays]
         added, strong = strongest_of(strays, strength)
-        out = inserted(
+        placed = inserted(
             detections.beam,
             detections.range_m,
-            self._strength_of(detections, added.beam),
+            lambda rows: self._strength_of(detections, rows),
             added,
             strong,
             self.mounted.returns,
@@ -74,8 +74,8 @@ class Spurious:
             intensity,
             none,
         )
-        together = Detections.room(len(out.order))._replace(echo=out.echo)
-        merge(detections, spurious, out.order, together)
+        together = Detections.room(len(detections.beam) + int(placed.fresh.sum()))
+        merge(detections, spurious, placed, together)
         return together
 
     def _air(self) -> list[Stray]:
@@ -130,14 +130,9 @@ class Spurious:
             return stray
         return stray.only(~self.dead[stray.beam])
 
-    def _strength_of(self, detections: Detections, where: NDArray[np.int32]) -> NDArray[np.float32]:
-        """Return strengths (M,) of what is reported; 0 but along the beams asked for."""
-        first, last = (np.searchsorted(detections.beam, where, side) for side in ("left", "right"))
-        # No beam has more than two.
-        row = np.concatenate([first[first < last], first[first + 1 < last] + 1])
-        amplitude = self.view.amplitude.take(detections.beam[row])
-        source = detections.source[row]
+    def _strength_of(self, detections: Detections, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the strengths (K,) of what is reported in some rows (K,)."""
+        amplitude = self.view.amplitude.take(detections.beam[rows])
+        source = detections.source[rows]
         amplitude[source >= 0] = self.echoes.amplitude[source[source >= 0]]
-        strength = np.zeros(len(detections.beam), np.float32)
-        strength[row] = self.model.strength(amplitude, detections.range_m[row])
-        return strength
+        return self.model.strength(amplitude, detections.range_m[rows])
