@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -17,6 +17,7 @@ from urbantwin.lidar.annotated import LAST_TRACK, annotated_actors, annotated_si
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.casting.cast import cast_actors
+from urbantwin.lidar.casting.known_layers import KnownLayers
 from urbantwin.lidar.casting.tracer import Layers
 from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.labels import LabelledFrame
@@ -151,6 +152,7 @@ class Scanner:
                 present,
                 turn.mounted.sensor.assumed_range_max_m,
                 glass=turn.mounted.effects.glass,
+                known=turn.known,
             )
             for turn in turns
         ]
@@ -206,6 +208,7 @@ class _Eye:
         sees: what it sees of the static world in every turn; where it moves, or its beams do, all
             of that world: a hundred megabytes, of which one that stands still needs no more.
         beams: of every turn; ``None``: they are others in each.
+        known: what it meets of actors that stand, where it stands.
     """
 
     number: int
@@ -213,6 +216,7 @@ class _Eye:
     model: ReturnModel
     sees: World | StaticView
     beams: Beams | None
+    known: KnownLayers = field(default_factory=KnownLayers)
 
     def turns(
         self, index: int, seed: int, path: SensorPath, dataset_SE3_site: Pose
@@ -222,14 +226,16 @@ class _Eye:
         dead = dead_beams(one, index / one.rate_hz)
         dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
         for sweep in sweeps_of(one, index, seed):
-            view = self.sees
+            view, known = self.sees, None
+            if isinstance(view, StaticView):
+                known = self.known
             if isinstance(view, World):
                 beams = self.beams or Beams.of(one, sweep.turn)
                 view = StaticView.of(one, beams, self.model, view, path, sweep, dataset_SE3_site)
             elif one.pose_error is not None:
                 begin_s = float(sweep.column_time_s.min())
                 view = view.believed_from(path, begin_s, dataset_SE3_site)
-            yield Turn(self.number, one, self.model, view, sweep, dead)
+            yield Turn(self.number, one, self.model, view, sweep, dead, known)
 
 
 def _observed(
