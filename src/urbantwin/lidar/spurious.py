@@ -12,7 +12,15 @@ from urbantwin.lidar.detections import Detections
 from urbantwin.lidar.echoes import Echoes
 from urbantwin.lidar.returns import Purpose, ReturnModel, draw, standard_noise
 from urbantwin.lidar.returns.added import inserted, strongest_of
-from urbantwin.lidar.returns.strays import Source, Stray, blooms, crosstalks, is_bright
+from urbantwin.lidar.returns.strays import (
+    Source,
+    Spill,
+    Stray,
+    blooms,
+    crosstalks,
+    is_bright,
+    spilled,
+)
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.taxonomy import semantic_id
@@ -94,29 +102,46 @@ class Spurious:
         effects = self.mounted.effects
         if not (effects.blooming or effects.crosstalk):
             return []
-        source = self._bright()
-        if not len(source.beam):
+        world, own = self._of_world(), self._of_echoes()
+        open_ = self.echoes.place[self.view.bright] < 0
+        if not (open_.any() or len(own.beam)):
             return []
         beams, found = self.view.beams, []
         if effects.blooming and beams.rings is not None:
-            halo = blooms(self.model, self.mounted.sensor, beams, beams.rings, source)
+            halo = blooms(
+                [
+                    (self._spilled(world, self.view.halo).only(open_), world),
+                    (self._spilled(own), own),
+                ]
+            )
             found.append(self._noticed(halo, Purpose.BLOOMING))
         if effects.crosstalk:
+            parts = zip(world, own, strict=True)
+            source = Source._make(np.concatenate([one[open_], other]) for one, other in parts)
             ghosts = crosstalks(self.model, self.ring_time_s, beams.columns, source)
             found.append(self._noticed(ghosts, Purpose.CROSSTALK))
         return found
 
-    def _bright(self) -> Source:
-        """Return the echoes that can cause others."""
-        view, amplitude = self.view, self.view.amplitude
-        beam = view.bright[self.echoes.place[view.bright] < 0]
-        echo = np.flatnonzero(is_bright(self.echoes.amplitude))
-        place = np.searchsorted(self.echoes.start, echo, "right") - 1
-        return Source(
-            np.concatenate([beam, self.echoes.beam[place]]),
-            np.concatenate([view.answers.first.range_m[beam], self.echoes.range_m[echo]]),
-            np.concatenate([amplitude[beam], self.echoes.amplitude[echo]]),
-        )
+    def _spilled(self, source: Source, known: Spill | None = None) -> Spill:
+        """Return what bright echoes spill, which may be known."""
+        if known is not None:
+            return known
+        rings = self.view.beams.rings
+        assert rings is not None
+        return spilled(self.model, self.mounted.sensor, self.view.beams, rings, source)
+
+    def _of_world(self) -> Source:
+        """Return the echoes of the static world that can cause others, of all beams."""
+        view = self.view
+        first = view.answers.first
+        return Source(view.bright, first.range_m[view.bright], view.amplitude[view.bright])
+
+    def _of_echoes(self) -> Source:
+        """Return those that beams have which touch actors."""
+        echoes = self.echoes
+        bright = np.flatnonzero(is_bright(echoes.amplitude))
+        place = np.searchsorted(echoes.start, bright, "right") - 1
+        return Source(echoes.beam[place], echoes.range_m[bright], echoes.amplitude[bright])
 
     def _noticed(self, stray: Stray, purpose: Purpose) -> Stray:
         if not len(stray.beam):
