@@ -54,19 +54,25 @@ class KnownLayers:
             and np.array_equal(last.ring_time_s, firing.ring_time_s)
         ):
             before = {}
-        keys = {
-            number: _key(actors, number)
-            for number in np.flatnonzero(_stands(actors.paths)).tolist()
-        }
+        keys = _keys(actors, np.flatnonzero(_stands(actors.paths)))
         known = {number: before[key] for number, key in keys.items() if key in before}
-        others = np.setdiff1d(np.arange(len(actors.shape)), np.array(list(known), np.int64))
-        found = cast(actors.only(others)).renumbered(others, len(actors.shape))
+        found = cast(actors) if not known else _of_others(actors, known, cast)
         now = {
             key: known[number] if number in known else _of_actor(found, number)
             for number, key in keys.items()
         }
         self._last = _Turn(firing.column_time_s, firing.ring_time_s, now)
         return _together(found, known) if known else found
+
+
+def _of_others(
+    actors: PresentActors, known: dict[int, Layers], cast: Callable[[PresentActors], Layers]
+) -> Layers:
+    """Return the layers of actors of which nothing is known, by the numbers of all."""
+    unknown = np.ones(len(actors.shape), np.bool_)
+    unknown[list(known)] = False
+    others = np.flatnonzero(unknown)
+    return cast(actors.only(others)).renumbered(others, len(unknown))
 
 
 def _stands(paths: Paths) -> NDArray[np.bool_]:
@@ -76,10 +82,13 @@ def _stands(paths: Paths) -> NDArray[np.bool_]:
     return np.asarray(still & (paths.turn == 0.0).all(axis=(1, 2)))
 
 
-def _key(actors: PresentActors, number: int) -> bytes:
-    paths = actors.paths
-    pose = (actors.shape[number], paths.rotation[number, 0], paths.translation[number, 0])
-    return b"".join(part.tobytes() for part in pose)
+def _keys(actors: PresentActors, which: NDArray[np.int64]) -> dict[int, bytes]:
+    """Return shape and pose of some actors, to the last digit, by their numbers."""
+    rotation, translation = (part[which, 0] for part in actors.paths[1:3])
+    rows = np.column_stack([actors.shape[which], rotation.reshape(-1, 9), translation])
+    rows = np.ascontiguousarray(rows, np.float64)
+    width = rows.shape[1] * rows.itemsize
+    return dict(zip(which.tolist(), rows.view(f"V{width}")[:, 0].tolist(), strict=True))
 
 
 def _of_actor(layers: Layers, number: int) -> Layers:
