@@ -1,4 +1,4 @@
-"""Actors that stand before a sensor that stands are cast at once, and met as if they were anew."""
+"""Actors that stand before a sensor that stands are cast at only once, and met as if anew."""
 
 from dataclasses import replace
 

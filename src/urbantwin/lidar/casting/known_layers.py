@@ -30,7 +30,7 @@ class KnownLayers:
     """The layers of actors that stood in the last turn of a sensor that stands.
 
     One that stands where it stood, before beams that fire when they fired, is met alike: whoever
-    waits or is parked is cast at once for as long as it does.
+    waits or is parked is cast at only once for as long as it does.
     """
 
     def __init__(self) -> None:
