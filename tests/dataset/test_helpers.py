@@ -1,13 +1,16 @@
 """Processes that help to record: what they get, and one recording after the other."""
 
 import os
+import signal
 import time
 
 import pytest
 
 from urbantwin.dataset import record
+from urbantwin.dataset.ignore_regions import areas_of
 from urbantwin.dataset.rehearsal import rehearse
-from urbantwin.processes import handed, helpers, received
+from urbantwin.lidar.coverage import ignore_areas
+from urbantwin.processes import Helpers, handed, helpers, received
 
 
 def test_helpers_serve_one_recording_after_the_other(twin, motion, rig, tmp_path, digests):
@@ -59,3 +62,17 @@ def test_helpers_write_nothing_when_a_recording_has_been_interrupted(twin, motio
         assert files() == there
         record(twin, motion, rig, tmp_path / "out", workers=crew, seed=5)
     assert (tmp_path / "out" / "SHA256SUMS").is_file()
+
+
+def test_helpers_find_the_areas_to_ignore_and_are_not_missed_when_killed(twin, rig):
+    def areas(crew):
+        with areas_of({"a": rig}, twin.mesh, twin.region, crew) as found:
+            return [(one.reason, one.area.wkb) for one in found("a")]
+
+    expected = [(one.reason, one.area.wkb) for one in ignore_areas(rig, twin.mesh, twin.region)]
+    assert {"outside", "unseen"} <= {reason for reason, _ in expected}
+    assert areas(Helpers(1, None)) == expected
+    with helpers(2, int) as crew:
+        assert areas(crew) == expected
+        os.kill(crew.pool.submit(os.getpid).result(), signal.SIGKILL)
+        assert areas(crew) == expected

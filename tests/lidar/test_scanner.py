@@ -1,5 +1,7 @@
 """Whole frames: labels that agree with the points, and with the world they came from."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -236,3 +238,12 @@ def test_a_track_that_no_label_can_hold(street, rig_of, crowd, track):
     odd = PosedActor(track, actor.actor_class, actor.asset, 0, actor.site_SE3_asset, np.zeros(3))
     with pytest.raises(InputError, match=f"track {track}"):
         scanner.scan(0, [odd])
+
+
+def test_what_another_scanner_saw_is_not_looked_at_again(street, rig_of, crowd, monkeypatch):
+    rig = rig_of(street, *PAIR)
+    first = Scanner(street, rig, seed=11)
+    monkeypatch.setattr("urbantwin.lidar.scanner.World.layers", None)
+    second = Scanner(street, rig, seed=11, standing=pickle.loads(pickle.dumps(first.standing)))
+    actors = crowd(40, seed=3)
+    assert same(first.scan(3, actors), second.scan(3, actors))

@@ -4,9 +4,19 @@ import numpy as np
 import pytest
 
 from urbantwin.lidar.beams import Beams
+from urbantwin.lidar.compiled.report import merge
+from urbantwin.lidar.detections import Detections
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.returns.added import inserted, strongest_of
-from urbantwin.lidar.returns.strays import ISOLATION, SKIRT, Source, Stray, blooms, crosstalks
+from urbantwin.lidar.returns.strays import (
+    ISOLATION,
+    SKIRT,
+    Source,
+    Stray,
+    blooms,
+    crosstalks,
+    spilled,
+)
 from urbantwin.taxonomy import materials
 
 COLUMNS = 1024
@@ -15,6 +25,11 @@ COLUMNS = 1024
 @pytest.fixture(scope="module")
 def os1(ground_mesh, rig_of):
     return rig_of(ground_mesh(), {}).sensors[0]
+
+
+def halo_of(model, sensor, beams, *sources):
+    spills = [(spilled(model, sensor, beams, beams.rings, source), source) for source in sources]
+    return blooms(spills)
 
 
 def one(beam, range_m, amplitude):
@@ -34,11 +49,10 @@ def test_a_sign_blooms_into_all_beams_around_it_that_the_skirt_reaches(
     beams = Beams.of(mounted)
     sign = 40 % mounted.sensor.channels * columns + column
     amplitude, range_m = 2000.0, 15.0
-    halo = blooms(
+    halo = halo_of(
         model,
         mounted.sensor,
         beams,
-        beams.rings,
         one(sign, range_m, amplitude),
     )
     # Of both ways: the OS1's, or what is assumed of those that publish none.
@@ -61,11 +75,10 @@ def test_a_sign_blooms_into_all_beams_around_it_that_the_skirt_reaches(
 
 def test_light_of_several_bright_beams_adds_up_where_it_arrives_together(os1):
     model, beams = ReturnModel(os1), Beams.of(os1)
-    rings = beams.rings
     near, also, far = one(5000, 10.0, 900.0), one(5001, 10.4, 900.0), one(5002, 20.0, 900.0)
-    alone = [blooms(model, os1.sensor, beams, rings, source) for source in (near, also, far)]
+    alone = [halo_of(model, os1.sensor, beams, source) for source in (near, also, far)]
     every = Source(*(np.concatenate(parts) for parts in zip(near, also, far, strict=True)))
-    halo = blooms(model, os1.sensor, beams, rings, every)
+    halo = halo_of(model, os1.sensor, beams, every)
     for beam in (4999, 5003):
         light = [part.amplitude[part.beam == beam][0] for part in alone]
         got = halo.beam == beam
@@ -76,15 +89,8 @@ def test_light_of_several_bright_beams_adds_up_where_it_arrives_together(os1):
 
 def test_a_dim_or_far_sign_does_not_bloom(os1):
     beams = Beams.of(os1)
-    rings = beams.rings
     for amplitude, range_m in ((1.5, 20.0), (220.0, 119.9)):
-        halo = blooms(
-            ReturnModel(os1),
-            os1.sensor,
-            beams,
-            rings,
-            one(5000, range_m, amplitude),
-        )
+        halo = halo_of(ReturnModel(os1), os1.sensor, beams, one(5000, range_m, amplitude))
         assert ReturnModel(os1).noticed_level(halo.amplitude, halo.range_m).max(initial=0) == 0
 
 
@@ -137,13 +143,14 @@ def test_added_echoes_take_their_place_among_the_reported(returns, count):
     named = np.sort(rng.choice(1000, 350, replace=False)).astype("i4")
     far, strong = rng.uniform(1, 50, (2, 350)).astype("f4")
     added = Stray(named, far, strong)
-    out = inserted(beam, range_m, strength, added, strong, returns)
-    rows = list(
-        zip(
-            np.concatenate([beam, named])[out.order].tolist(),
-            np.concatenate([range_m, far])[out.order].tolist(),
-            out.echo.tolist(),
-            strict=True,
-        )
+    placed = inserted(beam, range_m, strength.take, added, strong, returns)
+    whole = np.zeros(len(beam), "i4")
+    reported = Detections(
+        beam, whole.astype("u1"), whole, whole.astype("u2"), range_m, range_m, whole
     )
+    whole = np.zeros(len(named), "i4")
+    more = Detections(named, whole.astype("u1"), whole, whole.astype("u2"), far, far, whole)
+    out = Detections.room(len(beam) + placed.fresh.sum())
+    merge(reported, more, placed, out)
+    rows = list(zip(out.beam.tolist(), out.range_m.tolist(), out.echo.tolist(), strict=True))
     assert rows == by_hand(beam, range_m, strength, added, strong, returns)

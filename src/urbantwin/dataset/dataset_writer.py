@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_room, sha256_of, write_json
+from urbantwin.cluster import Cluster
 from urbantwin.dataset.box_columns import packed_columns
 from urbantwin.dataset.box_table import write_boxes
 from urbantwin.dataset.frame_files import RAY_TYPE
 from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.frame_place import MARKS, FramePlace
-from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
+from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, areas_of, write_ignore_regions
 from urbantwin.dataset.layout import folders_of, frame_name
 from urbantwin.dataset.manifest import frames_of, manifest_of
 from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
@@ -22,11 +23,11 @@ from urbantwin.dataset.split.asked import SplitAsked
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
 from urbantwin.dataset.split.time_split import Split, split_in_time
 from urbantwin.dataset.sweep_table import write_sweeps
-from urbantwin.dataset.workers import Part, Recipe, Task, Workers, record_frames
+from urbantwin.dataset.workers import Part, Recipe, Task, Workers, crew_of, record_frames
 from urbantwin.errors import StageError
 from urbantwin.lidar import Rig
-from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
 from urbantwin.lidar.timing import span_of
+from urbantwin.processes import Helpers
 from urbantwin.progress import Progress
 
 if TYPE_CHECKING:
@@ -78,8 +79,9 @@ def record_datasets(
     twin: Twin,
     motion: Motion,
     parts: Mapping[str, Recording],
+    missing: Mapping[str, Sequence[int]],
     *,
-    workers: Workers,
+    workers: Helpers | Cluster,
     backend: str,
     storage: str,
     progress: Callable[[int], None],
@@ -90,7 +92,8 @@ def record_datasets(
         twin: the twin.
         motion: a motion on it.
         parts: the datasets, by name: workers have the world but once.
-        workers: number of processes, or a cluster; as many as there are processors when not given.
+        missing: the frames that they do not have, by name.
+        workers: this process and its helpers, or a cluster.
         backend: what casts the rays, see `lidar.Scanner`.
         storage: of points, see `layout.write_frame`.
         progress: called with the number of frames that are there, after each.
@@ -99,12 +102,6 @@ def record_datasets(
         By name of the dataset what ``layout.write_frame`` returned for each frame, its boxes
         packed, and its sweeps.
     """
-    missing: dict[str, list[int]] = {}
-    for part, own in parts.items():
-        own.folder.mkdir(parents=True, exist_ok=True)
-        own.place.prepare(folders_of(storage))
-        there = zip(own.times_s, _entries(own), strict=True)
-        missing[part] = [index for index, entry in there if entry is None]
 
     def tasks() -> Iterator[Task]:
         motions = FrameMotions(motion)
@@ -167,23 +164,28 @@ def write_datasets(
     def count(ready: int) -> None:
         progress(ready / total, f"frame {ready} of {total}")
 
-    entries = record_datasets(
-        twin, motion, parts, workers=workers, backend=backend, storage=storage, progress=count
-    )
-    progress(1.0, "tables")
-    recorded = [
-        write_tables(
-            own.folder,
-            own.recipe,
-            own.times_s,
-            entries[name],
-            ignore_areas(own.rig, twin.mesh, twin.region),
-            motion,
+    missing = {name: _missing(own, storage) for name, own in parts.items()}
+    with crew_of(workers, sum(map(len, missing.values()))) as crew:
+        entries = record_datasets(
             twin,
+            motion,
+            parts,
+            missing,
+            workers=crew,
+            backend=backend,
+            storage=storage,
+            progress=count,
         )
-        for name, own in parts.items()
-    ]
-    divided = split_in_time(recorded, split)
+        progress(1.0, "tables")
+        rigs = {name: own.rig for name, own in parts.items()}
+        with areas_of(rigs, twin.mesh, twin.region, crew) as ignored:
+            recorded = [
+                write_tables(own.folder, own.recipe, own.times_s, entries[name], motion, twin)
+                for name, own in parts.items()
+            ]
+            divided = split_in_time(recorded, split)
+            for name, own in parts.items():
+                write_ignore_regions(own.folder / IGNORE_REGIONS, ignored(name))
     for name, own in parts.items():
         finish_dataset(own.folder, own.recipe, own.times_s, entries[name], divided)
     return entries
@@ -211,14 +213,12 @@ def write_tables(
     recipe: Mapping[str, Any],
     times_s: Mapping[int, float],
     entries: Sequence[Mapping[str, Any]],
-    ignored: Sequence[IgnoreArea],
     motion: Motion,
     twin: Twin,
 ) -> Recorded:
-    """Write the tables of all frames and the areas; return what a split needs of them."""
+    """Write the tables of all frames; return what a split needs of them."""
     boxes, sweeps = (folder / name for name in TABLES)
     write_boxes(boxes, times_s, entries, motion)
-    write_ignore_regions(folder / IGNORE_REGIONS, ignored)
     write_sweeps(sweeps, list(times_s), entries)
     frames = frames_of(times_s, entries)
     write_sequence_tables(folder, {**recipe, "frames": frames}, folder, motion, twin)
@@ -250,6 +250,14 @@ def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
         for entry in own
         for file, digest in entry["sha256"].items()
     }
+
+
+def _missing(own: Recording, storage: str) -> list[int]:
+    """Make a dataset's places ready, and return the numbers of the frames that are not there."""
+    own.folder.mkdir(parents=True, exist_ok=True)
+    own.place.prepare(folders_of(storage))
+    there = zip(own.times_s, _entries(own), strict=True)
+    return [index for index, entry in there if entry is None]
 
 
 def _entries(own: Recording) -> list[Any]:

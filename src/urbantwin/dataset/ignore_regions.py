@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,10 +15,14 @@ from pydantic import Field
 from urbantwin.artefact import read_json, write_json
 from urbantwin.artefact.arrays import one_line
 from urbantwin.artefact.manifest import Part, validated
+from urbantwin.cluster import Cluster
 from urbantwin.errors import InputError
-from urbantwin.lidar.coverage import IgnoreArea
+from urbantwin.geometry import LabelledMesh
+from urbantwin.lidar import Rig
+from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
+from urbantwin.processes import Helpers, handed, received, settle
 
-__all__ = ["IGNORE_REGIONS", "read_ignore_regions", "write_ignore_regions"]
+__all__ = ["IGNORE_REGIONS", "areas_of", "read_ignore_regions", "write_ignore_regions"]
 
 #: The file in a dataset's folder.
 IGNORE_REGIONS = "ignore_regions.geojson"
@@ -48,6 +54,52 @@ class _Feature(Part):
 
 class _Collection(Part):
     features: list[_Feature]
+
+
+@contextmanager
+def areas_of(
+    rigs: Mapping[str, Rig], mesh: LabelledMesh, region: shapely.Polygon, crew: Helpers | Cluster
+) -> Iterator[Callable[[str], list[IgnoreArea]]]:
+    """Yield a function that returns the areas of a rig by its name, as `ignore_areas` finds them.
+
+    Where this process has a helper, that looks for them while this one goes on.
+
+    Args:
+        rigs: by name.
+        mesh: the static world, site frame.
+        region: where the twin has traffic, site frame.
+        crew: this process and its helpers.
+    """
+
+    def here(name: str) -> list[IgnoreArea]:
+        return ignore_areas(rigs[name], mesh, region)
+
+    pool = crew.pool if isinstance(crew, Helpers) else None
+    if pool is None or all(one.ride is not None for one in rigs.values()):
+        yield here
+        return
+    with handed((rigs, mesh, region)) as place:
+        try:
+            found = {name: pool.submit(_areas_at, place, name) for name in rigs}
+        except BrokenProcessPool:  # a helper was killed since it had recorded its frames
+            yield here
+            return
+
+        def there(name: str) -> list[IgnoreArea]:
+            try:
+                return found[name].result()
+            except BrokenProcessPool:
+                return here(name)
+
+        try:
+            yield there
+        finally:
+            settle(found.values())
+
+
+def _areas_at(place: str, name: str) -> list[IgnoreArea]:
+    rigs, mesh, region = received(place)
+    return ignore_areas(rigs[name], mesh, region)
 
 
 def write_ignore_regions(path: Path, areas: Sequence[IgnoreArea]) -> None:

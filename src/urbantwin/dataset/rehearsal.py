@@ -6,7 +6,7 @@ __all__ = ["rehearse"]
 
 
 def rehearse() -> None:
-    """Scan a car on a plane.
+    """Scan a board on a plane; it is no car, as motions have the meshes of their actors.
 
     Helpers do so while the twin is opened. All else is imported here and not above: the process
     that starts them needs the name of this function alone.
@@ -18,7 +18,6 @@ def rehearse() -> None:
     from urbantwin.lidar import PosedActor, Scanner, place_rig
     from urbantwin.site.rig import RigSpec, SensorSpec
     from urbantwin.taxonomy import material_id, semantic_id
-    from urbantwin.traffic.assets import asset_names
 
     corners = np.array(
         [[-60.0, -60.0, 0.0], [60.0, -60.0, 0.0], [60.0, 60.0, 0.0], [-60.0, 60.0, 0.0]]
@@ -28,7 +27,12 @@ def rehearse() -> None:
     )
     sensor = SensorSpec(name="rehearsal", model="VLP-16", east_m=0.0, north_m=0.0, height_m=4.0)
     rig = place_rig(RigSpec(sensors=[sensor]), plane)
-    (car, *_) = asset_names("car")
+    board = LabelledMesh.build(
+        np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 2.0], [0.0, -1.0, 2.0]]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        semantic_id("car"),
+        material_id("paint-white"),
+    )
     pose = Pose(np.eye(3), np.array([10.0, 3.0, 0.0]))
-    actor = PosedActor(1, "car", car, 0, pose, np.array([8.0, 0.0, 0.0]))
-    Scanner(plane, rig, 0).scan(0, [actor])
+    actor = PosedActor(1, "car", "board", 0, pose, np.array([8.0, 0.0, 0.0]))
+    Scanner(plane, rig, 0, meshes=lambda _asset, _phase: board).scan(0, [actor])

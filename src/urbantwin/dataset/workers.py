@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -22,10 +24,11 @@ from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import LabelledFrame, PosedActor, Rig, Scanner
+from urbantwin.lidar.static_view import StaticView
 from urbantwin.processes import Helpers, handed, helpers, received, settle, usable_processors
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
-__all__ = ["Part", "Recipe", "Task", "Workers", "record_frames"]
+__all__ = ["Part", "Recipe", "Task", "Workers", "crew_of", "record_frames"]
 
 #: How many processes of this machine, this one and its helpers, or a cluster; ``None`` for as many
 #: as there are processors.
@@ -33,8 +36,9 @@ Workers = int | Helpers | Cluster | None
 
 #: What one worker has in hand besides what it works on: enough that it never waits.
 _QUEUED = 2
-#: Frames that a worker is told of at once: the last of them is written while nothing is scanned.
-_LONGEST_RUN = 4
+#: Frames that a worker is told of at once, at most, and how long they may take, seconds: the last
+#: of them is written while nothing is scanned, and a worker that is to stop ends its run before.
+_LONGEST_RUN, _RUN_S = 16, 0.5
 
 
 @dataclass(frozen=True)
@@ -85,15 +89,31 @@ class Recipe:
 
 
 class _Recorder:
-    """Records frames of one part after the other; the next one goes on with what both share."""
+    """Records frames of one part after the other; the next one goes on with what both share.
 
-    def __init__(self, recipe: Recipe) -> None:
+    Attributes:
+        frame_s: what the last frame took to scan, seconds.
+    """
+
+    def __init__(self, recipe: Recipe, standing: Sequence[StaticView | None] | None = None) -> None:
+        """Look at the static world, where another recorder has not: see `standing`."""
         self._recipe = recipe
         self._part = ""
+        self._writer = ThreadPoolExecutor(1)
+        self._written: Future[int] | None = None
+        self.frame_s = float("inf")
         self._scanner: Scanner | None = None
-        self._scanner = self._scanner_of(next(iter(recipe.parts)))
+        self._scanner = self._scanner_of(next(iter(recipe.parts)), standing)
 
-    def _scanner_of(self, part: str) -> Scanner:
+    @property
+    def standing(self) -> list[StaticView | None]:
+        """What the sensors of the part that it records see of the static world, if they stand."""
+        assert self._scanner is not None
+        return self._scanner.standing
+
+    def _scanner_of(
+        self, part: str, standing: Sequence[StaticView | None] | None = None
+    ) -> Scanner:
         """Return the scanner of a part: what standing sensors see is kept of one part alone."""
         if self._scanner is None or part != self._part:
             recipe, own = self._recipe, self._recipe.parts[part]
@@ -107,6 +127,7 @@ class _Recorder:
                 region=recipe.region,
                 backend=recipe.backend,
                 beside=self._scanner,
+                standing=standing,
             )
         return self._scanner
 
@@ -114,17 +135,27 @@ class _Recorder:
         return mesh_among(self._recipe.meshes, asset, phase, asset_mesh)
 
     def recorded(self, tasks: Iterable[Task]) -> Iterator[int]:
-        """Record frames and yield the number of each; one is written while the next is scanned."""
-        with ThreadPoolExecutor(1) as writer:
-            under_way: Future[int] | None = None
-            for task in tasks:
-                actors = posed_actors(task.motion.rows, task.motion.paths())
-                frame = self._scanner_of(task.part).scan(task.index, actors)
-                if under_way is not None:
-                    yield under_way.result()
-                under_way = writer.submit(self._write, task, frame, actors)
-            if under_way is not None:
-                yield under_way.result()
+        """Record frames and yield the number of each that is there, from the one before them on.
+
+        One is written while the next is scanned; the last is there after `finished`.
+        """
+        for task in tasks:
+            began = time.perf_counter()
+            actors = posed_actors(task.motion.rows, task.motion.paths())
+            frame = self._scanner_of(task.part).scan(task.index, actors)
+            self.frame_s = time.perf_counter() - began
+            yield from self.finished()
+            self._written = self._writer.submit(self._write, task, frame, actors)
+
+    def finished(self) -> Iterator[int]:
+        """Wait for the frame that is being written and yield its number, if there is one."""
+        if self._written is not None:
+            written, self._written = self._written, None
+            yield written.result()
+
+    def close(self) -> None:
+        """Wait for what is being written; nothing is recorded afterwards."""
+        self._writer.shutdown()
 
     def _write(self, task: Task, frame: LabelledFrame, actors: Sequence[PosedActor]) -> int:
         part = self._recipe.parts[task.part]
@@ -138,8 +169,19 @@ class _Recorder:
         return task.index
 
 
+@contextmanager
+def crew_of(workers: Workers, frames: int) -> Iterator[Helpers | Cluster]:
+    """Yield who records so many frames: who is given, or processes that end with the block."""
+    if isinstance(workers, Helpers | Cluster):
+        yield workers
+        return
+    most = usable_processors() if workers is None else workers
+    with helpers(min(most, frames), rehearse) as crew:
+        yield crew
+
+
 def record_frames(
-    recipe: Recipe, tasks: Iterable[Task], count: int, workers: Workers
+    recipe: Recipe, tasks: Iterable[Task], count: int, workers: Helpers | Cluster
 ) -> Iterator[int]:
     """Record frames and yield the number of each when its files are there, in any order.
 
@@ -147,7 +189,7 @@ def record_frames(
         recipe: what all frames share.
         tasks: the frames, made when they are needed, those of a part together.
         count: how many they are.
-        workers: number of processes, this one among them, or a cluster.
+        workers: this process and its helpers, or a cluster.
 
     Raises:
         InputError: a worker does not see where the frames go.
@@ -160,25 +202,21 @@ def record_frames(
             runs = _runs(tasks, count, crew.workers)
             yield from _recorded(lambda run: crew.submit(_record, run), runs, crew.room)
         return
-    if not isinstance(workers, Helpers):
-        workers = usable_processors() if workers is None else workers
-        with helpers(min(workers, count), rehearse) as crew:
-            yield from record_frames(recipe, tasks, count, crew)
-        return
     pool = workers.pool
     if pool is None or count == 1:
-        yield from _Recorder(recipe).recorded(tasks)
+        with closing(_Recorder(recipe)) as own:
+            yield from own.recorded(tasks)
+            yield from own.finished()
         return
     try:
-        with handed(recipe) as place:
-            checked = pool.submit(_check_places, places)
-            own = _Recorder(recipe)
-            checked.result()
+        checked = pool.submit(_check_places, places)
+        # What this process has looked at the others, which were still starting, need not.
+        with closing(_Recorder(recipe)) as own, handed((recipe, own.standing)) as place:
             recording = next(_recordings), place
-            runs = _runs(tasks, count, workers.workers)
+            runs = _runs(tasks, count, workers.workers, lambda: int(_RUN_S / own.frame_s))
             room = (workers.workers - 1) * _QUEUED
             yield from _recorded(
-                lambda run: pool.submit(_record_of, recording, run), runs, room, own
+                lambda run: pool.submit(_record_of, recording, run), runs, room, own, checked
             )
     except BrokenProcessPool:
         raise StageError(
@@ -192,6 +230,7 @@ def _recorded(
     runs: Iterator[list[Task]],
     most: int,
     own: _Recorder | None = None,
+    checked: Future[list[int]] | None = None,
 ) -> Iterator[int]:
     """Yield the number of each frame that workers recorded.
 
@@ -200,8 +239,10 @@ def _recorded(
         runs: of frames.
         most: of them they have in hand at most.
         own: what this process records runs with while they work; it only waits when not given.
+        checked: what they were asked before; they may still be starting.
     """
-    under_way: set[Future[list[int]]] = set()
+    under_way: set[Future[list[int]]] = set() if checked is None else {checked}
+    most += len(under_way)
     try:
         while True:
             for run in islice(runs, most - len(under_way)):
@@ -210,10 +251,12 @@ def _recorded(
             if own is not None and mine is not None:
                 yield from own.recorded(mine)
                 finished, under_way = wait(under_way, timeout=0)
-            elif under_way:
-                finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
             else:
-                return
+                if own is not None:
+                    yield from own.finished()
+                if not under_way:
+                    return
+                finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
             for future in finished:
                 yield from future.result()
     finally:
@@ -221,11 +264,22 @@ def _recorded(
             settle(under_way)
 
 
-def _runs(tasks: Iterable[Task], count: int, workers: int) -> Iterator[list[Task]]:
-    """Yield so many tasks in runs: single ones at first and at last, that all have some to do."""
+def _runs(
+    tasks: Iterable[Task], count: int, workers: int, longest: Callable[[], int] | None = None
+) -> Iterator[list[Task]]:
+    """Yield so many tasks in runs: single ones at first and at last, that all have some to do.
+
+    Args:
+        tasks: the frames.
+        count: how many they are.
+        workers: who records them.
+        longest: says how many frames are a run at most, besides `_LONGEST_RUN`.
+    """
     waiting = iter(tasks)
     for number in itertools.count():
         most = min(1 + number // (2 * workers), _LONGEST_RUN, count // ((1 + _QUEUED) * workers))
+        if longest is not None and most > 1:
+            most = min(most, longest())
         run = list(islice(waiting, max(most, 1)))
         if not run:
             return
@@ -239,19 +293,21 @@ _recorder: _Recorder | None = None
 _recorder_of: int | None = None
 
 
-def _start(recipe: Recipe) -> None:
+def _start(recipe: Recipe, standing: Sequence[StaticView | None] | None = None) -> None:
     global _recorder  # noqa: PLW0603 - a worker's only state: what its static rays hit
-    _recorder = _Recorder(recipe)
+    _recorder = _Recorder(recipe, standing)
 
 
-def _check_places(places: Iterable[FramePlace]) -> None:
+def _check_places(places: Iterable[FramePlace]) -> list[int]:
+    """Refuse places that this process does not see; it has recorded nothing of them yet."""
     for place in places:
         place.check()
+    return []
 
 
 def _record(run: list[Task]) -> list[int]:
     assert _recorder is not None
-    return list(_recorder.recorded(run))
+    return [*_recorder.recorded(run), *_recorder.finished()]
 
 
 def _record_of(recording: tuple[int, str], run: list[Task]) -> list[int]:
@@ -259,6 +315,6 @@ def _record_of(recording: tuple[int, str], run: list[Task]) -> list[int]:
     global _recorder_of  # noqa: PLW0603
     number, place = recording
     if number != _recorder_of:
-        _start(received(place))
+        _start(*received(place))
         _recorder_of = number
     return _record(run)

@@ -128,10 +128,13 @@ class LabelledMesh:
 
     def select(self, keep: NDArray[np.bool_]) -> LabelledMesh:
         """Return the triangles where ``keep`` (F,) is true, without unused vertices."""
-        used, faces = np.unique(self.faces[keep], return_inverse=True)
+        faces = self.faces[keep]
+        used = np.zeros(len(self.vertices), np.bool_)
+        used[faces] = True
+        number = np.cumsum(used, dtype=np.int32) - np.int32(1)
         return LabelledMesh(
             self.vertices[used],
-            faces.reshape(-1, 3).astype(np.int32),
+            number.take(faces),
             self.semantic[keep],
             self.material[keep],
             self.part[keep],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -17,6 +17,7 @@ from urbantwin.lidar.annotated import LAST_TRACK, annotated_actors, annotated_si
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.casting.cast import cast_actors
+from urbantwin.lidar.casting.known_layers import KnownLayers
 from urbantwin.lidar.casting.tracer import Layers
 from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.labels import LabelledFrame
@@ -54,12 +55,14 @@ class Scanner:
         backend: what casts the rays, see `casting.backend.tracer_on`.
         beside: a scanner of another rig in the same world, with the same meshes and backend: what
             it has of actors, and of the static world for sensors that move, serves both.
+        standing: what sensors that stand still see, of a scanner of the same rig in the same world:
+            its `standing`; they look for themselves when not given.
 
     Raises:
         InputError: there is no such backend here.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - most are what scanners share
         self,
         static: LabelledMesh,
         rig: Rig,
@@ -70,6 +73,7 @@ class Scanner:
         region: shapely.Polygon | None = None,
         backend: str = "embree",
         beside: Scanner | None = None,
+        standing: Sequence[StaticView | None] | None = None,
     ) -> None:
         from urbantwin.traffic.assets import asset_mesh
         from urbantwin.traffic.assets.truck_parts import mesh_of_part
@@ -88,6 +92,10 @@ class Scanner:
         self._eyes: list[_Eye] = []
         for number, one in enumerate(rig.sensors):
             model = ReturnModel(one, rig.conditions)
+            known = None if standing is None else standing[number]
+            if known is not None:
+                self._eyes.append(_Eye(number, one, model, known, known.beams))
+                continue
             # A pattern that does not repeat has other beams in every turn.
             beams = Beams.of(one) if one.sensor.pattern is None else None
             path = None if rig.ride is not None else one.path(0, seed)
@@ -103,6 +111,11 @@ class Scanner:
                 frame = rig.dataset_SE3_site
                 sees = StaticView.of(one, beams, model, sees, path, sweep, frame)
             self._eyes.append(_Eye(number, one, model, sees, beams))
+
+    @property
+    def standing(self) -> list[StaticView | None]:
+        """What each sensor sees of the static world; ``None`` where it does not stand still."""
+        return [one.sees if isinstance(one.sees, StaticView) else None for one in self._eyes]
 
     def scan(self, index: int, actors: Sequence[PosedActor]) -> LabelledFrame:
         """Return the frame of that number.
@@ -139,6 +152,7 @@ class Scanner:
                 present,
                 turn.mounted.sensor.assumed_range_max_m,
                 glass=turn.mounted.effects.glass,
+                known=turn.known,
             )
             for turn in turns
         ]
@@ -194,6 +208,7 @@ class _Eye:
         sees: what it sees of the static world in every turn; where it moves, or its beams do, all
             of that world: a hundred megabytes, of which one that stands still needs no more.
         beams: of every turn; ``None``: they are others in each.
+        known: what it meets of actors that stand, where it stands.
     """
 
     number: int
@@ -201,6 +216,7 @@ class _Eye:
     model: ReturnModel
     sees: World | StaticView
     beams: Beams | None
+    known: KnownLayers = field(default_factory=KnownLayers)
 
     def turns(
         self, index: int, seed: int, path: SensorPath, dataset_SE3_site: Pose
@@ -210,14 +226,16 @@ class _Eye:
         dead = dead_beams(one, index / one.rate_hz)
         dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
         for sweep in sweeps_of(one, index, seed):
-            view = self.sees
+            view, known = self.sees, None
+            if isinstance(view, StaticView):
+                known = self.known
             if isinstance(view, World):
                 beams = self.beams or Beams.of(one, sweep.turn)
                 view = StaticView.of(one, beams, self.model, view, path, sweep, dataset_SE3_site)
             elif one.pose_error is not None:
                 begin_s = float(sweep.column_time_s.min())
                 view = view.believed_from(path, begin_s, dataset_SE3_site)
-            yield Turn(self.number, one, self.model, view, sweep, dead)
+            yield Turn(self.number, one, self.model, view, sweep, dead, known)
 
 
 def _observed(

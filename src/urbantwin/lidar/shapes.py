@@ -234,6 +234,11 @@ class PresentActors:
         """Upper corners (A, 3)."""
         return np.asarray(self.shapes.high[self.shape])
 
+    def only(self, actors: NDArray[np.int64]) -> PresentActors:
+        """Return some of them, by their numbers."""
+        paths = Paths(*(part[actors] for part in self.paths))
+        return PresentActors(self.shapes, self.shape[actors], paths)
+
     def material(self, actor: NDArray[np.int32], face: NDArray[np.int32]) -> NDArray[np.uint8]:
         """Return the material (L,) of faces (L,) of actors (L,)."""
         first = self.shapes.first_face[self.shape]

@@ -12,7 +12,15 @@ from urbantwin.lidar.detections import Detections
 from urbantwin.lidar.echoes import Echoes
 from urbantwin.lidar.returns import Purpose, ReturnModel, draw, standard_noise
 from urbantwin.lidar.returns.added import inserted, strongest_of
-from urbantwin.lidar.returns.strays import Source, Stray, blooms, crosstalks, is_bright
+from urbantwin.lidar.returns.strays import (
+    Source,
+    Spill,
+    Stray,
+    blooms,
+    crosstalks,
+    is_bright,
+    spilled,
+)
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.taxonomy import semantic_id
@@ -53,10 +61,10 @@ class Spurious:
             return detections
         strength = [self.model.strength(one.amplitude, one.range_m) for one in strays]
         added, strong = strongest_of(strays, strength)
-        out = inserted(
+        placed = inserted(
             detections.beam,
             detections.range_m,
-            self._strength_of(detections, added.beam),
+            lambda rows: self._strength_of(detections, rows),
             added,
             strong,
             self.mounted.returns,
@@ -74,8 +82,8 @@ class Spurious:
             intensity,
             none,
         )
-        together = Detections.room(len(out.order))._replace(echo=out.echo)
-        merge(detections, spurious, out.order, together)
+        together = Detections.room(len(detections.beam) + int(placed.fresh.sum()))
+        merge(detections, spurious, placed, together)
         return together
 
     def _air(self) -> list[Stray]:
@@ -94,29 +102,46 @@ class Spurious:
         effects = self.mounted.effects
         if not (effects.blooming or effects.crosstalk):
             return []
-        source = self._bright()
-        if not len(source.beam):
+        world, own = self._of_world(), self._of_echoes()
+        open_ = self.echoes.place[self.view.bright] < 0
+        if not (open_.any() or len(own.beam)):
             return []
         beams, found = self.view.beams, []
         if effects.blooming and beams.rings is not None:
-            halo = blooms(self.model, self.mounted.sensor, beams, beams.rings, source)
+            halo = blooms(
+                [
+                    (self._spilled(world, self.view.halo).only(open_), world),
+                    (self._spilled(own), own),
+                ]
+            )
             found.append(self._noticed(halo, Purpose.BLOOMING))
         if effects.crosstalk:
+            parts = zip(world, own, strict=True)
+            source = Source._make(np.concatenate([one[open_], other]) for one, other in parts)
             ghosts = crosstalks(self.model, self.ring_time_s, beams.columns, source)
             found.append(self._noticed(ghosts, Purpose.CROSSTALK))
         return found
 
-    def _bright(self) -> Source:
-        """Return the echoes that can cause others."""
-        view, amplitude = self.view, self.view.amplitude
-        beam = view.bright[self.echoes.place[view.bright] < 0]
-        echo = np.flatnonzero(is_bright(self.echoes.amplitude))
-        place = np.searchsorted(self.echoes.start, echo, "right") - 1
-        return Source(
-            np.concatenate([beam, self.echoes.beam[place]]),
-            np.concatenate([view.answers.first.range_m[beam], self.echoes.range_m[echo]]),
-            np.concatenate([amplitude[beam], self.echoes.amplitude[echo]]),
-        )
+    def _spilled(self, source: Source, known: Spill | None = None) -> Spill:
+        """Return what bright echoes spill, which may be known."""
+        if known is not None:
+            return known
+        rings = self.view.beams.rings
+        assert rings is not None
+        return spilled(self.model, self.mounted.sensor, self.view.beams, rings, source)
+
+    def _of_world(self) -> Source:
+        """Return the echoes of the static world that can cause others, of all beams."""
+        view = self.view
+        first = view.answers.first
+        return Source(view.bright, first.range_m[view.bright], view.amplitude[view.bright])
+
+    def _of_echoes(self) -> Source:
+        """Return those that beams have which touch actors."""
+        echoes = self.echoes
+        bright = np.flatnonzero(is_bright(echoes.amplitude))
+        place = np.searchsorted(echoes.start, bright, "right") - 1
+        return Source(echoes.beam[place], echoes.range_m[bright], echoes.amplitude[bright])
 
     def _noticed(self, stray: Stray, purpose: Purpose) -> Stray:
         if not len(stray.beam):
@@ -130,14 +155,9 @@ class Spurious:
             return stray
         return stray.only(~self.dead[stray.beam])
 
-    def _strength_of(self, detections: Detections, where: NDArray[np.int32]) -> NDArray[np.float32]:
-        """Return strengths (M,) of what is reported; 0 but along the beams asked for."""
-        first, last = (np.searchsorted(detections.beam, where, side) for side in ("left", "right"))
-        # No beam has more than two.
-        row = np.concatenate([first[first < last], first[first + 1 < last] + 1])
-        amplitude = self.view.amplitude.take(detections.beam[row])
-        source = detections.source[row]
+    def _strength_of(self, detections: Detections, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the strengths (K,) of what is reported in some rows (K,)."""
+        amplitude = self.view.amplitude.take(detections.beam[rows])
+        source = detections.source[rows]
         amplitude[source >= 0] = self.echoes.amplitude[source[source >= 0]]
-        strength = np.zeros(len(detections.beam), np.float32)
-        strength[row] = self.model.strength(amplitude, detections.range_m[row])
-        return strength
+        return self.model.strength(amplitude, detections.range_m[rows])

@@ -20,7 +20,7 @@ from urbantwin.lidar.casting.tracer import SensorPoses
 from urbantwin.lidar.compiled.view import answer_beams, turn_directions
 from urbantwin.lidar.echoes import Answers, Echoes, static_echoes
 from urbantwin.lidar.returns import ReturnModel
-from urbantwin.lidar.returns.strays import is_bright
+from urbantwin.lidar.returns.strays import Source, Spill, is_bright, spilled
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.sensor_path import SensorPath
 from urbantwin.lidar.static_world import StaticLayers, World
@@ -59,6 +59,7 @@ class StaticView:
         measured: (N,) which beams see what was measured, with its drop-out, noise and intensity;
             ``None``: none does.
         several: those of them that see now one and now another surface.
+        halo: what the bright beams spill into others; ``None``: it is not known beforehand.
     """
 
     beams: Beams
@@ -71,6 +72,7 @@ class StaticView:
     bright: NDArray[np.int32]
     measured: NDArray[np.bool_] | None = None
     several: SeveralRanges | None = None
+    halo: Spill | None = None
 
     def drawn(
         self, seed: int, turn: int, time_s: float, draws: NDArray[np.uint16]
@@ -93,7 +95,7 @@ class StaticView:
         measured = self.measured.copy()
         measured[stirred] = True
         answers = self.answers._replace(first=first)
-        return replace(self, layers=layers, answers=answers, measured=measured), stirred
+        return replace(self, layers=layers, answers=answers, measured=measured, halo=None), stirred
 
     def as_measured(self, echoes: Echoes) -> None:
         """Give echoes of measured surfaces beside or before actors what was measured of them."""
@@ -169,6 +171,11 @@ class StaticView:
         second = _answers(echoes, layers, echoes.second[also])[0]
         rotation, place = path.reported_poses(times)
         turned = np.asarray(dataset_SE3_site.rotation) @ rotation
+        bright = np.flatnonzero(is_bright(amplitude)).astype(np.int32)
+        halo = None
+        if kept and beams.rings is not None and mounted.effects.blooming:
+            source = Source(bright, answers.range_m[bright], amplitude[bright])
+            halo = spilled(model, mounted.sensor, beams, beams.rings, source)
         return cls(
             beams,
             poses,
@@ -177,9 +184,10 @@ class StaticView:
             np.ascontiguousarray(dataset_SE3_site.apply(place).T, np.float32),
             StaticAnswers(answers, other, second),
             amplitude,
-            np.flatnonzero(is_bright(amplitude)).astype(np.int32),
+            bright,
             None if measured is None else measured.known & has,
             several,
+            halo,
         )
 
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.lidar.casting.known_layers import KnownLayers
 from urbantwin.lidar.casting.tracer import Firing, Layers
 from urbantwin.lidar.compiled.report import write_points
 from urbantwin.lidar.detections import Detections, detected, within_boxes
@@ -82,6 +83,7 @@ class Turn:
         view: what it would report of the static world.
         sweep: when its beams fire.
         dead: (N,) beams that report nothing; (0,): all work.
+        known: what its beams meet of actors that stand; ``None``: it moves, or its beams do.
     """
 
     number: int
@@ -90,6 +92,7 @@ class Turn:
     view: StaticView
     sweep: Sweep
     dead: NDArray[np.bool_]
+    known: KnownLayers | None
 
     @property
     def firing(self) -> Firing:

@@ -6,6 +6,7 @@ import numpy as np
 
 from urbantwin.lidar.actor_path import Paths
 from urbantwin.lidar.beams import Beams
+from urbantwin.lidar.casting.known_layers import KnownLayers
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Layers, RayTracer, Spread
 from urbantwin.lidar.compiled.blocks import find_blocks, rays_within
 from urbantwin.lidar.shapes import PresentActors, Shapes
@@ -21,6 +22,7 @@ def cast_actors(
     range_max_m: float,
     *,
     glass: bool,
+    known: KnownLayers | None = None,
 ) -> Layers:
     """Cast at every actor the beams that can touch it, each where it is when they fire.
 
@@ -31,9 +33,17 @@ def cast_actors(
         actors: everything that moves.
         range_max_m: an actor wholly beyond it is left out.
         glass: whether beams pass through panes.
+        known: what is known of actors that stand, of a sensor that stands and whose beams are the
+            same in every turn.
     """
     if not len(actors.shape):
         return Layers.room(0, 0)
+    if known is not None:
+        return known.layers(
+            firing,
+            actors,
+            lambda some: cast_actors(tracer, beams, firing, some, range_max_m, glass=glass),
+        )
     blocks = _blocks(beams, firing, actors, range_max_m)
     spread = Spread.AT_EDGES if len(firing.footprint) > 1 else Spread.NOWHERE
     return tracer.layers(firing, actors, blocks, Casting(glass, int(spread), False))

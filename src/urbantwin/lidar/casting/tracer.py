@@ -143,6 +143,13 @@ class Layers(NamedTuple):
         np.divide(self.seen_s, self.seen, out=mean, where=self.seen > 0)
         return Layers._make((*(values[:count] for values in self[:6]), mean, self.seen))
 
+    def renumbered(self, actors: NDArray[np.int64], count: int) -> Layers:
+        """Return the layers of some of so many actors by the numbers (A,) that these have."""
+        seen_s, seen = np.full(count, np.nan), np.zeros(count, np.int64)
+        seen_s[actors], seen[actors] = self.seen_s, self.seen
+        actor = actors.astype(np.int32).take(self.actor)
+        return self._replace(actor=actor, seen_s=seen_s, seen=seen)
+
 
 class RayTracer(Protocol):
     """Finds what the beams of a turn meet. `layer_rule` says what a layer is."""
@@ -150,7 +157,7 @@ class RayTracer(Protocol):
     def layers(
         self, firing: Firing, actors: PresentActors, blocks: Blocks, casting: Casting
     ) -> Layers:
-        """Return the layers that blocks of rays meet, each of its own actor.
+        """Return the layers that blocks of rays meet, each of its own actor, in the blocks' order.
 
         Args:
             firing: the beams of the turn.

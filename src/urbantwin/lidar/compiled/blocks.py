@@ -169,12 +169,15 @@ def find_blocks(low, high, paths, firing, rings, beside, range_max_m, found):
                 at = written
                 for row in range(bottom, top + 1):
                     start, _ = _columns(near[0], near[1], azimuth[row], step, turn, pad)
-                    for n in range(wide):
-                        column = (start + n) % count
-                        j = (column - first_column) % count
+                    # A division for each ray would take as long as all the rest of it.
+                    column = start % count
+                    j = (column - first_column) % count
+                    for _ in range(wide):
                         inside = one <= j <= last
                         found.ray[at] = order[row] * count + column if inside else -1
                         at += 1
+                        column, j = column + 1, j + 1
+                        column, j = column if column < count else 0, j if j < count else 0
             used += 1
             written += rows * wide
     return used, written

@@ -40,26 +40,37 @@ def bounds_of_box(low, high, rotation, place):
             corner[n, i] = rotation[0, i] * x + rotation[1, i] * y + rotation[2, i] * z
         azimuth[n] = np.arctan2(corner[n, 1], corner[n, 0])
         up, down = up or corner[n, 2] > 0, down or corner[n, 2] < 0
-    azimuth.sort()
+    for n in range(1, 8):  # a general sort takes several times as long for so few
+        one, k = azimuth[n], n
+        while k > 0 and azimuth[k - 1] > one:
+            azimuth[k] = azimuth[k - 1]
+            k -= 1
+        azimuth[k] = one
     widest, gap = 7, azimuth[0] + _TURN - azimuth[7]
     for n in range(7):
         if azimuth[n + 1] - azimuth[n] > gap:
             widest, gap = n, azimuth[n + 1] - azimuth[n]
+    for n in range(8):
+        level = np.hypot(corner[n, 0], corner[n, 1])
+        nearest = min(nearest, level)
+        elevation = np.arctan2(corner[n, 2], level)
+        lowest, highest = min(lowest, elevation), max(highest, elevation)
     for bit in (1, 2, 4):
         for n in range(8):
             if n & bit:
                 continue
-            p, q = corner[n], corner[n | bit]
-            dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-            pp, pd, dd = p[0] ** 2 + p[1] ** 2, p[0] * dx + p[1] * dy, dx * dx + dy * dy
-            slope = dz * pd - p[2] * dd
-            share = 0.0
-            if slope != 0.0:
-                share = min(max((p[2] * pd - dz * pp) / slope, 0.0), 1.0)
-            for t in (0.0, 1.0, share):
-                level = np.hypot(p[0] + t * dx, p[1] + t * dy)
+            m = n | bit
+            x, y, z = corner[n, 0], corner[n, 1], corner[n, 2]
+            dx, dy, dz = corner[m, 0] - x, corner[m, 1] - y, corner[m, 2] - z
+            pp, pd, dd = x**2 + y**2, x * dx + y * dy, dx * dx + dy * dy
+            slope = dz * pd - z * dd
+            if slope == 0.0:
+                continue
+            share = (z * pd - dz * pp) / slope
+            if 0.0 < share < 1.0:
+                level = np.hypot(x + share * dx, y + share * dy)
                 nearest = min(nearest, level)
-                elevation = np.arctan2(p[2] + t * dz, level)
+                elevation = np.arctan2(z + share * dz, level)
                 lowest, highest = min(lowest, elevation), max(highest, elevation)
     if gap <= np.pi + 1e-6 or nearest < _AXIS_MARGIN_M:
         if down:

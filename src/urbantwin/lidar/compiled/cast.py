@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry.compiled import per_block, per_ray
 from urbantwin.geometry.compiled.packet import LANES
+from urbantwin.geometry.compiled.prefetch import prefetch
 from urbantwin.geometry.embree import Hits
 from urbantwin.lidar.casting import layer_rule
 from urbantwin.lidar.casting.layer_rule import BEHIND_M, MOST_PANES, MOST_SURFACES, ON_AXIS
@@ -26,6 +27,8 @@ _layer_range = per_ray(layer_rule.layer_range)
 
 #: Ways to spread beams over their footprint, see `tracer.Casting`.
 _AT_EDGES, _EVERYWHERE = 1, 2
+#: So many beams ahead planes are asked for.
+_AHEAD = 8
 
 
 class _Surfaces(NamedTuple):
@@ -119,8 +122,7 @@ def _cast_axes(address, firing, targets, blocks, block, room):
     actor = blocks.actor[block]
     count = len(firing.column_time_s)
     ring_time, beams = firing.ring_time_s, firing.directions
-    rays, range_m, face = blocks.ray, room.hits.range_m, room.hits.face
-    poses, trace = room.columns.poses, room.trace
+    rays, face, poses, trace = blocks.ray, room.hits.face, room.columns.poses, room.trace
     start = blocks.start[block]
     until = start + blocks.rows[block] * blocks.wide[block]
     channel, first, lanes = np.int64(0), np.int64(0), 0
@@ -136,20 +138,15 @@ def _cast_axes(address, firing, targets, blocks, block, room):
         pose = poses[ray - first]
         ox, oy, oz = leaves(pose, ring_time[channel])
         dx, dy, dz = turned(pose, beams[ray, 0], beams[ray, 1], beams[ray, 2])
-        if not room.together:
-            range_m[at], face[at] = first_of(
-                address, targets, actor, trace, np.float32(0.0), ox, oy, oz, dx, dy, dz
-            )
-            continue
         wait(trace, lanes, ox, oy, oz, dx, dy, dz)
         trace.waiting.at[lanes] = at
         lanes += 1
         if lanes == LANES:
-            cast_waiting(address, targets, actor, trace, lanes)
+            cast_waiting(address, targets, actor, trace, lanes, room.together)
             _axes_met(room, lanes)
             lanes = 0
     if lanes:
-        cast_waiting(address, targets, actor, trace, lanes)
+        cast_waiting(address, targets, actor, trace, lanes, room.together)
         _axes_met(room, lanes)
 
 
@@ -178,9 +175,12 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
     trace, waiting = room.trace, room.trace.waiting
     whole = (1 << len(footprint)) - 1
     start = blocks.start[block]
+    until = start + blocks.rows[block] * blocks.wide[block]
     channel, first = np.int64(0), np.int64(0)
-    for at in range(start, start + blocks.rows[block] * blocks.wide[block]):
+    for at in range(start, until):
         own, ray, edge = face[at], np.int64(rays[at]), edges[at]
+        if at + _AHEAD < until and face[at + _AHEAD] >= 0:
+            prefetch(planes, base + face[at + _AHEAD])
         if own == NO_RAY:
             continue
         if not first <= ray < first + count:
@@ -204,25 +204,25 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
             surfaces.mask[0], surfaces.face[0] = whole, own
             surfaces.total_m[0], surfaces.rays[0] = range_m[at], 1
             met = 1
-        if edge and room.together:
+        if edge:
             for sample in range(1, len(footprint)):
                 x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
                 dx, dy, dz = turned(pose, x, y, z)
                 wait(trace, sample - 1, ox, oy, oz, dx, dy, dz)
-            cast_waiting(address, targets, actor, trace, len(footprint) - 1)
+            cast_waiting(address, targets, actor, trace, len(footprint) - 1, room.together)
         for sample in range(0 if met else (len(footprint) if edge else 1)):
-            if sample > 0 and room.together:
+            if sample > 0:
                 one = waiting.ray
                 dx, dy, dz = one[sample - 1, 3], one[sample - 1, 4], one[sample - 1, 5]
             else:
-                x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
+                x, y, z = _spread(bx, by, bz, footprint[0, 0], footprint[0, 1])
                 dx, dy, dz = turned(pose, x, y, z)
             bit = 1 << sample if edge else whole
             near = np.float32(0.0)
             for pane in range(MOST_PANES):
                 if sample == 0 and pane == 0:
                     far, hit = range_m[at], own
-                elif pane == 0 and room.together:
+                elif pane == 0:
                     far, hit = waiting.hits.range_m[sample - 1], waiting.hits.face[sample - 1]
                 else:
                     far, hit = first_of(

@@ -106,30 +106,46 @@ def _write(out, count, beam, echo, source, kind, bright, actor, at):
 
 
 @per_ray
-def merge(detections, added, order, out):
-    """Write detections and added ones together.
+def merge(detections, added, inserted, out):
+    """Write detections with some of A more among them.
 
     Args:
         detections: `detections.Detections`, M.
         added: A more.
-        order: (M',) int64, the rows: below M those of the former, from M on those of the latter.
+        inserted: `returns.added.Inserted`: which, and where they go.
         out: `detections.Detections` to write, (M',).
     """
-    many = len(detections.beam)
-    for row in range(len(order)):
-        n = order[row]
-        if n < many:
-            _copy(detections, n, out, row)
-        else:
-            _copy(added, n - many, out, row)
+    number, place, fresh = inserted
+    first, at = 0, 0
+    for k in range(len(number)):
+        _copy(detections, first, place[k], out, at)
+        at += place[k] - first
+        _copy(added, number[k], number[k] + 1, out, at)
+        at += 1
+        first = place[k] if fresh[k] else place[k] + 1
+    _copy(detections, first, len(detections.beam), out, at)
+    beam, echo = out.beam, out.echo
+    for row in range(len(beam)):
+        echo[row] = 1 if row > 0 and beam[row] == beam[row - 1] else 0
 
 
 @per_ray
-def _copy(given, n, out, row):
-    """Copy a detection, but for its number among those of its beam."""
-    out.beam[row], out.source[row], out.actor[row] = given.beam[n], given.source[n], given.actor[n]
-    out.semantic[row], out.range_m[row] = given.semantic[n], given.range_m[n]
-    out.intensity[row] = given.intensity[n]
+def _copy(given, first, until, out, at):
+    """Copy rows of detections, but for their numbers among those of their beams."""
+    _copy_column(given.beam, first, until, out.beam, at)
+    _copy_column(given.source, first, until, out.source, at)
+    _copy_column(given.actor, first, until, out.actor, at)
+    _copy_column(given.semantic, first, until, out.semantic, at)
+    _copy_column(given.range_m, first, until, out.range_m, at)
+    _copy_column(given.intensity, first, until, out.intensity, at)
+
+
+@per_ray
+def _copy_column(given, first, until, out, at):
+    """Copy a part of an array; numba sees that the parts' indices are not negative."""
+    here, there = given[first:until], out[at : at + until - first]
+    for n in range(len(here)):
+        there[n] = here[n]
 
 
 @per_ray

@@ -1,4 +1,4 @@
-"""Rays at actors: one by one, or eight neighbours together."""
+"""Rays at actors: eight neighbours at a time, one by one or together."""
 
 from typing import NamedTuple
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry.compiled import packet, per_block, per_ray
 from urbantwin.geometry.compiled.intersect import intersect, new_ray
 from urbantwin.geometry.compiled.planes import first_met
+from urbantwin.geometry.compiled.prefetch import prefetch
 from urbantwin.geometry.embree import Hits
 from urbantwin.lidar.casting.layer_rule import GRAZING
 from urbantwin.lidar.compiled.edges import slant
@@ -19,7 +20,7 @@ _aim, _cast, _met_by, _new_packet = packet.aim, packet.cast, packet.met_by, pack
 
 
 class _Waiting(NamedTuple):
-    """Rays that are cast together, by lane of the packet.
+    """Rays that are cast next, by lane.
 
     Attributes:
         at: (8,) int64, whose ray it is, among the rays of all blocks.
@@ -64,15 +65,14 @@ def trace_room():
 
 @per_ray
 def wait(room, lane, ox, oy, oz, dx, dy, dz):
-    """Put a ray into a lane of the packet."""
-    _aim(room.packet, lane, ox, oy, oz, dx, dy, dz)
+    """Put a ray into a lane."""
     ray = room.waiting.ray
     ray[lane, 0], ray[lane, 1], ray[lane, 2] = ox, oy, oz
     ray[lane, 3], ray[lane, 4], ray[lane, 5] = dx, dy, dz
 
 
 @per_ray
-def cast_waiting(address, targets, actor, room, count):
+def cast_waiting(address, targets, actor, room, count, together):
     """Cast the rays of the first lanes at an actor.
 
     Args:
@@ -81,13 +81,34 @@ def cast_waiting(address, targets, actor, room, count):
         actor: its number.
         room: `TraceRoom`; its ``waiting.hits`` are written.
         count: how many lanes.
+        together: whether they are cast as a packet.
     """
     ray, met = room.waiting.ray, room.waiting.hits
-    _cast(address[1], targets.scene[actor], room.packet, count)
+    scene, planes = targets.scene[actor], targets.triangles.planes
+    base = targets.first_face[actor]
+    if together:
+        for lane in range(count):
+            _aim(
+                room.packet, lane,
+                ray[lane, 0], ray[lane, 1], ray[lane, 2], ray[lane, 3], ray[lane, 4], ray[lane, 5],
+            )  # fmt: skip
+        _cast(address[1], scene, room.packet, count)
     for lane in range(count):
-        found, hit = _met_by(room.packet, lane)
+        if together:
+            met.range_m[lane], met.face[lane] = _met_by(room.packet, lane)
+        else:
+            met.range_m[lane], met.face[lane] = intersect(
+                address[0], scene, room.ray, np.float32(0.0),
+                ray[lane, 0], ray[lane, 1], ray[lane, 2], ray[lane, 3], ray[lane, 4], ray[lane, 5],
+            )  # fmt: skip
+        # Rays meet triangles all over a mesh: their planes come from far off, while the next rays
+        # are cast. A plane may reach into the line of memory in which the next one begins.
+        if met.face[lane] >= 0:
+            prefetch(planes, base + met.face[lane])
+            prefetch(planes, base + met.face[lane] + 1)
+    for lane in range(count):
         met.range_m[lane], met.face[lane] = _confirmed(
-            address, targets, actor, room, np.float32(0.0), found, hit,
+            address, targets, actor, room, np.float32(0.0), met.range_m[lane], met.face[lane],
             ray[lane, 0], ray[lane, 1], ray[lane, 2], ray[lane, 3], ray[lane, 4], ray[lane, 5],
         )  # fmt: skip
 

@@ -53,10 +53,14 @@ class Cells:
         return np.where(inside, row * columns + column, -1).astype(np.int64)
 
 
-def is_ground(mesh: LabelledMesh) -> NDArray[np.bool_]:
-    """Return which faces (F,) are ground that one can stand on: streets, sidewalks, terrain."""
+def is_ground(mesh: LabelledMesh, normals: NDArray[np.float64] | None = None) -> NDArray[np.bool_]:
+    """Return which faces (F,) are ground that one can stand on: streets, sidewalks, terrain.
+
+    ``normals`` are those of the mesh (F, 3), where they are known.
+    """
     ground = np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
-    return np.asarray(ground & (mesh.normals()[:, 2] > _LEAST_UP))
+    normals = mesh.normals() if normals is None else normals
+    return np.asarray(ground & (normals[:, 2] > _LEAST_UP))
 
 
 def cells_over(

@@ -21,7 +21,7 @@ from scipy.ndimage import uniform_filter
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.coverage.cells import Cells
-from urbantwin.lidar.coverage.of_rig import rig_coverage
+from urbantwin.lidar.coverage.of_rig import facing_per_frame
 from urbantwin.lidar.rig import Rig
 
 __all__ = ["LEAST_POINTS", "IgnoreArea", "ignore_areas"]
@@ -77,11 +77,9 @@ def ignore_areas(
             for one in rig.sensors
         ]
     )
-    coverage = rig_coverage(rig, mesh, region.bounds, cell_m=_CELL_M, progress=progress)
-    points = uniform_filter(
-        coverage.per_frame("facing").astype(np.float64), round(_SQUARE_M / _CELL_M)
-    )
-    dark = _area_of(points < LEAST_POINTS, coverage.cells)
+    cells, facing = facing_per_frame(rig, mesh, region.bounds, cell_m=_CELL_M, progress=progress)
+    points = uniform_filter(facing.astype(np.float64), round(_SQUARE_M / _CELL_M))
+    dark = _area_of(points < LEAST_POINTS, cells)
     return _kept(
         {
             "outside": discs.difference(region),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -16,16 +17,19 @@ Whole = NDArray[np.int64]
 
 
 class Inserted(NamedTuple):
-    """Where added echoes go among M that are reported already, in the order of their beams.
+    """Which K of the added echoes are reported, and where among M that are reported already.
+
+    In the order of their beams.
 
     Attributes:
-        order: (M',) int64, the rows of the new report: below M those of the old one, from M on the
-            added ones.
-        echo: (M',) uint8, number of each among the echoes of its beam.
+        number: (K,) int64, of each among those that are added.
+        row: (K,) int64, before which it goes, or whose place it takes.
+        fresh: (K,) whether it goes before that row.
     """
 
-    order: Whole
-    echo: NDArray[np.uint8]
+    number: Whole
+    row: Whole
+    fresh: NDArray[np.bool_]
 
 
 def strongest_of(strays: list[Stray], strength: list[Floats]) -> tuple[Stray, Floats]:
@@ -51,7 +55,7 @@ def strongest_of(strays: list[Stray], strength: list[Floats]) -> tuple[Stray, Fl
 def inserted(
     beam: NDArray[np.int32],
     range_m: Floats,
-    strength: Floats,
+    strength: Callable[[Whole], Floats],
     added: Stray,
     added_strength: Floats,
     returns: Literal["strongest", "last", "first", "dual"],
@@ -66,39 +70,29 @@ def inserted(
     Args:
         beam: (M,) of the reported echoes, ascending; two of a beam stand in the order of reporting.
         range_m: (M,) of the reported echoes.
-        strength: (M,) of the reported echoes.
+        strength: returns those of some of the reported echoes, by their rows.
         added: (A,) echoes, ascending by beam.
         added_strength: (A,).
         returns: what the sensor reports.
     """
     count = len(beam)
     low = np.searchsorted(beam, added.beam, "left")
-    at = np.minimum(low, max(count - 1, 0))
-    after = np.minimum(low + 1, max(count - 1, 0))
     has, more = np.zeros(len(low), np.bool_), np.zeros(len(low), np.bool_)
-    if count:
-        has = (low < count) & (beam[at] == added.beam)
-        more = (low + 1 < count) & (beam[after] == added.beam)
-    several = has.astype(np.int64) + (has & more)
     stronger, farther = np.ones(len(low), np.bool_), np.ones(len(low), np.bool_)
     if count:
-        stronger = ~has | (added_strength > strength[at])
-        farther = ~has | (added.range_m > range_m[at])
-    number = np.arange(count, count + len(low))
-    order = np.arange(count)
+        has = (low < count) & (beam[np.minimum(low, count - 1)] == added.beam)
+        more = (low + 1 < count) & (beam[np.minimum(low + 1, count - 1)] == added.beam)
+        met = np.flatnonzero(has)
+        stronger[met] = added_strength[met] > strength(low[met])
+        farther[met] = added.range_m[met] > range_m[low[met]]
     if returns == "dual":
-        taken = (several == 2) & stronger
-        fresh = several < 2
+        taken = has & more & stronger
+        fresh = ~(has & more)
         # The stronger of two stands first.
-        place = np.where(has & ~stronger, low + 1, low)
+        row = np.where(has & ~stronger, low + 1, low)
     else:
-        nearer = ~has | ~farther
-        wins = {"strongest": stronger, "last": farther, "first": nearer}[returns]
+        wins = {"strongest": stronger, "last": farther, "first": ~farther}[returns]
         taken, fresh = has & wins, ~has
-        place = low
-    order[low[taken]] = number[taken]
-    order = np.insert(order, place[fresh], number[fresh])
-    beams = np.concatenate([beam, added.beam])[order]
-    echo = np.zeros(len(order), np.uint8)
-    echo[1:] = beams[1:] == beams[:-1]
-    return Inserted(order, echo)
+        row = low
+    number = np.flatnonzero(taken | fresh)
+    return Inserted(number, row[number], fresh[number])

@@ -16,7 +16,7 @@ Only what returns more than a white surface, and is strong enough, causes either
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +29,17 @@ from urbantwin.lidar.returns.clutter import CELL_M
 from urbantwin.lidar.returns.model import ReturnModel
 from urbantwin.lidar.sensor import Sensor
 
-__all__ = ["ISOLATION", "SKIRT", "Source", "Stray", "blooms", "crosstalks", "is_bright"]
+__all__ = [
+    "ISOLATION",
+    "SKIRT",
+    "Source",
+    "Spill",
+    "Stray",
+    "blooms",
+    "crosstalks",
+    "is_bright",
+    "spilled",
+]
 
 #: Share of the light that lands in a beam one width aside.
 SKIRT = 3e-4
@@ -57,6 +67,25 @@ class Source(NamedTuple):
     amplitude: Floats
 
 
+class Spill(NamedTuple):
+    """What bright echoes spill into other beams, source by source.
+
+    Attributes:
+        beam: (S,) int32, that it lands in.
+        source: (S,) int32, number of the echo that it is from.
+        amplitude: (S,) float32.
+    """
+
+    beam: Whole
+    source: Whole
+    amplitude: Floats
+
+    def only(self, sources: NDArray[np.bool_]) -> Spill:
+        """Return what some of the sources (B,) spill."""
+        which = sources.take(self.source)
+        return Spill(self.beam[which], self.source[which], self.amplitude[which])
+
+
 class Stray(NamedTuple):
     """S echoes that stray light causes.
 
@@ -80,14 +109,14 @@ def is_bright(amplitude: Floats) -> NDArray[np.bool_]:
     return amplitude > 1.0
 
 
-def blooms(
+def spilled(
     model: ReturnModel,
     sensor: Sensor,
     beams: Beams,
     rings: Rings,
     source: Source,
-) -> Stray:
-    """Return the halo of bright echoes.
+) -> Spill:
+    """Return what bright echoes spill into the beams around them.
 
     Args:
         model: of the sensor.
@@ -103,11 +132,19 @@ def blooms(
         elevation=rings.elevation[by_channel], azimuth=rings.azimuth[by_channel]
     )
     skirt = (SKIRT, width)
-    return _stray(
+    return _written(
         lambda out: spill(
             source, strength, beams.directions, ordered, beams.columns, skirt, _FLOOR, out
-        ),
-        source.range_m,
+        )
+    )
+
+
+def blooms(spills: Sequence[tuple[Spill, Source]]) -> Stray:
+    """Return the halo that bright echoes have together, given what each of them spills."""
+    return _added_up(
+        np.concatenate([spill.beam for spill, _ in spills]),
+        np.concatenate([source.range_m.take(spill.source) for spill, source in spills]),
+        np.concatenate([spill.amplitude for spill, _ in spills]),
     )
 
 
@@ -126,10 +163,10 @@ def crosstalks(
         source: bright echoes.
     """
     strength = _strengths(model, source)
-    return _stray(
-        lambda out: crosstalk(source, strength, ring_time_s, columns, ISOLATION, _FLOOR, out),
-        source.range_m,
+    found = _written(
+        lambda out: crosstalk(source, strength, ring_time_s, columns, ISOLATION, _FLOOR, out)
     )
+    return _added_up(found.beam, source.range_m.take(found.source), found.amplitude)
 
 
 def _strengths(model: ReturnModel, source: Source) -> Floats:
@@ -140,17 +177,15 @@ def _strengths(model: ReturnModel, source: Source) -> Floats:
     return strength
 
 
-def _stray(write: Callable[[tuple[Whole, Whole, Floats]], int], range_m: Floats) -> Stray:
+def _written(write: Callable[[Spill], int]) -> Spill:
     """Return what a function writes that is called again where it asks for more room."""
     room = 1 << 16
     while True:
-        out = (np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.float32))
+        out = Spill(np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.float32))
         used = write(out)
         if used <= room:
-            break
+            return Spill._make(part[:used] for part in out)
         room = used
-    beam, source, amplitude = out
-    return _added_up(beam[:used], range_m.take(source[:used]), amplitude[:used])
 
 
 def _added_up(beam: Whole, range_m: Floats, amplitude: Floats) -> Stray:
