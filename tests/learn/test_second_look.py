@@ -13,17 +13,29 @@ torch = pytest.importorskip(
     "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
 )
 
-from urbantwin.learn import Design, LabelledFrames, Model, Recipe, read_model  # noqa: E402
-from urbantwin.learn import labelled_frames, write_model  # noqa: E402
+from urbantwin.learn import (  # noqa: E402  # noqa: E402
+    Design,
+    LabelledFrames,
+    Model,
+    Recipe,
+    labelled_frames,
+    read_model,
+    write_model,
+)
 from urbantwin.learn.augmentation.placement import Placement  # noqa: E402
 from urbantwin.learn.decoding import Found  # noqa: E402
 from urbantwin.learn.frames import IGNORED  # noqa: E402
 from urbantwin.learn.grid import Grid  # noqa: E402
 from urbantwin.learn.model import new_network  # noqa: E402
 from urbantwin.learn.network import Detector  # noqa: E402
-from urbantwin.learn.onnx_file import write_second_look  # noqa: E402
-from urbantwin.learn.second_look import Crops, SecondLook, crops_of, looked_again  # noqa: E402
-from urbantwin.learn.second_look import second_look_trained  # noqa: E402
+from urbantwin.learn.onnx_file import write_onnx  # noqa: E402
+from urbantwin.learn.second_look import (  # noqa: E402
+    Crops,
+    SecondLook,
+    crops_of,
+    looked_again,
+    second_look_trained,
+)
 from urbantwin.learn.second_look.crop import CROP_POINTS, TOLD  # noqa: E402
 from urbantwin.learn.second_look.proposals import judged_proposals, proposals_of  # noqa: E402
 from urbantwin.progress import untold  # noqa: E402
@@ -182,7 +194,7 @@ def test_scores_of_people_alone_change_and_the_likeliest_is_first(tmp_path: Path
     assert not len(looked_again(look, nobody, points, SENSOR, NAMES, "cpu").box)
 
     onnxruntime = pytest.importorskip("onnxruntime", reason="needs onnxruntime")
-    write_second_look(tmp_path / "second_look.onnx", look)
+    write_onnx(tmp_path, Model(Design(NAMES, 12.0), new_network(Design(NAMES, 12.0)), {}, look))
     session = onnxruntime.InferenceSession(tmp_path / "second_look.onnx")
     said = session.run(None, {name: one.numpy() for name, one in given.items()})[0]
     assert np.abs(said - np.log(odds)).max() < 1e-4
@@ -256,8 +268,8 @@ def test_a_model_keeps_its_second_look_and_detects_with_it_unless_told(
     once = ut.detect(folder, people, tmp_path / "once", second_look=False, **given).found
     assert len(once) > 10
     where = {tuple(box): score for box, score in zip(once.box.tolist(), once.score, strict=True)}
-    both = [(where[tuple(box)], score) for box, score in zip(twice.box.tolist(), twice.score,
-                                                             strict=True) if tuple(box) in where]  # fmt: skip
+    again = zip(twice.box.tolist(), twice.score, strict=True)
+    both = [(where[tuple(box)], score) for box, score in again if tuple(box) in where]
     assert len(both) > 10
     assert not np.allclose(*zip(*both, strict=True))
     text = (folder / "model.yaml").read_text().replace("second_look: true", "second_look: false")

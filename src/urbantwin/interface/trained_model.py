@@ -92,7 +92,7 @@ def train(  # noqa: PLR0913 - the options of the command
             them (a model of `pretrain` has no heads).
         in_order: learn from the datasets one after the other, as of a curriculum; needs ``steps``.
         second_look: learn to look again at the points of people and two-wheelers that are found,
-            which takes about a third of the time.
+            which takes about a quarter of the time.
         part: of each dataset that is split, the frames to learn from: ``train``, ``val``, ``test``
             or ``all``.
         seed: of the weights at the start and of all samples.
@@ -116,13 +116,12 @@ def train(  # noqa: PLR0913 - the options of the command
         Recipe,
         digest_of,
         labelled_frames,
-        trained,
         write_model,
     )
     from urbantwin.learn.model import KIND, first_weights
-    from urbantwin.learn.onnx_file import write_onnx, write_second_look
+    from urbantwin.learn.onnx_file import write_onnx
     from urbantwin.learn.sample import Varied
-    from urbantwin.learn.second_look import LOOK_SHARE, LOOKED_AT, second_look_trained
+    from urbantwin.learn.two_stages import stages_trained
     from urbantwin.progress import between
 
     given = _several(datasets)
@@ -141,10 +140,8 @@ def train(  # noqa: PLR0913 - the options of the command
     design = Design(chosen if "boxes" in heads else (), reach, cell, intensity, width)
     first = None if start is None else first_weights(Path(start), design)
     window = min(Recipe.window_m, 2 * reach)
-    looks = second_look and bool(set(LOOKED_AT) & set(design.classes))
-    detecting = 1 - LOOK_SHARE if looks else 1.0
-    recipe = Recipe(steps, None if minutes is None else minutes * detecting, batch, window, seed,
-                    device, workers, varied=varied, in_order=in_order)  # fmt: skip
+    recipe = Recipe(steps, minutes, batch, window, seed, device, workers, varied=varied,
+                    in_order=in_order)  # fmt: skip
     check_folder(target, kind=KIND, inputs=[*given, *sources])
     with shown_stage("train", progress, brief=True) as tell:
         digests = [digest_of(one) for one in sources]
@@ -156,8 +153,7 @@ def train(  # noqa: PLR0913 - the options of the command
         }
         asked |= {"steps": steps, "minutes": minutes, "batch": batch, "seed": seed}
         asked |= {"varied": asdict(varied), "heads": sorted(heads), "in_order": in_order}
-        asked["second_look"] = looks
-        asked["start"] = None if first is None else first.sha256
+        asked |= {"start": None if first is None else first.sha256, "second_look": second_look}
         key = recipe_key(asked | {"device": device})
         with replaced_folder(target, kind=KIND, inputs=sources, key=key) as scratch:
             work = scratch / "training"
@@ -168,16 +164,11 @@ def train(  # noqa: PLR0913 - the options of the command
             )  # fmt: skip
             if "points" in heads:
                 design = replace(design, points=_known_points(frames.points, sources))
-            weights = None if first is None else first.weights
-            end = 0.1 + 0.9 * detecting
-            network, done, loss = trained(
-                frames, design, recipe, work / "state.safetensors", between(tell, 0.1, end), weights
-            )
-            look = None
-            if looks:
-                look = second_look_trained(
-                    network, frames, design, recipe, done, work, between(tell, end, 1.0)
-                )
+            stages = stages_trained(
+                frames, design, recipe, work, between(tell, 0.1, 1.0),
+                None if first is None else first.weights,
+                second_look=second_look,
+            )  # fmt: skip
             told = {
                 "urbantwin": __version__,
                 "datasets": [
@@ -190,18 +181,16 @@ def train(  # noqa: PLR0913 - the options of the command
                 "points": {name: frames.points[name] for name in design.points},
                 "start": None if first is None else first.sha256,
                 "in_order": in_order,
-                "second_look": look is not None,
-                "steps": done,
+                "second_look": stages.second_look is not None,
+                "steps": stages.steps,
                 "batch": batch,
                 "seed": seed,
                 "without": sorted(set(without)),
-                "loss": round(loss, 4),
+                "loss": round(stages.loss, 4),
             }
-            made = Model(design, network, told, look)
+            made = Model(design, stages.network, told, stages.second_look)
             write_model(scratch, made)
-            write_onnx(scratch / "model.onnx", made)
-            if look is not None:
-                write_second_look(scratch / "second_look.onnx", look)
+            write_onnx(scratch, made)
             shutil.rmtree(work)
     return TrainedModel(target, told)
 

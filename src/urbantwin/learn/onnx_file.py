@@ -16,7 +16,7 @@ from urbantwin.learn.pillars import pillars_of, told_of_points
 from urbantwin.learn.second_look.crop import CROP_POINTS, TOLD
 from urbantwin.learn.second_look.network import SecondLook
 
-__all__ = ["CROPS", "INPUTS", "OF_POINTS", "write_onnx", "write_second_look"]
+__all__ = ["CROPS", "INPUTS", "OF_POINTS", "write_onnx"]
 
 #: What the file takes: see `network.Detector.forward`. The grid is that of the model's range.
 INPUTS = ("features", "points", "cell")
@@ -27,15 +27,23 @@ CROPS = ("points", "told", "number")
 _OPSET = 17
 
 
-def write_onnx(file: Path, model: Model) -> None:
-    """Write a model: the pillars of one frame, however many, to the maps of each class.
+def write_onnx(folder: Path, model: Model) -> None:
+    """Write ``model.onnx``, and ``second_look.onnx`` of a model that has one.
 
-    Where it tells classes of points, it is asked for any number of these, too (``of_points``).
+    The first takes the pillars of one frame, however many, to the maps of each class; where it
+    tells classes of points, it is asked for any number of these, too (``of_points``). The second
+    takes the crops of any number of boxes to log-odds.
 
     Args:
-        file: to write.
+        folder: where.
         model: on any device.
     """
+    _write_detector(folder / "model.onnx", model)
+    if model.second_look is not None:
+        _write_second_look(folder / "second_look.onnx", model.second_look)
+
+
+def _write_detector(file: Path, model: Model) -> None:
     grid = Grid.around(0.0, 0.0, model.design.range_m, model.design.cell_m)
     draw = np.random.default_rng(0)
     half = model.design.range_m
@@ -54,13 +62,7 @@ def write_onnx(file: Path, model: Model) -> None:
     _exported(file, network, given, inputs, outputs, dynamic)
 
 
-def write_second_look(file: Path, look: SecondLook) -> None:
-    """Write a second look: the crops of any number of boxes to log-odds.
-
-    Args:
-        file: to write.
-        look: on any device.
-    """
+def _write_second_look(file: Path, look: SecondLook) -> None:
     given = (
         torch.zeros((2, CROP_POINTS, 3)),
         torch.zeros((2, TOLD)),

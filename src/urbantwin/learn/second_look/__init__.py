@@ -14,11 +14,10 @@ if TYPE_CHECKING:
     from urbantwin.learn.second_look.crop import LOOKED_AT, Crops, crops_of
     from urbantwin.learn.second_look.network import SecondLook
     from urbantwin.learn.second_look.scoring import looked_again
-    from urbantwin.learn.second_look.training import LOOK_SHARE, second_look_trained
+    from urbantwin.learn.second_look.training import second_look_trained
 
 __all__ = [
     "LOOKED_AT",
-    "LOOK_SHARE",
     "Crops",
     "SecondLook",
     "crops_of",

@@ -54,4 +54,5 @@ class SecondLook(nn.Module):
         value = torch.cat([value, together], dim=2).reshape(boxes * most, 2 * value.shape[2])
         value = self.again(value).reshape(boxes, most, -1).amax(dim=1)
         kind = functional.one_hot(number, self.classes).to(value.dtype)
-        return self.said(torch.cat([value, told, kind], dim=1))[:, 0]
+        odds: Tensor = self.said(torch.cat([value, told, kind], dim=1))
+        return odds[:, 0]

@@ -12,7 +12,7 @@ from urbantwin.learn.decoding import Found
 from urbantwin.learn.second_look.crop import LOOKED_AT, crops_of
 from urbantwin.learn.second_look.network import SecondLook
 
-__all__ = ["looked_at", "looked_again"]
+__all__ = ["looked_again", "looked_at"]
 
 #: Boxes that are looked at together.
 _TOGETHER = 512

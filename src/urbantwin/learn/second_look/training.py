@@ -21,20 +21,18 @@ from urbantwin.learn.second_look.proposals import Proposals, proposals_of
 from urbantwin.learn.training import Recipe, optimised
 from urbantwin.progress import Progress, between
 
-__all__ = ["LOOK_SHARE", "second_look_trained"]
+__all__ = ["second_look_trained"]
 
-#: Of a training that is to take some minutes this share is the second look's.
-LOOK_SHARE = 0.3
 #: Windows and steps for each step of the detector, and at most.
-_WINDOWS, _MOST_WINDOWS = 0.5, 1500
-_STEPS, _MOST_STEPS = 1.0, 3000
+_WINDOWS, _MOST_WINDOWS = 1.0, 3000
+_STEPS, _MOST_STEPS = 1.2, 3000
 #: Proposals of a step, and how many of them are right.
 _BATCH, _RIGHT = 128, 32
 #: What random numbers are for; those of windows are others.
 _DRAWS = 3
 #: How crops are varied, standard deviations: the middle of the box and the ground, metres; turned,
 #: radians; noise, metres; how sure the detector is, log-odds over 3.
-_MIDDLE_M, _GROUND_M, _TURN, _NOISE_M, _SURE = 0.1, 0.06, 0.15, 0.01, 0.2
+_MIDDLE_M, _GROUND_M, _TURN, _NOISE_M, _SURE = 0.1, 0.06, 0.15, 0.01, 0.5
 #: And scaled by as much, either way.
 _SCALE = 0.06
 
@@ -66,18 +64,16 @@ def second_look_trained(
     if not windows or not set(LOOKED_AT) & set(design.classes):
         return None
     file = folder / "proposals.npz"
-    if file.is_file():
-        proposals: Proposals | None = _read(file)
-    else:
-        proposals = proposals_of(network, frames, design, recipe, windows, between(tell, 0.0, 0.5))
-        if proposals is None:
+    if not file.is_file():
+        found = proposals_of(network, frames, design, recipe, windows, between(tell, 0.0, 0.7))
+        if found is None:
             return None
-        _write(file, proposals)
+        _write(file, found)
     torch.manual_seed(recipe.seed)
     look = SecondLook(len(design.classes)).to(recipe.device)
     own = replace(recipe, steps=round(min(_STEPS * steps, _MOST_STEPS)), workers=1, mixed=False)
-    task = _RightOrWrong(look, _Batches(proposals, recipe.seed))
-    optimised(look, task, own, folder / "second.safetensors", between(tell, 0.5, 1.0))
+    task = _RightOrWrong(look, _Batches(_read(file), recipe.seed))
+    optimised(look, task, own, folder / "second.safetensors", between(tell, 0.7, 1.0))
     return look
 
 
