@@ -327,14 +327,9 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
         wrong += int(((told[0] == 10) ^ (told[1] == 10)).sum())
     assert of_points["classes"]["car"]["iou"] == pytest.approx(right / (right + wrong))
     assert of_points["mean_iou"] > 0.85
-    same_in_onnxruntime_of(folder, tmp_path / "model.onnx")
-
-
-def same_in_onnxruntime_of(folder: Path, file: Path) -> None:
-    """Also with the head for points."""
-    model = read_model(folder)
-    write_onnx(file, model)
-    same_in_onnxruntime(model, file)
+    model = read_model(folder)  # with the head for points
+    write_onnx(tmp_path, model)
+    same_in_onnxruntime(model, tmp_path / "model.onnx")
 
 
 def test_what_was_learned_without_labels_begins_a_detector(street: Path, tmp_path: Path) -> None:

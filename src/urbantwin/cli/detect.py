@@ -52,6 +52,13 @@ def detect(
             help="Look at each frame from so many sides and take the mean: N times as long.",
         ),
     ] = 1,
+    second_look: Annotated[
+        bool,
+        typer.Option(
+            help="Look again at the points of people and two-wheelers that are found, if the model "
+            "has learned to."
+        ),
+    ] = True,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -66,6 +73,7 @@ def detect(
         part=part,
         standing=standing,
         views=views,
+        second_look=second_look,
         device=device,
         progress=not quiet,
     )

@@ -73,6 +73,12 @@ def train(
         bool,
         typer.Option("--in-order", help="One dataset after the other; needs --steps."),
     ] = False,
+    second_look: Annotated[
+        bool,
+        typer.Option(
+            help="Learn to look again at the points of people and two-wheelers that are found."
+        ),
+    ] = True,
     part: PartOfSplit = "train",
     seed: Annotated[int, typer.Option(min=0, help="Seed of weights and samples.")] = 0,
     workers: Annotated[int, typer.Option(min=1, max=64, help="Processes that make samples.")] = 1,
@@ -96,6 +102,7 @@ def train(
         heads=heads,
         start=start,
         in_order=in_order,
+        second_look=second_look,
         part=part,
         seed=seed,
         workers=workers,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -61,6 +61,7 @@ def detect(  # noqa: PLR0913 - the options of the command
     part: str = "all",
     standing: AnyPath | None = None,
     views: int = 1,
+    second_look: bool = True,
     device: str = "cpu",
     progress: ShowProgress = True,
 ) -> DetectedObjects:
@@ -79,6 +80,8 @@ def detect(  # noqa: PLR0913 - the options of the command
             left out.
         views: look at each frame from so many sides (turned by quarters, mirrored), and take the
             mean of what is said: better boxes, in so many times the time.
+        second_look: look again at the points of people and two-wheelers that are found, if the
+            model has learned to.
         device: of torch: ``cpu``, ``cuda``.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -112,11 +115,14 @@ def detect(  # noqa: PLR0913 - the options of the command
         if standing is not None:
             places = standing_places(read_detections(Path(standing)), Path(standing))
         detector = read_model(source, device)
+        if not second_look:
+            detector = replace(detector, second_look=None)
         recording = recording_of_part(real, layout, part)
         made_by = {
             "urbantwin": "detect",
             "least": least,
             "views": views,
+            "second_look": detector.second_look is not None,
             "model": dict(detector.trained),
         }
         with replaced_folder(target, kind="detections", inputs=inputs) as scratch:

@@ -12,9 +12,9 @@ __all__ = [
 ]
 
 #: Seconds at least and at most for a twin; for a second of traffic; for a frame of one sensor; for
-#: the judgement of one; for a step of training.
+#: the judgement of one; for a step of training with its share of the second look.
 TWIN_S, TRAFFIC_S, FRAME_S, JUDGED_S = (15.0, 200.0), (0.12, 1.2), (0.1, 0.8), (0.3, 1.5)
-STEP_S = (0.1, 0.5)
+STEP_S = (0.13, 0.7)
 #: Reading of datasets and what else training takes beside its minutes.
 _AROUND_TRAINING = (1.05, 1.4)
 

@@ -214,6 +214,7 @@ class _Workplace:
             width=self.how.width,
             batch=2,
             seed=self.how.seed,
+            second_look=False,  # layouts are compared: what is alike for all need not be learned
             part="all",
             progress=tell,
         )

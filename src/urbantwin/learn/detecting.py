@@ -18,6 +18,7 @@ from urbantwin.learn.grid import Grid
 from urbantwin.learn.model import Model
 from urbantwin.learn.network import inputs_of
 from urbantwin.learn.pillars import pillars_of, told_of_points
+from urbantwin.learn.second_look.scoring import looked_again
 from urbantwin.learn.views import VIEWS
 from urbantwin.progress import Progress, each
 from urbantwin.taxonomy import semantic_id
@@ -65,7 +66,11 @@ def found_in(
                 semantic[level.kept[inside]] = ids[said.pop().argmax(dim=1).cpu().numpy()]
             seen.append([view.back(one[0].float().cpu().numpy()) for one in said])
     maps = [np.mean(of_class, axis=0) for of_class in zip(*seen, strict=True)]
-    found = boxes_of_maps(maps, grid, design.heads, least)
+    look = model.second_look
+    found = boxes_of_maps(maps, grid, design.heads, min(least, LEAST_SCORE) if look else least)
+    if look is not None:
+        found = looked_again(look, found, points, level.frame.sensors, design.classes, device)
+        found = found.only(found.score >= least)
     box = found.box.copy()
     box[:, :2] += level.middle
     box[:, 2] += level.ground.at(box)

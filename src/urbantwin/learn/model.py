@@ -23,6 +23,7 @@ from urbantwin.learn.grid import halvings
 from urbantwin.learn.heads import ClassHead, class_heads
 from urbantwin.learn.network import Detector
 from urbantwin.learn.pillars import features_of
+from urbantwin.learn.second_look.network import SecondLook
 from urbantwin.taxonomy import semantic_classes
 
 __all__ = ["KIND", "Design", "FirstWeights", "Model", "first_weights", "new_network"]
@@ -34,6 +35,8 @@ SCHEMA = 1
 _EXPECTED = "a folder that `urbantwin train` wrote"
 _WEIGHTS = "model.safetensors"
 _TEXT = "model.yaml"
+#: What the weights of the second look are called, beside those of the detector.
+_LOOK = "second_look."
 
 
 @dataclass(frozen=True)
@@ -70,11 +73,13 @@ class Model:
         design: what it sees and says.
         network: in evaluation mode.
         trained: on which datasets (with their hashes), for how many steps, by which version.
+        second_look: at what it finds, in evaluation mode; None where it has none.
     """
 
     design: Design
     network: Detector
     trained: Mapping[str, Any]
+    second_look: SecondLook | None = None
 
 
 class _Manifest(Part):
@@ -86,6 +91,7 @@ class _Manifest(Part):
     intensity: bool
     width: Annotated[float, Field(ge=0.25, le=16)]
     points: list[str] = Field(default=[])
+    second_look: bool = False
     weights_sha256: str
     trained: dict[str, Any]
 
@@ -164,10 +170,14 @@ def write_model(folder: Path, model: Model) -> None:
     weights = {
         name: one.detach().cpu().contiguous() for name, one in model.network.state_dict().items()
     }
+    if model.second_look is not None:
+        for name, one in model.second_look.state_dict().items():
+            weights[_LOOK + name] = one.detach().cpu().contiguous()
     safetensors.torch.save_file(weights, folder / _WEIGHTS)
     design = asdict(model.design) | {"classes": list(model.design.classes)}
     design["points"] = list(model.design.points)
     told = {"kind": KIND, "schema": SCHEMA, **design}
+    told["second_look"] = model.second_look is not None
     told |= {"weights_sha256": sha256_of(folder / _WEIGHTS), "trained": dict(model.trained)}
     text = yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
     (folder / _TEXT).write_text(text, encoding="utf-8")
@@ -203,6 +213,7 @@ def read_model(folder: Path, device: str = "cpu") -> Model:
     design = Design(tuple(told.classes), told.range_m, told.cell_m, told.intensity, told.width,
                     tuple(told.points))  # fmt: skip
     network = new_network(design)
+    look = SecondLook(len(design.classes)) if told.second_look else None
     try:
         if sha256_of(weights) != told.weights_sha256:
             raise InputError(
@@ -210,8 +221,16 @@ def read_model(folder: Path, device: str = "cpu") -> Model:
                 file=weights,
                 expected=_EXPECTED,
             )
-        network.load_state_dict(safetensors.torch.load_file(weights))
+        known_weights = safetensors.torch.load_file(weights)
+        if look is not None:
+            own = [name for name in known_weights if name.startswith(_LOOK)]
+            look.load_state_dict(
+                {name.removeprefix(_LOOK): known_weights.pop(name) for name in own}
+            )
+        network.load_state_dict(known_weights)
     except (OSError, safetensors.SafetensorError, RuntimeError) as error:
         text = " ".join(str(error).split())
         raise InputError(f"cannot be read: {text:.120}", file=weights, expected=_EXPECTED) from None
-    return Model(design, network.to(device).eval(), told.trained)
+    if look is not None:
+        look = look.to(device).eval()
+    return Model(design, network.to(device).eval(), told.trained, look)

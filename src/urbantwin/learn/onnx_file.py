@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,25 +13,37 @@ from urbantwin.learn.grid import Grid
 from urbantwin.learn.model import Model
 from urbantwin.learn.network import inputs_of
 from urbantwin.learn.pillars import pillars_of, told_of_points
+from urbantwin.learn.second_look.crop import CROP_POINTS, TOLD
+from urbantwin.learn.second_look.network import SecondLook
 
-__all__ = ["INPUTS", "OF_POINTS", "write_onnx"]
+__all__ = ["CROPS", "INPUTS", "OF_POINTS", "write_onnx"]
 
 #: What the file takes: see `network.Detector.forward`. The grid is that of the model's range.
 INPUTS = ("features", "points", "cell")
 #: And where it tells classes of points.
 OF_POINTS = ("told", "at")
+#: What the file of the second look takes: see `second_look.crop.Crops`.
+CROPS = ("points", "told", "number")
 _OPSET = 17
 
 
-def write_onnx(file: Path, model: Model) -> None:
-    """Write a model: the pillars of one frame, however many, to the maps of each class.
+def write_onnx(folder: Path, model: Model) -> None:
+    """Write ``model.onnx``, and ``second_look.onnx`` of a model that has one.
 
-    Where it tells classes of points, it is asked for any number of these, too (``of_points``).
+    The first takes the pillars of one frame, however many, to the maps of each class; where it
+    tells classes of points, it is asked for any number of these, too (``of_points``). The second
+    takes the crops of any number of boxes to log-odds.
 
     Args:
-        file: to write.
+        folder: where.
         model: on any device.
     """
+    _write_detector(folder / "model.onnx", model)
+    if model.second_look is not None:
+        _write_second_look(folder / "second_look.onnx", model.second_look)
+
+
+def _write_detector(file: Path, model: Model) -> None:
     grid = Grid.around(0.0, 0.0, model.design.range_m, model.design.cell_m)
     draw = np.random.default_rng(0)
     half = model.design.range_m
@@ -46,15 +59,36 @@ def write_onnx(file: Path, model: Model) -> None:
         given = (*given, torch.from_numpy(told), torch.from_numpy(at))
         inputs, outputs = [*inputs, *OF_POINTS], [*outputs, "of_points"]
         dynamic |= {name: {0: "asked"} for name in (*OF_POINTS, "of_points")}
+    _exported(file, network, given, inputs, outputs, dynamic)
+
+
+def _write_second_look(file: Path, look: SecondLook) -> None:
+    given = (
+        torch.zeros((2, CROP_POINTS, 3)),
+        torch.zeros((2, TOLD)),
+        torch.zeros(2, dtype=torch.int64),
+    )
+    dynamic = {name: {0: "boxes"} for name in (*CROPS, "log_odds")}
+    _exported(file, look.cpu().eval(), given, CROPS, ("log_odds",), dynamic)
+
+
+def _exported(
+    file: Path,
+    network: torch.nn.Module,
+    given: tuple[torch.Tensor, ...],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    dynamic: Mapping[str, Mapping[int, str]],
+) -> None:
     with warnings.catch_warnings():  # of what later versions of torch prefer
         warnings.simplefilter("ignore")
         torch.onnx.export(
             network,
             given,
             str(file),
-            input_names=inputs,
-            output_names=outputs,
-            dynamic_axes=dynamic,
+            input_names=list(inputs),
+            output_names=list(outputs),
+            dynamic_axes={name: dict(axes) for name, axes in dynamic.items()},
             opset_version=_OPSET,
             dynamo=False,
         )

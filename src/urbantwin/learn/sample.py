@@ -20,7 +20,7 @@ from urbantwin.learn.heads import ClassHead
 from urbantwin.learn.pillars import Pillars, pillars_of
 from urbantwin.learn.targets import ClassTarget, PointTarget, point_target_of, targets_of
 
-__all__ = ["Sample", "Varied", "sample_of", "varied_window"]
+__all__ = ["Sample", "Varied", "counted_cells", "labels_in_window", "sample_of", "varied_window"]
 
 #: So many windows are laid about one of the boxes, by its class: a rare one as often as a car.
 _ABOUT_A_BOX = 0.8
@@ -129,14 +129,30 @@ def sample_of(  # noqa: PLR0913 - a frame, the window, the network, the draws
         frame, window_m, draw, classes=names, bank=bank, rig=rig, varied=varied
     )
     grid = Grid.around(0.0, 0.0, window_m / 2, cell_m)
-    points, boxes = frame.points, placement.boxes(frame.box)
-    held = np.bincount(points_in_boxes(points, boxes, 0.05) + 1, minlength=len(boxes) + 1)[1:]
-    number = np.where(held < LEAST_POINTS, IGNORED, frame.number)
-    counted = _counted(frame, grid, placement)
+    points = frame.points
+    boxes, number = labels_in_window(frame, placement)
+    counted = counted_cells(frame, grid, placement)
     of_points = point_target_of(points, frame.semantic, grid, semantic, draw) if semantic else None
     return Sample(
         pillars_of(points, grid), targets_of(boxes, number, grid, heads, counted), of_points
     )
+
+
+def labels_in_window(
+    frame: LevelFrame, placement: Placement
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the boxes (B, 7) of a varied window where it is placed, and their classes (B,).
+
+    Whoever has too few points left is `IGNORED`.
+
+    Args:
+        frame: of `varied_window`.
+        placement: of it.
+    """
+    boxes = placement.boxes(frame.box)
+    inside = points_in_boxes(frame.points, boxes, 0.05)
+    held = np.bincount(inside + 1, minlength=len(boxes) + 1)[1:]
+    return boxes, np.where(held < LEAST_POINTS, IGNORED, frame.number)
 
 
 def _some_points(frame: LevelFrame, chosen: NDArray[np.bool_]) -> LevelFrame:
@@ -163,7 +179,7 @@ def _middle_of_window(
     return float(np.clip(x, -most, most)), float(np.clip(y, -most, most))
 
 
-def _counted(frame: LevelFrame, grid: Grid, placement: Placement) -> NDArray[np.bool_] | None:
+def counted_cells(frame: LevelFrame, grid: Grid, placement: Placement) -> NDArray[np.bool_] | None:
     """Return in which cells of a sample labels count; None where they do everywhere."""
     if frame.counted.all():
         return None
