@@ -13,7 +13,7 @@ torch = pytest.importorskip(
     "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
 )
 
-from urbantwin.learn import (  # noqa: E402  # noqa: E402
+from urbantwin.learn import (  # noqa: E402
     Design,
     LabelledFrames,
     Model,
@@ -276,6 +276,18 @@ def test_a_model_keeps_its_second_look_and_detects_with_it_unless_told(
     (folder / "model.yaml").write_text(text)
     with pytest.raises(ut.InputError, match="cannot be read"):
         read_model(folder)
+
+
+def test_nobody_is_found_where_no_point_is_near(tmp_path: Path) -> None:
+    torch.manual_seed(2)
+    design = Design(("pedestrian",), 12.0)
+    model, frames = tmp_path / "model", tmp_path / "frames"
+    model.mkdir()
+    frames.mkdir()
+    write_model(model, Model(design, new_network(design).eval(), {}, SecondLook(1).eval()))
+    points = np.random.default_rng(4).uniform((400, 400, 0, 0), (500, 500, 0.1, 1), (90, 4))
+    points.astype("<f4").tofile(frames / "000000.bin")
+    assert len(ut.detect(model, frames, tmp_path / "found", progress=False).found) == 0
 
 
 def test_a_training_ends_with_a_second_look_where_it_found_somebody(

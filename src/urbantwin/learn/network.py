@@ -62,8 +62,9 @@ class _PillarEncoder(nn.Module):
             return whole.reshape(pillars, MOST_POINTS, -1).amax(dim=1)
         most = features.shape[1]
         filled = torch.arange(most, device=points.device)[None] < points[:, None]
-        value = self.norm(self.linear(features.reshape(pillars * most, -1)))
-        value = torch.relu(value).reshape(pillars, most, -1) * filled[:, :, None]
+        # Of no pillars -1 would say nothing.
+        value = self.norm(self.linear(features.reshape(pillars * most, features.shape[2])))
+        value = torch.relu(value).reshape(pillars, most, value.shape[1]) * filled[:, :, None]
         return value.amax(dim=1)
 
 

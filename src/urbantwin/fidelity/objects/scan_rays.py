@@ -98,7 +98,7 @@ def scan_rays(
     view = replace(
         view, layers=_with_behind(view.layers, behind_m, model, len(beams.footprint.share))
     )
-    turn = Turn(0, mounted, model, view, sweep, np.zeros(0, np.bool_))
+    turn = Turn(0, mounted, model, view, sweep, np.zeros(0, np.bool_), known=None)
     table = ShapeTable(lambda name, _: bodies[int(name)].mesh)
     actors = [
         PosedActor(n + 1, "car", str(n), 0, body.pose, np.zeros(3)) for n, body in enumerate(bodies)
