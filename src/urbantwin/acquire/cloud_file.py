@@ -46,7 +46,7 @@ def write_cloud(parts: Sequence[Any], crs: CRS, path: Path) -> int:
         path: the file.
 
     Raises:
-        NotAcquiredError: there is none, or too many.
+        NotAcquiredError: there is none, or too many, or they are too far apart.
     """
     import laspy
 
@@ -68,7 +68,10 @@ def write_cloud(parts: Sequence[Any], crs: CRS, path: Path) -> int:
     header.scales = np.array([step, step, _STEP])
     header.add_crs(crs)
     cloud = laspy.LasData(header)
-    cloud.x, cloud.y, cloud.z = x, y, z
+    try:
+        cloud.x, cloud.y, cloud.z = x, y, z
+    except OverflowError:  # LAS keeps steps from the offset in 32 bits
+        raise NotAcquiredError("has points too far apart to be of one place") from None
     for name in (*_FIELDS, *(_COLOURS if has_colours else ())):
         values = [_field(one, name, has) for one, has in zip(parts, names, strict=True)]
         cloud[name] = np.concatenate(values)

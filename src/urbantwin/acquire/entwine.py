@@ -59,8 +59,10 @@ def _octree(
     try:
         box = area.box_in(crs.to_wkt(), MARGIN_M)
         cube = [float(one) for one in about["bounds"]]
+        if len(cube) != 6 or not np.isfinite(cube).all():
+            raise ValueError
         low, side = np.array(cube[:3]), cube[3] - cube[0]
-        if len(cube) != 6 or not np.isfinite(cube).all() or side <= 0:
+        if side <= 0:
             raise ValueError
     except (KeyError, TypeError, ValueError):
         raise NotAcquiredError("has bounds that are none, or is elsewhere") from None
