@@ -3,6 +3,7 @@
 import gzip
 import itertools
 import json
+import struct
 import threading
 import time
 import zlib
@@ -206,15 +207,23 @@ def test_a_parquet_file_that_is_damaged_is_named(server, fetch, cut):
     assert told == "cannot be read as GeoParquet"
 
 
+def rescaled(survey):
+    """The same points with heights of thousands of kilometres: a step of z (LAS 1.4, 2.4)."""
+    return survey[:147] + struct.pack("<d", 1e6) + survey[155:]
+
+
 @pytest.mark.parametrize(
     ("access", "files"),
     [
         ("copc", {"/s": lambda data: data["/survey.copc.laz"][:5000]}),
         ("copc", {"/s": lambda data: b"LASF" + bytes(5000)}),
         ("copc", {"/s": lambda data: data["/dem/N48E009.tif"]}),
+        ("copc", {"/s": lambda data: rescaled(data["/survey.copc.laz"])}),
         ("ept", {"/s": lambda data: b"[1, 2"}),
         ("ept", {"/s": lambda data: data["/ept/ept.json"].replace(b"laszip", b"binary")}),
         ("ept", {"/s": lambda data: data["/ept/ept.json"].replace(b'"bounds"', b'"bonds"')}),
+        ("ept", {"/s": lambda data: data["/ept/ept.json"]
+                                 .replace(b'"bounds"', b'"bounds":[0],"b"')}),
         ("ept", {"/s": lambda data: data["/ept/ept.json"],
                  "/ept-hierarchy/0-0-0-0.json": lambda data: b'{"0-0-0-0": -1}'}),
         ("ept", {"/s": lambda data: data["/ept/ept.json"],
