@@ -226,9 +226,8 @@ class _Eye:
         dead = dead_beams(one, index / one.rate_hz)
         dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
         for sweep in sweeps_of(one, index, seed):
-            view, known = self.sees, None
-            if isinstance(view, StaticView):
-                known = self.known
+            view = self.sees
+            known = self.known if isinstance(view, StaticView) else None
             if isinstance(view, World):
                 beams = self.beams or Beams.of(one, sweep.turn)
                 view = StaticView.of(one, beams, self.model, view, path, sweep, dataset_SE3_site)

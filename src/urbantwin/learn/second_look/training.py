@@ -15,7 +15,7 @@ from urbantwin.learn.batches import Arrays
 from urbantwin.learn.labelled_frames import LabelledFrames
 from urbantwin.learn.model import Design
 from urbantwin.learn.network import Detector
-from urbantwin.learn.second_look.crop import LOOKED_AT, Crops
+from urbantwin.learn.second_look.crop import Crops
 from urbantwin.learn.second_look.network import SecondLook
 from urbantwin.learn.second_look.proposals import Proposals, proposals_of
 from urbantwin.learn.training import Recipe, optimised
@@ -48,20 +48,19 @@ def second_look_trained(
 ) -> SecondLook | None:
     """Return a second look at what a detector finds; None where there is nothing to learn from.
 
-    That is so of a detector that tells nobody of `LOOKED_AT`, learned for a few steps only, or
-    finds nothing.
+    That is so of a detector that learned for a few steps only, or finds nothing.
 
     Args:
         network: the detector, in evaluation mode, on the device of ``recipe``.
         frames: that it learned from.
-        design: of the detector.
+        design: of the detector, which tells some of `crop.LOOKED_AT`.
         recipe: how it learned.
         steps: for how many.
         folder: for what is kept: where it is, training goes on from it.
         tell: called with the share that is done and the loss.
     """
     windows = round(min(_WINDOWS * steps, _MOST_WINDOWS))
-    if not windows or not set(LOOKED_AT) & set(design.classes):
+    if not windows:
         return None
     file = folder / "proposals.npz"
     if not file.is_file():

@@ -115,18 +115,18 @@ def merge(detections, added, inserted, out):
         inserted: `returns.added.Inserted`: which, and where they go.
         out: `detections.Detections` to write, (M',).
     """
-    number, place, fresh = inserted
+    number, row, fresh = inserted
     first, at = 0, 0
     for k in range(len(number)):
-        _copy(detections, first, place[k], out, at)
-        at += place[k] - first
+        _copy(detections, first, row[k], out, at)
+        at += row[k] - first
         _copy(added, number[k], number[k] + 1, out, at)
         at += 1
-        first = place[k] if fresh[k] else place[k] + 1
+        first = row[k] if fresh[k] else row[k] + 1
     _copy(detections, first, len(detections.beam), out, at)
     beam, echo = out.beam, out.echo
-    for row in range(len(beam)):
-        echo[row] = 1 if row > 0 and beam[row] == beam[row - 1] else 0
+    for n in range(len(beam)):
+        echo[n] = 1 if n > 0 and beam[n] == beam[n - 1] else 0
 
 
 @per_ray
