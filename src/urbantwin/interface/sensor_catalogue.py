@@ -36,15 +36,17 @@ _LINES = (
     ("beam_origin_m", "beams leave the axis at", "m"),
     ("measured_light", "measured light, times", ""),
     ("measured_sigma_m", "measured range noise", "m"),
-    ("measured_faintest", "half missed however near, share of white", ""),
+    ("measured_faintest", "missed however near, share of white", ""),
     ("measured_divergence_deg", "measured divergence", "deg"),
     ("weak_sigma_m", "range noise at 10 %, at that range", "m"),
     ("overlap_m", "half of the light collected at", "m"),
+    ("measured_code_scale", "measured codes, times", ""),
     ("return_modes", "returns", ""),
     ("intensity_scale", "intensity", ""),
     ("intensity_of_white", "intensity of white", ""),
     ("intensity_max", "greatest intensity", ""),
 )
+_WIDEST = max(len(label) for _, label, _ in _LINES)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,6 +184,7 @@ def _everything(sensor: Sensor) -> dict[str, Any]:
         "measured_divergence_deg": _listed(sensor.measured_divergence_deg),
         "weak_sigma_m": sensor.weak_sigma_m,
         "overlap_m": sensor.overlap_m,
+        "measured_code_scale": sensor.measured_code_scale,
         "return_modes": _listed(sensor.return_modes),
         "intensity_scale": sensor.intensity_scale,
         "intensity_of_white": sensor.intensity_of_white,
@@ -232,7 +235,7 @@ def _page(sensor: Sensor) -> str:
         elif field == "beam_divergence_deg":
             across, up = sensor.assumed_divergence_deg
             text = f"unknown, {across:g} x {up:g} {unit} are simulated"
-        lines.append(f"  {label:<28}{text}" + (f" ({why})" if why else ""))
+        lines.append(f"  {label:<{_WIDEST}}  {text}" + (f" ({why})" if why else ""))
     lines.append("  channel: elevation, azimuth offset (degrees), firing time (us)")
     times = sensor.firing_time_us
     for number, up in enumerate(sensor.elevation_deg):

@@ -82,6 +82,7 @@ class Sensor:
         measured_divergence_deg: as ``beam_divergence_deg``, of units in the field.
         weak_sigma_m: standard deviation of ranges of the datasheet's 10 % target, at its range.
         overlap_m: distance at which half of what a near target sends back is collected.
+        measured_code_scale: times the reflectivity that codes should mean, of units in the field.
         pattern: where the beams point by time, of a sensor whose pattern does not repeat with the
             frame; its channels are then the pattern's lines, at their mean elevation, and its
             columns the points of a line in a frame.
@@ -125,6 +126,7 @@ class Sensor:
     measured_divergence_deg: tuple[float, float] | None = None
     weak_sigma_m: float | None = None
     overlap_m: float | None = None
+    measured_code_scale: float | None = None
     pattern: ScanPattern | None = None
     points_per_second: float | None = None
     unknown: dict[str, str] = field(default_factory=dict)

@@ -69,6 +69,7 @@ class _SensorFile(BaseModel):
     measured_divergence_deg: tuple[_Divergence, _Divergence] | None = None
     weak_sigma_m: _Positive | None = None
     overlap_m: _Positive | None = None
+    measured_code_scale: _Positive | None = None
     return_modes: tuple[str, ...] | None = None
     intensity_scale: str | None = None
     intensity_of_white: _Positive | None = None

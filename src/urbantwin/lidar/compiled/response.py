@@ -43,6 +43,7 @@ class Response(NamedTuple):
         white: code of intensity of a white surface.
         greatest: greatest code.
         overlap_m: distance at which half of what a near target sends back is collected; 0: all.
+        code_scale: times the backscatter that codes are of.
         per_log: codes per logarithm of what is above white; 0: linear.
         whole_codes: whether codes are rounded.
     """
@@ -65,6 +66,7 @@ class Response(NamedTuple):
     white: float
     greatest: float
     overlap_m: float
+    code_scale: float
     per_log: float
     whole_codes: bool
 
@@ -118,7 +120,7 @@ def intensity_of(r, amplitude, range_m):
     """Return the reported intensity, 0 to 1."""
     if not amplitude > 0.0:
         return 0.0
-    left = amplitude
+    left = amplitude * r.code_scale
     if r.extinction > 0.0:
         left *= np.exp(-2.0 * r.extinction * range_m)
     if r.overlap_m > 0.0 and range_m > 0.0:

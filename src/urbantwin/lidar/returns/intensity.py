@@ -13,6 +13,9 @@ Near some sensors (``overlap_m``) codes fall short: the receiver sees only part 
 lights. Of two Ousters that report asphalt at 1 % next to them and at 5 % farther on that part is
 ``1 / (1 + (overlap_m / range)^4)``. Light abounds there, so detection is as it is.
 
+Units that the maker did not calibrate report on a scale of their own (``measured_code_scale``): the
+backscatter is multiplied before it becomes a code.
+
 Points carry the code divided by the greatest, 0 to 1. Of a sensor whose scale is unknown, white is
 the greatest, 255.
 """

@@ -86,6 +86,7 @@ class ReturnModel:
             white=scale.white * unit.intensity,
             greatest=scale.greatest,
             overlap_m=entry.overlap_m or 0.0,
+            code_scale=entry.measured_code_scale or 1.0,
             per_log=scale.per_log * unit.intensity,
             whole_codes=effects.quantisation,
         )
