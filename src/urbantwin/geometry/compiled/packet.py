@@ -44,9 +44,13 @@ def new_packet():
     room = block[skip : skip + 284]
     rays, valid, arguments = room[:256], room[256:264].view(np.int32), room[264:284].view(np.uint64)
     arguments[0] = _COHERENT
+    # What is the same of all rays: nearest range, time and flags are 0, no bit masks anything out.
+    words = rays.view(np.uint32)
+    words[72:80] = 0xFFFFFFFF
+    words[144:168] = 0xFFFFFFFF
     return (
         rays,
-        rays.view(np.uint32),
+        words,
         valid,
         np.uint64(rays.ctypes.data),
         np.uint64(valid.ctypes.data),
@@ -58,11 +62,10 @@ def new_packet():
 def aim(packet, lane, ox, oy, oz, dx, dy, dz):
     """Make a lane's ray leave at o along the unit vector d."""
     floats, words = packet[0], packet[1]
-    floats[lane], floats[8 + lane], floats[16 + lane], floats[24 + lane] = ox, oy, oz, 0.0
+    floats[lane], floats[8 + lane], floats[16 + lane] = ox, oy, oz
     floats[32 + lane], floats[40 + lane], floats[48 + lane] = dx, dy, dz
-    floats[56 + lane], floats[64 + lane] = 0.0, np.inf
-    words[72 + lane], words[80 + lane], words[88 + lane] = 0xFFFFFFFF, 0, 0
-    words[144 + lane] = words[152 + lane] = words[160 + lane] = 0xFFFFFFFF
+    floats[64 + lane] = np.inf
+    words[144 + lane] = 0xFFFFFFFF
 
 
 @per_ray

@@ -50,7 +50,6 @@ class _Room(NamedTuple):
         edge: (R,) whether a neighbour meets another surface.
         surfaces: of one beam.
         trace: for the rays that are cast.
-        together: whether neighbours are cast together.
     """
 
     columns: PoseRoom
@@ -59,11 +58,10 @@ class _Room(NamedTuple):
     edge: NDArray[np.bool_]
     surfaces: _Surfaces
     trace: TraceRoom
-    together: bool
 
 
 @per_block
-def _room(columns, rays, edge, together):
+def _room(columns, rays, edge):
     return _Room(
         pose_room(columns),
         Hits(np.empty(rays, np.float32), np.empty(rays, np.int32)),
@@ -76,7 +74,6 @@ def _room(columns, rays, edge, together):
             np.empty(MOST_SURFACES),
         ),
         trace_room(),
-        together,
     )
 
 
@@ -97,11 +94,7 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
         How many layers there are (written only while there is room).
     """
     everywhere = casting.spread == _EVERYWHERE
-    # The street, of a sensor that rides: most beams meet what their neighbours meet. An actor's
-    # triangles are as small as its beams are apart, and rays at it do better alone. One that stands
-    # still looks once: where two triangles meet, packets may name the other one.
-    together = casting.around and len(firing.translation) > 1
-    room = _room(len(firing.column_time_s), len(blocks.ray), everywhere, together)
+    room = _room(len(firing.column_time_s), len(blocks.ray), everywhere)
     used = np.int64(0)  # a literal 0 would compile `_find_layers` once more
     for block in range(len(blocks.actor)):
         set_poses(firing, targets.paths, blocks, block, room.columns)
@@ -142,11 +135,11 @@ def _cast_axes(address, firing, targets, blocks, block, room):
         trace.waiting.at[lanes] = at
         lanes += 1
         if lanes == LANES:
-            cast_waiting(address, targets, actor, trace, lanes, room.together)
+            cast_waiting(address, targets, actor, trace, lanes)
             _axes_met(room, lanes)
             lanes = 0
     if lanes:
-        cast_waiting(address, targets, actor, trace, lanes, room.together)
+        cast_waiting(address, targets, actor, trace, lanes)
         _axes_met(room, lanes)
 
 
@@ -209,7 +202,7 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
                 x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
                 dx, dy, dz = turned(pose, x, y, z)
                 wait(trace, sample - 1, ox, oy, oz, dx, dy, dz)
-            cast_waiting(address, targets, actor, trace, len(footprint) - 1, room.together)
+            cast_waiting(address, targets, actor, trace, len(footprint) - 1)
         for sample in range(0 if met else (len(footprint) if edge else 1)):
             if sample > 0:
                 one = waiting.ray

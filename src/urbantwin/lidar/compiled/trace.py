@@ -1,4 +1,4 @@
-"""Rays at actors: eight neighbours at a time, one by one or together."""
+"""Rays at actors and at the street: eight neighbours at a time."""
 
 from typing import NamedTuple
 
@@ -69,11 +69,12 @@ def wait(room, lane, ox, oy, oz, dx, dy, dz):
     ray = room.waiting.ray
     ray[lane, 0], ray[lane, 1], ray[lane, 2] = ox, oy, oz
     ray[lane, 3], ray[lane, 4], ray[lane, 5] = dx, dy, dz
+    _aim(room.packet, lane, ox, oy, oz, dx, dy, dz)
 
 
 @per_ray
-def cast_waiting(address, targets, actor, room, count, together):
-    """Cast the rays of the first lanes at an actor.
+def cast_waiting(address, targets, actor, room, count):
+    """Cast the rays of the first lanes at an actor, as a packet.
 
     Args:
         address: of ``rtcIntersect1`` and of ``rtcIntersect8``.
@@ -81,26 +82,13 @@ def cast_waiting(address, targets, actor, room, count, together):
         actor: its number.
         room: `TraceRoom`; its ``waiting.hits`` are written.
         count: how many lanes.
-        together: whether they are cast as a packet.
     """
     ray, met = room.waiting.ray, room.waiting.hits
     scene, planes = targets.scene[actor], targets.triangles.planes
     base = targets.first_face[actor]
-    if together:
-        for lane in range(count):
-            _aim(
-                room.packet, lane,
-                ray[lane, 0], ray[lane, 1], ray[lane, 2], ray[lane, 3], ray[lane, 4], ray[lane, 5],
-            )  # fmt: skip
-        _cast(address[1], scene, room.packet, count)
+    _cast(address[1], scene, room.packet, count)
     for lane in range(count):
-        if together:
-            met.range_m[lane], met.face[lane] = _met_by(room.packet, lane)
-        else:
-            met.range_m[lane], met.face[lane] = intersect(
-                address[0], scene, room.ray, np.float32(0.0),
-                ray[lane, 0], ray[lane, 1], ray[lane, 2], ray[lane, 3], ray[lane, 4], ray[lane, 5],
-            )  # fmt: skip
+        met.range_m[lane], met.face[lane] = _met_by(room.packet, lane)
         # Rays meet triangles all over a mesh: their planes come from far off, while the next rays
         # are cast. A plane may reach into the line of memory in which the next one begins.
         if met.face[lane] >= 0:
