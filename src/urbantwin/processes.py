@@ -10,17 +10,19 @@ import sys
 import threading
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor, wait
-from contextlib import ExitStack, contextmanager
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from types import ModuleType
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from urbantwin.interruption import deferred
 
 __all__ = [
     "Helpers",
+    "begun",
     "calculate_as_worker",
     "handed",
     "helpers",
@@ -30,6 +32,9 @@ __all__ = [
     "usable_processors",
     "worker_pool",
 ]
+
+_T = TypeVar("_T")
+_P = ParamSpec("_P")
 
 _a_worker = False
 
@@ -118,6 +123,40 @@ def helpers(
         return
     with worker_pool(workers - 1, start, *arguments) as pool:
         yield Helpers(workers, pool)
+
+
+@contextmanager
+def begun(
+    pool: ProcessPoolExecutor | None,
+    function: Callable[_P, _T],
+    *arguments: _P.args,
+    **named: _P.kwargs,
+) -> Iterator[Callable[[], _T]]:
+    """Yield what returns the result of a function, which a helper calls while this process goes on.
+
+    Where there is no helper, or it was killed, the function is called here when it is asked for.
+
+    Args:
+        pool: of helpers; ``None`` where there are none.
+        function: what is called.
+        arguments: of the function.
+        named: its arguments by name.
+    """
+    future: Future[_T] | None = None
+    if pool is not None:
+        with suppress(BrokenProcessPool):
+            future = pool.submit(function, *arguments, **named)
+
+    def result() -> _T:
+        if future is not None:
+            with suppress(BrokenProcessPool):
+                return future.result()
+        return function(*arguments, **named)
+
+    try:
+        yield result
+    finally:
+        settle([] if future is None else [future])
 
 
 def settle(under_way: Collection[Future[Any]]) -> None:

@@ -1,6 +1,8 @@
 """Pictures show what is there, where it is, and come out the same every time."""
 
 import json
+import os
+import signal
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +17,7 @@ from PIL import Image
 from urbantwin.dataset.card import PICTURES
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.processes import helpers
 from urbantwin.roads import Junction, Lane, Road, RoadNetwork, SignalHead
 from urbantwin.roads.marking import zebra
 from urbantwin.scene.surface import PARTS
@@ -479,10 +482,15 @@ def test_pictures_of_a_dataset_come_out_the_same(tmp_path):
     assert np.unique(frame.instance).tolist() == [0, 5]
     told = []
     first = pictures_of_dataset(tmp_path / "set", progress=lambda done, what: told.append(done))
-    again = pictures_of_dataset(tmp_path / "set", tmp_path / "again")
+    with helpers(2, int) as crew:
+        helper = crew.pool.submit(os.getpid).result()
+        assert helper != os.getpid()
+        again = pictures_of_dataset(tmp_path / "set", tmp_path / "again", pool=crew.pool)
+        os.kill(helper, signal.SIGKILL)
+        alone = pictures_of_dataset(tmp_path / "set", tmp_path / "alone", pool=crew.pool)
     assert {path.name for path in first} == set(PICTURES) - {"scene.png"}
-    for one, other in zip(first, again, strict=True):
-        assert one.read_bytes() == other.read_bytes()
+    for one, other, last in zip(first, again, alone, strict=True):
+        assert one.read_bytes() == other.read_bytes() == last.read_bytes()
     assert told == sorted(told)
     with Image.open(first[0]) as picture:
         assert "Software" not in picture.info

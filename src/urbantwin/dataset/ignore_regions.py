@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,7 +19,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
-from urbantwin.processes import Helpers, handed, received, settle
+from urbantwin.processes import Helpers, begun, handed, received
 
 __all__ = ["IGNORE_REGIONS", "areas_of", "read_ignore_regions", "write_ignore_regions"]
 
@@ -70,31 +69,13 @@ def areas_of(
         region: where the twin has traffic, site frame.
         crew: this process and its helpers.
     """
-
-    def here(name: str) -> list[IgnoreArea]:
-        return ignore_areas(rigs[name], mesh, region)
-
     pool = crew.pool if isinstance(crew, Helpers) else None
     if pool is None or all(one.ride is not None for one in rigs.values()):
-        yield here
+        yield lambda name: ignore_areas(rigs[name], mesh, region)
         return
-    with handed((rigs, mesh, region)) as place:
-        try:
-            found = {name: pool.submit(_areas_at, place, name) for name in rigs}
-        except BrokenProcessPool:  # a helper was killed since it had recorded its frames
-            yield here
-            return
-
-        def there(name: str) -> list[IgnoreArea]:
-            try:
-                return found[name].result()
-            except BrokenProcessPool:
-                return here(name)
-
-        try:
-            yield there
-        finally:
-            settle(found.values())
+    with handed((rigs, mesh, region)) as place, ExitStack() as beside:
+        found = {name: beside.enter_context(begun(pool, _areas_at, place, name)) for name in rigs}
+        yield lambda name: found[name]()
 
 
 def _areas_at(place: str, name: str) -> list[IgnoreArea]:

@@ -19,6 +19,8 @@ from urbantwin.interface.stored_dataset import StoredDataset
 from urbantwin.processes import Helpers, helpers
 
 if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
+
     from urbantwin.dataset.split import SplitAsked
     from urbantwin.dataset.workers import Workers
     from urbantwin.interface.fleet import Fleet
@@ -277,7 +279,7 @@ def recorded(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
 
     mounted = rig_with_backgrounds(placed(spec, on, rig_file), list(background), fused=fuse)
     with shown_stage("record", progress) as tell, _crew(workers, ray, backend) as crew:
-        also = _drawing(on, moving, tell) if pictures else None
+        also = _drawing(on, moving, tell, crew) if pictures else None
         record_frames(
             on,
             moving,
@@ -346,7 +348,7 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
             storage=storage,
             split=split,
             inputs=inputs,
-            also=_drawing_nodes(on, moving, tell) if pictures else None,
+            also=_drawing_nodes(on, moving, tell, crew) if pictures else None,
             progress=tell,
         )
     made = Fleet(place)
@@ -379,19 +381,27 @@ def _crew(workers: int | Helpers | None, ray: str | None, backend: str) -> Itera
         yield cluster
 
 
-def _drawing(on: Twin, moving: Motion, tell: Progress) -> Callable[[Path], None]:
+def _drawing(on: Twin, moving: Motion, tell: Progress, crew: Workers) -> Callable[[Path], None]:
     """Return what draws pictures into the folder of a dataset."""
 
     def draw(folder: Path) -> None:
         from urbantwin.progress import between
         from urbantwin.view.pictures import pictures_of_dataset
 
-        pictures_of_dataset(folder, twin=on, motion=moving, progress=between(tell, 0.98, 1.0))
+        pictures_of_dataset(
+            folder, twin=on, motion=moving, pool=_pool_of(crew), progress=between(tell, 0.98, 1.0)
+        )
 
     return draw
 
 
-def _drawing_nodes(on: Twin, moving: Motion, tell: Progress) -> Callable[[Path], None]:
+def _pool_of(crew: Workers) -> ProcessPoolExecutor | None:
+    return crew.pool if isinstance(crew, Helpers) else None
+
+
+def _drawing_nodes(
+    on: Twin, moving: Motion, tell: Progress, crew: Workers
+) -> Callable[[Path], None]:
     """Return what draws pictures into the folder of a fleet, and into those of its nodes."""
 
     def draw(folder: Path) -> None:
@@ -405,7 +415,11 @@ def _drawing_nodes(on: Twin, moving: Motion, tell: Progress) -> Callable[[Path],
         for number, name in enumerate(files.names):
             begin, end = (0.97 + 0.03 * (number + k) / len(files.names) for k in (0, 1))
             pictures_of_dataset(
-                folder / name, twin=on, motion=moving, progress=between(tell, begin, end)
+                folder / name,
+                twin=on,
+                motion=moving,
+                pool=_pool_of(crew),
+                progress=between(tell, begin, end),
             )
 
     return draw

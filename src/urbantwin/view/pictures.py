@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig, place_rig
 from urbantwin.lidar.coverage import Coverage
 from urbantwin.lidar.siting import RigSight, sight_of_rig
+from urbantwin.processes import begun
 from urbantwin.progress import Progress, untold
 from urbantwin.traffic import Motion
 from urbantwin.traffic.assets import asset_mesh
@@ -186,6 +187,7 @@ def pictures_of_dataset(
     *,
     twin: Twin | None = None,
     motion: Motion | None = None,
+    pool: ProcessPoolExecutor | None = None,
     progress: Progress | None = None,
 ) -> list[Path]:
     """Draw a recorded dataset: the frame with the most labelled actors, and its classes.
@@ -199,6 +201,7 @@ def pictures_of_dataset(
         out: where to; without it the dataset's ``pictures/``.
         twin: the twin that it was recorded in.
         motion: the motion that it was recorded from.
+        pool: of helpers, of which one draws what is of all boxes while this process draws the rest.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -210,7 +213,9 @@ def pictures_of_dataset(
         drawn = []
         for part in parts:
             own = None if out is None else out / part.name
-            drawn += pictures_of_dataset(part, own, twin=twin, motion=motion, progress=progress)
+            drawn += pictures_of_dataset(
+                part, own, twin=twin, motion=motion, pool=pool, progress=progress
+            )
         return drawn
     manifest = read_manifest(dataset)
     sources = attributions(manifest)
@@ -219,12 +224,15 @@ def pictures_of_dataset(
     out.mkdir(parents=True, exist_ok=True)
 
     tell(0.0, "drawing the bird's-eye view")
-    with ThreadPoolExecutor(1) as beside:
+    with (
+        begun(pool, _pictures_of_boxes, dataset, out, sources) as of_boxes,
+        ThreadPoolExecutor(1) as beside,
+    ):
         # Rays are cast while matplotlib, which is of one thread, draws the others.
         pixels = None
         if twin is not None and motion is not None:
             pixels = beside.submit(_pixels_of_moment, twin, motion, frame.time_s)
-        drawn = _pictures_of_tables(dataset, frame, manifest, out, sources, tell)
+        drawn = _pictures_of_frame(frame, manifest, out, sources, tell)
         if twin is not None and pixels is not None:
             tell(0.6, "drawing the scene")
             below = f"frame {frame.name}   {frame.time_s:.1f} s"
@@ -232,6 +240,8 @@ def pictures_of_dataset(
                 pixels.result(), title=title_of(twin), below=below, attribution=sources
             )
             drawn.append(style.save(figure, out / "scene.png"))
+        tell(0.7, "drawing all boxes")
+        drawn += of_boxes()
     tell(1.0, "drawn")
     return drawn
 
@@ -244,15 +254,18 @@ def _pixels_of_moment(twin: Twin, motion: Motion, time_s: float) -> NDArray[np.u
     )
 
 
-def _pictures_of_tables(
-    dataset: Path,
+def _pictures_of_boxes(dataset: Path, out: Path, sources: list[str]) -> list[Path]:
+    return pictures_of_boxes(read_statistics(dataset), image_sets(dataset), out, sources)
+
+
+def _pictures_of_frame(
     frame: LabelledPoints,
     manifest: dict[str, Any],
     out: Path,
     sources: list[str],
     tell: Progress,
 ) -> list[Path]:
-    """Draw what `pictures_of_dataset` draws of the dataset alone."""
+    """Draw a frame, and how many points and boxes of each class there are."""
     drawn = [style.save(_figure_of_frame(frame, "birdseye", sources), out / "birdseye.png")]
     tell(0.25, "drawing the range image")
     if len(frame.points):
@@ -260,8 +273,6 @@ def _pictures_of_tables(
         drawn.append(style.save(figure, out / "range_image.png"))
     tell(0.5, "drawing the histogram")
     drawn.append(style.save(_figure_of_counts(manifest), out / "histogram.png"))
-    tell(0.55, "drawing all boxes")
-    drawn += pictures_of_boxes(read_statistics(dataset), image_sets(dataset), out, sources)
     return drawn
 
 
