@@ -25,6 +25,9 @@ SMALLEST_M2 = 1000.0
 #: The anchor may stand this far outside a polygon.
 FARTHEST_ANCHOR_M = 200.0
 
+#: Of a file; what is made of it in memory takes ten times as much.
+_MOST_BYTES = 400_000_000
+
 _EXPECTED = "a GeoJSON Polygon in longitude, latitude (WGS84)"
 
 
@@ -37,9 +40,12 @@ def read_geojson(path: Path) -> Mapping[str, Any]:
     """Read a GeoJSON file's outermost object.
 
     Raises:
-        InputError: the file is missing, is not JSON, or holds something other than an object.
+        InputError: the file is missing, is not JSON, holds something other than an object, or is
+            as large as no site's is.
     """
     try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError("is larger than 400 MB", file=path, expected="GeoJSON cut to the site")
         value = parse_json(path.read_bytes())
     except FileNotFoundError:
         raise InputError("not found", file=path, expected=_EXPECTED) from None
