@@ -117,7 +117,7 @@ def test_a_file_of_a_whole_country_is_refused_before_it_is_read(tmp_path):
     path = tmp_path / "buildings.geojson"
     with path.open("wb") as file:
         file.truncate(400_000_001)  # of zeros that take no room on the disk
-    with pytest.raises(InputError, match="larger than 400 MB.*cut to the site"):
+    with pytest.raises(InputError, match=r"larger than 400 MB.*cut to the site"):
         read_buildings(path)
 
 
