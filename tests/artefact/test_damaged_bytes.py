@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from urbantwin.artefact.arrays import ArrayOf, read_array, read_arrays
+from urbantwin.artefact.arrays import ArrayOf, array_of_bytes, read_array, read_arrays
 from urbantwin.artefact.damaged_bytes import picture_place
 from urbantwin.artefact.document import read_json_value
 from urbantwin.artefact.tables import PARQUET, read_parquet
@@ -124,6 +124,14 @@ def test_a_packed_array_is_told_with_its_member_and_bytes(tmp_path):
     assert unseen < len(data) // 13 // 10
 
 
+def test_a_header_that_no_parser_ends_is_told(cloud):
+    """NumPy's parser of headers that Python 2 wrote raises an error of its own."""
+    begin = cloud.index(b"{")
+    bad = cloud[:begin] + b"(".ljust(cloud.index(b"\n") - begin) + cloud[cloud.index(b"\n") :]
+    with pytest.raises(InputError, match="byte 7: is damaged"):
+        array_of_bytes(bad, file=Path("a.tar"), place="byte 7", expected="an array")
+
+
 def test_a_table_is_told_with_its_rows_its_column_and_bytes(tmp_path):
     path = tmp_path / "a.parquet"
     draw = np.random.default_rng(3)
@@ -155,6 +163,26 @@ def test_a_table_is_told_with_its_rows_its_column_and_bytes(tmp_path):
         assert error is not None
         first, last = named(error.place)
         assert first <= byte <= last
+
+
+def test_a_footer_that_contradicts_itself_neither_ends_the_process_nor_hides_the_column(tmp_path):
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"abcd": [1, 2, 3], "efgh": ["a", "b", "c"]}), path, compression=None)
+    data = path.read_bytes()
+    # Said to hold no nulls, beside numbers of values with and without: an element of the schema in
+    # Thrift's compact protocol, its repetition and its name.
+    nullable, required = (b"\x25" + kind + b"\x18\x04abcd" for kind in (b"\x02", b"\x00"))
+    assert data.count(nullable) == 1
+    path.write_bytes(data.replace(nullable, required))
+    with pytest.raises(InputError, match=r"group 1 of rows, column abcd: is not readable"):
+        read_parquet(path, "a table")
+    # Its own name no text, and its page damaged.
+    bad = bytearray(data)
+    bad[data.rindex(b"abcd")] = 0xFF
+    bad[4:24] = bytes(20)
+    path.write_bytes(bad)
+    with pytest.raises(InputError, match=r"group 1 of rows, column abcd"):
+        read_parquet(path, "a table")
 
 
 @pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "utf-16", "utf-32"])

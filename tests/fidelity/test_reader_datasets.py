@@ -222,6 +222,14 @@ def test_nuscenes(tmp_path):
     assert sweep.boxes is None
     check(key)
     assert key.ring.tolist() == [k % 32 for k in range(len(POINTS))]
+    rows = json.loads((tmp_path / "v1.0-mini/sample_data.json").read_text())
+    nameless = [{key: row[key] for key in row if key != "token"} for row in rows]
+    listed = [{**row, "token": []} for row in rows]
+    for bad, told in ((listed, "a token is"), (nameless, "lacks 'token'")):
+        write_json(tmp_path / "v1.0-mini/sample_data.json", bad)
+        with pytest.raises(InputError, match=told):
+            open_recording(tmp_path).read(0)
+    write_json(tmp_path / "v1.0-mini/sample_data.json", rows)
     (tmp_path / "v1.0-mini/instance.json").write_text('[{"token": "i0"}]')
     with pytest.raises(InputError, match=r"instance\.json.*category_token"):
         open_recording(tmp_path)

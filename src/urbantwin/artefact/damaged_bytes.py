@@ -71,6 +71,11 @@ def picture_place(path: Path) -> str | None:
     return f"byte {len(data)}"
 
 
+#: What Arrow says of a column whose statistics of sizes are wrong. It says so where the column is
+#: read; where its place in the file is asked for, it ends the process.
+_WRONG_SIZES = ("histogram size mismatch", "Unencoded byte array")
+
+
 def is_parquet(path: Path) -> bool:
     """Return whether a file begins as Parquet does, which Arrow does not look at."""
     with path.open("rb") as stream:
@@ -104,15 +109,18 @@ def parquet_place(path: Path, file: pq.ParquetFile | None) -> str | None:
 
 def _damaged_column(file: pq.ParquetFile) -> str | None:
     """Return the first column of a group of rows that cannot be read, and its bytes."""
-    told = file.metadata
-    for group in range(told.num_row_groups):
-        for number in range(told.num_columns):
-            column = told.row_group(group).column(number)
+    # The schema's names: what a column's own place says of them may be what is damaged.
+    names = [file.schema.column(number).path for number in range(file.metadata.num_columns)]
+    for group in range(file.metadata.num_row_groups):
+        for number, name in enumerate(names):
             try:
-                file.read_row_group(group, columns=[column.path_in_schema]).validate(full=True)
-            except Exception:  # whatever Arrow raises: this is the one
+                file.read_row_group(group, columns=[name]).validate(full=True)
+            except Exception as error:  # whatever Arrow raises: this is the one
+                place = f"group {group + 1} of rows, column {name[:60]}"
+                if any(said in str(error) for said in _WRONG_SIZES):
+                    return place
+                column = file.metadata.row_group(group).column(number)
                 first = column.dictionary_page_offset or column.data_page_offset
                 begin = min(first, column.data_page_offset)
-                where = span(begin, begin + column.total_compressed_size)
-                return f"group {group + 1} of rows, column {column.path_in_schema[:60]} ({where})"
+                return f"{place} ({span(begin, begin + column.total_compressed_size)})"
     return None

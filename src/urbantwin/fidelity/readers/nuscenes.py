@@ -84,11 +84,14 @@ def open_nuscenes(path: Path) -> Recording:
             world = _pose(vehicles[row["ego_pose_token"]])
             world = world @ _pose(sensors[row["calibrated_sensor_token"]])
             boxes = labels.of(row["sample_token"], world) if row["is_key_frame"] else None
+            token = row["token"]
+            if not isinstance(token, str):
+                raise TypeError(f"a token is {token!r:.40}")
         return frame_of(
             file,
             read_fields(file),
             name=names[index],
-            given=of_points.of(row["token"]),
+            given=of_points.of(token),
             boxes=boxes,
             world_SE3_frame=world,
             notes=(_NOTE,),
