@@ -10,7 +10,8 @@ import pytest
 from scipy.io import savemat
 
 from urbantwin.fidelity.beam_assignment import beams_of_model
-from urbantwin.fidelity.range_matrix import measure_matrix, read_matlab
+from urbantwin.fidelity.matlab_file import read_matlab
+from urbantwin.fidelity.range_matrix import measure_matrix
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.lidar.scan_pattern import load_scan_pattern
 

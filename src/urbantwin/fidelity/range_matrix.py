@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.arrays import may_unpack, one_line, read_array
+from urbantwin.artefact.arrays import one_line, read_array
 from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
 from urbantwin.fidelity.background_estimation import described
 from urbantwin.fidelity.beam_assignment import BeamsOf
+from urbantwin.fidelity.matlab_file import read_matlab
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import save_backgrounds
 
@@ -24,11 +24,6 @@ __all__ = ["is_matrix", "measure_matrix"]
 _ENDINGS = (".mat", ".npy", ".csv", ".txt")
 #: A channel's row is the one whose elevation is nearest, within this, degrees.
 _SAME_DEG = 0.5
-#: MATLAB's classes of numbers. Cells, structs and texts are no matrices; they are not even read.
-_MATLAB_CLASSES = {
-    *("double", "single", "int8", "int16", "int32", "int64"),
-    *("uint8", "uint16", "uint32", "uint64"),
-}
 
 
 def is_matrix(path: Path) -> bool:
@@ -130,37 +125,3 @@ def _numbers(array: NDArray[Any], path: Path, expected: str) -> NDArray[np.float
     if array.dtype.kind not in "fiu":
         raise InputError(f"holds {array.dtype}", file=path, expected=expected)
     return array.astype(np.float64)
-
-
-def read_matlab(path: Path, expected: str) -> dict[str, NDArray[Any]]:
-    """Return the matrices of numbers in a file by their names.
-
-    Raises:
-        InputError: missing, damaged, without a matrix, or with one that the file cannot hold.
-    """
-    from scipy.io import loadmat, whosmat
-
-    try:
-        size = path.stat().st_size
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of names that are given twice
-            sizes = {
-                name: shape
-                for name, shape, kind in whosmat(path, appendmat=False)
-                if kind in _MATLAB_CLASSES
-            }
-            # Eight bytes hold any of these numbers.
-            if any(min(one, default=0) < 0 for one in sizes.values()) or not may_unpack(
-                sum(8 * math.prod(one) for one in sizes.values()), size
-            ):
-                raise ValueError("its matrices are larger than it can hold")
-            read = loadmat(path, appendmat=False, variable_names=list(sizes)) if sizes else {}
-        found = {name: np.asarray(read[name]) for name in sizes if name in read}
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=expected) from None
-    except Exception as error:  # scipy's parser raises what it likes
-        problem = f"is not readable ({one_line(error)})"
-        raise InputError(problem, file=path, expected=expected) from None
-    if not found:
-        raise InputError("holds no matrix of numbers", file=path, expected=expected)
-    return found
