@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import re
 import zipfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import pyarrow.parquet as pq
 
-__all__ = ["header_place", "is_parquet", "member_place", "parquet_place", "picture_place", "span"]
+__all__ = [
+    "column_bytes", "column_paths", "header_place", "is_parquet", "member_place", "parquet_place",
+    "picture_place", "span",
+]  # fmt: skip
 
 _NPY, _PARQUET = b"\x93NUMPY", b"PAR1"
 #: Of a file of Parquet: its footer's length, and its mark.
@@ -107,20 +112,41 @@ def parquet_place(path: Path, file: pq.ParquetFile | None) -> str | None:
     return f"{span(begin, size - len(_PARQUET))}, its footer and the length of that"
 
 
+def column_paths(file: pq.ParquetFile) -> list[str]:
+    """Return the names of the columns, those within others after a dot, by the schema.
+
+    What a column's own place says of its name may be what is damaged.
+    """
+    return [file.schema.column(number).path for number in range(file.metadata.num_columns)]
+
+
+def column_bytes(
+    file: pq.ParquetFile, group: int, numbers: Sequence[int], error: Exception
+) -> str | None:
+    """Return the bytes of columns of a group of rows, or None where Arrow cannot tell them.
+
+    Args:
+        file: of Parquet.
+        group: of rows.
+        numbers: of the columns.
+        error: that reading them raised.
+    """
+    if not numbers or any(said in str(error) for said in _WRONG_SIZES):
+        return None
+    told = [file.metadata.row_group(group).column(number) for number in numbers]
+    begin = [min(one.dictionary_page_offset or math.inf, one.data_page_offset) for one in told]
+    end = [at + one.total_compressed_size for at, one in zip(begin, told, strict=True)]
+    return span(int(min(begin)), int(max(end)))
+
+
 def _damaged_column(file: pq.ParquetFile) -> str | None:
     """Return the first column of a group of rows that cannot be read, and its bytes."""
-    # The schema's names: what a column's own place says of them may be what is damaged.
-    names = [file.schema.column(number).path for number in range(file.metadata.num_columns)]
     for group in range(file.metadata.num_row_groups):
-        for number, name in enumerate(names):
+        for number, name in enumerate(column_paths(file)):
             try:
                 file.read_row_group(group, columns=[name]).validate(full=True)
             except Exception as error:  # whatever Arrow raises: this is the one
+                where = column_bytes(file, group, [number], error)
                 place = f"group {group + 1} of rows, column {name[:60]}"
-                if any(said in str(error) for said in _WRONG_SIZES):
-                    return place
-                column = file.metadata.row_group(group).column(number)
-                first = column.dictionary_page_offset or column.data_page_offset
-                begin = min(first, column.data_page_offset)
-                return f"{place} ({span(begin, begin + column.total_compressed_size)})"
+                return place if where is None else f"{place} ({where})"
     return None

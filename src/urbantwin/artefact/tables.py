@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import may_unpack, one_line
-from urbantwin.artefact.damaged_bytes import is_parquet, parquet_place
+from urbantwin.artefact.damaged_bytes import (
+    column_bytes,
+    column_paths,
+    is_parquet,
+    parquet_place,
+)
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -160,22 +165,16 @@ class ParquetGroups:
                 yield batch
                 row += 1
         except Exception as error:  # see above
-            place = f"row {row} ({self._bytes(columns, group)})"
+            numbers = [
+                number
+                for number, name in enumerate(column_paths(self._file))
+                if name.startswith(tuple(columns))
+            ]
+            where = column_bytes(self._file, group, numbers, error)
+            place = f"row {row}" if where is None else f"row {row} (in {where})"
             raise InputError(
                 _problem(error), file=self._path, place=place, expected=self._expected
             ) from None
-
-    def _bytes(self, columns: Sequence[str], group: int) -> str:
-        """Return where columns of a group lie in the file, in words."""
-        told = self._file.metadata.row_group(group)
-        parts = [told.column(k) for k in range(told.num_columns)]
-        parts = [one for one in parts if any(one.path_in_schema.startswith(n) for n in columns)]
-        begin = [
-            min(one.data_page_offset, one.dictionary_page_offset or one.data_page_offset)
-            for one in parts
-        ]
-        end = [a + one.total_compressed_size for a, one in zip(begin, parts, strict=True)]
-        return f"in bytes {min(begin, default=0)} to {max(end, default=0)}"
 
     def __enter__(self) -> Self:
         return self
