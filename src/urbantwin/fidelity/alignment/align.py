@@ -34,9 +34,10 @@ _LEAST_POINTS = 200
 _AMBIGUOUS, _MOST_ELSEWHERE_M = 0.1, 0.75
 #: A place less certain than this is not found, metres and degrees (standard deviations).
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
-#: A frame that is likelier than chance by less than this (a logarithm) may fit by chance: some
-#: hundred places that differ are tried.
-_LEAST_EVIDENCE = 8.0
+#: A frame that is likelier than chance by less than the second (a logarithm) may fit by chance:
+#: some hundred places that differ are tried. Where a narrow span holds n poses that differ, the
+#: first beyond log n is enough.
+_LEAST_BEYOND_CHANCE, _LEAST_EVIDENCE = 2.0, 8.0
 #: A pose farther beyond the span than so many standard deviations is none of it.
 _BEYOND = 2.0
 _CANDIDATES = 6
@@ -218,7 +219,7 @@ def align(
         sigma_m=np.hypot(found.sigma_m, [*likely.sigma_m, 0.0]),
         sigma_deg=np.hypot(found.sigma_deg, [0.0, 0.0, np.degrees(likely.sigma_rad)]),
     )
-    _certain(found, likely, file)
+    _certain(found, likely, span, file)
     pose = _bounded(_of_frame(found.pose, sensor), found, plane, guess, file)
     others = _elsewhere(found.pose, told, sensor, guess)
     _told_apart(found.pose, others, sensor, file)
@@ -229,7 +230,7 @@ def align(
     return Alignment(pose, replace(found, pose=pose), share, plane, likely.evidence, start)
 
 
-def _certain(found: Registered, likely: Belief, file: str | None) -> None:
+def _certain(found: Registered, likely: Belief, span: SearchSpan, file: str | None) -> None:
     """Refuse a pose that is not determined, or that may fit by chance."""
     if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
         raise InputError(
@@ -239,10 +240,13 @@ def _certain(found: Registered, likely: Belief, file: str | None) -> None:
             file=file,
             expected=_HOLDING,
         )
-    if likely.evidence < _LEAST_EVIDENCE:
+    differing = (2.0 * span.reach_m / _SAME_M + 1.0) ** 2
+    differing *= 2.0 * np.degrees(span.reach_rad) / _SAME_DEG + 1.0
+    least = min(_LEAST_EVIDENCE, np.log(differing) + _LEAST_BEYOND_CHANCE)
+    if likely.evidence < least:
         raise InputError(
             f"shows too little that the twin has too (evidence {likely.evidence:.1f} of "
-            f"{_LEAST_EVIDENCE:g}; posts: {found.posts})",
+            f"{least:.1f}; posts: {found.posts})",
             file=file,
             expected=_HOLDING,
         )
