@@ -160,13 +160,18 @@ def seen_cm2(mesh, material, ahead):
     ],
 )
 def test_reflectors_are_seen_from_behind_and_from_the_side(name, rear, side):
-    """40 cm2 each (UN Regulation 48), not sunk into what they are fixed to."""
+    """40 cm2 each (UN Regulation 48), not sunk into what they are fixed to; lamps' are larger."""
     mesh = asset_mesh(name)
-    assert seen_cm2(mesh, "reflex-reflector", np.array([1.0, 0, 0])) >= 36 * rear
+    lamps = 2 * 98 if asset(name).actor_class != "bus" else 0
+    seen = seen_cm2(mesh, "reflex-reflector", np.array([1.0, 0, 0]))
+    assert 36 * rear + 0.9 * lamps <= seen <= 44 * rear + 1.1 * lamps
     plate = seen_cm2(mesh, "retroreflector", np.array([1.0, 0, 0]))
-    assert plate == pytest.approx(520, abs=80)  # 52 x 11 cm, less what bodies hide
+    if name in ("car-pickup-full", "car-sedan"):
+        assert plate == pytest.approx(30.5 * 15.2, rel=0.1)
+    else:
+        assert plate == pytest.approx(52 * 11, rel=0.15)
     left = seen_cm2(mesh, "reflex-reflector", np.array([0, -1.0, 0]))
-    assert 33 * side <= left <= 42 * side + 25  # the rear ones are seen on edge
+    assert 33 * side <= left <= 42 * side + 60  # the rear ones are seen on edge
 
 
 @pytest.mark.parametrize("name", ["truck-rigid-26t", "trailer-curtain"])

@@ -25,6 +25,10 @@ PANELS = (
 )
 
 
+#: How wide and high plates are, metres: ISO 7591's, and SAE J686's of North America.
+PLATE_M, AMERICAN_PLATE_M = (0.52, 0.11), (0.305, 0.152)
+#: What of a tail lamp is a reflector, metres.
+LAMP_REFLECTOR_M = (0.14, 0.07)
 #: A reflector is so wide and high, metres: 40 cm2, as `reflex-reflector` of the materials has it.
 REFLECTOR_M = (0.10, 0.04)
 #: Vehicles that are longer have reflectors along their sides, metres (UN Regulation 48, 6.17).
@@ -37,7 +41,8 @@ def car(entry: Mapping[str, Any]) -> list[Solid]:
     """Return the solids of a car of the catalogue."""
     solids, outline = body({"crown": CROWN_M, **entry})
     solids += axle_wheels(entry)
-    solids += plates(entry, outline, plate_z=(0.42, 0.62)) + side_reflectors(entry)
+    solids += plates(entry, outline, plate_z=(0.42, 0.62))
+    solids += lamp_reflectors(entry, outline) + side_reflectors(entry)
     length, width, _ = entry["size"]
     x, z = length / 2 - entry["mirror"][0], entry["mirror"][1]
     for side in (1, -1):
@@ -113,14 +118,17 @@ def contact_points(entry: Mapping[str, Any]) -> list[list[float]]:
 
 
 def plates(entry: Mapping[str, Any], outline: Outline, *, plate_z: Sequence[float]) -> list[Solid]:
-    """Return licence plates (520 x 110 mm), and the two rear reflectors (UN Regulation 48)."""
+    """Return licence plates, and the two rear reflectors (UN Regulation 48)."""
     width = entry["size"][1]
-    tall = np.array([-0.055, 0.0, 0.055])
+    plate_m = AMERICAN_PLATE_M if entry.get("american") else PLATE_M
+    tall = np.array([-0.5, 0.0, 0.5]) * plate_m[1]
+    lowest = float(outline.points[:, 1].min()) + plate_m[1] / 2 + 0.01
+    plate_z = [max(z, lowest) for z in plate_z]
     # They hang clear of what stands out most behind them, where noses and tails slope.
     front = max(outline.reach(plate_z[0] + up)[1] for up in tall) - 0.002
     rear = min(outline.reach(plate_z[1] + up)[0] for up in tall) + 0.002
     solids = [
-        box([0.02, 0.52, 0.11], [x, 0, z], "retroreflector")
+        box([0.02, *plate_m], [x, 0, z], "retroreflector")
         for x, z in zip((front, rear), plate_z, strict=True)
     ]
     z = min(0.5, plate_z[1])
@@ -131,19 +139,35 @@ def plates(entry: Mapping[str, Any], outline: Outline, *, plate_z: Sequence[floa
     return solids
 
 
+def lamp_reflectors(entry: Mapping[str, Any], outline: Outline) -> list[Solid]:
+    """Return the reflectors within the tail lamps of a car, one on each side.
+
+    Their covers are reflectors in part. Height and size are fitted to half of PandaSet's cars: of
+    points there a fifth are beyond 1.5 times white (docs/real_lidar.md). UN Regulation 48 allows
+    them up to 0.9 m.
+    """
+    _, width, height = entry["size"]
+    z = min(0.53 * height, 0.86)
+    x = min(outline.reach(z + up)[0] for up in (-0.035, 0.0, 0.035))
+    y = 0.8 * width / 2
+    solid = box([0.04, *LAMP_REFLECTOR_M], [x + entry["bulge"][1] * 0.6, y, z], "reflex-reflector")
+    solid = solid.moved([0.012, 0.0, 0.0])
+    return [solid, solid.mirrored()]
+
+
 def side_reflectors(entry: Mapping[str, Any]) -> list[Solid]:
     """Return reflectors that face sideways, where a vehicle has them.
 
     Beyond 6 m UN Regulation 48 (6.17) asks for them: one at most 3 m behind the nose, others at
     most 3 m apart (4 m where there is no room), the last 1 m before the end. Elsewhere only bodies
-    that are sold in North America have them (``side_reflectors``): FMVSS 108 asks for one as near
-    to the nose as it can be, and one as near to the tail.
+    that are sold in North America have them (``american``): FMVSS 108 asks for one as near to the
+    nose as it can be, and one as near to the tail.
     """
     length, section = entry["size"][0], _section(entry)
     if length > LONG_M:
         count = int(np.ceil((length - 2.0) / 3.0)) + 1
         places = np.linspace(1.0, length - 1.0, count)
-    elif entry.get("side_reflectors"):
+    elif entry.get("american"):
         places = np.array([0.30, length - 0.25])
     else:
         return []
