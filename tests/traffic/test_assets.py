@@ -162,7 +162,7 @@ def seen_cm2(mesh, material, ahead):
 def test_reflectors_are_seen_from_behind_and_from_the_side(name, rear, side):
     """40 cm2 each (UN Regulation 48), not sunk into what they are fixed to; lamps' are larger."""
     mesh = asset_mesh(name)
-    lamps = 2 * 98 if asset(name).actor_class != "bus" else 0
+    lamps = 2 * 280 if asset(name).actor_class != "bus" else 0
     seen = seen_cm2(mesh, "reflex-reflector", np.array([1.0, 0, 0]))
     assert 36 * rear + 0.9 * lamps <= seen <= 44 * rear + 1.1 * lamps
     plate = seen_cm2(mesh, "retroreflector", np.array([1.0, 0, 0]))

@@ -66,10 +66,10 @@ _STEPS = 1024
 #: EN 12899-1, table for class RA1 (white, 0.33 deg of observation): entrance angle and share.
 _SHEETING_DEG = (0.0, 5.0, 30.0, 40.0, 60.0)
 _SHEETING = (1.0, 1.0, 30 / 70, 10 / 70, 0.0)
-#: UN Regulation 3, class IA: 300, 200 and 100 mcd/lx at 0, 10 and 20 degrees; beyond it asks for
-#: nothing, and the share falls on as it did.
-_PRISMS_DEG = (0.0, 10.0, 20.0, 30.0)
-_PRISMS = (1.0, 2 / 3, 1 / 3, 0.0)
+#: UN Regulation 3, class IA: 300, 200 and 100 mcd/lx at 0, 10 and 20 degrees. Beyond it asks for
+#: nothing; as between the last two, each 10 degrees are taken to halve it.
+_PRISMS_DEG = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 90.0)
+_PRISMS = (1.0, 2 / 3, 1 / 3, 1 / 6, 1 / 12, 1 / 24, 1 / 48, 1 / 96, 0.0)
 
 Floats = NDArray[np.float32]
 
