@@ -44,7 +44,7 @@ DIRT = 1.0
 SWALLOWED = {
     **dict.fromkeys(("paint-white", "paint-grey", "paint-black", "metal-painted"), 0.06),
     **dict.fromkeys(("metal-dark", "metal-bare", "plastic", "rubber"), 0.06),
-    **dict.fromkeys(("retroreflector", "reflex-reflector"), 0.06),
+    **dict.fromkeys(("retroreflector", "reflex-reflector", "lamp-lens"), 0.06),
     **dict.fromkeys(("cloth", "skin"), 0.02),
 }
 #: Share of ground that throws on what meets it squarely, the most, and how large its places are.

@@ -27,8 +27,8 @@ PANELS = (
 
 #: How wide and high plates are, metres: ISO 7591's, and SAE J686's of North America.
 PLATE_M, AMERICAN_PLATE_M = (0.52, 0.11), (0.305, 0.152)
-#: How wide and high tail lamps are, and what of them is a reflector, metres.
-LAMP_M, LAMP_REFLECTOR_M = (0.24, 0.20), (0.20, 0.14)
+#: How wide and high tail lamps are, and their lenses, metres.
+LAMP_M, LAMP_LENS_M = (0.24, 0.20), (0.20, 0.14)
 #: A reflector is so wide and high, metres: 40 cm2, as `reflex-reflector` of the materials has it.
 REFLECTOR_M = (0.10, 0.04)
 #: Vehicles that are longer have reflectors along their sides, metres (UN Regulation 48, 6.17).
@@ -140,19 +140,18 @@ def plates(entry: Mapping[str, Any], outline: Outline, *, plate_z: Sequence[floa
 
 
 def tail_lamps(entry: Mapping[str, Any], outline: Outline) -> list[Solid]:
-    """Return the tail lamps of a car: bright covers, which are reflectors in part.
+    """Return the tail lamps of a car: bright housings, and lenses that throw light back.
 
     Height and size are fitted to half of PandaSet's cars: there the median code is a third of
-    white, and a fifth of the points are beyond 1.5 times white (docs/real_lidar.md). UN Regulation
-    48 allows reflectors up to 0.9 m.
+    white, and a fifth of the points are beyond 1.5 times white (docs/real_lidar.md).
     """
     _, width, height = entry["size"]
     z = min(0.53 * height, 0.83)
     x = min(outline.reach(z + up)[0] for up in (-0.1, 0.0, 0.1)) + entry["bulge"][1] * 0.6
     y = 0.8 * width / 2
     cover = box([0.04, *LAMP_M], [x + 0.015, y, z], "plastic")
-    lit = box([0.04, *LAMP_REFLECTOR_M], [x + 0.012, y, z], "reflex-reflector")
-    return [cover, cover.mirrored(), lit, lit.mirrored()]
+    lens = box([0.04, *LAMP_LENS_M], [x + 0.012, y, z], "lamp-lens")
+    return [cover, cover.mirrored(), lens, lens.mirrored()]
 
 
 def side_reflectors(entry: Mapping[str, Any]) -> list[Solid]:

@@ -16,7 +16,9 @@ __all__ = ["unlit"]
 
 #: What each material becomes: nothing sends light back, and cloth is as dark as rubber.
 _BECOMES = {
-    **dict.fromkeys(("retroreflector", "reflex-reflector", "paint-white"), "metal-dark"),
+    **dict.fromkeys(
+        ("retroreflector", "reflex-reflector", "lamp-lens", "paint-white"), "metal-dark"
+    ),
     "cloth": "rubber",
 }
 
