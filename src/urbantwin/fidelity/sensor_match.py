@@ -19,7 +19,7 @@ _LEAST_IN_RING = 10
 #: Counts and steps may differ by this factor, densities by the other; and rings by so many, as
 #: cars before either sensor hide some of them.
 _FACTOR, _DENSER = 1.25, 1.8
-_RINGS = 4
+_RINGS = 3
 #: Fields of view may differ by so many degrees.
 _VIEW_DEG = 4.0
 #: Seen steeper than this, points are not from a sensor at the place that is assumed.
