@@ -240,9 +240,7 @@ def _certain(found: Registered, likely: Belief, span: SearchSpan, file: str | No
             file=file,
             expected=_HOLDING,
         )
-    differing = (2.0 * span.reach_m / _SAME_M + 1.0) ** 2
-    differing *= 2.0 * np.degrees(span.reach_rad) / _SAME_DEG + 1.0
-    least = min(_LEAST_EVIDENCE, np.log(differing) + _LEAST_BEYOND_CHANCE)
+    least = least_evidence(span)
     if likely.evidence < least:
         raise InputError(
             f"shows too little that the twin has too (evidence {likely.evidence:.1f} of "
@@ -250,6 +248,13 @@ def _certain(found: Registered, likely: Belief, span: SearchSpan, file: str | No
             file=file,
             expected=_HOLDING,
         )
+
+
+def least_evidence(span: SearchSpan) -> float:
+    """Return how much likelier than chance, as a logarithm, a frame must be somewhere in a span."""
+    differing = (2.0 * span.reach_m / _SAME_M + 1.0) ** 2
+    differing *= 2.0 * np.degrees(span.reach_rad) / _SAME_DEG + 1.0
+    return min(_LEAST_EVIDENCE, float(np.log(differing)) + _LEAST_BEYOND_CHANCE)
 
 
 def _elsewhere(
