@@ -153,8 +153,10 @@ def seen_cm2(mesh, material, ahead):
     [
         ("car-supermini", 2, 0),
         ("car-offroad", 2, 0),
-        ("car-pickup-full", 2, 2),  # sold in North America: FMVSS 108
-        ("car-sedan", 2, 2),
+        ("car-pickup-full-american", 2, 2),  # sold in North America: FMVSS 108
+        ("car-sedan", 2, 0),
+        ("car-sedan-american", 2, 2),
+        ("van-large-american", 2, 2),
         ("van-large", 2, 0),
         ("bus-city", 2, 5),  # 12 m: one at most 3 m behind the nose, at most 3 m apart
     ],
@@ -167,7 +169,7 @@ def test_reflectors_are_seen_from_behind_and_from_the_side(name, rear, side):
     lamps = seen_cm2(mesh, "lamp-lens", np.array([1.0, 0, 0]))
     assert lamps == pytest.approx(0 if name == "bus-city" else 2 * 280, rel=0.1)
     plate = seen_cm2(mesh, "retroreflector", np.array([1.0, 0, 0]))
-    if name in ("car-pickup-full", "car-sedan"):
+    if name.endswith("american"):
         assert plate == pytest.approx(30.5 * 15.2, rel=0.1)
     else:
         assert plate == pytest.approx(52 * 11, rel=0.15)

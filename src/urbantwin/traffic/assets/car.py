@@ -159,8 +159,8 @@ def side_reflectors(entry: Mapping[str, Any]) -> list[Solid]:
 
     Beyond 6 m UN Regulation 48 (6.17) asks for them: one at most 3 m behind the nose, others at
     most 3 m apart (4 m where there is no room), the last 1 m before the end. Elsewhere only bodies
-    that are sold in North America have them (``american``): FMVSS 108 asks for one as near to the
-    nose as it can be, and one as near to the tail.
+    sold in North America have them (`catalogue.american_body`): FMVSS 108 asks for one as near to
+    the nose as it can be, and one as near to the tail.
     """
     length, section = entry["size"][0], _section(entry)
     if length > LONG_M:
