@@ -147,11 +147,16 @@ def tail_lamps(entry: Mapping[str, Any], outline: Outline) -> list[Solid]:
     """
     _, width, height = entry["size"]
     z = min(0.53 * height, 0.83)
-    x = min(outline.reach(z + up)[0] for up in (-0.1, 0.0, 0.1)) + entry["bulge"][1] * 0.6
-    y = 0.8 * width / 2
-    cover = box([0.04, *LAMP_M], [x + 0.015, y, z], "plastic")
-    lens = box([0.04, *LAMP_LENS_M], [x + 0.012, y, z], "lamp-lens")
-    return [cover, cover.mirrored(), lens, lens.mirrored()]
+    low, middle, high = (outline.reach(z + up * LAMP_M[1])[0] for up in (-0.5, 0.0, 0.5))
+    x = min(middle, (low + high) / 2) + entry["bulge"][1] * 0.6
+    lean = np.arctan2(high - low, LAMP_M[1])  # as the tail does
+    turn = np.array([[np.cos(lean), 0, np.sin(lean)], [0, 1, 0], [-np.sin(lean), 0, np.cos(lean)]])
+    solids = []
+    for size_m, deep, material in ((LAMP_M, 0.015, "plastic"), (LAMP_LENS_M, 0.012, "lamp-lens")):
+        lamp = box([0.04, *size_m], [deep, 0, 0], material).rotated(turn)
+        lamp = lamp.moved([x, 0.8 * width / 2, z])
+        solids += [lamp, lamp.mirrored()]
+    return solids
 
 
 def side_reflectors(entry: Mapping[str, Any]) -> list[Solid]:
