@@ -439,6 +439,17 @@ def test_a_span_bounds_the_pose_and_holds_to_its_very_edge(points, off_m, within
     assert found.translation[0] - guess.east_m <= within_m + 1e-9
 
 
+def test_a_street_that_repeats_is_not_believed_where_a_guess_leaves_out_the_right_place(points):
+    """Everything stands there once more 4 m on; the truth lies 1 m beyond the span."""
+    here = street()
+    again = here.select(here.semantic != semantic_id("road"))
+    again.vertices[:] += [4.0, 0.0, 4.0 * 0.03]  # the ground rises
+    again.part[:] += 100
+    world = LabelledMesh.concatenate([here, again])
+    with pytest.raises(InputError, match=r"just beyond the guess, 4\.\d m from where it fits"):
+        align(Frame(points), world, guess=Guess(6.0, -3.0, 63.0, within_m=3.0, within_deg=8.0))
+
+
 def test_poles_alone_hold_a_place_and_those_of_elsewhere_do_not():
     """Houses stand in the street that the map has not; its ground is bare."""
     places = np.array([[5, 8], [-7, -9], [13, -6], [-3, 11], [9, -13], [-12, 2], [16, 4], [2, -16]])
