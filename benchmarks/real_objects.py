@@ -1,10 +1,11 @@
 """Actors in real frames against ours in their boxes, with what chance does to each figure.
 
-    python benchmarks/real_objects.py [SET ...] [--json FILE] [--coats 6]
+    python benchmarks/real_objects.py [SET ...] [--json FILE] [--coats 6] [--bright]
 
 Sets are those of `docs/real_lidar.md`. Of shapes: medians over objects. Of losses and codes: all
 rays between neighbours that return from one object. Intervals are the middle 95 % of a bootstrap
 over objects. With `--coats` only: what is lost with so many other draws of coats, least and most.
+With `--bright` only: points on cars far beyond white, of plates, lamps and reflectors.
 """
 
 from __future__ import annotations
@@ -37,6 +38,10 @@ SETS = {
 }
 SPANS_M = ((0, 80), *pairwise((0, 10, 20, 40)))
 DRAWS, FEWEST_RAYS, FEWEST_POINTS = 400, 100, 20
+#: Codes beyond these of 255 are of no paint: beyond 4 and 1.5 times white.
+BRIGHT = {"argoverse": 130, "pandaset": 150}
+#: An end of a car is so deep, metres.
+END_M = 0.4
 
 
 def frames_of(name: str, numbers: tuple[int, ...], only: int | None) -> list[tuple[int, Frame]]:
@@ -147,13 +152,53 @@ def losses_by_coats(name: str, draws: int) -> None:
                 print(json.dumps({"set": name, "range_m": [low, high], key: told}), flush=True)
 
 
+def bright(name: str) -> dict:
+    """Return points on cars that are far beyond white, of real cars and of ours.
+
+    Shares of points (with the middle 95 % of the real one), how many cars have any, and where they
+    lie: at the front or rear end, or on the sides; the median height in parts of the car's.
+    """
+    seen = [one for one in seen_in(name) if one.class_name == "car"]
+    row: dict = {"set": name, "cars": len(seen)}
+    for side in ("real", "ours"):
+        counted, front, high = [], [], []
+        for one in seen:
+            points, codes = (one.real, one.real_codes) if side == "real" else (one.ours, one.codes)
+            beyond = codes > BRIGHT[SETS[name][0]] / 255
+            counted.append((int(beyond.sum()), len(codes)))
+            x, y, z, length, _, height, yaw = one.mended_box
+            away = points[beyond] - [x, y, z]
+            along = away[:, 0] * np.cos(yaw) + away[:, 1] * np.sin(yaw)
+            front += np.where(np.abs(along) > length / 2 - END_M, np.sign(along), 0).tolist()
+            high += (away[:, 2] / height + 0.5).tolist()
+        total, of = np.sum(counted, axis=0)
+        row[side] = {
+            "share": round(float(total / of), 5),
+            "cars": sum(count > 0 for count, _ in counted),
+            "front": front.count(1),
+            "rear": front.count(-1),
+            "sides": front.count(0),
+            "height": round(float(np.median(high)), 2) if high else None,
+        }
+        if side == "real":
+            share = interval(counted, lambda some: np.divide(*np.sum(some, axis=0)))
+            row["real"]["share_95"] = share
+    return row
+
+
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("sets", nargs="*", default=list(SETS))
     parser.add_argument("--json", type=Path)
     parser.add_argument("--coats", type=int, help="so many other draws of coats, losses alone")
+    parser.add_argument("--bright", action="store_true", help="points far beyond white alone")
     given = parser.parse_args()
+    if given.bright:
+        for name in given.sets:
+            if SETS[name][0] in BRIGHT:
+                print(json.dumps(bright(name)), flush=True)
+        return
     if given.coats:
         for name in given.sets:
             losses_by_coats(name, given.coats)

@@ -20,6 +20,7 @@ from urbantwin.fidelity.alignment import (
     ground_plane,
     write_aligned_rig,
 )
+from urbantwin.fidelity.alignment.align import least_evidence
 from urbantwin.fidelity.alignment.curbs import above_lowest, curbs_of
 from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.ground_plane import leveling
@@ -438,6 +439,17 @@ def test_a_span_bounds_the_pose_and_holds_to_its_very_edge(points, off_m, within
     assert found.translation[0] - guess.east_m <= within_m + 1e-9
 
 
+def test_a_street_that_repeats_is_not_believed_where_a_guess_leaves_out_the_right_place(points):
+    """Everything stands there once more 4 m on; the truth lies 1 m beyond the span."""
+    here = street()
+    again = here.select(here.semantic != semantic_id("road"))
+    again.vertices[:] += [4.0, 0.0, 4.0 * 0.03]  # the ground rises
+    again.part[:] += 100
+    world = LabelledMesh.concatenate([here, again])
+    with pytest.raises(InputError, match=r"just beyond the guess, 4\.\d m from where it fits"):
+        align(Frame(points), world, guess=Guess(6.0, -3.0, 63.0, within_m=3.0, within_deg=8.0))
+
+
 def test_poles_alone_hold_a_place_and_those_of_elsewhere_do_not():
     """Houses stand in the street that the map has not; its ground is bare."""
     places = np.array([[5, 8], [-7, -9], [13, -6], [-3, 11], [9, -13], [-12, 2], [16, 4], [2, -16]])
@@ -489,6 +501,34 @@ def test_posts_of_a_frame_are_found_behind_cars_and_walls_are_none():
     near = np.hypot(*(TRUE.apply(points[mine])[:, None, :2] - posts).transpose(2, 0, 1)).min(axis=1)
     assert mine.sum() > 30
     assert near.max() < 0.4
+
+
+def test_a_low_post_far_off_is_found_and_one_beside_a_wall_is_none():
+    up = np.arange(0.35, 1.75, 0.1)
+    free, beside = ([[x, y, z - 2.0] for z in up] for x, y in ((45.0, 3.0), (20.0, -5.0)))
+    wall = [[20.0 + x, -5.5, z - 2.0] for x in np.arange(-2.0, 2.0, 0.1) for z in up]
+    level = np.array([*free, *beside, *wall])
+    found = posts_of(level, level[:, 2] + 2.0)
+    np.testing.assert_allclose(found.axis[:, :2], [[45.0, 3.0]], atol=0.05)
+
+
+def test_narrow_spans_need_less_evidence_and_posts_of_elsewhere_have_not_even_that():
+    """In 0.5 m and 2 degrees 3 x 3 places half a metre apart differ, and 2 to 3 headings."""
+    spans = [SearchSpan(np.zeros(2), m, 0.0, np.radians(deg)) for m, deg in ((0.5, 2), (3, 15))]
+    narrow, usual = (least_evidence(span) for span in spans)
+    assert np.log(9 * 2) + 1.9 < narrow < np.log(9 * 3) + 2.1
+    assert usual == least_evidence(SearchSpan(np.zeros(2), 100.0, 0.0, np.pi)) == 8.0
+    places = np.array([[6.0, 4.0], [-8.0, 5.0], [14.0, -11.0], [-3.0, -14.0]])
+    frame = Frame(seen(LabelledMesh.concatenate([street(), *at_posts(places)]), TRUE, step_deg=0.5))
+    east, north = TRUE.translation[:2] + [0.2, -0.3]
+    yaw = float(np.degrees(np.arctan2(TRUE.rotation[1, 0], TRUE.rotation[0, 0]))) + 1.0
+    guess = Guess(float(east), float(north), yaw, within_m=0.5, within_deg=2.0)
+    map_ = LabelledMesh.concatenate([slope(), *at_posts(places[:3] + 0.1)])
+    assert align(frame, map_, guess=guess).evidence > narrow
+    for seed in range(3):
+        others = np.random.default_rng(seed).uniform(-15, 15, (5, 2))
+        with pytest.raises(InputError, match=r"three posts|guess"):
+            align(frame, LabelledMesh.concatenate([slope(), *at_posts(others)]), guess=guess)
 
 
 def test_three_posts_hold_a_place_and_one_does_not():

@@ -7,6 +7,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
+import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.fidelity import cloud_files, read_cloud
 from urbantwin.fidelity.readers import open_recording
@@ -115,7 +116,7 @@ def test_a_pcd_whose_sizes_add_up_and_whose_fields_begin_elsewhere_is_refused(tm
                 read()
 
 
-@pytest.mark.parametrize("by", ["obj_info", "camera"])
+@pytest.mark.parametrize("by", ["obj_info", "camera", "comment"])
 def test_an_organised_ply_keeps_its_rings_and_columns(tmp_path, by):
     """As scanners say it (Stanford's range images), and as PCL does."""
     ring, column = np.divmod(np.arange(64 * 2048), 2048)
@@ -123,6 +124,8 @@ def test_an_organised_ply_keeps_its_rings_and_columns(tmp_path, by):
     said, view, after = "", "", b""
     if by == "obj_info":
         said = "obj_info num_cols 2048\nobj_info num_rows 64\n"
+    elif by == "comment":
+        said = "comment width 2048\ncomment height 64\n"
     else:
         view = "element camera 1\nproperty float view_px\nproperty int viewportx\n"
         view += "property int viewporty\n"
@@ -138,6 +141,29 @@ def test_an_organised_ply_keeps_its_rings_and_columns(tmp_path, by):
     wrong = header.replace("2048", "2047").encode() + rows.tobytes()
     path.write_bytes(wrong + after.replace(struct.pack("<i", 2048), struct.pack("<i", 2047)))
     assert open_recording(path).read(0).ring is None
+
+
+def test_an_organised_pcd_with_rings_has_columns_where_a_row_is_a_ring(tmp_path):
+    ring, column = np.divmod(np.arange(80 * 1800), 1800)
+    away = np.random.default_rng(0).uniform(2.0, 60.0, ring.shape)
+    turn = 2 * np.pi * column / 1800
+    table = np.column_stack([away * np.cos(turn), away * np.sin(turn), ring, 79 - ring])
+    path = tmp_path / "a.pcd"
+
+    def written(rings):
+        table[:, 3] = rings
+        head = "VERSION 0.7\nFIELDS x y z ring\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n"
+        head += "WIDTH 1800\nHEIGHT 80\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 144000\nDATA binary\n"
+        path.write_bytes(head.encode() + table.astype("<f4").tobytes())
+        return open_recording(path).read(0)
+
+    frame = written(79 - ring)  # counted from below: the writer's numbers stay
+    np.testing.assert_array_equal(frame.ring, 79 - ring)
+    np.testing.assert_array_equal(frame.column, column)
+    assert ut.inspect(path)["column"] == [0, 1799]
+    assert written(ring // 2).column is None  # two rows of one ring are no image by rings
+    with pytest.raises(InputError, match="ring"):  # bits of something else
+        written(1e-40 * ring)
 
 
 def test_compressed_pcd_of_repeating_values(tmp_path):

@@ -9,6 +9,7 @@ import pytest
 from urbantwin.fidelity.consistency import doubts_about
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.sensor_match import doubts_about_sensors
 from urbantwin.geometry import Pose
 
 from ..real_files import argoverse_log, ouster_scans
@@ -145,6 +146,23 @@ def test_a_twin_without_houses_is_no_other_sensor(sweeps):
     assert doubts_about(real, bare) == []
     half = real.only(real.ring % 2 == 0)
     assert any("rings of the real frames" in said for said in doubts_about(half, bare))
+
+
+@pytest.mark.parametrize(("shown", "said"), [([0, 2, 3, 5, 6, 8], False), ([0, 2, 5, 8], True)])
+def test_a_few_rings_that_cars_hide_are_no_other_sensor(shown, said):
+    """A level plane seen 5 to 11 m away by nine rings of a sensor, of which some are hidden."""
+    down, turn = np.meshgrid(np.radians(np.linspace(20, 38, 9)), np.radians(np.arange(0, 360, 0.4)))
+    away = 4.0 / np.tan(down)
+    points = np.column_stack(
+        [(away * np.cos(turn)).ravel(), (away * np.sin(turn)).ravel(), np.full(turn.size, -4.0)]
+    )
+    ring = np.broadcast_to(np.arange(9), turn.shape).ravel()
+    generator = np.random.default_rng(0)
+    some, whole = (
+        Frame(points=points + generator.normal(0, 0.01, points.shape), ring=ring) for _ in range(2)
+    )
+    found = doubts_about_sensors(some.only(np.isin(some.ring, shown)), whole)
+    assert any("rings of the real" in one for one in found) == said
 
 
 def test_nothing_is_said_of_hardly_any_points():

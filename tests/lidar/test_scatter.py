@@ -47,6 +47,13 @@ def test_white_sheeting_is_seventy_candela_times_pi_and_falls_as_the_standard_sa
     np.testing.assert_allclose(plain, 0.6 * COSINE, rtol=1e-4)
 
 
+def test_a_reflex_reflector_of_40_cm2_gives_what_un_regulation_3_asks_for_and_falls_so():
+    """Class IA, red: 300, 200 and 100 mcd/lx at 0, 10 and 20 degrees; white four times that."""
+    ours = back("reflex-reflector", np.cos(np.radians([0.0, 10.0, 20.0, 90.0]))) / np.pi * 0.004
+    np.testing.assert_allclose(ours[:3] / 4, [0.3, 0.2, 0.1], rtol=0.05)
+    assert ours[3] < 1e-3
+
+
 @pytest.mark.parametrize("index", [1.33, 1.51])
 def test_fresnel_at_the_angles_that_are_known_in_closed_form(index):
     squarely = ((index - 1) / (index + 1)) ** 2

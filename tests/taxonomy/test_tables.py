@@ -41,10 +41,10 @@ def test_materials_are_numbered_in_order_and_physical():
     for material in table:
         assert all(0 < value <= 1 for value in material.reflectivities)
         assert 0 <= material.transmission < 1
-        # pi times the coefficients of EN 12899-1 and ASTM D4956 (sheeting), of EN 1436 (beads).
-        low, high = {"none": (0, 0), "beads": (0.01, 1.5), "sheeting": (150, 2200)}[
-            material.retro_law
-        ]
+        # pi times the coefficients of EN 12899-1 and ASTM D4956 (sheeting), of EN 1436 (beads), of
+        # UN Regulation 3 (prisms); lenses of lamps were measured between 1.5 and 4.4.
+        laws = {"none": (0, 0), "beads": (0.01, 4.4), "sheeting": (150, 2200)}
+        low, high = (laws | {"prisms": (300, 2200)})[material.retro_law]
         assert low <= material.retro <= high
         assert 0 <= material.roughness_deg < 45
         assert material.basis in ("measured", "modelled", "estimate")

@@ -4,6 +4,7 @@ from functools import cache
 from importlib.resources import files
 
 import numpy as np
+import open3d as o3d
 import pytest
 import yaml
 from embreex.mesh_construction import TriangleMesh
@@ -132,6 +133,57 @@ def test_labels_are_those_of_the_class(name):
     assert has["rubber"]
     assert has["cloth"] or asset(name).actor_class == "trailer"
     assert (material_id("retroreflector") in mesh.material) == (not alive)
+
+
+def seen_cm2(mesh, material, ahead):
+    """What parallel rays along a direction of the axes meet of a material, square centimetres."""
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    aside, up = np.meshgrid(np.arange(-7.0, 7.0, 0.01), np.arange(0.1, 2.0, 0.01))
+    across = np.array([-ahead[1], ahead[0], 0.0])
+    start = aside.ravel()[:, None] * across + up.ravel()[:, None] * [0, 0, 1] - 30.0 * ahead
+    rays = np.column_stack([start, np.tile(ahead, (len(start), 1))]).astype(np.float32)
+    face = scene.cast_rays(rays)["primitive_ids"].numpy()
+    face = face[face < len(mesh.faces)]
+    return int((mesh.material[face] == material_id(material)).sum())
+
+
+@pytest.mark.parametrize(
+    ("name", "rear", "side"),
+    [
+        ("car-supermini", 2, 0),
+        ("car-offroad", 2, 0),
+        ("car-pickup-full-american", 2, 2),  # sold in North America: FMVSS 108
+        ("car-sedan", 2, 0),
+        ("car-sedan-american", 2, 2),
+        ("van-large-american", 2, 2),
+        ("van-large", 2, 0),
+        ("bus-city", 2, 5),  # 12 m: one at most 3 m behind the nose, at most 3 m apart
+    ],
+)
+def test_reflectors_are_seen_from_behind_and_from_the_side(name, rear, side):
+    """40 cm2 each (UN Regulation 48), not sunk into what they are fixed to; and tail lamps."""
+    mesh = asset_mesh(name)
+    seen = seen_cm2(mesh, "reflex-reflector", np.array([1.0, 0, 0]))
+    assert 36 * rear <= seen <= 44 * rear + 10 * side
+    lamps = seen_cm2(mesh, "lamp-lens", np.array([1.0, 0, 0]))
+    assert lamps == pytest.approx(0 if name == "bus-city" else 2 * 280, rel=0.1)
+    plate = seen_cm2(mesh, "retroreflector", np.array([1.0, 0, 0]))
+    if name.endswith("american"):
+        assert plate == pytest.approx(30.5 * 15.2, rel=0.1)
+    else:
+        assert plate == pytest.approx(52 * 11, rel=0.15)
+    left = seen_cm2(mesh, "reflex-reflector", np.array([0, -1.0, 0]))
+    assert 33 * side <= left <= 42 * side + 60  # the rear ones are seen on edge
+
+
+@pytest.mark.parametrize("name", ["truck-rigid-26t", "trailer-curtain"])
+def test_long_trucks_have_tape_along_their_sides(name):
+    """UN Regulation 104: a band of 50 to 60 mm along most of the body."""
+    mesh = asset_mesh(name)
+    seen = seen_cm2(mesh, "retroreflector", np.array([0, -1.0, 0]))
+    long_cm = 100 * np.ptp(mesh.vertices[:, 0])
+    assert 0.6 * long_cm * 4 <= seen <= long_cm * 6
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -161,3 +161,24 @@ def test_bodies_of_a_site_take_their_share_and_have_their_own_size() -> None:
     assert own.asset("car-sedan") is asset("car-sedan")
     # The others are who they are without it, or one of the table all the same.
     assert all(asset(name).actor_class == "van" for name in names if name != "own-cube")
+
+
+def test_cars_of_north_america_have_its_plates_and_reflectors_and_nobody_elses_have():
+    shown = {
+        country: {
+            AssetName.of(Fleet(country, 3).body(kind, n)).body
+            for n in range(120)
+            for kind in ("car", "van")
+        }
+        for country in ("US", "DE", "JP")
+    }
+    assert all(one.endswith("-american") for one in shown["US"] if "with" not in one)
+    assert not any("american" in one for country in ("DE", "JP") for one in shown[country])
+    # The same body but for them: as large, and of the same class.
+    for one in sorted(shown["US"])[:4]:
+        usual = asset(one.removesuffix("-american"))
+        found = asset(one)
+        assert found.actor_class == usual.actor_class
+        size = [usual.length, usual.width, usual.height]
+        assert [found.length, found.width, found.height] == pytest.approx(size)
+        assert not np.array_equal(asset_mesh(one).material, asset_mesh(usual.name).material)

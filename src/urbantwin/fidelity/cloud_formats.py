@@ -158,13 +158,26 @@ def _is_turn(height: int, width: int) -> bool:
 def organised(fields: Fields, height: int, width: int) -> Fields:
     """Add ring and column to the points of an image, row by row, if it is one of a LiDAR.
 
-    Drivers write a row for each channel, or for each column of the turn.
+    Drivers write a row for each channel, or for each column of the turn. Rings that they write
+    besides stay as they are, and have columns where each is one row of the image.
     """
-    if not _is_turn(height, width) or "ring" in fields:
+    if not _is_turn(height, width) or "column" in fields:
         return fields
     axes = np.divmod(np.arange(height * width), width)
-    ring, column = axes if height <= width else axes[::-1]
-    return {**fields, "ring": ring, "column": fields.get("column", column)}
+    row, column = axes if height <= width else axes[::-1]
+    ring = fields.get("ring", row)
+    if "ring" in fields and not _is_one_each(ring, row):
+        return fields
+    return {**fields, "ring": ring, "column": column}
+
+
+def _is_one_each(ring: NDArray[np.generic], row: NDArray[np.int64]) -> bool:
+    """Return whether each row is of a ring of its own; 0 may stand where nothing returned."""
+    if ring.shape != row.shape or ring.dtype.kind not in "fiu":
+        return False
+    said = np.isfinite(ring) & (ring != 0)
+    pairs = np.unique(np.column_stack([row[said], ring[said].astype(np.float64)]), axis=0)
+    return len(pairs) == len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1]))
 
 
 def _from_bin(path: Path, columns: int | None) -> Fields:
@@ -220,8 +233,8 @@ def _columns(table: NDArray[np.float64]) -> Fields:
 def _from_ply(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int]]:
     """Read the vertices, and height and width of the image that they are (1 and N: of none).
 
-    PLY has no word for it: scanners write ``obj_info num_rows`` and ``num_cols``, PCL the size of
-    the view of its ``camera``.
+    PLY has no word for it: scanners write ``obj_info num_rows`` and ``num_cols``, others comments
+    of ``height`` and ``width``, PCL the size of the view of its ``camera``.
     """
     from urbantwin.geometry.ply import read_header, read_tables
 
@@ -241,7 +254,8 @@ def _from_ply(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, in
             for name, of in (("num_cols", "viewportx"), ("num_rows", "viewporty"))
             if of in view and len(view[of]) and np.isfinite(view[of][0])
         }
-    rows, columns = said.get("num_rows", ""), said.get("num_cols", "")
+    rows = said.get("num_rows", said.get("height", ""))
+    columns = said.get("num_cols", said.get("width", ""))
     if rows.isdecimal() and columns.isdecimal() and int(rows) * int(columns) == vertex.count:
         shape = int(rows), int(columns)
     with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN

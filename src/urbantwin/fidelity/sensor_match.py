@@ -16,8 +16,10 @@ Array = NDArray[np.float64]
 
 #: A ring counts from so many points on.
 _LEAST_IN_RING = 10
-#: Counts and steps may differ by this factor, densities by the other.
+#: Counts and steps may differ by this factor, densities by the other; and rings by so many, as
+#: cars before either sensor hide some of them.
 _FACTOR, _DENSER = 1.25, 1.8
+_RINGS = 3
 #: Fields of view may differ by so many degrees.
 _VIEW_DEG = 4.0
 #: Seen steeper than this, points are not from a sensor at the place that is assumed.
@@ -136,7 +138,7 @@ def _rings(real: _Seen, other: _Seen, ground: _Ground | None) -> Iterator[str]:
         counts = [
             _many_rings(one, low) for one, low in zip((real, other), ground.points, strict=True)
         ]
-        if min(counts) >= 4 and max(counts) > _FACTOR * min(counts):
+        if min(counts) >= 4 and max(counts) > max(_FACTOR * min(counts), min(counts) + _RINGS):
             yield (
                 f"Ground that both show is seen by {counts[0]} rings of the real frames and by "
                 f"{counts[1]} of the other: not the same sensor?"

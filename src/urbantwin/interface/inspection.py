@@ -289,10 +289,11 @@ def _geometry(path: Path) -> dict[str, Any]:
 
 
 def _cloud(path: Path) -> dict[str, Any]:
-    from urbantwin.fidelity.clouds import read_cloud
+    from urbantwin.fidelity.cloud_formats import read_fields
+    from urbantwin.fidelity.readers.frame_assembly import frame_of
 
-    cloud = read_cloud(path)
-    return {
+    cloud = frame_of(path, read_fields(path), name=path.name)
+    told: dict[str, Any] = {
         "kind": "cloud",
         "points": len(cloud.points),
         "intensity": cloud.intensity is not None,
@@ -301,3 +302,8 @@ def _cloud(path: Path) -> dict[str, Any]:
         "not_finite": cloud.not_finite,
         "no_return": cloud.no_return,
     }
+    for name in ("ring", "column"):
+        values = getattr(cloud, name)
+        if values is not None:
+            told[name] = [int(values.min()), int(values.max())]
+    return told

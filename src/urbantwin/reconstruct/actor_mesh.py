@@ -19,6 +19,7 @@ __all__ = ["buffers_beside", "read_actor_mesh"]
 #: Our materials, and the words in a name of a material, or of what is made of it, that mean them;
 #: the first that fits counts.
 _WORDS: tuple[tuple[str, str], ...] = (
+    ("reflex-reflector", "reflex"),
     ("retroreflector", "plate|retro"),
     ("rubber", "tire|tyre|rubber|shoe|sole"),
     ("glass", "glass|window|windscreen|windshield|lens|eye|pupil|iris"),

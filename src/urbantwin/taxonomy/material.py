@@ -30,10 +30,10 @@ class Material:
         reflectivities: diffuse, 0..1, one per ``WAVELENGTHS_NM``.
         transmission: share of the light that passes through.
         retro: what retroreflectors add to the backscatter, in multiples of white paper: pi times
-            the coefficient of retroreflection (EN 12899-1, faced squarely) or, of beads, of
-            retroreflected luminance (EN 1436), in cd per m2 and lx.
-        retro_law: ``beads``: the same at every angle of incidence; ``sheeting``: falls as it turns
-            away; ``none``.
+            the coefficient of retroreflection (EN 12899-1, UN Regulation 3, faced squarely) or, of
+            beads, of retroreflected luminance (EN 1436), in cd per m2 and lx.
+        retro_law: ``beads``: the same at every angle of incidence; ``sheeting`` and ``prisms``:
+            fall as they turn away; ``none``.
         roughness_deg: standard deviation of the slope of its facets; 0: Lambert's surface.
         gets_wet: whether it is ground that a film of water darkens.
         basis: ``measured``, ``modelled`` or ``estimate``.

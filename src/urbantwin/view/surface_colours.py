@@ -94,6 +94,8 @@ _ON_ACTORS = {
     "rubber": "#1f2123",
     "metal-dark": "#2e3135",
     "retroreflector": "#f4f1e6",
+    "reflex-reflector": "#b3261e",
+    "lamp-lens": "#9c2a24",
     "skin": "#d9a583",
     "paint-white": "#e6e7e8",
     "paint-grey": "#8d949b",

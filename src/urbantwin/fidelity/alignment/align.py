@@ -34,12 +34,16 @@ _LEAST_POINTS = 200
 _AMBIGUOUS, _MOST_ELSEWHERE_M = 0.1, 0.75
 #: A place less certain than this is not found, metres and degrees (standard deviations).
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
-#: A frame that is likelier than chance by less than this (a logarithm) may fit by chance: some
-#: hundred places that differ are tried.
-_LEAST_EVIDENCE = 8.0
+#: A frame that is likelier than chance by less than the second (a logarithm) may fit by chance:
+#: some hundred places that differ are tried. Where a narrow span holds n poses that differ, the
+#: first beyond log n is enough.
+_LEAST_BEYOND_CHANCE, _LEAST_EVIDENCE = 2.0, 8.0
 #: A pose farther beyond the span than so many standard deviations is none of it.
 _BEYOND = 2.0
 _CANDIDATES = 6
+#: So far beyond the span, metres and radians, a place that is ten times as likely as the best
+#: within is told: the guess is wrong then, and what fits within it may only look alike.
+_JUST_BEYOND_M, _JUST_BEYOND_RAD = 1.5, np.radians(5.0)
 #: Two of them are one place, metres and degrees.
 _SAME_M, _SAME_DEG = 0.5, 3.0
 #: With fewer curbs and fewer points off the ground, only heights of the ground would hold the
@@ -218,18 +222,23 @@ def align(
         sigma_m=np.hypot(found.sigma_m, [*likely.sigma_m, 0.0]),
         sigma_deg=np.hypot(found.sigma_deg, [0.0, 0.0, np.degrees(likely.sigma_rad)]),
     )
-    _certain(found, likely, file)
+    _certain(found, likely, span, file)
     pose = _bounded(_of_frame(found.pose, sensor), found, plane, guess, file)
     others = _elsewhere(found.pose, told, sensor, guess)
     _told_apart(found.pose, others, sensor, file)
     share = others[0][0] if others else 0.0
+    if guess is not None:
+        rough = features.thinned(_SPARSE_M)
+        _not_just_beyond(
+            found.pose, _just_beyond(scene, rough, search, found.pose, span), guess, file
+        )
     start = None if guess is None else _of_frame(search.standing(span.middle, span.yaw), sensor)
     if start is not None and not np.isfinite(start.translation).all():
         start = None
     return Alignment(pose, replace(found, pose=pose), share, plane, likely.evidence, start)
 
 
-def _certain(found: Registered, likely: Belief, file: str | None) -> None:
+def _certain(found: Registered, likely: Belief, span: SearchSpan, file: str | None) -> None:
     """Refuse a pose that is not determined, or that may fit by chance."""
     if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
         raise InputError(
@@ -239,13 +248,21 @@ def _certain(found: Registered, likely: Belief, file: str | None) -> None:
             file=file,
             expected=_HOLDING,
         )
-    if likely.evidence < _LEAST_EVIDENCE:
+    least = least_evidence(span)
+    if likely.evidence < least:
         raise InputError(
             f"shows too little that the twin has too (evidence {likely.evidence:.1f} of "
-            f"{_LEAST_EVIDENCE:g}; posts: {found.posts})",
+            f"{least:.1f}; posts: {found.posts})",
             file=file,
             expected=_HOLDING,
         )
+
+
+def least_evidence(span: SearchSpan) -> float:
+    """Return how much likelier than chance, as a logarithm, a frame must be somewhere in a span."""
+    differing = (2.0 * span.reach_m / _SAME_M + 1.0) ** 2
+    differing *= 2.0 * np.degrees(span.reach_rad) / _SAME_DEG + 1.0
+    return min(_LEAST_EVIDENCE, float(np.log(differing)) + _LEAST_BEYOND_CHANCE)
 
 
 def _elsewhere(
@@ -282,6 +299,48 @@ def _told_apart(
             file=file,
             expected="a guess nearer to the right one",
         )
+
+
+def _just_beyond(
+    scene: ScenePoints,
+    features: FrameFeatures,
+    search: PoseSearch,
+    found: Pose,
+    span: SearchSpan,
+) -> Pose | None:
+    """Return the likeliest place just beyond a span, if what was found within is not a tenth of it.
+
+    What lies beyond makes nothing ambiguous. But where streets repeat and a guess leaves out the
+    right place, another one fits well, too.
+    """
+    reach_rad = min(span.reach_rad + _JUST_BEYOND_RAD, np.pi)
+    wide = SearchSpan(span.middle, span.reach_m + _JUST_BEYOND_M, span.yaw, reach_rad)
+    outside = [found]
+    for one in search.run(wide, 2 * _CANDIDATES):
+        if span.holds(one.pose.translation[:2], one.yaw):
+            continue
+        moved = registered(scene, features, one.pose, rough=True)
+        pose = one.pose if moved is None else moved.pose
+        inside = span.holds(*_stance(pose, search.plane))
+        if not inside and not any(_same(pose, other) for other in outside):
+            outside.append(pose)
+    places = [_stance(pose, search.plane) for pose in outside]
+    shares = [one.share for one in beliefs(search, places, wide)]
+    best = int(np.argmax(shares))
+    return outside[best] if shares[0] < _AMBIGUOUS * shares[best] else None
+
+
+def _not_just_beyond(pose: Pose, other: Pose | None, guess: Guess, file: str | None) -> None:
+    """Refuse a place beside one that lies just beyond the span and is likelier by far."""
+    if other is None:
+        return
+    apart = float(np.hypot(*(other.translation - pose.translation)[:2]))
+    raise InputError(
+        f"fits best just beyond the guess, {apart:.1f} m from where it fits within",
+        file=file,
+        expected=f"up to {guess.within_m:g} m and {guess.within_deg:g} degrees from the guess, "
+        "or a wider span",
+    )
 
 
 def _bounded(

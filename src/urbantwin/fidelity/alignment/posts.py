@@ -16,12 +16,12 @@ from urbantwin.geometry import row_keys
 __all__ = ["Posts", "posts_of"]
 
 #: A post rises at least so far, through slices of this height, metres: people and bollards do not.
-_HIGH_M, _SLICE_M = 1.5, 0.5
+_HIGH_M, _SLICE_M = 1.2, 0.5
 #: It is looked for up to here above the ground, and so far away, metres.
-_UP_TO_M, _REACH_M = 6.0, 40.0
-#: In a slice it is no wider than this, and so far around nothing else stands, metres: a tenth of
+_UP_TO_M, _REACH_M = 6.0, 50.0
+#: In a slice it is no wider than this, and so far around nothing else stands, metres: a third of
 #: as many points as its own may be there.
-_WIDE_M, _ALONE_M, _BESIDE = 0.5, 0.9, 0.1
+_WIDE_M, _ALONE_M, _BESIDE = 0.5, 0.9, 0.3
 #: Slices of one post lie over each other to this; it is thin in so many of those that it rises
 #: through, at least, and in this share.
 _UPRIGHT_M, _FEWEST, _THIN_SHARE = 0.2, 3, 0.5

@@ -87,16 +87,8 @@ def frame_of(
         usable = UsablePoints(np.zeros(0, bool), 0, 0)
     else:
         usable = usable_points(file, table, intensity)
-    if (
-        usable.rows.any()
-        and "ring" in found
-        and np.nanmax(found["ring"][usable.rows]) > _MOST_RINGS
-    ):
-        raise InputError(
-            f"has ring {np.nanmax(found['ring'][usable.rows]):.0f}",
-            file=file,
-            expected=f"0 to {_MOST_RINGS} (do its header's sizes and order say where the ring is?)",
-        )
+    if "ring" in found:
+        _check_rings(file, found["ring"][usable.rows])
     of_points: dict[str, Any] = {
         attribute: _as_kept(attribute, values[usable.rows])
         for attribute, values in found.items()
@@ -113,6 +105,18 @@ def frame_of(
         **of_points,
         **known,
     )
+
+
+def _check_rings(file: Path, rings: NDArray[Any]) -> None:
+    """Refuse rings (N,) that are read at the wrong place: too large, or no whole numbers."""
+    known = rings[np.isfinite(rings)].astype(np.float64)
+    wrong = known[(known > _MOST_RINGS) | (known != np.round(known))]
+    if len(wrong):
+        raise InputError(
+            f"has ring {wrong.max():.6g}",
+            file=file,
+            expected=f"0 to {_MOST_RINGS} (do its header's sizes and order say where the ring is?)",
+        )
 
 
 def _as_kept(attribute: str, values: NDArray[Any]) -> NDArray[Any]:

@@ -66,6 +66,10 @@ _STEPS = 1024
 #: EN 12899-1, table for class RA1 (white, 0.33 deg of observation): entrance angle and share.
 _SHEETING_DEG = (0.0, 5.0, 30.0, 40.0, 60.0)
 _SHEETING = (1.0, 1.0, 30 / 70, 10 / 70, 0.0)
+#: UN Regulation 3, class IA: 300, 200 and 100 mcd/lx at 0, 10 and 20 degrees. Beyond it asks for
+#: nothing; as between the last two, each 10 degrees are taken to halve it.
+_PRISMS_DEG = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 90.0)
+_PRISMS = (1.0, 2 / 3, 1 / 3, 1 / 6, 1 / 12, 1 / 24, 1 / 48, 1 / 96, 0.0)
 
 Floats = NDArray[np.float32]
 
@@ -203,9 +207,13 @@ def scatter_of_materials(
     dry = diffuse[:, None] * shape
     under_film = wet_reflectivity(diffuse, wavelength_nm)[:, None] * shape * film_passes(cosine)
     retro = np.array([one.retro if retroreflection else 0.0 for one in table])
-    sheeting = np.interp(np.degrees(np.arccos(cosine)), _SHEETING_DEG, _SHEETING)
-    falls = np.array([one.retro_law == "sheeting" for one in table])[:, None]
-    back = retro[:, None] * np.where(falls, sheeting, 1.0) * (1 - wet * (1 - WET_BEADS))
+    turned = np.degrees(np.arccos(cosine))
+    laws = {
+        "sheeting": np.interp(turned, _SHEETING_DEG, _SHEETING),
+        "prisms": np.interp(turned, _PRISMS_DEG, _PRISMS),
+    }
+    falls = np.stack([laws.get(one.retro_law, np.ones_like(turned)) for one in table])
+    back = retro[:, None] * falls * (1 - wet * (1 - WET_BEADS))
     relative = pane(cosine) / pane(np.ones(1))
     factor = np.ones(len(table))
     for name, times in reflectivity:

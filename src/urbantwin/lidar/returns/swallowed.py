@@ -43,7 +43,8 @@ DIRT = 1.0
 #: Share of beams that a material of actors swallows; 0 for those that are not named.
 SWALLOWED = {
     **dict.fromkeys(("paint-white", "paint-grey", "paint-black", "metal-painted"), 0.06),
-    **dict.fromkeys(("metal-dark", "metal-bare", "plastic", "rubber", "retroreflector"), 0.06),
+    **dict.fromkeys(("metal-dark", "metal-bare", "plastic", "rubber"), 0.06),
+    **dict.fromkeys(("retroreflector", "reflex-reflector", "lamp-lens"), 0.06),
     **dict.fromkeys(("cloth", "skin"), 0.02),
 }
 #: Share of ground that throws on what meets it squarely, the most, and how large its places are.

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from urbantwin.traffic.assets.body import Body
-from urbantwin.traffic.assets.car import axle_wheels, body, plates, seats
+from urbantwin.traffic.assets.car import axle_wheels, body, plates, seats, side_reflectors
 from urbantwin.traffic.assets.parts import parts
 from urbantwin.traffic.assets.solid import Solid
 
@@ -51,5 +51,6 @@ def bus_section(entry: Mapping[str, Any]) -> list[Solid]:
     shell, outline = body(inner)
     signs = plates(inner, outline, plate_z=(0.5, 0.7))
     signs = signs[:1] if ahead else signs[1:]
-    solids = [solid.moved([shift, 0.0, 0.0]) for solid in [*shell, *signs, *seats(inner)]]
+    inside = [*shell, *signs, *side_reflectors(inner), *seats(inner)]
+    solids = [solid.moved([shift, 0.0, 0.0]) for solid in inside]
     return solids + axle_wheels(entry) + parts(entry)

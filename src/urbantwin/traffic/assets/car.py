@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from urbantwin.traffic.assets.primitive import box, ellipsoid
 from urbantwin.traffic.assets.shell import Outline, Panel, Section, arched_outline, shell
 from urbantwin.traffic.assets.solid import Solid
 from urbantwin.traffic.assets.wheel import wheel
 
-__all__ = ["axle_wheels", "body", "car", "contact_points", "plates", "seats"]
+__all__ = ["axle_wheels", "body", "car", "contact_points", "plates", "seats", "side_reflectors"]
 
 
 #: Keys of an entry that hold panels: material, corner radius in metres, which sides.
@@ -23,6 +25,14 @@ PANELS = (
 )
 
 
+#: How wide and high plates are, metres: ISO 7591's, and SAE J686's of North America.
+PLATE_M, AMERICAN_PLATE_M = (0.52, 0.11), (0.305, 0.152)
+#: How wide and high tail lamps are, and their lenses, metres.
+LAMP_M, LAMP_LENS_M = (0.24, 0.20), (0.20, 0.14)
+#: A reflector is so wide and high, metres: 40 cm2, as `reflex-reflector` of the materials has it.
+REFLECTOR_M = (0.10, 0.04)
+#: Vehicles that are longer have reflectors along their sides, metres (UN Regulation 48, 6.17).
+LONG_M = 6.0
 #: How far the middle of a car's roof stands above its edges, metres.
 CROWN_M = 0.08
 
@@ -32,6 +42,7 @@ def car(entry: Mapping[str, Any]) -> list[Solid]:
     solids, outline = body({"crown": CROWN_M, **entry})
     solids += axle_wheels(entry)
     solids += plates(entry, outline, plate_z=(0.42, 0.62))
+    solids += tail_lamps(entry, outline) + side_reflectors(entry)
     length, width, _ = entry["size"]
     x, z = length / 2 - entry["mirror"][0], entry["mirror"][1]
     for side in (1, -1):
@@ -54,15 +65,7 @@ def body(entry: Mapping[str, Any]) -> tuple[list[Solid], Outline]:
         arch_centre_z=radius,
         arch_radius=wheels["arch"],
     )
-    section = Section(
-        half_width=width / 2,
-        by_height=tuple((z, factor) for z, factor in entry["section"]),
-        by_length=tuple((length / 2 - behind, factor) for behind, factor in entry["plan"][::-1]),
-        edge_radius=entry["edge"],
-        nose_bulge=entry["bulge"][0],
-        tail_bulge=entry["bulge"][1],
-        crown=entry.get("crown", 0.04),
-    )
+    section = _section(entry)
     panels = [
         Panel(tuple((length / 2 - behind, z) for behind, z in corners), material, corner, side)
         for key, material, corner, side in PANELS
@@ -77,6 +80,19 @@ def body(entry: Mapping[str, Any]) -> tuple[list[Solid], Outline]:
             box([2 * wheels["arch"], wide, tall], [axle, 0, floor + tall / 2], "metal-dark")
         )
     return solids, outline
+
+
+def _section(entry: Mapping[str, Any]) -> Section:
+    length, width, _ = entry["size"]
+    return Section(
+        half_width=width / 2,
+        by_height=tuple((z, factor) for z, factor in entry["section"]),
+        by_length=tuple((length / 2 - behind, factor) for behind, factor in entry["plan"][::-1]),
+        edge_radius=entry["edge"],
+        nose_bulge=entry["bulge"][0],
+        tail_bulge=entry["bulge"][1],
+        crown=entry.get("crown", 0.04),
+    )
 
 
 def axle_wheels(entry: Mapping[str, Any]) -> list[Solid]:
@@ -102,16 +118,75 @@ def contact_points(entry: Mapping[str, Any]) -> list[list[float]]:
 
 
 def plates(entry: Mapping[str, Any], outline: Outline, *, plate_z: Sequence[float]) -> list[Solid]:
-    """Return licence plates (520 x 110 mm) and the two rear reflectors (UN Regulation 48)."""
+    """Return licence plates, and the two rear reflectors (UN Regulation 48)."""
     width = entry["size"][1]
-    solids = []
-    for z, end in zip(plate_z, (1, 0), strict=True):
-        x = outline.reach(z)[end]
-        solids.append(box([0.02, 0.52, 0.11], [x, 0, z], "retroreflector"))
+    plate_m = AMERICAN_PLATE_M if entry.get("american") else PLATE_M
+    tall = np.array([-0.5, 0.0, 0.5]) * plate_m[1]
+    lowest = float(outline.points[:, 1].min()) + plate_m[1] / 2 + 0.01
+    plate_z = [max(z, lowest) for z in plate_z]
+    # They hang clear of what stands out most behind them, where noses and tails slope.
+    front = max(outline.reach(plate_z[0] + up)[1] for up in tall) - 0.002
+    rear = min(outline.reach(plate_z[1] + up)[0] for up in tall) + 0.002
+    solids = [
+        box([0.02, *plate_m], [x, 0, z], "retroreflector")
+        for x, z in zip((front, rear), plate_z, strict=True)
+    ]
     z = min(0.5, plate_z[1])
+    x = min(outline.reach(z + up)[0] for up in (-0.02, 0.02)) + entry["bulge"][1] * 0.7**2
     for side in (1, -1):
-        x = outline.reach(z)[0] + 0.8 * entry["bulge"][1] * 0.7**2
-        solids.append(box([0.04, 0.10, 0.04], [x, side * 0.35 * width, z], "retroreflector"))
+        place = [x + 0.012, side * 0.35 * width, z]
+        solids.append(box([0.04, REFLECTOR_M[0], REFLECTOR_M[1]], place, "reflex-reflector"))
+    return solids
+
+
+def tail_lamps(entry: Mapping[str, Any], outline: Outline) -> list[Solid]:
+    """Return the tail lamps of a car: bright housings, and lenses that throw light back.
+
+    Height and size are fitted to half of PandaSet's cars: there the median code is a third of
+    white, and a fifth of the points are beyond 1.5 times white (docs/real_lidar.md).
+    """
+    _, width, height = entry["size"]
+    z = min(0.53 * height, 0.83)
+    low, middle, high = (outline.reach(z + up * LAMP_M[1])[0] for up in (-0.5, 0.0, 0.5))
+    x = min(middle, (low + high) / 2) + entry["bulge"][1] * 0.6
+    lean = np.arctan2(high - low, LAMP_M[1])  # as the tail does
+    turn = np.array([[np.cos(lean), 0, np.sin(lean)], [0, 1, 0], [-np.sin(lean), 0, np.cos(lean)]])
+    solids = []
+    for size_m, deep, material in ((LAMP_M, 0.015, "plastic"), (LAMP_LENS_M, 0.012, "lamp-lens")):
+        lamp = box([0.04, *size_m], [deep, 0, 0], material).rotated(turn)
+        lamp = lamp.moved([x, 0.8 * width / 2, z])
+        solids += [lamp, lamp.mirrored()]
+    return solids
+
+
+def side_reflectors(entry: Mapping[str, Any]) -> list[Solid]:
+    """Return reflectors that face sideways, where a vehicle has them.
+
+    Beyond 6 m UN Regulation 48 (6.17) asks for them: one at most 3 m behind the nose, others at
+    most 3 m apart (4 m where there is no room), the last 1 m before the end. Elsewhere only bodies
+    sold in North America have them (`catalogue.american_body`): FMVSS 108 asks for one as near to
+    the nose as it can be, and one as near to the tail.
+    """
+    length, section = entry["size"][0], _section(entry)
+    if length > LONG_M:
+        count = int(np.ceil((length - 2.0) / 3.0)) + 1
+        places = np.linspace(1.0, length - 1.0, count)
+    elif entry.get("american"):
+        places = np.array([0.30, length - 0.25])
+    else:
+        return []
+    z = 0.7 if length > LONG_M else 0.45 * entry["size"][2]
+    axles = np.asarray(entry["wheels"]["axles"])
+    arch = entry["wheels"]["arch"] + REFLECTOR_M[0]
+    solids = []
+    for place in places:
+        near = axles[np.abs(axles - place) < arch]
+        beside = near + np.copysign(arch, place - near)
+        low = len(near) and z < entry["wheels"]["diameter"] / 2 + arch
+        x = length / 2 - float(beside[0] if low else place)
+        y = float(section.at(np.array([[x, z]]))[0]) - 0.012
+        solid = box([REFLECTOR_M[0], 0.04, REFLECTOR_M[1]], [x, y, z], "reflex-reflector")
+        solids += [solid, solid.mirrored()]
     return solids
 
 

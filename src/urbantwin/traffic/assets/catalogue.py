@@ -37,6 +37,7 @@ from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two
 
 __all__ = [
     "Asset",
+    "american_body",
     "asset",
     "asset_mesh",
     "asset_names",
@@ -115,7 +116,8 @@ class Asset:
 def asset_names(actor_class: str) -> tuple[str, ...]:
     """Return the names of a class's assets, in the catalogue's order.
 
-    Who comes with a companion, or with a trailer behind a car, is one of them without it.
+    Who comes with a companion, or with a trailer behind a car, is one of them without it; what is
+    sold in North America (``car-sedan-american``) as what is sold elsewhere.
 
     Raises:
         InputError: there is no such class.
@@ -309,7 +311,19 @@ def _entries() -> dict[str, dict[str, Any]]:
     entries: dict[str, dict[str, Any]] = {}
     for name in _FILES:
         entries |= yaml.load(files(__package__).joinpath(name).read_text(), loader)
-    return {name: drawn(entry) for name, entry in entries.items()} | tram_entries()
+    listed = {name: drawn(entry) for name, entry in entries.items()} | tram_entries()
+    american = {
+        f"{name}-american": {**entry, "american": True, "unlisted": True}
+        for name, entry in listed.items()
+        if entry["builder"] == "car"
+    }
+    return listed | american
+
+
+def american_body(name: str) -> str:
+    """Return the name of a body as it is sold in North America; its own where it is no other."""
+    sold = f"{name}-american"
+    return sold if sold in _entries() else name
 
 
 def _bodies(name: str) -> tuple[Body, ...]:
@@ -349,9 +363,8 @@ def _entry(name: str) -> dict[str, Any]:
     try:
         return _entries()[name]
     except KeyError:
-        raise InputError(
-            f"unknown asset '{name}'", expected=f"one of {', '.join(_entries())}"
-        ) from None
+        known = [key for key, entry in _entries().items() if "american" not in entry]
+        raise InputError(f"unknown asset '{name}'", expected=f"one of {', '.join(known)}") from None
 
 
 def pushing(entry: Mapping[str, Any], phase: int | None) -> list[Solid]:

@@ -20,15 +20,15 @@ from scipy.special import ndtri
 
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets.asset_name import AssetName, Size
-from urbantwin.traffic.assets.catalogue import asset, asset_names, bodies_of_asset
+from urbantwin.traffic.assets.catalogue import american_body, asset, asset_names, bodies_of_asset
 from urbantwin.traffic.assets.coat import COATED_CLASSES, coat_at
 from urbantwin.traffic.assets.own import OwnBodies
 
 __all__ = ["Fleet", "region_of"]
 
 #: Region of the tables by country (ISO 3166-1 alpha-2); Europe's for all others.
-_REGIONS = {"US": "north-america", "CA": "north-america", "MX": "north-america", "JP": "japan"}
-_USUAL = "europe"
+_AMERICA, _USUAL = "north-america", "europe"
+_REGIONS = {"US": _AMERICA, "CA": _AMERICA, "MX": _AMERICA, "JP": "japan"}
 #: Nobody is farther from the mean than this, standard deviations.
 _FARTHEST = 2.3
 #: How much of the scatter of widths goes with that of lengths.
@@ -136,9 +136,12 @@ def _kinds(region: str, actor_class: str, *, bends: bool) -> list[dict[str, Any]
     """
     tables = _tables()
     found = tables[region].get(actor_class) or tables[_USUAL].get(actor_class)
-    if found:
-        return [kind for kind in found.values() if bends or not any(map(_bends, kind["bodies"]))]
-    return [{"share": 1.0, "bodies": [name]} for name in asset_names(actor_class)]
+    if not found:
+        return [{"share": 1.0, "bodies": [name]} for name in asset_names(actor_class)]
+    kinds = [kind for kind in found.values() if bends or not any(map(_bends, kind["bodies"]))]
+    if region != _AMERICA:
+        return kinds
+    return [{**kind, "bodies": [american_body(one) for one in kind["bodies"]]} for kind in kinds]
 
 
 def _bends(body: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from urbantwin.traffic.assets.car import axle_wheels, body, plates, seats
+from urbantwin.traffic.assets.car import axle_wheels, body, plates, seats, side_reflectors
 from urbantwin.traffic.assets.parts import parts
 from urbantwin.traffic.assets.solid import Solid
 
@@ -16,7 +16,7 @@ def bus(entry: Mapping[str, Any]) -> list[Solid]:
     """Return the solids of a bus of the catalogue."""
     solids, outline = body(entry)
     solids += axle_wheels(entry)
-    solids += plates(entry, outline, plate_z=(0.5, 0.7))
+    solids += plates(entry, outline, plate_z=(0.5, 0.7)) + side_reflectors(entry)
     return solids + parts(entry) + seats(entry)
 
 

@@ -15,7 +15,12 @@ from urbantwin.traffic.motion_rows import as_rows
 __all__ = ["unlit"]
 
 #: What each material becomes: nothing sends light back, and cloth is as dark as rubber.
-_BECOMES = {"retroreflector": "metal-dark", "cloth": "rubber", "paint-white": "metal-dark"}
+_BECOMES = {
+    **dict.fromkeys(
+        ("retroreflector", "reflex-reflector", "lamp-lens", "paint-white"), "metal-dark"
+    ),
+    "cloth": "rubber",
+}
 
 
 def unlit(motion: Motion, track: int) -> Motion:
