@@ -19,7 +19,7 @@ from urbantwin.fidelity.discovery.point_rays import (
     columns_of,
     point_rays,
 )
-from urbantwin.fidelity.discovery.result import Discovery, FoundSensor
+from urbantwin.fidelity.discovery.result import NONE_MISSED, Discovery, FoundSensor
 from urbantwin.fidelity.discovery.ring_pieces import RingPieces, ring_pieces
 from urbantwin.fidelity.discovery.search import FEWEST_PIECES, search_standpoints
 from urbantwin.fidelity.discovery.second_returns import reports_two
@@ -41,10 +41,6 @@ _SEEDS, _CLOSE_FRAMES = 60_000, 4
 #: others of rings that cross there. More of them where that leaves most points on no ring: of rings
 #: as near to each other as columns are, few neighbours are on its own.
 _NEIGHBOURS, _MORE = 24, 64
-#: No sensor is missed where so many of the points are on rings. Two thirds of a missed one's are
-#: on those of four others by chance. Sweeps that were straightened while a car moved have fewer,
-#: with none missed.
-_NONE_MISSED = 0.9
 #: Rounds of assigning points and fitting sensors to them, and the first standard deviation of
 #: elevations on a ring.
 _ROUNDS, _FIRST_SPREAD_DEG = 4, 0.03
@@ -59,6 +55,8 @@ _WITHIN_DEG = 0.05
 _LOCKED = 0.015
 #: Least share of all points that a sensor has: fewer are the remains of another's.
 _LEAST_SHARE = 0.005
+#: A sensor is found if its place in plan has a smaller standard deviation than this, metres.
+_PLACED_M = 0.25
 
 _T = TypeVar("_T")
 
@@ -89,7 +87,7 @@ def discover(
     if models is None:
         models = [one for one in map(sensor, sensor_names()) if one.pattern is None]
     found = _found(frames, names, models, _NEIGHBOURS, seed, tell)
-    if found.discovery.on_rings < _NONE_MISSED:
+    if found.discovery.on_rings < NONE_MISSED:
         found = _with_missed(frames, names, models, found, seed, tell)
     if found.discovery.warnings:
         try:
@@ -97,9 +95,9 @@ def discover(
         except InputError:
             again = found
         found = max(found, again, key=lambda one: one.discovery.on_rings)
-    # Not before: points of a sensor that was missed lie on the rings of others by chance.
     close, sensors = _close_frames(frames), found.discovery.sensors
-    check_ranges(close, found.rays, sensors)
+    if not found.discovery.warnings:  # points of a missed sensor lie on others' rings by chance
+        check_ranges(close, found.rays, sensors)
     check_standing(close, _close_frames(names), found.rays, sensors)
     return found.discovery
 
@@ -217,7 +215,7 @@ def _closely(
     count = [sum(int((one.sensor == number).sum()) for one in rays) for number in range(len(best))]
     least = _LEAST_SHARE * sum(len(one.sensor) for one in rays)
     order = sorted(range(len(best)), key=lambda number: (-count[number], number))
-    order = [number for number in order if count[number] > least]
+    order = [number for number in order if count[number] > least and _is_placed(best[number])]
     sensors = []
     for rank, number in enumerate(order):
         models, confidence = _models(fits[number], measured[number])
@@ -247,6 +245,10 @@ def _closely(
         PointRays(place[one.sensor], one.ring, one.off_deg, one.azimuth, one.sure) for one in rays
     ]
     return renamed, sensors
+
+
+def _is_placed(fit: TableFit) -> bool:
+    return bool(np.sqrt(np.diag(fit.covariance)[:2]).max() < _PLACED_M)
 
 
 def _models(fits: Sequence[TableFit], step_deg: float | None) -> tuple[list[Sensor], float]:
