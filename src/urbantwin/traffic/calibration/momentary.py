@@ -36,7 +36,7 @@ __all__ = ["calibrate_observation"]
 
 #: So many simulations, which last so long, seconds, correct flows; that most like the recording
 #: is told of.
-_ROUNDS, _TRIAL_S = 5, 300.0
+_ROUNDS, _TRIAL_S = 8, 300.0
 #: Flows are told by arm where so much of the simulated motor traffic passes one: elsewhere nobody
 #: would drive.
 _BY_ARMS = 0.9

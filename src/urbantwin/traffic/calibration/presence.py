@@ -234,7 +234,7 @@ def corrected_arms(
     """Return motor vehicles an hour by arm, times who is present here over who is in a simulation.
 
     Half of the ratio's logarithm is that of the arm, which tells of its queue as well, and half
-    that of all motor vehicles: who is in the junction and behind it waits for nobody. As many are
+    that of who is beyond all arms, in the junction and behind it, and waits for nobody. As many are
     asked for as pass, and a little more, where an arm is full.
 
     Args:
@@ -243,11 +243,11 @@ def corrected_arms(
         simulated: who is present in the simulation.
         passed: motor vehicles per hour that left each arm in it.
     """
-    of_all = _ratio(_motors(recorded), _motors(simulated))
+    beyond = _ratio(_beyond(recorded), _beyond(simulated))
     found = {}
     for name, value in per_hour.items():
         of_arm = _ratio(float(recorded.arms[name].mean()), float(simulated.arms[name].mean()))
-        ratio = float(np.sqrt(of_arm * of_all))
+        ratio = float(np.sqrt(of_arm * beyond))
         if passed[name] < _CARRIED * value:
             ratio = min(ratio, passed[name] / (_CARRIED * value))
         found[name] = max(value * ratio, _LEAST)
@@ -257,11 +257,11 @@ def corrected_arms(
 def misfit(recorded: Presence, simulated: Presence) -> float:
     """Return how unlike the numbers present are: 0 where as many of each kind are on each arm.
 
-    Logarithms of ratios, of motor vehicles together, of the other classes, and of arms by how many
-    are on them.
+    Logarithms of ratios, of motor vehicles beyond all arms, of the other classes, and of arms by
+    how many are on them.
     """
     others = [name for name in recorded.classes if name not in MOTORS]
-    off = [abs(np.log(_ratio(_motors(recorded), _motors(simulated))))]
+    off = [abs(np.log(_ratio(_beyond(recorded), _beyond(simulated))))]
     off += [abs(np.log(_ratio(_mean(recorded, name), _mean(simulated, name)))) for name in others]
     on = {name: float(every.mean()) for name, every in recorded.arms.items()}
     for name, one in on.items():
@@ -276,6 +276,11 @@ def _mean(of: Presence, name: str) -> float:
 
 def _motors(of: Presence) -> float:
     return sum(_mean(of, name) for name in MOTORS)
+
+
+def _beyond(of: Presence) -> float:
+    """Return how many motor vehicles are on no arm."""
+    return max(_motors(of) - sum(float(every.mean()) for every in of.arms.values()), 0.0)
 
 
 def _ratio(here: float, there: float) -> float:
