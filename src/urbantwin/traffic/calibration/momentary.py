@@ -38,8 +38,9 @@ __all__ = ["calibrate_observation"]
 #: is told of.
 _ROUNDS, _TRIAL_S = 8, 300.0
 #: Flows are told by arm where so much of the simulated motor traffic passes one: elsewhere nobody
-#: would drive.
-_BY_ARMS = 0.9
+#: would drive; and where so many are on the arms in the recording: of fewer chance decides by which
+#: they come.
+_BY_ARMS, _ON_ARMS = 0.9, 5.0
 #: Farther from every sensor fewer are seen than are there, metres.
 _REACH_M = 40.0
 #: Classes that a demand states: none of those that were not observed.
@@ -98,6 +99,7 @@ def calibrate_observation(
                 twin, asked, _TRIAL_S, area, scratch=scratch, told=lambda share: tell(share, what)
             )
 
+        on_arms = sum(float(every.mean()) for every in recorded.arms.values())
         flows, of_arms, best = first_flows(recorded), dict[str, float](), None
         for turn in range(_ROUNDS):
             found = simulated(flows, of_arms, turn)
@@ -110,7 +112,7 @@ def calibrate_observation(
             left = {name: passed_per_hour(found, arm, _TRIAL_S) for name, arm in arms.items()}
             if of_arms:
                 of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
-            elif turn == 0 and passes_an_arm(found, arms) > _BY_ARMS:
+            elif turn == 0 and on_arms > _ON_ARMS and passes_an_arm(found, arms) > _BY_ARMS:
                 of_arms = {name: one for name, one in left.items() if one > 0}
                 of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
             limit = np.inf if of_arms else passed_per_hour(found, area, _TRIAL_S)

@@ -257,11 +257,11 @@ def corrected_arms(
 def misfit(recorded: Presence, simulated: Presence) -> float:
     """Return how unlike the numbers present are: 0 where as many of each kind are on each arm.
 
-    Logarithms of ratios, of motor vehicles beyond all arms, of the other classes, and of arms by
-    how many are on them.
+    Logarithms of ratios, of motor vehicles in all and beyond all arms, of the other classes, and of
+    arms by how many are on them.
     """
     others = [name for name in recorded.classes if name not in MOTORS]
-    off = [abs(np.log(_ratio(_beyond(recorded), _beyond(simulated))))]
+    off = [abs(np.log(_ratio(of(recorded), of(simulated)))) for of in (_motors, _beyond)]
     off += [abs(np.log(_ratio(_mean(recorded, name), _mean(simulated, name)))) for name in others]
     on = {name: float(every.mean()) for name, every in recorded.arms.items()}
     for name, one in on.items():
