@@ -30,7 +30,7 @@ from urbantwin.traffic.calibration.presence import (
 )
 from urbantwin.traffic.calibration.simulated import simulated_tracks
 from urbantwin.traffic.calibration.site_document import built, document_of, write_calibrated
-from urbantwin.traffic.observed import read_observation
+from urbantwin.traffic.observed import ObservedTracks, read_observation
 
 __all__ = ["calibrate_observation"]
 
@@ -80,9 +80,7 @@ def calibrate_observation(
     ):
         document = document_of(site)
         twin = built(document, scratch, between(progress, 0.0, 0.2))
-        area = shapely.MultiPoint(tracks.xy).convex_hull.buffer(-_EDGE_M)
-        if len(tracks.sensors):
-            area &= shapely.MultiPoint(tracks.sensors).buffer(_REACH_M)
+        area = seen_well(tracks)
         arms = arms_of(twin.roads, area)
         recorded = presence_of(tracks, moments_s, area, arms)
         trial_s = np.arange(0.0, _TRIAL_S, 1.0)
@@ -142,6 +140,14 @@ def calibrate_observation(
         write_calibrated(folder, document, traffic, report, files=(site.parent, out))
     progress(1.0, "done")
     return report
+
+
+def seen_well(tracks: ObservedTracks) -> shapely.Geometry:
+    """Return where the recording saw nearly all who were there."""
+    area = shapely.MultiPoint(tracks.xy).convex_hull.buffer(-_EDGE_M)
+    if len(tracks.sensors):
+        area &= shapely.MultiPoint(tracks.sensors).buffer(_REACH_M)
+    return area
 
 
 @dataclass(frozen=True)

@@ -101,10 +101,11 @@ def arms_of(roads: RoadNetwork, area: shapely.Geometry) -> dict[str, shapely.Geo
         for road in roads.roads
     }
     near = [road for road in roads.roads if seen[road.id] > 0]
+    beside = [road for road in near if road.to_junction != junction]
     away, reached = set[str](), {junction}
-    while more := {one.id for one in near if one.from_junction in reached} - away:
+    while more := {one.id for one in beside if one.from_junction in reached} - away:
         away |= more
-        reached |= {one.to_junction for one in near if one.id in more}
+        reached |= {one.to_junction for one in beside if one.id in more}
     arms = [one for one in near if one.id not in away and seen[one.id] >= _SEEN_M]
     from_here = {one.from_junction for one in arms}
     return {
