@@ -15,6 +15,7 @@ from urbantwin.reconstruct.recording.beams import recorded_beams
 from urbantwin.reconstruct.recording.recorded_world import read_recording
 from urbantwin.reconstruct.recording.standing_things import standing_things, waiting_parts
 from urbantwin.taxonomy import semantic_id
+from urbantwin.traffic.observed import observe
 
 COLUMNS, RINGS = 360, 12
 PLACES = np.array([[0.0, 0.0, 3.0], [12.0, 5.0, 4.0]])
@@ -131,6 +132,19 @@ def test_frames_of_two_places_are_refused(tmp_path):
         np.save(file, points)
     with pytest.raises(InputError, match="stands still"):
         read_recording(tmp_path)
+    with pytest.raises(InputError, match="stands still"):
+        observe(RecordedFrames(tmp_path))
+
+
+def test_frames_of_which_no_point_is_on_a_ring_are_refused(tmp_path):
+    write_recording(tmp_path)
+    for file in (tmp_path / "rays").iterdir():
+        rays = np.load(file)
+        for name in rays.dtype.names:
+            rays[name] = -1
+        np.save(file, rays)
+    with pytest.raises(InputError, match="0% of the points"):
+        observe(RecordedFrames(tmp_path))
 
 
 def test_things_are_told_by_their_shape():
