@@ -4,6 +4,7 @@
     python benchmarks/recorded_world.py realism REAL DATASET [DATASET ...]
     python benchmarks/recorded_world.py windows REAL ANCHOR DATASET [DATASET ...]
     python benchmarks/recorded_world.py judge DATASET REBUILT_DATASET TWIN REBUILT_TWIN RINGS
+    python benchmarks/recorded_world.py spacing OBSERVED MOTION
 
 `picture` draws the middle frame of each from above, side by side. `realism` is that of the
 challenge's protocol of all frames of each against all real ones, by ten draws of points in place of
@@ -11,13 +12,16 @@ one. `windows` holds several datasets, as of several times of one drive, against
 frames, and says by how much one such draw of traffic scatters: background and objects, beside those
 of other real frames. These three crop to the protocol's 40 x 40 x 5 m. `judge` compares what one
 rig records in a true twin and in one that was rebuilt from another rig's recording of it, beam by
-beam, and the heights of their ground.
+beam, and the heights of their ground. `spacing` tells how far apart frames may be: which share of
+an observation's vehicles stands in the same place one frame later, two, and so on, and the same of
+moments of a motion so many seconds apart.
 """
 
 import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy.spatial import cKDTree
 
 import urbantwin as ut
@@ -44,6 +48,7 @@ REACH_M = 45.0
 HALF_M, STEP_M = 35.0, 0.5
 DRAWS = 10
 CROP_M = (40.0, 40.0, 5.0)
+SAME_M, NOBODY = 0.4, np.zeros((0, 2))
 
 
 def picture(real, dataset, out):
@@ -134,6 +139,35 @@ def windows(real, others):
         print(f", {np.mean(rest) / base:.2f} +- {np.std(rest) / base:.2f} times")
 
 
+def spacing(observed, motion):
+    """Print by how many frames later the same vehicles stand there, observed and simulated."""
+
+    def stays(moments):
+        found = []
+        for lag in range(1, len(moments)):
+            pairs = [one for one in zip(moments, moments[lag:], strict=False) if len(one[1])]
+            same = sum((cKDTree(later).query(now)[0] < SAME_M).sum() for now, later in pairs)
+            found.append(same / max(sum(len(now) for now, _ in pairs), 1))
+        return np.array(found)
+
+    motors = ("car", "van", "truck", "bus")
+    tracks = pd.read_csv(Path(observed) / "tracks.csv")
+    tracks = tracks[tracks["class"].isin(motors)]
+    every = [one[["x", "y"]].to_numpy() for _, one in tracks.groupby("time_s")]
+    print("observed", np.round(stays(every), 2))
+    half = np.abs(tracks[["x", "y"]].to_numpy()).max()
+    actors = pd.read_parquet(Path(motion) / "actors.parquet", columns=["time_s", "class", "x", "y"])
+    inside = actors[["x", "y"]].abs().max(axis=1) < half
+    actors = actors[actors["class"].isin(motors) & inside]
+    at = {round(10 * t): one[["x", "y"]].to_numpy() for t, one in actors.groupby("time_s")}
+    for seconds in (1, 2, 5, 8, 10, 13, 17, 20):
+        step = 10 * seconds
+        starts = range(0, max(at) - len(every) * step, 70)
+        told = [stays([at.get(s + k * step, NOBODY) for k in range(len(every))]) for s in starts]
+        if told:
+            print(f"every {seconds} s", np.mean(told, axis=0).round(2))
+
+
 def frame_of(dataset):
     """Return range, beam, label and point (N, 3) of what came back in a dataset's first frame."""
     file = min((dataset / "points").glob("*.npy"))
@@ -189,6 +223,8 @@ if __name__ == "__main__":
         windows(given[0], given[1:])
     elif what == "realism":
         realism_of(given[0], given[1:])
+    elif what == "spacing":
+        spacing(*given)
     else:
         truth, made, true_twin, made_twin, recorded = map(Path, given)
         judge_beams(truth, made)

@@ -1,5 +1,7 @@
 """Sensors found in points alone, against worlds whose rays are cast by closed forms."""
 
+import importlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +14,11 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import rotation_from_ypr
 from urbantwin.lidar import load_sensor, sensor
+from urbantwin.progress import untold
 
 from .closed_form_street import scan
+
+discovery = importlib.import_module("urbantwin.fidelity.discovery.discover")
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +58,26 @@ def test_two_tilted_sensors_are_found(fused, found):
         off = np.abs(one.place - place)
         assert (off < 4 * one.sigma_m).all()
         assert one.sigma_tilt_deg < 0.2
+
+
+def test_a_sensor_that_was_missed_is_found_in_what_the_others_leave(fused):
+    """The search among all points is made to miss one of two."""
+    (_, place, *_), *_ = fused[0][1:]
+    frames, names = fused[1][:1], ["0"]
+    models = [sensor(name) for name in ("VLP-16", "VLP-16-Hi-Res", "HDL-32E")]
+    every = discovery._found(frames, names, models, 24, 0, untold)
+    of = [one for one in every.fits if not np.allclose(one[0].seen_from.place, place, atol=0.3)]
+    assert len(of) == 1
+    missing = discovery._fitted(frames, names, of, untold)
+    assert missing.discovery.on_rings < 0.9
+    whole = discovery._with_missed(frames, names, models, missing, 0, untold).discovery
+    assert len(whole.sensors) == 2
+    np.testing.assert_allclose(whole.sensors[1].place, place, atol=0.05)
+    assert "VLP-16" in whole.sensors[1].models
+    assert not whole.warnings
+    # Of several sensors one may be missed though most points are on rings; of one, many are off.
+    assert replace(whole, on_rings=0.84).warnings
+    assert not replace(whole, sensors=whole.sensors[:1], on_rings=0.84).warnings
 
 
 def test_points_get_their_sensor_and_ring(fused, found):
@@ -113,6 +138,8 @@ def test_frames_that_tell_nothing_are_refused_in_one_line(fused):
         discover([near], ["0"])
     with pytest.raises(InputError, match="expected metres"):
         discover([frames[0] * 1000], ["0"])
+    with pytest.raises(InputError, match="expected z that points up"):
+        discover([frames[0] * [1, -1, -1]], ["0"])
     # Forty boxes here, and forty elsewhere.
     random = np.random.default_rng(2)
     places = [

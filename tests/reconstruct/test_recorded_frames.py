@@ -15,6 +15,7 @@ from urbantwin.reconstruct.recording.beams import recorded_beams
 from urbantwin.reconstruct.recording.recorded_world import read_recording
 from urbantwin.reconstruct.recording.standing_things import standing_things, waiting_parts
 from urbantwin.taxonomy import semantic_id
+from urbantwin.traffic.observed import observe
 
 COLUMNS, RINGS = 360, 12
 PLACES = np.array([[0.0, 0.0, 3.0], [12.0, 5.0, 4.0]])
@@ -131,6 +132,19 @@ def test_frames_of_two_places_are_refused(tmp_path):
         np.save(file, points)
     with pytest.raises(InputError, match="stands still"):
         read_recording(tmp_path)
+    with pytest.raises(InputError, match="stands still"):
+        observe(RecordedFrames(tmp_path))
+
+
+def test_frames_of_which_no_point_is_on_a_ring_are_refused(tmp_path):
+    write_recording(tmp_path)
+    for file in (tmp_path / "rays").iterdir():
+        rays = np.load(file)
+        for name in rays.dtype.names:
+            rays[name] = -1
+        np.save(file, rays)
+    with pytest.raises(InputError, match="0% of the points"):
+        observe(RecordedFrames(tmp_path))
 
 
 def test_things_are_told_by_their_shape():
@@ -182,6 +196,8 @@ def test_things_are_told_by_their_shape():
         "hedge": upright(38, 3.4, 20.0, 1.0, 1.2),
         "post": upright(52, 0, 0.2, 0.2, 3.0),
         "crown": upright(25, 0, 3.0, 3.0, 2.0) + [0.0, 0.0, 2.5],
+        "bonnet": upright(56, 0, 0.9, 0.6, 0.4) + [0.0, 0.0, 0.6],
+        "sign": upright(58, -1, 0.6, 0.6, 0.6) + [0.0, 0.0, 2.2],
     }
     corner = np.concatenate(list(more.values()))
     index = np.arange(3 * len(corner), dtype=np.int32).reshape(-1, 3)
@@ -189,9 +205,9 @@ def test_things_are_told_by_their_shape():
     street = shapely.box(20, -3.4, 60, 3.4)
     waits, count = waiting_parts(mesh, street, corner.mean(axis=1)[:, 2])
     name = np.repeat(list(more), [len(one) for one in more.values()])
-    assert count == 2
-    assert set(name[waits]) == {"two", "flank"}
-    assert waits[np.isin(name, ["two", "flank"])].all()
+    assert count == 3
+    assert set(name[waits]) == {"two", "flank", "bonnet"}
+    assert waits[np.isin(name, ["two", "flank", "bonnet"])].all()
 
 
 def test_a_sector_in_which_nothing_ever_comes_back_is_blind(tmp_path):

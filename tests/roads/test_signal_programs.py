@@ -7,12 +7,15 @@ import pytest
 import shapely
 import sumolib
 import yaml
+from lxml import etree
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary, sumo_environment
+from urbantwin.roads.signals.controlled_links import signalised_junctions
 from urbantwin.roads.signals.programs import described_signals, set_programs
+from urbantwin.roads.signals.streams import Traffic
 from urbantwin.site import read_extract
 from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.yaml_document import read_document
@@ -325,3 +328,33 @@ def test_conflicting_letters_are_told(plan):
     red = "r" * len(first)
     with pytest.raises(InputError, match="without yellow"):
         plan({"junction": 2, "states": [{"seconds": 9, "state": s} for s in (first, red)]})
+
+
+def test_people_have_no_green_with_two_lanes_that_turn_side_by_side(write_osm, tmp_path):
+    """From the south two lanes turn right, from the north one: people walk with the latter."""
+    nodes = {1: (-150, 0, {}), 2: (0, 0, {"highway": "traffic_signals"}), 3: (150, 0, {})}
+    nodes |= {4: (0, -150, {}), 5: (0, 150, {})}
+    nodes |= {6: (-13, 0, CROSSED), 7: (13, 0, CROSSED)}
+    two = {**MAIN, "oneway": "yes", "lanes": "2", "turn:lanes": "right|right"}
+    one = {**MAIN, "oneway": "yes", "lanes": "1", "turn:lanes": "right"}
+    ways = {10: ([1, 6, 2, 7, 3], MAIN), 11: ([4, 2], two), 12: ([5, 2], one)}
+    out = tmp_path / "n.net.xml"
+    region = shapely.box(-140, -140, 140, 140)
+    build_roads(
+        read_extract(write_osm(nodes, ways)), HERE, region, Elevation.flat(), driving_side="right",
+        out=out,
+    )  # fmt: skip
+    (junction,) = signalised_junctions(etree.parse(out).getroot())
+    traffic = Traffic(junction, (), left_hand=False)
+    walks = [link for link in junction.links if link.movement == "walk"]
+    lanes = {}
+    for link in junction.links:
+        crossed = [w for w in walks if junction.are_foes(link, w) and link.road not in w.crosses]
+        if link.movement == "right" and crossed:
+            lanes.setdefault(link.road, []).append(
+                all(traffic.together(link.index, walk.index) for walk in crossed)
+            )
+    apart = {
+        len(each): each for road, each in lanes.items() if road.lstrip("-")[:2] in ("11", "12")
+    }
+    assert apart == {2: [False, False], 1: [True]}

@@ -103,6 +103,25 @@ def test_a_single_street_works(make_net: Callable[..., Path], tmp_path: Path) ->
     assert "sidewalk" in demand.left_out[0].why
 
 
+def test_a_way_over_a_wide_junction_is_no_short_one(
+    make_net: Callable[..., Path], tmp_path: Path
+) -> None:
+    # The streets end 40 m before the middle: 20 m and 20 m of streets, 80 m between them.
+    nodes = '<node id="a" x="-60" y="0"/><node id="b" x="-40" y="0"/>'
+    nodes += '<node id="m" x="0" y="0" radius="38"/><node id="c" x="60" y="0"/>'
+    nodes += '<node id="d" x="0" y="160"/>'
+    edges = '<edge id="in" from="a" to="m"/><edge id="on" from="m" to="c"/>'
+    edges += '<edge id="up" from="m" to="d"/>'
+    streets = StreetNetwork(make_net(tmp_path, nodes, edges), None).driven_by("passenger")
+    assert streets is not None
+    routes = Routes.between_gates(streets)
+    assert routes is not None
+    ways = {routes.drive(k): routes.weight[k] for k in range(len(routes.pairs))}
+    assert streets.length_m[[streets.edges.index(x) for x in ("in", "on")]].sum() < 60
+    assert ways["in", "on"] > 0
+    assert ways["in", "up"] > 0
+
+
 def test_who_goes_back_on_the_other_side_turns_where_the_way_was_planned(
     make_net: Callable[..., Path], tmp_path: Path
 ) -> None:

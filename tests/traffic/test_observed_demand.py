@@ -13,6 +13,7 @@ from urbantwin.traffic.calibration import calibrate_observation, momentary
 from urbantwin.traffic.calibration.passages import SeenTrack
 from urbantwin.traffic.calibration.presence import Presence, corrected, passed_per_hour
 from urbantwin.traffic.calibration.simulated import simulated_tracks
+from urbantwin.traffic.observed import read_observation
 from urbantwin.traffic.recorded.track import RecordedTrack
 from urbantwin.twin import Twin
 
@@ -93,3 +94,16 @@ def test_no_more_are_asked_for_than_pass_where_they_queue() -> None:
     assert free["pedestrian"] == full["pedestrian"] == pytest.approx(100 * 9.5 / 6.5)
     # Fewer are present than simulated: that holds, too.
     assert corrected(asked, present(6, 9), simulated, passed=1500.0)["car"] < 1500.0
+
+
+def test_demand_is_of_where_sensors_see_nearly_all(tmp_path: Path) -> None:
+    rows = [(k, 0.0, "car", x, y) for k, (x, y) in enumerate([(0, 0), (90, 0), (90, 90), (0, 90)])]
+    with (tmp_path / "tracks.csv").open("w", newline="") as stream:
+        csv.writer(stream).writerows([("track_id", "time_s", "class", "x", "y"), *rows])
+    told = {"kind": "observation", "frames": 1, "rate_hz": 1.0}
+    for more, near in (({}, False), ({"sensors": [[10.0, 10.0], [20.0, 10.0]]}, True)):
+        (tmp_path / "observation.json").write_text(json.dumps({**told, **more}))
+        area = momentary.seen_well(read_observation(tmp_path)[0])
+        assert area.contains(shapely.Point(20, 30))
+        assert area.contains(shapely.Point(80, 80)) != near
+        assert not area.contains(shapely.Point(-1, 10))

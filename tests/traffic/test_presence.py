@@ -7,9 +7,13 @@ import shapely
 from urbantwin.traffic.calibration.passages import SeenTrack
 from urbantwin.traffic.calibration.presence import (
     Presence,
+    arms_of,
     corrected,
+    corrected_arms,
     first_flows,
     flows_of_arms,
+    misfit,
+    passes_an_arm,
     presence_of,
 )
 from urbantwin.traffic.recorded.track import RecordedTrack
@@ -67,3 +71,41 @@ def test_flows_are_found_where_queues_keep_people_longer():
     assert flows["pedestrian"] == pytest.approx(300, rel=0.02)
     assert flows["car"] + flows["van"] == pytest.approx(1200, rel=0.02)
     assert flows_of_arms(flows, recorded)["a"] == pytest.approx(900, rel=0.02)
+
+
+def test_flows_of_arms_are_found_by_who_waits_on_them_and_who_waits_nowhere() -> None:
+    """One stays the longer on an arm the more come, and 9 s beyond it; the first guess is wrong."""
+    true = {"a": 1500.0, "b": 300.0, "c": 700.0}
+
+    def present(arms: dict[str, float]) -> Presence:
+        on = {name: np.array([q / 3600 * (8 + 15 * q / 1500)]) for name, q in arms.items()}
+        beyond = sum(arms.values()) / 3600 * 9
+        return Presence(1, {"car": sum(on.values()) + beyond}, on)
+
+    recorded, arms = present(true), dict.fromkeys(true, 800.0)
+    assert misfit(recorded, present(arms)) > 0.5
+    for _ in range(12):
+        arms = corrected_arms(arms, recorded, present(arms), arms)
+    assert arms == pytest.approx(true, rel=0.1)
+    assert misfit(recorded, present(arms)) < 0.1
+    # No more are asked for than pass, and a little more.
+    full = corrected_arms(
+        {"a": 1000.0}, present({"a": 2000.0}), present({"a": 900.0}), {"a": 510.0}
+    )
+    assert full["a"] == pytest.approx(600.0)
+
+
+def test_who_passes_an_arm_is_told_from_who_drives_elsewhere() -> None:
+    tracks = driven(600, 8.0, 600, 3)
+    assert passes_an_arm(tracks, {"a": ROAD}) == 1.0
+    assert passes_an_arm(tracks, {"a": shapely.box(0, 50, 100, 60)}) == 0.0
+    assert passes_an_arm([], {"a": ROAD}) == 0.0
+
+
+def test_roads_behind_an_arm_are_no_arms(crossing_twin) -> None:
+    arms = arms_of(crossing_twin.roads, shapely.box(-90, -90, 90, 90))
+    roads = {road.id: road for road in crossing_twin.roads.roads}
+    assert len(arms) >= 3
+    starts = {roads[name].from_junction for name in arms}
+    (middle,) = {roads[name].to_junction for name in arms}
+    assert middle not in starts

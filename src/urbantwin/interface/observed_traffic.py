@@ -130,6 +130,7 @@ def observe(
         with replaced_folder(target, kind="observation", inputs=inputs) as folder:
             counts = write_observation(folder, found, rate)
             draw_observed_place(folder, found)
-            told = {"frames": found.frames, "rate_hz": rate, "classes": counts}
+            stand = np.round([one.place[:2] for one in recording.sensors], 3).tolist()
+            told = {"frames": found.frames, "rate_hz": rate, "sensors": stand, "classes": counts}
             write_json(folder / "observation.json", {"kind": "observation", **told})
     return ObservedTraffic(target, found, counts)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +19,8 @@ from urbantwin.fidelity.discovery.point_rays import (
     columns_of,
     point_rays,
 )
-from urbantwin.fidelity.discovery.result import Discovery, FoundSensor
-from urbantwin.fidelity.discovery.ring_pieces import ring_pieces
+from urbantwin.fidelity.discovery.result import NONE_MISSED, Discovery, FoundSensor
+from urbantwin.fidelity.discovery.ring_pieces import RingPieces, ring_pieces
 from urbantwin.fidelity.discovery.search import FEWEST_PIECES, search_standpoints
 from urbantwin.fidelity.discovery.second_returns import reports_two
 from urbantwin.fidelity.discovery.usable_frames import (
@@ -53,6 +55,10 @@ _WITHIN_DEG = 0.05
 _LOCKED = 0.015
 #: Least share of all points that a sensor has: fewer are the remains of another's.
 _LEAST_SHARE = 0.005
+#: A sensor is found if its place in plan has a smaller standard deviation than this, metres.
+_PLACED_M = 0.25
+
+_T = TypeVar("_T")
 
 
 def discover(
@@ -80,14 +86,29 @@ def discover(
     check_frames(frames, names)
     if models is None:
         models = [one for one in map(sensor, sensor_names()) if one.pattern is None]
-    first = _found(frames, names, models, _NEIGHBOURS, seed, tell)
-    if not first.warnings:
-        return first
-    try:
-        again = _found(frames, names, models, _MORE, seed, tell)
-    except InputError:
-        return first
-    return max(first, again, key=lambda one: one.on_rings)
+    found = _found(frames, names, models, _NEIGHBOURS, seed, tell)
+    if found.discovery.on_rings < NONE_MISSED:
+        found = _with_missed(frames, names, models, found, seed, tell)
+    if found.discovery.warnings:
+        try:
+            again = _found(frames, names, models, _MORE, seed, tell)
+        except InputError:
+            again = found
+        found = max(found, again, key=lambda one: one.discovery.on_rings)
+    close, sensors = _close_frames(frames), found.discovery.sensors
+    if not found.discovery.warnings:  # points of a missed sensor lie on others' rings by chance
+        check_ranges(close, found.rays, sensors)
+    check_standing(close, _close_frames(names), found.rays, sensors)
+    return found.discovery
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What was found, by which fits, and the rays of the frames in which points are assigned."""
+
+    discovery: Discovery
+    fits: list[list[TableFit]]
+    rays: list[PointRays]
 
 
 def _found(
@@ -97,7 +118,7 @@ def _found(
     neighbours: int,
     seed: int,
     tell: Progress,
-) -> Discovery:
+) -> _Found:
     """Return the sensors found with so many neighbours of a point."""
     tell(0.02, "pieces of rings")
     pieces = ring_pieces(frames, _SEEDS, neighbours, seed)
@@ -106,29 +127,71 @@ def _found(
             f"no ring is left in {_counted(frames)}: {len(pieces)} pieces of lines in all",
             expected="rings as sensors draw them, on more than a few metres of ground or walls",
         )
+    fits = _fits(pieces, models, seed, tell)
+    found = _fitted(frames, names, fits, tell) if fits else None
+    if found is None:
+        raise _nothing_found(frames, len(pieces))
+    return found
+
+
+def _with_missed(
+    frames: Sequence[NDArray[np.float64]],
+    names: Sequence[str],
+    models: Sequence[Sensor],
+    first: _Found,
+    seed: int,
+    tell: Progress,
+) -> _Found:
+    """Return the sensors found and those that drew what is on no ring of theirs, if any did.
+
+    Where rings of many sensors cross, few neighbours of a point are of its own ring; of the points
+    that the others leave, most are.
+    """
+    left = [
+        points[one.sensor < 0]
+        for points, one in zip(_close_frames(frames), first.rays, strict=True)
+    ]
+    tell(0.02, "pieces of rings that are left")
+    fits = _fits(ring_pieces(left, _SEEDS, _MORE, seed), models, seed, tell)
+    known = [one[0].seen_from for one in first.fits]
+    new = [one for one in fits if not any(map(one[0].seen_from.is_beside, known))]
+    more = _fitted(frames, names, [*first.fits, *new], tell) if new else None
+    if more is None or more.discovery.on_rings <= first.discovery.on_rings:
+        return first
+    return more
+
+
+def _fits(
+    pieces: RingPieces, models: Sequence[Sensor], seed: int, tell: Progress
+) -> list[list[TableFit]]:
+    """Return the fits to pieces of rings of each sensor that drew them, the likeliest first."""
     found = search_standpoints(
         pieces,
         lambda some, place: draws_rings(some, place, models),
         between(tell, 0.1, 0.45),
         seed,
     )
-    fits = fitted_together(pieces, found, models, between(tell, 0.45, 0.75))
-    if not fits:
-        raise _nothing_found(frames, len(pieces))
-    chosen = evenly(len(frames), _CLOSE_FRAMES)
-    close = [frames[number] for number in chosen]
-    rays, sensors = _closely(close, fits, between(tell, 0.75, 1.0))
+    return fitted_together(pieces, found, models, between(tell, 0.45, 0.75))
+
+
+def _fitted(
+    frames: Sequence[NDArray[np.float64]],
+    names: Sequence[str],
+    fits: list[list[TableFit]],
+    tell: Progress,
+) -> _Found | None:
+    """Return the sensors fitted to points; None if none has enough of them."""
+    rays, sensors = _closely(_close_frames(frames), fits, between(tell, 0.75, 1.0))
     if not sensors:
-        raise _nothing_found(frames, len(pieces))
-    check_ranges(close, rays, sensors)
-    check_standing(close, [names[number] for number in chosen], rays, sensors)
+        return None
     off = np.concatenate([one.off_deg for one in rays])
-    return Discovery(
-        tuple(sensors),
-        tuple(names),
-        len(off),
-        float((np.abs(np.nan_to_num(off, nan=np.inf)) < _WITHIN_DEG).mean()),
-    )
+    on_rings = float((np.abs(np.nan_to_num(off, nan=np.inf)) < _WITHIN_DEG).mean())
+    return _Found(Discovery(tuple(sensors), tuple(names), len(off), on_rings), fits, rays)
+
+
+def _close_frames(every: Sequence[_T]) -> list[_T]:
+    """Return those of all frames, or of their names, in which points are assigned."""
+    return [every[number] for number in evenly(len(every), _CLOSE_FRAMES)]
 
 
 def _closely(
@@ -152,7 +215,7 @@ def _closely(
     count = [sum(int((one.sensor == number).sum()) for one in rays) for number in range(len(best))]
     least = _LEAST_SHARE * sum(len(one.sensor) for one in rays)
     order = sorted(range(len(best)), key=lambda number: (-count[number], number))
-    order = [number for number in order if count[number] > least]
+    order = [number for number in order if count[number] > least and _is_placed(best[number])]
     sensors = []
     for rank, number in enumerate(order):
         models, confidence = _models(fits[number], measured[number])
@@ -182,6 +245,10 @@ def _closely(
         PointRays(place[one.sensor], one.ring, one.off_deg, one.azimuth, one.sure) for one in rays
     ]
     return renamed, sensors
+
+
+def _is_placed(fit: TableFit) -> bool:
+    return bool(np.sqrt(np.diag(fit.covariance)[:2]).max() < _PLACED_M)
 
 
 def _models(fits: Sequence[TableFit], step_deg: float | None) -> tuple[list[Sensor], float]:

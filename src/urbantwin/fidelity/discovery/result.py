@@ -12,7 +12,7 @@ from urbantwin.fidelity.discovery.elevation_match import TableFit
 from urbantwin.fidelity.discovery.point_rays import PointRays, point_rays
 from urbantwin.result_warning import ResultWarning, rows_of
 
-__all__ = ["Discovery", "FoundSensor"]
+__all__ = ["NONE_MISSED", "Discovery", "FoundSensor"]
 
 #: Least standard deviations that are stated, of x, y and z, metres, and of tilt, degrees: formal
 #: errors leave out poles that sway. A beam origin offset that all channels share looks like another
@@ -20,9 +20,10 @@ __all__ = ["Discovery", "FoundSensor"]
 _LEAST_M, _LEAST_DEG = (0.005, 0.005, 0.02), 0.01
 #: A channel with fewer looks than this is taken to be as its model's.
 _FEW_LOOKS = 5.0
-#: Least share of the points on rings where all sensors are found: sweeps that were straightened
-#: while a car moved have 0.62 and more, and made rigs of which one sensor was missed 0.43.
-_ALL_FOUND = 0.55
+#: Least share of the points on rings where all sensors are found, and where there are several:
+#: sweeps that were straightened while a car moved have 0.62 and more, and made rigs of which one
+#: sensor was missed 0.43, and 0.84 where two thirds of its points were on rings of four others.
+_ALL_FOUND, NONE_MISSED = 0.55, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ class Discovery:
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
         """What is wrong with it: a sensor that was missed leaves its points on no ring."""
-        if self.on_rings >= _ALL_FOUND:
+        if self.on_rings >= (NONE_MISSED if len(self.sensors) > 1 else _ALL_FOUND):
             return ()
         return (
             ResultWarning(

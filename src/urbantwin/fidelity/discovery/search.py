@@ -96,6 +96,7 @@ def search_standpoints(
             break
         left[rows[mine]] = False
         is_new = not any(one.is_beside(seen_from) for one in found)
+        is_new = is_new and _possible(seen_from, bounds)
         if is_new and draws_rings(rest.of(mine), seen_from):
             found.append(seen_from)
         else:

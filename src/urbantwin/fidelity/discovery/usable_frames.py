@@ -20,6 +20,9 @@ _FARTHEST_M = 1000.0
 #: Raised cells, in which something stands on the ground: their width, and the least height that
 #: their points span, metres.
 _CELL_M, _TALL_M = 0.5, 0.8
+#: Heights are told in steps of this; what is so far from the ground's is not of it, metres; and
+#: z points down if this share of the points is below it, and so many times of those above it.
+_LEVEL_M, _OFF_GROUND_M, _LEAST_BELOW, _SO_MANY_TIMES = 0.5, 1.5, 0.02, 10.0
 #: Least share of the raised cells of a frame beside one of another frame of the same place.
 _SAME_PLACE = 0.5
 #: Frames with fewer raised cells are not compared.
@@ -35,7 +38,7 @@ _BEYOND, _SHARE_BEYOND = 1.15, 0.01
 
 
 def check_frames(frames: Sequence[NDArray[np.float64]], names: Sequence[str]) -> None:
-    """Refuse frames in units far from metres, and frames of different places.
+    """Refuse frames in units far from metres, upside down, and of different places.
 
     Raises:
         InputError: says which frame.
@@ -47,6 +50,10 @@ def check_frames(frames: Sequence[NDArray[np.float64]], names: Sequence[str]) ->
                 f"points of {name} are {far:.0f} m apart",
                 expected="metres (are these millimetres or centimetres?)",
             )
+    if frames and _is_upside_down(np.concatenate([points[:, 2] for points in frames])):
+        raise InputError(
+            f"most points of {names[0]} lie in the highest places", expected="z that points up"
+        )
     tall = [_tall_cells(points) for points in frames]
     first = next((n for n, cells in enumerate(tall) if len(cells) >= _FEWEST_CELLS), None)
     if first is None:
@@ -64,6 +71,17 @@ def check_frames(frames: Sequence[NDArray[np.float64]], names: Sequence[str]) ->
                 f"{same:.0%} of what rises from the ground is in both",
                 expected="frames of sensors that stand still, or one frame alone",
             )
+
+
+def _is_upside_down(heights: NDArray[np.float64]) -> bool:
+    """Return whether most lies at one height, the ground's, and nearly all else below it."""
+    count, edges = np.histogram(
+        heights, np.arange(heights.min(), heights.max() + _LEVEL_M, _LEVEL_M)
+    )
+    ground = edges[int(count.argmax())] + _LEVEL_M / 2
+    below = (heights < ground - _OFF_GROUND_M).mean()
+    above = (heights > ground + _OFF_GROUND_M).mean()
+    return bool(below > _LEAST_BELOW and below > _SO_MANY_TIMES * above)
 
 
 def _tall_cells(points: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -21,6 +21,8 @@ __all__ = ["LEAST_FRAMES", "Looks", "moving_points"]
 #: Fewer frames tell nothing apart: of what moves, some see what is behind it, and of what stands,
 #: two agree.
 LEAST_FRAMES = 5
+#: This share of the points is of what stands still, or the sensors do not, or it is two places.
+_LEAST_STILL = 0.6
 
 
 class Looks:
@@ -69,6 +71,19 @@ class Looks:
             float((m.share.sum(axis=1) * m.looks).sum()) for m in (one.modes for one in self.still)
         )
         return still / max(self._count, 1)
+
+    def check_standing(self) -> None:
+        """Refuse sensors that moved, and frames of two places.
+
+        Raises:
+            InputError: too few points are of what stands still.
+        """
+        if self.still_share < _LEAST_STILL:
+            raise InputError(
+                f"{self.still_share:.0%} of the points are of what stands still",
+                file=self.frames.folder,
+                expected="frames of one place, of sensors that stand still",
+            )
 
     def moving(self, frame: RecordedFrame) -> NDArray[np.bool_]:
         """Return which points (N,) of a frame move.

@@ -26,8 +26,6 @@ from urbantwin.reconstruct.recording.standing_things import standing_things, wai
 
 __all__ = ["labelled_world", "placed_ground", "read_recording"]
 
-#: This share of the points is of what stands still, or the sensors do not, or it is two places.
-_LEAST_STILL = 0.6
 #: Fewer beams of all sensors with something that stands still are no place.
 _LEAST_BEAMS = 500
 #: Classes of ground points: measured near, or bridged.
@@ -53,12 +51,7 @@ def read_recording(folder: Path, tell: Progress = untold) -> ImportedModel:
     """
     frames = RecordedFrames(folder)
     looks = Looks(frames, between(tell, 0.0, 0.4))
-    if looks.still_share < _LEAST_STILL:
-        raise InputError(
-            f"{looks.still_share:.0%} of the points are of what stands still",
-            file=folder,
-            expected="frames of one place, of sensors that stand still",
-        )
+    looks.check_standing()
     tell(0.4, "beams")
     beams = recorded_beams(looks)
     points = np.concatenate([one.points()[one.range_m[:, 0] > 0] for one in beams])

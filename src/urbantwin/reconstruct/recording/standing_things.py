@@ -34,6 +34,9 @@ _ON_ROAD = 0.6
 _EDGE_M, _BUS_M, _FROM_M, _BONNET_M, _WIDE_M = 0.4, 3.2, 0.8, 0.7, 1.2
 #: Half of it is so far inside: roadside hedges and walls of inexact maps are not.
 _DEEP_M = 0.8
+#: Nothing that stands begins so high and ends so low, metres: it is the bonnet or the boot of who
+#: waited, whose other parts others hid or too few beams met.
+_HANGS_M, _LOW_M = 0.35, 2.0
 _MATERIAL = {
     "vegetation": "foliage",
     "building": "plaster",
@@ -145,7 +148,9 @@ def waiting_parts(
         np.atleast_1d(of(values, thing, number))
         for of, values in ((minimum, above[rows]), (maximum, above[rows]), (mean, deep))
     )
-    found = (longest > _WIDE_M) & (low < _FROM_M) & (high > _BONNET_M) & (share > 0.5)
+    found = (longest > _WIDE_M) & (low < _FROM_M) & (high > _BONNET_M)
+    found |= (low > _HANGS_M) & (high < _LOW_M)
+    found &= share > 0.5
     waits[rows] = found[thing - 1]
     return waits, int(found.sum())
 

@@ -196,13 +196,23 @@ class Traffic:
             return True
         if "walk" in (a.movement, b.movement):
             vehicle, walker = (b, a) if a.movement == "walk" else (a, b)
-            meets = self.junction.meets_walkers(vehicle, walker)
+            meets = self.junction.meets_walkers(vehicle, walker) or self._side_by_side(vehicle)
             return not meets and self.junction.gives_way(vehicle, walker)
         if SAME_ARM_DEG <= turn_between(a.bearing, b.bearing) <= FACING_DEG:
             return False
         if {a.movement, b.movement} <= set(self._across) and min(a.length, b.length) > LONG_TURN_M:
             return False
         return self._waits_for(a, b) or self._waits_for(b, a)
+
+    def _side_by_side(self, link: Link) -> bool:
+        """Whether two lanes of a road turn beside each other, where one hides who walks."""
+        return link.is_turn and any(
+            other.road == link.road
+            and other.lane != link.lane
+            and other.movement == link.movement
+            and other.to.rpartition("_")[0] == link.to.rpartition("_")[0]
+            for other in self.junction.links
+        )
 
     def _waits_for(self, a: Link, b: Link) -> bool:
         """Whether one turns out of the other's way and gives way to it."""

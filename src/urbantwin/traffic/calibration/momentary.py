@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +15,34 @@ from urbantwin.artefact import passing_folder, replaced_folder, sha256_of
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
 from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.calibration.passages import MOTORS, SeenTrack
 from urbantwin.traffic.calibration.presence import (
     Presence,
     arms_of,
     corrected,
+    corrected_arms,
     first_flows,
     flows_of_arms,
+    misfit,
     passed_per_hour,
+    passes_an_arm,
     presence_of,
 )
 from urbantwin.traffic.calibration.simulated import simulated_tracks
 from urbantwin.traffic.calibration.site_document import built, document_of, write_calibrated
-from urbantwin.traffic.observed import read_observation
+from urbantwin.traffic.observed import ObservedTracks, read_observation
 
 __all__ = ["calibrate_observation"]
 
-#: Flows are corrected by so many simulations, which last so long, seconds; one more is told of.
-_ROUNDS, _TRIAL_S = 3, 300.0
+#: So many simulations, which last so long, seconds, correct flows; that most like the recording
+#: is told of.
+_ROUNDS, _TRIAL_S = 8, 300.0
+#: Flows are told by arm where so much of the simulated motor traffic passes one: elsewhere nobody
+#: would drive; and where so many are on the arms in the recording: of fewer chance decides by which
+#: they come.
+_BY_ARMS, _ON_ARMS = 0.9, 5.0
+#: Farther from every sensor fewer are seen than are there, metres.
+_REACH_M = 40.0
 #: Classes that a demand states: none of those that were not observed.
 _TOLD = [name for name in ACTOR_CLASSES if name not in ("animal", "trailer", "tram")]
 #: What lies within this of the outermost that was seen is seen in part only, metres.
@@ -68,27 +80,46 @@ def calibrate_observation(
     ):
         document = document_of(site)
         twin = built(document, scratch, between(progress, 0.0, 0.2))
-        area = shapely.MultiPoint(tracks.xy).convex_hull.buffer(-_EDGE_M)
+        area = seen_well(tracks)
         arms = arms_of(twin.roads, area)
         recorded = presence_of(tracks, moments_s, area, arms)
         trial_s = np.arange(0.0, _TRIAL_S, 1.0)
 
-        def simulated(per_hour: dict[str, float], turn: int) -> tuple[Presence, float]:
-            asked = {**twin.site["traffic"], "counts": [], "seed": seed}
+        def simulated(
+            per_hour: dict[str, float], of_arms: dict[str, float], turn: int
+        ) -> list[SeenTrack]:
+            asked = {**twin.site["traffic"], "counts": _counts(of_arms), "seed": seed}
             asked["per_hour"] = {name: per_hour.get(name, 0.0) for name in ACTOR_CLASSES}
-            tell = between(progress, 0.2 + 0.8 * turn / (_ROUNDS + 1), 1.0)
-            what = f"simulating who is present, {turn + 1} of {_ROUNDS + 1}"
-            found = simulated_tracks(
+            begun = 0.2 + 0.8 * turn / _ROUNDS
+            tell = between(progress, begun, begun + 0.8 / _ROUNDS)
+            what = f"simulating who is present, {turn + 1} of {_ROUNDS}"
+            return simulated_tracks(
                 twin, asked, _TRIAL_S, area, scratch=scratch, told=lambda share: tell(share, what)
             )
-            passed = passed_per_hour(found, area, _TRIAL_S)
-            return presence_of(found, trial_s, area, arms), passed
 
-        flows = first_flows(recorded)
+        on_arms = sum(float(every.mean()) for every in recorded.arms.values())
+        flows, of_arms, best = first_flows(recorded), dict[str, float](), None
         for turn in range(_ROUNDS):
-            flows = corrected(flows, recorded, *simulated(flows, turn))
-        flows = {name: round(value, 1) for name, value in flows.items()}
-        last, passed = simulated(flows, _ROUNDS)
+            found = simulated(flows, of_arms, turn)
+            present = presence_of(found, trial_s, area, arms)
+            off = misfit(recorded, present)
+            # The first tells whether arms are told by counts, and is the last if they are not.
+            if best is None or (of_arms and not best.arms) or off < best.off:
+                passed = passed_per_hour(found, area, _TRIAL_S)
+                best = _Trial(flows, of_arms, present, passed, off)
+            left = {name: passed_per_hour(found, arm, _TRIAL_S) for name, arm in arms.items()}
+            if of_arms:
+                of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
+            elif turn == 0 and on_arms > _ON_ARMS and passes_an_arm(found, arms) > _BY_ARMS:
+                of_arms = {name: one for name, one in left.items() if one > 0}
+                of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
+            limit = np.inf if of_arms else passed_per_hour(found, area, _TRIAL_S)
+            flows = _rounded(corrected(flows, recorded, present, limit))
+            if of_arms:  # by class they share out what comes by the arms
+                more = sum(of_arms.values()) / sum(q for name, q in flows.items() if name in MOTORS)
+                flows = _rounded({k: q * (more if k in MOTORS else 1) for k, q in flows.items()})
+        assert best is not None
+        flows, of_arms, last, passed = best.flows, best.arms, best.present, best.passed
         span_s = float(moments_s[-1] - moments_s[0]) + float(np.diff(moments_s[:2]).sum())
         report = {
             "kind": "calibration",
@@ -101,23 +132,64 @@ def calibrate_observation(
             "simulated_s": _TRIAL_S,
             "seen_m2": round(float(area.area), 1),
             "motor_vehicles_passed_per_hour": round(passed, 1),
-            "demand": _told(flows, recorded, last, max(1, round(span_s))),
+            "demand": _told(flows, of_arms, recorded, last, max(1, round(span_s))),
         }
-        traffic = {"per_hour": {name: flows.get(name, 0.0) for name in _TOLD}}
+        traffic: dict[str, Any] = {"per_hour": {name: flows.get(name, 0.0) for name in _TOLD}}
+        if of_arms:
+            traffic["counts"] = _counts(of_arms)
         write_calibrated(folder, document, traffic, report, files=(site.parent, out))
     progress(1.0, "done")
     return report
 
 
+def seen_well(tracks: ObservedTracks) -> shapely.Geometry:
+    """Return where the recording saw nearly all who were there."""
+    area = shapely.MultiPoint(tracks.xy).convex_hull.buffer(-_EDGE_M)
+    if len(tracks.sensors):
+        area &= shapely.MultiPoint(tracks.sensors).buffer(_REACH_M)
+    return area
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Flows by class and by arm, who was present in a simulation of them, how unlike what was seen.
+
+    Attributes:
+        flows: by class, per hour.
+        arms: motor vehicles by arm, per hour; empty: they come by any.
+        present: in the simulation.
+        passed: motor vehicles per hour that passed in it.
+        off: its misfit.
+    """
+
+    flows: dict[str, float]
+    arms: dict[str, float]
+    present: Presence
+    passed: float
+    off: float
+
+
+def _rounded(flows: dict[str, float]) -> dict[str, float]:
+    return {name: round(value, 1) for name, value in flows.items()}
+
+
+def _counts(of_arms: dict[str, float]) -> list[dict[str, Any]]:
+    return [{"road": name, "per_hour": value} for name, value in sorted(of_arms.items())]
+
+
 def _told(
-    flows: dict[str, float], recorded: Presence, last: Presence, moments: int
+    flows: dict[str, float],
+    of_arms: dict[str, float],
+    recorded: Presence,
+    last: Presence,
+    moments: int,
 ) -> list[dict[str, Any]]:
     """Return a row of each class and arm: flow, standard error, present here and there."""
     spread = last.spread(moments)
     rows: list[dict[str, Any]] = []
     for of, every, here, there, kind in (
         ("class", flows, recorded.classes, last.classes, "classes"),
-        ("road", flows_of_arms(flows, recorded), recorded.arms, last.arms, "arms"),
+        ("road", of_arms or flows_of_arms(flows, recorded), recorded.arms, last.arms, "arms"),
     ):
         for name, q in sorted(every.items()):
             share = spread[kind].get(name)

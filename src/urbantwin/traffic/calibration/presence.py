@@ -25,9 +25,12 @@ __all__ = [
     "Presence",
     "arms_of",
     "corrected",
+    "corrected_arms",
     "first_flows",
     "flows_of_arms",
+    "misfit",
     "passed_per_hour",
+    "passes_an_arm",
     "presence_of",
 ]
 
@@ -76,7 +79,8 @@ class Presence:
 def arms_of(roads: RoadNetwork, area: shapely.Geometry) -> dict[str, shapely.Geometry]:
     """Return the ways into the main junction and past it that are seen: road -> its lanes' area.
 
-    Roads that lead away from the junction are none: who is on them was counted before.
+    Roads that lead away from the junction are none: who is on them was counted before. Nor are
+    those that lead to another arm alone: who is on them is counted there.
     """
     junction = main_junction(roads)
     outline = {
@@ -97,12 +101,17 @@ def arms_of(roads: RoadNetwork, area: shapely.Geometry) -> dict[str, shapely.Geo
         for road in roads.roads
     }
     near = [road for road in roads.roads if seen[road.id] > 0]
+    beside = [road for road in near if road.to_junction != junction]
     away, reached = set[str](), {junction}
-    while more := {one.id for one in near if one.from_junction in reached} - away:
+    while more := {one.id for one in beside if one.from_junction in reached} - away:
         away |= more
-        reached |= {one.to_junction for one in near if one.id in more}
+        reached |= {one.to_junction for one in beside if one.id in more}
+    arms = [one for one in near if one.id not in away and seen[one.id] >= _SEEN_M]
+    from_here = {one.from_junction for one in arms}
     return {
-        one.id: outline[one.id] for one in near if one.id not in away and seen[one.id] >= _SEEN_M
+        one.id: outline[one.id]
+        for one in arms
+        if one.to_junction == junction or one.to_junction not in from_here
     }
 
 
@@ -163,6 +172,15 @@ def first_flows(recorded: Presence) -> dict[str, float]:
     }
 
 
+def passes_an_arm(tracks: Sequence[SeenTrack], arms: Mapping[str, shapely.Geometry]) -> float:
+    """Return the share of motor vehicles that are on an arm at some time; 0 where nobody drives."""
+    every = shapely.union_all(list(arms.values()))
+    shapely.prepare(every)
+    motors = [one for one in tracks if one.track.actor_class in MOTORS]
+    there = sum(bool(shapely.contains_xy(every, *one.xy.T).any()) for one in motors)
+    return there / max(len(motors), 1)
+
+
 def passed_per_hour(tracks: Sequence[SeenTrack], area: shapely.Geometry, seconds: float) -> float:
     """Return how many motor vehicles an hour leave an area, of tracks over so many seconds."""
     shapely.prepare(area)
@@ -191,21 +209,84 @@ def corrected(
     """
     motors = sum(value for name, value in per_hour.items() if name in MOTORS)
 
-    def ratio(names: Sequence[str]) -> float:
-        here, there = (
-            sum(float(one.classes[name].mean()) for name in names if name in one.classes)
-            for one in (recorded, simulated)
-        )
-        found = (here + _SUPPOSED) / (there + _SUPPOSED)
-        return float(np.clip(found, 1 / _MOST_CHANGE, _MOST_CHANGE))
-
-    of_motors = ratio(MOTORS)
+    of_motors = _ratio(_motors(recorded), _motors(simulated))
     if passed < _CARRIED * motors:
         of_motors = min(of_motors, passed / motors)
     return {
-        name: max(value * (of_motors if name in MOTORS else ratio((name,))), _LEAST)
+        name: max(
+            value
+            * (
+                of_motors
+                if name in MOTORS
+                else _ratio(_mean(recorded, name), _mean(simulated, name))
+            ),
+            _LEAST,
+        )
         for name, value in per_hour.items()
     }
+
+
+def corrected_arms(
+    per_hour: Mapping[str, float],
+    recorded: Presence,
+    simulated: Presence,
+    passed: Mapping[str, float],
+) -> dict[str, float]:
+    """Return motor vehicles an hour by arm, times who is present here over who is in a simulation.
+
+    Half of the ratio's logarithm is that of the arm, which tells of its queue as well, and half
+    that of who is beyond all arms, in the junction and behind it, and waits for nobody. As many are
+    asked for as pass, and a little more, where an arm is full.
+
+    Args:
+        per_hour: flows by arm that were simulated.
+        recorded: who is present in the recording.
+        simulated: who is present in the simulation.
+        passed: motor vehicles per hour that left each arm in it.
+    """
+    beyond = _ratio(_beyond(recorded), _beyond(simulated))
+    found = {}
+    for name, value in per_hour.items():
+        of_arm = _ratio(float(recorded.arms[name].mean()), float(simulated.arms[name].mean()))
+        ratio = float(np.sqrt(of_arm * beyond))
+        if passed[name] < _CARRIED * value:
+            ratio = min(ratio, passed[name] / (_CARRIED * value))
+        found[name] = max(value * ratio, _LEAST)
+    return found
+
+
+def misfit(recorded: Presence, simulated: Presence) -> float:
+    """Return how unlike the numbers present are: 0 where as many of each kind are on each arm.
+
+    Logarithms of ratios, of motor vehicles in all and beyond all arms, of the other classes, and of
+    arms by how many are on them.
+    """
+    others = [name for name in recorded.classes if name not in MOTORS]
+    off = [abs(np.log(_ratio(of(recorded), of(simulated)))) for of in (_motors, _beyond)]
+    off += [abs(np.log(_ratio(_mean(recorded, name), _mean(simulated, name)))) for name in others]
+    on = {name: float(every.mean()) for name, every in recorded.arms.items()}
+    for name, one in on.items():
+        ratio = _ratio(one, float(simulated.arms[name].mean()))
+        off.append(abs(np.log(ratio)) * one / max(sum(on.values()), 1e-9))
+    return float(sum(off))
+
+
+def _mean(of: Presence, name: str) -> float:
+    return float(of.classes[name].mean()) if name in of.classes else 0.0
+
+
+def _motors(of: Presence) -> float:
+    return sum(_mean(of, name) for name in MOTORS)
+
+
+def _beyond(of: Presence) -> float:
+    """Return how many motor vehicles are on no arm."""
+    return max(_motors(of) - sum(float(every.mean()) for every in of.arms.values()), 0.0)
+
+
+def _ratio(here: float, there: float) -> float:
+    found = (here + _SUPPOSED) / (there + _SUPPOSED)
+    return float(np.clip(found, 1 / _MOST_CHANGE, _MOST_CHANGE))
 
 
 def flows_of_arms(per_hour: Mapping[str, float], recorded: Presence) -> dict[str, float]:

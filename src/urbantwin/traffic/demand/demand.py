@@ -315,7 +315,8 @@ class Routes:
         )
         weight = entries.weight[source] * exits.weight[sink]
         weight = weight * (np.clip(straight / length, 0.1, 1.0) ** 2)
-        for unwanted in (returns, length < _WORTHWHILE_M):
+        # Of streets alone: ways over wide junctions may be longer than that.
+        for unwanted in (returns, np.maximum(length, straight) < _WORTHWHILE_M):
             if np.any(weight[~unwanted] > 0):
                 weight = np.where(unwanted, 0.0, weight)
         return cls(streets, routes.pairs, weight, previous, row)

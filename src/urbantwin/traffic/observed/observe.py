@@ -73,9 +73,10 @@ def observe(
         tell: called with the share done and what is being done.
 
     Raises:
-        InputError: there are too few frames, or a file cannot be read.
+        InputError: there are too few frames, their sensors moved, or a file cannot be read.
     """
     looks = Looks(frames, between(tell, 0.0, 0.5))
+    looks.check_standing()
     still = [~looks.moving(frames.read(k)) for k in range(len(frames))]
     share = max(1, sum(int(one.sum()) for one in still) // (GROUND_POINTS * 12))
     ground = recorded_ground(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 from numpy.typing import NDArray
+from pydantic import Field
 
 from urbantwin.artefact import read_json
 from urbantwin.artefact.manifest import Part, validated
@@ -25,6 +26,7 @@ _STANDS_M_S = 0.3
 class _Observation(Part):
     frames: int
     rate_hz: float
+    sensors: list[list[float]] = Field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +38,14 @@ class ObservedTracks:
         time_s: (N,) seconds.
         xy: (N, 2) metres.
         stands: (N,) whether it hardly moves.
+        sensors: (S, 2) where those stood who saw them; none where that is not told.
     """
 
     actor_class: NDArray[np.object_]
     time_s: NDArray[np.float64]
     xy: NDArray[np.float64]
     stands: NDArray[np.bool_]
+    sensors: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def is_observation(path: Path) -> bool:
@@ -82,4 +86,6 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, NDArray[np.float64]]
     speed[same] = along
     np.minimum.at(speed, same + 1, along)
     moments = np.arange(told.frames) / told.rate_hz
-    return ObservedTracks(name.astype(object), time_s, xy, speed < _STANDS_M_S), moments
+    sensors = np.array(told.sensors, np.float64).reshape(-1, 2)
+    found = ObservedTracks(name.astype(object), time_s, xy, speed < _STANDS_M_S, sensors)
+    return found, moments
