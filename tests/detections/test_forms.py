@@ -156,6 +156,7 @@ def nuscenes(folder: Path) -> Path:
         (folder / "v1.0-mini" / f"{table}.json").write_text(json.dumps(rows))
     (folder / name).parent.mkdir(parents=True)
     points = np.random.default_rng(2).normal(0, 5, (50, 5))
+    points[:, 4] = np.arange(50) % 32  # rings
     points.astype("<f4").tofile(folder / name)
     return folder
 
