@@ -9,7 +9,13 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Collection, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    ALL_COMPLETED,
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -26,6 +32,7 @@ __all__ = [
     "calculate_as_worker",
     "handed",
     "helpers",
+    "over",
     "received",
     "settle",
     "threads",
@@ -37,6 +44,8 @@ _T = TypeVar("_T")
 _P = ParamSpec("_P")
 
 _a_worker = False
+#: So often it is looked whether any worker is left, seconds.
+_LOOK_S = 0.2
 
 
 def usable_processors() -> int:
@@ -148,7 +157,7 @@ def begun(
             future = pool.submit(function, *arguments, **named)
 
     def result() -> _T:
-        if future is not None:
+        if future is not None and over([future]):
             with suppress(BrokenProcessPool):
                 return future.result()
         return function(*arguments, **named)
@@ -159,12 +168,29 @@ def begun(
         settle([] if future is None else [future])
 
 
+def over(under_way: Collection[Future[Any]], *, every: bool = False) -> set[Future[Any]]:
+    """Wait until one of some futures of a pool is over; return those that are, none if none will be.
+
+    None will be when no worker is left: what is handed to a pool just as its last worker is killed
+    may never be told that it was (CPython 3.11 looks through what waits once).
+
+    Args:
+        under_way: futures of a pool of this process.
+        every: wait for all of them.
+    """
+    until = ALL_COMPLETED if every else FIRST_COMPLETED
+    while True:
+        found = wait(under_way, timeout=_LOOK_S, return_when=until)
+        if not found.not_done or (found.done and not every) or not active_children():
+            return found.done
+
+
 def settle(under_way: Collection[Future[Any]]) -> None:
     """Drop what nobody has begun, and wait until the rest of it is over."""
     for future in under_way:
         future.cancel()
     try:
-        wait(under_way)
+        over(under_way, every=True)
     except BaseException:  # interrupted once more
         _kill_workers()
         raise

@@ -3,6 +3,8 @@
 import os
 import signal
 import time
+from concurrent.futures import Future
+from threading import Thread
 
 import pytest
 
@@ -10,7 +12,7 @@ from urbantwin.dataset import record
 from urbantwin.dataset.ignore_regions import areas_of
 from urbantwin.dataset.rehearsal import rehearse
 from urbantwin.lidar.coverage import ignore_areas
-from urbantwin.processes import Helpers, handed, helpers, received
+from urbantwin.processes import Helpers, handed, helpers, over, received, settle
 
 
 def test_helpers_serve_one_recording_after_the_other(twin, motion, rig, tmp_path, digests):
@@ -76,3 +78,21 @@ def test_helpers_find_the_areas_to_ignore_and_are_not_missed_when_killed(twin, r
         assert areas(crew) == expected
         os.kill(crew.pool.submit(os.getpid).result(), signal.SIGKILL)
         assert areas(crew) == expected
+
+
+def test_nobody_waits_for_what_was_lost_with_the_last_helper():
+    """A future that a pool no longer knows of, while it still has workers and when it has none."""
+    lost, done = Future(), Future()
+    lost.set_running_or_notify_cancel()
+    done.set_result(1)
+    waiting = Thread(target=settle, args=([lost, done],), daemon=True)
+    with helpers(2, int) as crew:
+        assert crew.pool.submit(os.getpid).result()
+        waiting.start()
+        waiting.join(1.0)
+        assert waiting.is_alive()
+        assert over([lost, done]) == {done}
+        crew.pool.shutdown()
+        waiting.join(10.0)
+        assert not waiting.is_alive()
+    assert over([lost]) == set()

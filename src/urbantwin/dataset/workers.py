@@ -25,7 +25,15 @@ from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import LabelledFrame, PosedActor, Rig, Scanner
 from urbantwin.lidar.static_view import StaticView
-from urbantwin.processes import Helpers, handed, helpers, received, settle, usable_processors
+from urbantwin.processes import (
+    Helpers,
+    handed,
+    helpers,
+    over,
+    received,
+    settle,
+    usable_processors,
+)
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
 __all__ = ["Part", "Recipe", "Task", "Workers", "crew_of", "record_frames"]
@@ -256,7 +264,12 @@ def _recorded(
                     yield from own.finished()
                 if not under_way:
                     return
-                finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
+                if own is None:
+                    finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
+                elif finished := over(under_way):
+                    under_way -= finished
+                else:
+                    raise BrokenProcessPool
             for future in finished:
                 yield from future.result()
     finally:
