@@ -46,6 +46,8 @@ _P = ParamSpec("_P")
 _a_worker = False
 #: So often it is looked whether any worker is left, seconds.
 _LOOK_S = 0.2
+#: Within this a pool knows that a worker was killed, seconds.
+_MOMENT_S = 0.1
 
 
 def usable_processors() -> int:
@@ -169,7 +171,7 @@ def begun(
 
 
 def over(under_way: Collection[Future[Any]], *, every: bool = False) -> set[Future[Any]]:
-    """Wait until one of some futures of a pool is over; return those that are, none if none will be.
+    """Wait until a future of a pool is over; return those that are, or none if none will be.
 
     None will be when no worker is left: what is handed to a pool just as its last worker is killed
     may never be told that it was (CPython 3.11 looks through what waits once).
@@ -187,9 +189,12 @@ def over(under_way: Collection[Future[Any]], *, every: bool = False) -> set[Futu
 
 def settle(under_way: Collection[Future[Any]]) -> None:
     """Drop what nobody has begun, and wait until the rest of it is over."""
-    for future in under_way:
-        future.cancel()
     try:
+        # A signal to all ends workers, too. Where a pool of CPython 3.11 finds something cancelled
+        # then, it tells the others nothing: it is left a moment to tell them first.
+        wait(under_way, timeout=_MOMENT_S)
+        for future in under_way:
+            future.cancel()
         over(under_way, every=True)
     except BaseException:  # interrupted once more
         _kill_workers()
