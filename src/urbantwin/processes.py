@@ -33,6 +33,7 @@ __all__ = [
     "handed",
     "helpers",
     "over",
+    "pool_of",
     "received",
     "settle",
     "threads",
@@ -134,6 +135,11 @@ def helpers(
         return
     with worker_pool(workers - 1, start, *arguments) as pool:
         yield Helpers(workers, pool)
+
+
+def pool_of(crew: object) -> ProcessPoolExecutor | None:
+    """Return the pool of helpers of whoever works; ``None`` where they are no helpers of ours."""
+    return crew.pool if isinstance(crew, Helpers) else None
 
 
 @contextmanager

@@ -141,8 +141,9 @@ def column_bytes(
 
 def _damaged_column(file: pq.ParquetFile) -> str | None:
     """Return the first column of a group of rows that cannot be read, and its bytes."""
+    names = column_paths(file)
     for group in range(file.metadata.num_row_groups):
-        for number, name in enumerate(column_paths(file)):
+        for number, name in enumerate(names):
             try:
                 file.read_row_group(group, columns=[name]).validate(full=True)
             except Exception as error:  # whatever Arrow raises: this is the one

@@ -19,7 +19,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
-from urbantwin.processes import Helpers, begun, handed, received
+from urbantwin.processes import Helpers, begun, handed, pool_of, received
 
 __all__ = ["IGNORE_REGIONS", "areas_of", "read_ignore_regions", "write_ignore_regions"]
 
@@ -69,7 +69,7 @@ def areas_of(
         region: where the twin has traffic, site frame.
         crew: this process and its helpers.
     """
-    pool = crew.pool if isinstance(crew, Helpers) else None
+    pool = pool_of(crew)
     if pool is None or all(one.ride is not None for one in rigs.values()):
         yield lambda name: ignore_areas(rigs[name], mesh, region)
         return

@@ -16,11 +16,9 @@ from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.stored_dataset import StoredDataset
-from urbantwin.processes import Helpers, helpers
+from urbantwin.processes import Helpers, helpers, pool_of
 
 if TYPE_CHECKING:
-    from concurrent.futures import ProcessPoolExecutor
-
     from urbantwin.dataset.split import SplitAsked
     from urbantwin.dataset.workers import Workers
     from urbantwin.interface.fleet import Fleet
@@ -389,14 +387,10 @@ def _drawing(on: Twin, moving: Motion, tell: Progress, crew: Workers) -> Callabl
         from urbantwin.view.pictures import pictures_of_dataset
 
         pictures_of_dataset(
-            folder, twin=on, motion=moving, pool=_pool_of(crew), progress=between(tell, 0.98, 1.0)
+            folder, twin=on, motion=moving, pool=pool_of(crew), progress=between(tell, 0.98, 1.0)
         )
 
     return draw
-
-
-def _pool_of(crew: Workers) -> ProcessPoolExecutor | None:
-    return crew.pool if isinstance(crew, Helpers) else None
 
 
 def _drawing_nodes(
@@ -418,7 +412,7 @@ def _drawing_nodes(
                 folder / name,
                 twin=on,
                 motion=moving,
-                pool=_pool_of(crew),
+                pool=pool_of(crew),
                 progress=between(tell, begin, end),
             )
 
