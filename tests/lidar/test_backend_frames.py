@@ -160,5 +160,5 @@ def test_kernels_compile_for_cuda(tmp_path):
         (made,) = warp.compile_aot_module(cast, arch=90, module_dir=tmp_path, use_ptx=True)
     except RuntimeError as error:
         pytest.skip(f"Warp cannot compile for CUDA here: {error}")
-    for kernel in ("cast_axes", "find_layers", "put_in_order"):
+    for kernel in ("cast_axes", "find_layers"):
         assert f".entry {kernel}" in made.read_text()

@@ -3,30 +3,36 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Layers
 from urbantwin.lidar.casting.warp_device import device_meshes, device_tree, warp_device
+from urbantwin.lidar.compiled.order import in_order
 from urbantwin.lidar.shapes import PresentActors, Shapes
 
 __all__ = ["WarpTracer"]
 
 #: Sets of shapes, beams and footprints that are kept on the device.
 _MOST_KEPT = 32
+#: Kinds of turns that a lane keeps recorded.
+_MOST_PLANS = 16
 _ALIGNED = 64
+#: Where a block begins that is none: after all rays.
+_NEVER = np.iinfo(np.int32).max
 
 
 class WarpTracer:
     """Casts on a device, where shapes and beams stay; a turn sends its poses and rays.
 
-    Several threads may cast a turn each: while one waits for the device, another sends the next.
-    See `tracer.RayTracer`.
+    What a turn of some size has the device do is recorded once, and said again for the next turn:
+    packing arguments takes Python longer than the device takes to cast. Several threads may cast
+    a turn each: while one waits for the device, another sends the next. See `tracer.RayTracer`.
 
     Args:
         device: see `warp_device.warp_device`.
@@ -46,83 +52,23 @@ class WarpTracer:
         self, firing: Firing, actors: PresentActors, blocks: Blocks, casting: Casting
     ) -> Layers:
         """Return the layers that blocks of rays meet, in the order of their beams."""
-        import warp as wp
-
-        from urbantwin.lidar.casting.device import cast, poses
-
-        device, count, shape = self._device, len(blocks.ray), actors.shape
+        count, several = len(blocks.ray), len(actors.shape)
         if not count:
-            return Layers.room(0, len(shape)).found(0)
-        several = len(shape)
+            return Layers.room(0, several).found(0)
         with self._lane() as lane:
-            staging, work = lane.staging, lane.work
-            with self._lock, lane.current():
-                meshes, surfaces = self._shapes(actors.shapes)
-                directions = self._keep("beams", firing.directions, wp.vec3d)
-                footprint = self._keep("footprint", firing.footprint, wp.vec2d)
-                f8, i4 = wp.float64, wp.int32
-                knots = zip(actors.paths, (f8, wp.mat33d, wp.vec3d, wp.vec3d), strict=True)
-                fired = zip(firing[:4], (f8, f8, wp.mat33d, wp.vec3d), strict=True)
-                stands = [(np.asarray(column, np.int32), i4) for column in (*blocks, shape)]
-                there = staging.sent([*knots, *fired, *stands])
-                motion, when, lie = poses.Motion(), poses.Turn(), cast.Blocks()
-                motion.time, motion.rotation, motion.place, motion.turn = there[:4]
-                when.column_time, when.ring_time, when.rotation, when.place = there[4:8]
-                lie.actor, lie.rows, lie.wide, lie.start, lie.ray, shape_there = there[8:]
-                work.room_for(count, several)
-                work.tally.zero_()
-                wp.launch(
-                    cast.cast_axes,
-                    dim=count,
-                    inputs=[meshes, shape_there, motion, when, lie, directions],
-                    outputs=[work.pose, work.range_m, work.face, work.tally],
-                    device=device,
-                )
             while True:
-                with self._lock, lane.current():
-                    wp.launch(
-                        cast.find_layers,
-                        dim=count,
-                        inputs=[
-                            meshes, surfaces, shape_there, lie, directions, footprint,
-                            casting.glass, casting.spread, casting.around, work.pose,
-                            work.range_m, work.face,
-                        ],
-                        outputs=[work.tally, work.found, work.first, work.many],
-                        device=device,
-                    )  # fmt: skip
-                    wp.utils.array_scan(work.many, work.place, inclusive=False)
-                    wp.launch(
-                        cast.put_in_order,
-                        dim=count,
-                        inputs=[work.found, work.first, work.many, work.place],
-                        outputs=[work.ordered],
-                        device=device,
-                    )
-                    # How many there are comes with as many as there may be: the device is waited
-                    # for once, unless there are more.
-                    staging.ask([(work.tally, 1 + 2 * several), (work.ordered, lane.expected)])
-                counts, ordered = staging.received()
-                used = int(counts[0])
-                if used <= work.layers:
+                plan = self._plan(lane, firing, actors, blocks, casting)
+                tally = plan.cast(firing, actors, blocks)
+                used = int(tally[0])
+                if used <= lane.layers:
                     break
-                with self._lock, lane.current():
-                    work.more_layers(used)
-                    work.tally[:1].zero_()
-            if used > len(ordered):
-                with self._lock, lane.current():
-                    staging.ask([(work.ordered, used)])
-                (ordered,) = staging.received()
-            lane.expected = min(used + used // 4 + 64, work.layers)
-        seen = counts[1 : 1 + several]
-        seen_s = counts[1 + several :].astype(np.float64) / cast.PICOSECONDS
-        ray, actor, mask, own_face, at, cosine = (
-            np.ascontiguousarray(ordered[name][:used])
-            for name in ("ray", "actor", "mask", "face", "range_m", "cosine")
-        )
-        return Layers(ray, actor, mask.astype(np.uint8), at, cosine, own_face, seen_s, seen).found(
-            used
-        )
+                with self._lock:
+                    lane.more_layers(used)
+            layers = Layers.room(used, several)
+            in_order(plan.found(used), blocks.ray, layers)
+            seen, times = tally[1 : 1 + several], tally[1 + plan.actors :][:several]
+            layers.seen[:], layers.seen_s[:] = seen, times / plan.ticks_per_s
+        return layers.found(used)
 
     @contextmanager
     def _lane(self) -> Iterator[_Lane]:
@@ -133,6 +79,36 @@ class WarpTracer:
         # Where a turn failed, what the device still does with its lane is not known: it is left.
         with self._lock:
             self._lanes.append(lane)
+
+    def _plan(
+        self,
+        lane: _Lane,
+        firing: Firing,
+        actors: PresentActors,
+        blocks: Blocks,
+        casting: Casting,
+    ) -> _Plan:
+        """Return what the device is to do in such a turn, recorded before if it can be."""
+        import warp as wp
+
+        owners = (actors.shapes.triangles.planes, firing.directions, firing.footprint)
+        sizes = _Sizes.of(firing, actors, blocks)
+        key = (sizes, casting, *map(id, owners))
+        plan = lane.plans.get(key)
+        if plan is None:
+            with self._lock:
+                given = _Given(
+                    *self._shapes(actors.shapes),
+                    self._keep("beams", firing.directions, wp.vec3d),
+                    self._keep("footprint", firing.footprint, wp.vec2d),
+                )
+                plan = lane.recorded(sizes, casting, given, owners)
+                self._settle()
+            lane.plans[key] = plan
+            while len(lane.plans) > _MOST_PLANS:
+                lane.plans.popitem(last=False)
+        lane.plans.move_to_end(key)
+        return plan
 
     def _shapes(self, shapes: Shapes) -> tuple[Any, Any]:
         """Return the shapes on the device; those that came before are not sent again."""
@@ -162,7 +138,6 @@ class WarpTracer:
         surfaces.offset = wp.array(planes["offset"], dtype=wp.float64, device=device)
         surfaces.pane = wp.array(planes["pane"].astype(np.uint8), dtype=wp.uint8, device=device)
         made = (device_meshes(trees, meshes, device), surfaces)
-        self._settle()
         self._remember(key, shapes.triangles.planes, made)
         return made
 
@@ -173,12 +148,11 @@ class WarpTracer:
         key = (name, id(values))
         if key not in self._kept:
             sent = wp.array(np.ascontiguousarray(values), dtype=dtype, device=self._device)
-            self._settle()
             self._remember(key, values, sent)
         return self._kept[key][1]
 
     def _settle(self) -> None:
-        """Wait for what was sent to stay: other threads' streams do not."""
+        """Wait for what was sent or made to stay: the streams of lanes do not."""
         import warp as wp
 
         if self._device.is_cuda:
@@ -191,171 +165,248 @@ class WarpTracer:
             self._kept.popitem(last=False)
 
 
-class _Lane:
-    """What one turn after another needs for itself: a stream of the device, and memory."""
+class _Sizes(NamedTuple):
+    """How much there is of everything in a turn.
 
-    def __init__(self, device: Any) -> None:  # noqa: ANN401
-        import warp as wp
-
-        self._stream = wp.Stream(device) if device.is_cuda else None
-        self.staging = _Staging(device, self._stream)
-        self.work = _Work(device)
-        self.expected = 1  # layers of a turn, by the one before
-
-    def current(self) -> Any:  # noqa: ANN401
-        """Return a context in which the device works on this lane's stream."""
-        import warp as wp
-
-        return wp.ScopedStream(self._stream, sync_enter=False)
-
-
-class _Work:
-    """What a turn needs of the device's memory beside what is sent; it grows and stays.
-
-    Kernels are told how many rays there are: arrays may be longer.
+    What differs from turn to turn has room for the next power of two, so that most turns of a
+    recording are of a few sizes.
     """
 
-    def __init__(self, device: Any) -> None:  # noqa: ANN401
-        self._device = device
-        self._rays = self._actors = self.layers = 0
-        self.tally: Any = None
-        self.pose: Any = None
-        self.range_m: Any = None
-        self.face: Any = None
-        self.first: Any = None
-        self.many: Any = None
-        self.place: Any = None
-        self.found: Any = None
-        self.ordered: Any = None
+    actors: int
+    knots: int
+    columns: int
+    rings: int
+    poses: int
+    blocks: int
+    rays: int
 
-    def room_for(self, rays: int, actors: int) -> _Work:
-        """Return this, with room for so many rays, actors, and the layers that they may have."""
-        import warp as wp
-
-        from urbantwin.lidar.casting.device import poses
-
-        device = self._device
-        if actors > self._actors:
-            self._actors = 2 * actors
-            self.tally = wp.zeros(1 + 2 * self._actors, dtype=wp.int64, device=device)
-        if rays > self._rays:
-            self._rays = rays + rays // 2
-            self.pose = wp.empty(self._rays, dtype=poses.RayPose, device=device)
-            self.range_m = wp.empty(self._rays, dtype=wp.float32, device=device)
-            self.face, self.first, self.many, self.place = (
-                wp.zeros(self._rays, dtype=wp.int32, device=device) for _ in range(4)
-            )
-        if rays + rays // 2 > self.layers:
-            self.more_layers(rays + rays // 2)
-        return self
-
-    def more_layers(self, layers: int) -> None:
-        """Make room for so many layers."""
-        import warp as wp
-
-        from urbantwin.lidar.casting.device.cast import Layer
-
-        self.layers = layers + 1024
-        self.found, self.ordered = (
-            wp.empty(self.layers, dtype=Layer, device=self._device) for _ in range(2)
+    @classmethod
+    def of(cls, firing: Firing, actors: PresentActors, blocks: Blocks) -> _Sizes:
+        return cls(
+            _room(len(actors.shape)),
+            actors.paths.time_s.shape[1],
+            len(firing.column_time_s),
+            len(firing.ring_time_s),
+            len(firing.translation),
+            _room(len(blocks.actor)),
+            _room(len(blocks.ray)),
         )
 
 
-class _Staging:
-    """Host memory that the device copies from and to at full speed; it grows and stays."""
+class _Given(NamedTuple):
+    """What stays on the device from turn to turn, as ``device.cast`` takes it."""
 
-    def __init__(self, device: Any, stream: Any) -> None:  # noqa: ANN401
-        self._device, self._stream = device, stream
-        self._host: dict[str, Any] = {}
-        self._there: Any = None
-        self._asked: list[NDArray[Any]] = []
+    meshes: Any
+    surfaces: Any
+    beams: Any
+    footprint: Any
 
-    def sent(self, arrays: Sequence[tuple[NDArray[Any], Any]]) -> list[Any]:
-        """Return arrays on the device, after one copy; they are overwritten by the next call.
 
-        Args:
-            arrays: values, and what Warp calls their type.
-        """
+class _Lane:
+    """What one turn after another needs for itself: a stream of the device, and memory.
+
+    Memory grows and stays; when it grows, what was recorded with the old one is forgotten.
+    """
+
+    def __init__(self, device: Any) -> None:  # noqa: ANN401
         import warp as wp
 
-        parts = [(np.ascontiguousarray(values), dtype) for values, dtype in arrays]
-        sizes = [-(-max(values.nbytes, 1) // _ALIGNED) * _ALIGNED for values, _ in parts]
-        starts = np.cumsum([0, *sizes])
-        host = self._room("up", int(starts[-1]))
-        block = host.numpy()
-        for (values, _), start in zip(parts, starts[:-1], strict=True):
-            block[start : start + values.nbytes] = values.reshape(-1).view(np.uint8)
-        if self._device.is_cuda:
-            if self._there is None or self._there.size < host.size:
-                self._there = wp.empty(host.size, dtype=wp.uint8, device=self._device)
-            wp.copy(self._there, host, count=int(starts[-1]))
-        else:
-            self._there = host
-        return [
-            wp.array(
-                ptr=self._there.ptr + int(start),
-                dtype=dtype,
-                shape=values.shape[: values.ndim - len(getattr(dtype, "_shape_", ()))],
-                device=self._device,
-                copy=False,
+        self.device = device
+        self.stream = wp.Stream(device) if device.is_cuda else None
+        self.plans: OrderedDict[object, _Plan] = OrderedDict()
+        self.rays = self.layers = 0
+        self.pose: Any = None
+        self.range_m: Any = None
+        self.face: Any = None
+        self.found: Any = None
+        self.found_here: Any = None
+        self.sent: Any = None  # what turns send, here and there
+        self.sent_there: Any = None
+        self.tally_here: Any = None
+
+    def more_layers(self, layers: int) -> None:
+        """Make room for so many layers."""
+        from urbantwin.lidar.casting.device.cast import Layer
+
+        self.plans.clear()
+        self.layers = layers + layers // 4 + 1024
+        self.found, self.found_here = self._both(self.layers, Layer)
+
+    def recorded(self, sizes: _Sizes, casting: Casting, given: _Given, owners: object) -> _Plan:
+        """Return a plan of a turn."""
+        import warp as wp
+
+        from urbantwin.lidar.casting.device.poses import RayPose
+
+        if sizes.rays > self.rays:
+            self.plans.clear()
+            self.rays = sizes.rays
+            self.pose, self.range_m, self.face = (
+                wp.empty(self.rays, dtype=kind, device=self.device)
+                for kind in (RayPose, wp.float32, wp.int32)
             )
-            for (values, dtype), start in zip(parts, starts[:-1], strict=True)
-        ]
+        if sizes.rays > self.layers:
+            self.more_layers(sizes.rays)
+        layout = _Layout.of(sizes)
+        if self.sent is None or self.sent.size < layout.size:
+            self.plans.clear()
+            self.sent_there, self.sent = self._both(2 * layout.size, wp.uint8)
+        if self.tally_here is None or self.tally_here.size < 1 + 2 * sizes.actors:
+            self.plans.clear()
+            _, self.tally_here = self._both(1 + 4 * sizes.actors, wp.int64)
+        return _Plan(self, layout, sizes, casting, given, owners)
 
-    def ask(self, wanted: Sequence[tuple[Any, int]]) -> None:
-        """Have the first values of arrays copied to the host when the device gets there.
-
-        Args:
-            wanted: arrays, and how many values of each.
-        """
+    def _both(self, size: int, dtype: Any) -> tuple[Any, Any]:  # noqa: ANN401
+        """Return an array on the device, and one here of the same size, from which it copies."""
         import warp as wp
 
-        if not self._device.is_cuda:
-            self._asked = [array.numpy()[:count] for array, count in wanted]
-            return
-        kinds = [_numpy_type(array.dtype) for array, _ in wanted]
-        sizes = [count * kind.itemsize for (_, count), kind in zip(wanted, kinds, strict=True)]
-        starts = np.cumsum([0, *(-(-size // _ALIGNED) * _ALIGNED for size in sizes)])
-        host = self._room("down", int(starts[-1]))
-        for (array, count), start in zip(wanted, starts[:-1], strict=True):
-            there = wp.array(
-                ptr=host.ptr + int(start),
-                dtype=array.dtype,
-                shape=(count,),
-                device="cpu",
-                copy=False,
-                pinned=True,
+        there = wp.empty(size, dtype=dtype, device=self.device)
+        if not self.device.is_cuda:
+            return there, there
+        return there, wp.empty(size, dtype=dtype, device="cpu", pinned=True)
+
+
+class _Layout(NamedTuple):
+    """Where the arrays of a turn lie in the block that is sent: (name, type, shape, first byte)."""
+
+    arrays: tuple[tuple[str, Any, tuple[int, ...], int], ...]
+    size: int
+
+    @classmethod
+    def of(cls, sizes: _Sizes) -> _Layout:
+        """Put the arrays one after the other: rays last, of which only those are sent that are."""
+        import warp as wp
+
+        i4, i8, f8 = wp.int32, wp.int64, wp.float64
+        a, t, b, p = sizes.actors, sizes.knots, sizes.blocks, sizes.poses
+        arrays = (
+            ("tally", i8, (1 + 2 * a,)),
+            ("time", f8, (a, t)),
+            ("rotation", wp.mat33d, (a, t)),
+            ("place", wp.vec3d, (a, t)),
+            ("turn", wp.vec3d, (a, t - 1)),
+            ("column_time", f8, (sizes.columns,)),
+            ("ring_time", f8, (sizes.rings,)),
+            ("sensor_rotation", wp.mat33d, (p,)),
+            ("sensor_place", wp.vec3d, (p,)),
+            *((name, i4, (b,)) for name in ("actor", "rows", "wide", "start")),
+            ("shape", i4, (a,)),
+            ("ray", i4, (sizes.rays,)),
+        )
+        placed, first = [], 0
+        for name, dtype, shape in arrays:
+            placed.append((name, dtype, shape, first))
+            size = int(np.prod(shape)) * wp.types.type_size_in_bytes(dtype)
+            first += -(-size // _ALIGNED) * _ALIGNED
+        return cls(tuple(placed), first)
+
+
+class _Plan:
+    """What the device does in a turn, recorded: arguments stay where they are, values change."""
+
+    def __init__(
+        self,
+        lane: _Lane,
+        layout: _Layout,
+        sizes: _Sizes,
+        casting: Casting,
+        given: _Given,
+        owners: object,
+    ) -> None:
+        import warp as wp
+
+        from urbantwin.lidar.casting.device import cast, poses
+
+        self.actors, self.ticks_per_s = sizes.actors, cast.PICOSECONDS
+        self._lane, self._owners = lane, owners  # whose ids stay taken as long as this is kept
+        self._expected = 1  # layers of a turn, by the one before
+        here: dict[str, NDArray[Any]] = {}
+        there: dict[str, Any] = {}
+        for name, dtype, shape, first in layout.arrays:
+            there[name], block = (
+                wp.array(
+                    ptr=memory.ptr + first,
+                    dtype=dtype,
+                    shape=shape,
+                    device=memory.device,
+                    copy=False,
+                )
+                for memory in (lane.sent_there, lane.sent)
             )
-            wp.copy(there, array, count=count)
-        block = host.numpy()
-        self._asked = [
-            block[start : start + size].view(kind)
-            for start, size, kind in zip(starts[:-1], sizes, kinds, strict=True)
-        ]
+            here[name] = block.numpy()
+        self._here, self._tally_there = here, there["tally"]
+        self._first_ray = layout.arrays[-1][-1]
+        here["tally"][:], here["start"][:] = 0, _NEVER
+        self._tally: NDArray[np.int64] = lane.tally_here.numpy()[: 1 + 2 * sizes.actors]
+        self._found: NDArray[np.void] = lane.found_here.numpy()
+        motion, turn, blocks = poses.Motion(), poses.Turn(), cast.Blocks()
+        motion.time, motion.rotation = there["time"], there["rotation"]
+        motion.place, motion.turn = there["place"], there["turn"]
+        turn.column_time, turn.ring_time = there["column_time"], there["ring_time"]
+        turn.rotation, turn.place = there["sensor_rotation"], there["sensor_place"]
+        blocks.actor, blocks.rows, blocks.wide = there["actor"], there["rows"], there["wide"]
+        blocks.start, blocks.ray = there["start"], there["ray"]
+        axes = [lane.pose, lane.range_m, lane.face]
+        self._commands = [
+            wp.launch(
+                kernel, dim=sizes.rays, inputs=inputs, device=lane.device, record_cmd=True
+            )
+            for kernel, inputs in (
+                (
+                    cast.cast_axes,
+                    [given.meshes, there["shape"], motion, turn, blocks, given.beams, *axes,
+                     there["tally"]],
+                ),
+                (
+                    cast.find_layers,
+                    [given.meshes, given.surfaces, there["shape"], blocks, given.beams,
+                     given.footprint, casting.glass, casting.spread, casting.around, *axes,
+                     there["tally"], lane.found],
+                ),
+            )
+        ]  # fmt: skip
 
-    def received(self) -> list[NDArray[Any]]:
-        """Return what was asked for, once it is there."""
+    def cast(self, firing: Firing, actors: PresentActors, blocks: Blocks) -> NDArray[np.int64]:
+        """Cast the rays of a turn; return the tally: see ``device.cast.cast_axes``."""
         import warp as wp
 
-        if self._stream is not None:
-            wp.synchronize_stream(self._stream)
-        return [values.copy() for values in self._asked]
+        here, lane, rays = self._here, self._lane, len(blocks.ray)
+        here["tally"][:] = 0
+        for name, values in zip(("time", "rotation", "place", "turn"), actors.paths, strict=True):
+            here[name][: len(values)] = values
+        here["shape"][: len(actors.shape)] = actors.shape
+        here["column_time"][:], here["ring_time"][:] = firing.column_time_s, firing.ring_time_s
+        here["sensor_rotation"][:], here["sensor_place"][:] = firing.rotation, firing.translation
+        for name, values in blocks._asdict().items():
+            here[name][: len(values)] = values
+        here["start"][len(blocks.start) :] = _NEVER
+        if lane.stream is not None:
+            used = self._first_ray + blocks.ray.nbytes
+            wp.copy(lane.sent_there, lane.sent, count=used, stream=lane.stream)
+        for command in self._commands:
+            command.set_dim(rays)
+            command.launch(lane.stream)
+        if lane.stream is None:
+            return self._here["tally"]
+        # How many there are comes with as many as there may be: the device is waited for once,
+        # unless there are more.
+        wp.copy(lane.tally_here, self._tally_there, count=self._tally.size, stream=lane.stream)
+        wp.copy(lane.found_here, lane.found, count=self._expected, stream=lane.stream)
+        wp.synchronize_stream(lane.stream)
+        return self._tally
 
-    def _room(self, way: str, size: int) -> Any:  # noqa: ANN401
+    def found(self, used: int) -> NDArray[np.void]:
+        """Return the layers of the turn that was cast, `device.cast.Layer`, until the next."""
         import warp as wp
 
-        if way not in self._host or self._host[way].size < size:
-            pinned = bool(self._device.is_cuda)
-            self._host[way] = wp.empty(2 * size, dtype=wp.uint8, device="cpu", pinned=pinned)
-        return self._host[way]
+        lane = self._lane
+        if used > self._expected and lane.stream is not None:
+            wp.copy(lane.found_here, lane.found, count=used, stream=lane.stream)
+            wp.synchronize_stream(lane.stream)
+        self._expected = min(used + used // 4 + 64, lane.layers)
+        return self._found[:used]
 
 
-def _numpy_type(dtype: Any) -> np.dtype[Any]:  # noqa: ANN401
-    """Return the NumPy type of a value on the device, of a structure, too."""
-    import warp as wp
-
-    of_structure = hasattr(dtype, "numpy_dtype")
-    found: np.dtype[Any] = np.dtype(
-        dtype.numpy_dtype() if of_structure else wp.dtype_to_numpy(dtype)
-    )
-    return found
+def _room(count: int) -> int:
+    """Return the next power of two."""
+    return 1 << max(count - 1, 15).bit_length()

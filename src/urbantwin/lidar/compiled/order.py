@@ -1,10 +1,10 @@
-"""Grouping of layers by beam."""
+"""Layers in the order of beams."""
 
 import numpy as np
 
 from urbantwin.geometry.compiled import per_block
 
-__all__ = ["by_ray", "chained"]
+__all__ = ["by_ray", "chained", "in_order"]
 
 
 @per_block
@@ -52,3 +52,27 @@ def chained(ray, head, before):
             touched[used] = n
             used += 1
     return touched
+
+
+@per_block
+def in_order(found, ray, layers):
+    """Write layers that were found in any order in the order of the rays that met them.
+
+    Args:
+        found: (L,) records ``device.cast.Layer``; those of one ray are next to each other.
+        ray: (R,) int32, the beam of each ray.
+        layers: `tracer.Layers` with room for them, to write.
+    """
+    first, count = np.full(len(ray), -1, np.int32), len(found)
+    for n in range(count):
+        if n == 0 or found[n].at != found[n - 1].at:
+            first[found[n].at] = n
+    used = 0
+    for at in range(len(ray)):
+        n = first[at]
+        while 0 <= n < count and found[n].at == at:
+            layer = found[n]
+            layers.ray[used], layers.actor[used] = ray[at], layer.actor
+            layers.mask[used], layers.face[used] = layer.mask, layer.face
+            layers.range_m[used], layers.cosine[used] = layer.range_m, layer.cosine
+            used, n = used + 1, n + 1

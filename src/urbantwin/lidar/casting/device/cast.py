@@ -1,7 +1,7 @@
 """What beams meet, on the device: the same as `compiled.cast`, by the same rule of a layer.
 
 A ray is a thread. First all rays along the beams' axes are cast; then, where neighbours meet
-something else, the rays of a beam's footprint; then the layers found are put in order.
+something else, the rays of a beam's footprint. Who casts puts the layers that are found in order.
 """
 
 import warp as wp
@@ -18,7 +18,7 @@ from urbantwin.lidar.casting.layer_rule import (
     STEP_M,
 )
 
-__all__ = ["PICOSECONDS", "Blocks", "Layer", "Surfaces", "cast_axes", "find_layers", "put_in_order"]
+__all__ = ["PICOSECONDS", "Blocks", "Layer", "Surfaces", "cast_axes", "find_layers"]
 
 #: Times are added up in these, so that the sum does not depend on the order.
 PICOSECONDS = 1e12
@@ -58,9 +58,9 @@ class Surfaces:
 
 @wp.struct
 class Layer:
-    """One surface that a beam meets."""
+    """One surface that a beam meets: ``at`` is where its ray stands among all rays."""
 
-    ray: wp.int32
+    at: wp.int32
     actor: wp.int32
     mask: wp.int32
     face: wp.int32
@@ -197,12 +197,12 @@ def find_layers(
     face: wp.array(dtype=wp.int32),
     tally: wp.array(dtype=wp.int64),
     found: wp.array(dtype=Layer),
-    first: wp.array(dtype=wp.int32),
-    many: wp.array(dtype=wp.int32),
 ) -> None:
-    """Write the layers of each beam next to each other in ``found``: where, and how many (R,)."""
+    """Write the layers of each beam next to each other in ``found``, as far as there is room.
+
+    How many there are is added to the first of ``tally``.
+    """
     at = wp.tid()
-    many[at] = 0
     own_face = wp.int32(face[at])
     if own_face == -2:
         return
@@ -280,35 +280,15 @@ def find_layers(
     if own_face >= 0 or crosses(surfaces.low[shape], surfaces.high[shape], own.origin, axis):
         on_axis = wp.int32(wp.static(ON_AXIS))
     place = wp.int32(wp.atomic_add(tally, 0, wp.int64(groups)))
-    first[at] = place
-    many[at] = groups
     for g in range(groups):
         told = on_plane(surfaces, base + faces[g], own.origin, axis)
         told = layer_range(told, sums[g] / wp.float64(counts[g]), (masks[g] & 1) == 1)
         if place + g < found.shape[0]:
             layer = Layer()
-            layer.ray = ray
+            layer.at = at
             layer.actor = actor
             layer.mask = masks[g] | on_axis
             layer.face = faces[g]
             layer.range_m = wp.float32(told)
             layer.cosine = wp.float32(wp.abs(wp.dot(surfaces.normal[base + faces[g]], axis)))
             found[place + g] = layer
-
-
-@wp.kernel
-def put_in_order(
-    found: wp.array(dtype=Layer),
-    first: wp.array(dtype=wp.int32),
-    many: wp.array(dtype=wp.int32),
-    place: wp.array(dtype=wp.int32),
-    ordered: wp.array(dtype=Layer),
-) -> None:
-    """Put the layers of beams (R,) in the order of the beams: from ``place`` on.
-
-    Where there was no room for all that was found, nothing beyond it is read or written.
-    """
-    at = wp.tid()
-    for g in range(many[at]):
-        if first[at] + g < found.shape[0] and place[at] + g < ordered.shape[0]:
-            ordered[place[at] + g] = found[first[at] + g]
