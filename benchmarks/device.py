@@ -83,13 +83,16 @@ def lines(
     there = Firing.of(beams, sweep, SensorPoses(rotation, pose.translation[None]))
     table = ShapeTable(asset_mesh)
     present = [
-        (np.array([table.number(one.asset, one.phase) for one in frame], np.int64), frame)
+        (
+            np.array([table.number(one.asset, one.phase) for one in frame], np.int64),
+            [one.way for one in frame],
+        )
         for frame in frames
     ]
 
     def moving(number: int) -> object:
-        shapes, frame = present[number % len(present)]
-        found = PresentActors(table.arrays, shapes, Paths.of([one.way for one in frame]))
+        shapes, ways = present[number % len(present)]
+        found = PresentActors(table.arrays, shapes, Paths.of(ways))
         return cast_actors(tracer, beams, there, found, 120.0, glass=False)
 
     def standing(_: int) -> object:

@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Layers
-from urbantwin.lidar.casting.warp_device import device_meshes, device_tree, warp_device
+from urbantwin.lidar.casting.warp_device import warp_device
+from urbantwin.lidar.casting.warp_shapes import DeviceShapes
 from urbantwin.lidar.compiled.order import in_order
 from urbantwin.lidar.shapes import PresentActors, Shapes
 
 __all__ = ["WarpTracer"]
 
-#: Sets of shapes, beams and footprints that are kept on the device.
+#: Sets of shapes, beams and footprints that are known to be on the device.
 _MOST_KEPT = 32
 #: Kinds of turns that a lane keeps recorded.
 _MOST_PLANS = 16
@@ -46,7 +47,6 @@ class WarpTracer:
         self._lock = Lock()  # Warp has one current stream, and what is kept is for all threads.
         self._lanes: list[_Lane] = []  # that no thread uses at the moment
         self._kept: OrderedDict[tuple[str, int], tuple[Any, Any]] = OrderedDict()
-        self._trees: dict[int, tuple[Any, Any]] = {}
 
     def layers(
         self, firing: Firing, actors: PresentActors, blocks: Blocks, casting: Casting
@@ -91,55 +91,38 @@ class WarpTracer:
         """Return what the device is to do in such a turn, recorded before if it can be."""
         import warp as wp
 
-        owners = (actors.shapes.triangles.planes, firing.directions, firing.footprint)
-        sizes = _Sizes.of(firing, actors, blocks)
-        key = (sizes, casting, *map(id, owners))
-        plan = lane.plans.get(key)
-        if plan is None:
-            with self._lock:
+        with self._lock:
+            there = self._shapes(actors.shapes)
+            owners = (there, firing.directions, firing.footprint)
+            sizes = _Sizes.of(firing, actors, blocks)
+            key = (sizes, casting, there.moved, *map(id, owners))
+            if key not in lane.plans:
                 given = _Given(
-                    *self._shapes(actors.shapes),
+                    there.meshes,
+                    there.surfaces,
                     self._keep("beams", firing.directions, wp.vec3d),
                     self._keep("footprint", firing.footprint, wp.vec2d),
                 )
-                plan = lane.recorded(sizes, casting, given, owners)
+                lane.plans[key] = lane.recorded(sizes, casting, given, owners)
                 self._settle()
-            lane.plans[key] = plan
-            while len(lane.plans) > _MOST_PLANS:
-                lane.plans.popitem(last=False)
         lane.plans.move_to_end(key)
-        return plan
+        while len(lane.plans) > _MOST_PLANS:
+            lane.plans.popitem(last=False)
+        return lane.plans[key]
 
-    def _shapes(self, shapes: Shapes) -> tuple[Any, Any]:
-        """Return the shapes on the device; those that came before are not sent again."""
-        import warp as wp
-
-        from urbantwin.lidar.casting.device.cast import Surfaces
-
+    def _shapes(self, shapes: Shapes) -> DeviceShapes:
+        """Return the shapes on the device, with those that came before."""
         key = ("shapes", id(shapes.triangles.planes))
-        if key in self._kept:
-            kept: tuple[Any, Any] = self._kept[key][1]
-            return kept
-        device = self._device
-        meshes = [(scene.vertices, scene.faces) for scene in shapes.scenes]
-        for vertices, faces in meshes:
-            if id(vertices) not in self._trees:
-                tree = device_tree(vertices, faces, device)
-                self._trees[id(vertices)] = (vertices, tree)
-        trees = [self._trees[id(vertices)][1] for vertices, _ in meshes]
-        planes, surfaces = shapes.triangles.planes, Surfaces()
-        for name, values in (
-            ("normal", np.column_stack([planes["x"], planes["y"], planes["z"]])),
-            ("low", shapes.low),
-            ("high", shapes.high),
-        ):
-            corners = np.ascontiguousarray(values, np.float64)
-            setattr(surfaces, name, wp.array(corners, dtype=wp.vec3d, device=device))
-        surfaces.offset = wp.array(planes["offset"], dtype=wp.float64, device=device)
-        surfaces.pane = wp.array(planes["pane"].astype(np.uint8), dtype=wp.uint8, device=device)
-        made = (device_meshes(trees, meshes, device), surfaces)
-        self._remember(key, shapes.triangles.planes, made)
-        return made
+        if key not in self._kept:
+            kept = [one for _, one in self._kept.values() if isinstance(one, DeviceShapes)]
+            there = next((one for one in kept if one.goes_on(shapes)), None)
+            there = there or DeviceShapes(self._device)
+            there.add(shapes)
+            self._settle()
+            self._remember(key, shapes.triangles.planes, there)
+        self._kept.move_to_end(key)
+        known: DeviceShapes = self._kept[key][1]
+        return known
 
     def _keep(self, name: str, values: NDArray[np.float64], dtype: Any) -> Any:  # noqa: ANN401
         """Return an array that does not change between turns, on the device."""
@@ -149,6 +132,7 @@ class WarpTracer:
         if key not in self._kept:
             sent = wp.array(np.ascontiguousarray(values), dtype=dtype, device=self._device)
             self._remember(key, values, sent)
+        self._kept.move_to_end(key)
         return self._kept[key][1]
 
     def _settle(self) -> None:

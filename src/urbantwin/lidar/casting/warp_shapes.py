@@ -1,0 +1,143 @@
+"""Shapes on a device of NVIDIA Warp's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.shapes import Shapes
+
+__all__ = ["DeviceShapes"]
+
+
+class DeviceShapes:
+    """Shapes end to end on a device, to which more are added: none is sent twice.
+
+    Attributes:
+        meshes: of all, as ``device.triangles`` takes them.
+        surfaces: of all, as ``device.cast`` takes them.
+        moved: how often everything had to move for want of room: `meshes` and `surfaces` are new.
+
+    Args:
+        device: see `warp_device.warp_device`.
+    """
+
+    def __init__(self, device: Any) -> None:  # noqa: ANN401
+        self._device = device
+        self._trees: list[Any] = []
+        self._scenes: tuple[object, ...] = ()
+        self._faces = self._vertices = self.moved = 0
+        self._columns: dict[str, _DeviceColumn] = {}
+        self.meshes: Any = None
+        self.surfaces: Any = None
+
+    def goes_on(self, shapes: Shapes) -> bool:
+        """Return whether shapes are those that are here, the first of them, or more."""
+        return all(one is other for one, other in zip(self._scenes, shapes.scenes, strict=False))
+
+    def add(self, shapes: Shapes) -> None:
+        """Send those of the shapes that are not here yet."""
+        import warp as wp
+
+        known, triangles = len(self._scenes), shapes.triangles
+        if len(shapes.scenes) <= known:
+            return
+        planes, corners = triangles.planes[self._faces :], triangles.corners[self._faces :]
+        vertices = triangles.vertices[self._vertices :]
+        extent = []
+        for scene in shapes.scenes[known:]:
+            self._trees.append(_tree(scene.vertices, scene.faces, self._device))
+            extent.append(np.linalg.norm(scene.vertices, axis=1).max(initial=0.0))
+        tree = np.array([tree.id for tree in self._trees[known:]], np.uint64)
+        normal = np.column_stack([planes[axis] for axis in "xyz"])
+        pane = planes["pane"].astype(np.uint8)
+        moved = [
+            self._add("tree", tree, wp.uint64),
+            self._add("first_face", shapes.first_face[known:].astype(np.int32), wp.int32),
+            self._add("extent", np.array(extent), wp.float64),
+            self._add("vertices", vertices, wp.vec3d),
+            self._add("faces", corners, wp.vec3i),
+            self._add("low", shapes.low[known:], wp.vec3d),
+            self._add("high", shapes.high[known:], wp.vec3d),
+            self._add("normal", normal, wp.vec3d),
+            self._add("offset", planes["offset"], wp.float64),
+            self._add("pane", pane, wp.uint8),
+        ]
+        self._scenes = shapes.scenes
+        self._faces, self._vertices = len(triangles.planes), len(triangles.vertices)
+        if any(moved):
+            self._settle()
+
+    def _add(self, name: str, values: NDArray[Any], dtype: Any) -> bool:  # noqa: ANN401
+        column = self._columns.setdefault(name, _DeviceColumn(dtype, self._device))
+        return column.append(np.ascontiguousarray(values))
+
+    def _settle(self) -> None:
+        """Tell where everything is now."""
+        from urbantwin.lidar.casting.device.cast import Surfaces
+        from urbantwin.lidar.casting.device.triangles import Meshes
+
+        self.moved += 1
+        self.meshes, self.surfaces = Meshes(), Surfaces()
+        for owner, names in (
+            (self.meshes, ("tree", "first_face", "extent", "vertices", "faces")),
+            (self.surfaces, ("low", "high", "normal", "offset", "pane")),
+        ):
+            for name in names:
+                setattr(owner, name, self._columns[name].values)
+
+
+class _DeviceColumn:
+    """An array on a device that grows at its end."""
+
+    def __init__(self, dtype: Any, device: Any) -> None:  # noqa: ANN401
+        import warp as wp
+
+        self._length = 0
+        self.values = wp.empty(0, dtype=dtype, device=device)
+
+    def append(self, values: NDArray[Any]) -> bool:
+        """Add rows; return whether all had to move for want of room."""
+        import warp as wp
+
+        until, room = self._length + len(values), self.values.size
+        moved = until > room
+        if moved:
+            # The first ones fill it: a street stays as it is.
+            size = max(until, 2 * room)
+            before = self.values
+            self.values = wp.empty(size, dtype=before.dtype, device=before.device)
+            if self._length:
+                wp.copy(self.values, before, count=self._length)
+        if len(values):
+            sent = wp.array(values, dtype=self.values.dtype, device="cpu", copy=False)
+            wp.copy(self.values, sent, dest_offset=self._length, count=len(values))
+        self._length = until
+        return bool(moved)
+
+
+def _tree(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    device: Any,  # noqa: ANN401
+) -> Any:  # noqa: ANN401
+    """Return the hierarchy of triangles' boxes on a device.
+
+    Args:
+        vertices: (V, 3) metres, within kilometres of zero.
+        faces: (F, 3) indices of vertices; without any, a box that no ray meets.
+        device: see `warp_device.warp_device`.
+    """
+    import warp as wp
+
+    corners = np.asarray(vertices, np.float64)[faces] if len(faces) else np.full((1, 1, 3), 1e30)
+    # Rounded outward: a box in single precision holds its triangle in double precision.
+    low = np.nextafter(corners.min(axis=1).astype(np.float32), np.float32(-np.inf))
+    high = np.nextafter(corners.max(axis=1).astype(np.float32), np.float32(np.inf))
+    return wp.Bvh(
+        wp.array(low, dtype=wp.vec3, device=device),
+        wp.array(high, dtype=wp.vec3, device=device),
+        constructor="sah",
+    )
