@@ -25,6 +25,7 @@ from urbantwin.errors import InputError
 
 __all__ = [
     "ArrayOf",
+    "array_header",
     "array_of_bytes",
     "checked_arrays",
     "may_unpack",
@@ -99,7 +100,7 @@ def read_arrays(
                 )
             with _one_line(path, expected, partial(member_place, packed, member)):
                 with packed.open(member) as stream:
-                    size = _header(stream)[1]
+                    size = array_header(stream)[1]
                 if size != member.file_size:
                     raise InputError(
                         "does not have the size that its header says", file=path, place=name
@@ -122,7 +123,7 @@ def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArra
         if stream.read(2) == b"PK":
             raise InputError("holds several arrays", file=path, expected=expected)
         stream.seek(0)
-        begin, size = _header(stream)
+        begin, size, _ = array_header(stream)
         have = path.stat().st_size
         if size != have:
             how = "is truncated" if size > have else "goes on behind its array"
@@ -160,7 +161,7 @@ def array_of_bytes(content: bytes, *, file: Path, place: str, expected: str) -> 
     """
     try:
         stream = io.BytesIO(content)
-        _, size = _header(stream)
+        _, size, _ = array_header(stream)
         if size > len(content):
             raise ValueError(f"{len(content)} bytes of {size}")
         stream.seek(0)
@@ -262,8 +263,12 @@ def one_line(error: BaseException) -> str:
     return (said if len(said) <= _SAID else said[:_SAID] + "...") or type(error).__name__
 
 
-def _header(stream: IO[bytes]) -> tuple[int, int]:
-    """Return how many bytes the header of a ``.npy`` has, and by it the whole file."""
+def array_header(stream: IO[bytes]) -> tuple[int, int, tuple[int, ...]]:
+    """Return how many bytes the header of a ``.npy`` has, by it the whole file, and the shape.
+
+    Raises:
+        Exception: it is none; a header is Python's syntax, whose parser raises what it likes.
+    """
     version = np.lib.format.read_magic(stream)
     read = (
         np.lib.format.read_array_header_1_0
@@ -276,7 +281,7 @@ def _header(stream: IO[bytes]) -> tuple[int, int]:
         raise ValueError(f"its shape is {shape}")
     if kind.hasobject:
         raise ValueError("it holds Python's objects")
-    return stream.tell(), stream.tell() + count * kind.itemsize
+    return stream.tell(), stream.tell() + count * kind.itemsize, shape
 
 
 def _end(path: Path) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from urbantwin.artefact.arrays import array_header
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.frame_files import STORED
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
@@ -76,13 +77,7 @@ class OwnDataset:
                 continue
             try:
                 with file.open("rb") as stream:
-                    version = np.lib.format.read_magic(stream)
-                    shape, _, kind = (
-                        np.lib.format.read_array_header_1_0(stream)
-                        if version == (1, 0)
-                        else np.lib.format.read_array_header_2_0(stream)
-                    )
-                    whole = stream.tell() + int(np.prod(shape)) * kind.itemsize
+                    _, whole, shape = array_header(stream)
             except Exception:  # a header is Python's syntax: its parser raises what it likes
                 return f"{folder}/{name}.npy: is no array"
             size = file.stat().st_size
