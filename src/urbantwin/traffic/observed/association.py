@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from urbantwin.geometry import wrapped
 from urbantwin.traffic.observed.box_fit import SeenObject
+from urbantwin.traffic.observed.frame_times import FrameTimes
 
 __all__ = ["SeenTrack", "tracks_of"]
 
@@ -51,13 +52,12 @@ class SeenTrack:
     seen: list[SeenObject]
     velocity: NDArray[np.float64] | None = None
 
-    def cost(self, one: SeenObject, rate_hz: float) -> float:
-        """Return how unlikely it is that this is the same object, metres."""
+    def cost(self, one: SeenObject, seconds: float) -> float:
+        """Return how unlikely it is that this is the same object so much later, metres."""
         last = self.seen[-1]
         kind = one.detected_class
         if kind != last.detected_class:
             return NEVER
-        seconds = (one.frame - last.frame) / rate_hz
         way = one.middle - last.middle
         gone = float(np.linalg.norm(way))
         large = kind is None and max(one.diagonal, last.diagonal) > LARGE_M
@@ -87,9 +87,8 @@ class SeenTrack:
         off = float(np.linalg.norm(way - self.velocity * seconds))
         return off + taller if off < ACCELERATES * seconds**2 + 2 * ERROR_M else NEVER
 
-    def add(self, one: SeenObject, rate_hz: float) -> None:
-        """Go on with what was seen of it."""
-        seconds = (one.frame - self.seen[-1].frame) / rate_hz
+    def add(self, one: SeenObject, seconds: float) -> None:
+        """Go on with what was seen of it so much later."""
         velocity = (one.middle - self.seen[-1].middle) / seconds
         # Frames that follow each other fast are averaged over some tenths of a second.
         share = min(1.0, 3 * seconds) if self.velocity is not None else 1.0
@@ -105,24 +104,37 @@ def _outline(one: SeenObject) -> str | None:
     return one.silhouette
 
 
-def tracks_of(frames: Sequence[Sequence[SeenObject]], rate_hz: float) -> list[SeenTrack]:
+def tracks_of(frames: Sequence[Sequence[SeenObject]], times: FrameTimes) -> list[SeenTrack]:
     """Return the tracks of objects, frame by frame; what was seen once is one, too.
+
+    Nobody is followed over a gap.
 
     Args:
         frames: the objects of each.
-        rate_hz: frames per second.
+        times: when they were taken.
     """
     done: list[SeenTrack] = []
     active: list[SeenTrack] = []
+    at, group = times.time_s, times.group()
     for number, objects in enumerate(frames):
-        done += [one for one in active if number - one.seen[-1].frame > LOST + 1]
-        active = [one for one in active if number - one.seen[-1].frame <= LOST + 1]
+        lost = [
+            number - one.seen[-1].frame > LOST + 1 or group[one.seen[-1].frame] != group[number]
+            for one in active
+        ]
+        done += [one for one, gone in zip(active, lost, strict=True) if gone]
+        active = [one for one, gone in zip(active, lost, strict=True) if not gone]
         taken = set[int]()
         if active and objects:
-            cost = np.array([[one.cost(each, rate_hz) for each in objects] for one in active])
+            since = [float(at[number] - at[one.seen[-1].frame]) for one in active]
+            cost = np.array(
+                [
+                    [one.cost(each, seconds) for each in objects]
+                    for one, seconds in zip(active, since, strict=True)
+                ]
+            )
             for row, column in zip(*linear_sum_assignment(cost), strict=True):
                 if cost[row, column] < NEVER:
-                    active[row].add(objects[column], rate_hz)
+                    active[row].add(objects[column], since[row])
                     taken.add(int(column))
         active += [SeenTrack([one]) for k, one in enumerate(objects) if k not in taken]
     return done + active

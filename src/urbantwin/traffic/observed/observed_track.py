@@ -64,7 +64,7 @@ class ObservedTrack:
         frames: (N,) numbers of the frames.
         boxes: (N, 3) x, y of the middle, metres, and yaw, radians.
         size: length, width, height, metres.
-        speed: m/s, the median.
+        speed: m/s, the median; 0 of who was seen once.
         moves: whether it moves at all.
     """
 
@@ -79,7 +79,7 @@ class ObservedTrack:
 def observed_track(
     seen: Sequence[SeenObject],
     lanes: LanesBeneath | None,
-    rate_hz: float,
+    time_s: NDArray[np.float64],
     *,
     small: bool = True,
 ) -> ObservedTrack | None:
@@ -88,13 +88,13 @@ def observed_track(
     Args:
         seen: of each frame, in order.
         lanes: what lies beneath.
-        rate_hz: frames per second.
+        time_s: (N,) of all frames, seconds.
         small: people and riders are told by their size; else a detector tells who they are, and
             nobody else is one.
     """
     frames = np.array([one.frame for one in seen])
     middles = np.array([one.middle for one in seen])
-    velocity = _velocities(frames / rate_hz, middles)
+    velocity = _velocities(time_s[frames], middles)
     moving = float(np.mean([one.moves for one in seen]))
     moves = moving > 0.5
     if seen[0].actor is not None:
