@@ -31,8 +31,9 @@ from urbantwin.traffic.observed.frame_times import LONGEST_S, FrameTimes, evenly
 
 __all__ = ["found_times"]
 
-#: Who is as near as this is still in place, metres, and tells of no gap.
-_STAYS_M = 0.4
+#: Who is as near as this is still in place, metres, and tells of no gap: where frames are so far
+#: apart, seconds, that who walks is farther. Where they are not, everybody is asked.
+_STAYS_M, _STEP_S = 0.4, 0.3
 #: The same object is not taller, or longer from corner to corner, by more, metres: small, large.
 _TALLER_M, _LONGER_M = (0.15, 0.2), (0.6, 1.5)
 #: A vehicle moves along its sides, radians, once it has moved so far, metres.
@@ -151,7 +152,8 @@ def _counted(
         off = np.abs(wrapped(2 * (heading - side))) / 2
         fits &= ~(large & (gone > _MOVED_M) & (off > _ALONG))
     cost = np.where(fits, gone, np.inf)
-    still, kept = _matched(np.where(cost < _STAYS_M, cost, np.inf))
+    stays = _STAYS_M if seconds > _STEP_S else 0.0
+    still, kept = _matched(np.where(cost < stays, cost, np.inf))
     left = ~np.isin(np.arange(len(one.top)), still)
     came = ~np.isin(np.arange(len(other.top)), kept)
     found = []
