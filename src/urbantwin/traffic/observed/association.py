@@ -32,6 +32,9 @@ SAME_SHARE = 0.7
 #: Who walks in one frame and rides or drives in the next is somebody else, unless it is as near as
 #: this, metres: an outline may be hidden in part.
 SAME_PLACE_M = 1.0
+#: A vehicle of which so small a share of the points moves stood there in most frames; after a gap
+#: it is in the same place and as large, metres.
+STANDS, SAME_M = 0.5, 0.4
 #: Frames that a track may be out of sight.
 LOST = 1
 #: A vehicle moves along its sides, radians.
@@ -87,6 +90,19 @@ class SeenTrack:
         off = float(np.linalg.norm(way - self.velocity * seconds))
         return off + taller if off < ACCELERATES * seconds**2 + 2 * ERROR_M else NEVER
 
+    @property
+    def stands(self) -> bool:
+        """Whether it was last seen as a vehicle that stands in most frames."""
+        return self.seen[-1].moves < STANDS and self.seen[-1].diagonal > LARGE_M
+
+    def cost_standing(self, one: SeenObject) -> float:
+        """Return how unlikely it is that this still stands there after a gap, metres."""
+        last = self.seen[-1]
+        gone = float(np.linalg.norm(one.middle - last.middle))
+        off = abs(one.diagonal - last.diagonal) + abs(one.top - last.top)
+        same = one.moves < STANDS and one.diagonal > LARGE_M
+        return gone + off if same and max(gone, off) < SAME_M else NEVER
+
     def add(self, one: SeenObject, seconds: float) -> None:
         """Go on with what was seen of it so much later."""
         velocity = (one.middle - self.seen[-1].middle) / seconds
@@ -107,7 +123,7 @@ def _outline(one: SeenObject) -> str | None:
 def tracks_of(frames: Sequence[Sequence[SeenObject]], times: FrameTimes) -> list[SeenTrack]:
     """Return the tracks of objects, frame by frame; what was seen once is one, too.
 
-    Nobody is followed over a gap.
+    Nobody is followed over a gap, but vehicles that stand in most frames.
 
     Args:
         frames: the objects of each.
@@ -117,19 +133,23 @@ def tracks_of(frames: Sequence[Sequence[SeenObject]], times: FrameTimes) -> list
     active: list[SeenTrack] = []
     at, group = times.time_s, times.group()
     for number, objects in enumerate(frames):
-        lost = [
-            number - one.seen[-1].frame > LOST + 1 or group[one.seen[-1].frame] != group[number]
-            for one in active
-        ]
-        done += [one for one, gone in zip(active, lost, strict=True) if gone]
-        active = [one for one, gone in zip(active, lost, strict=True) if not gone]
+        followed, stood = list[SeenTrack](), list[SeenTrack]()
+        for one in active:
+            last = one.seen[-1].frame
+            here = group[last] == group[number]
+            kept = number - last <= LOST + 1 and (here or one.stands)
+            (done if not kept else followed if here else stood).append(one)
+        active = followed + stood
         taken = set[int]()
         if active and objects:
             since = [float(at[number] - at[one.seen[-1].frame]) for one in active]
             cost = np.array(
                 [
-                    [one.cost(each, seconds) for each in objects]
-                    for one, seconds in zip(active, since, strict=True)
+                    *(
+                        [one.cost(each, s) for each in objects]
+                        for one, s in zip(followed, since, strict=False)
+                    ),
+                    *([one.cost_standing(each) for each in objects] for one in stood),
                 ]
             )
             for row, column in zip(*linear_sum_assignment(cost), strict=True):

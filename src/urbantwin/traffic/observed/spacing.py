@@ -44,15 +44,19 @@ _POINTS, _REACH_M, _MOVES = 10, 40.0, 0.5
 #: Of small ones that left their place, the shares a walker's step away, a rider's, and elsewhere,
 #: and of large ones, in frames that follow each other: of simulated places, where all else was
 #: fitted as well (docs/observed_traffic.md).
-_FOLLOWS = (np.array([0.5, 0.2, 0.3]), np.array([0.8, 0.0, 0.2]))
+_FOLLOWS = np.array([[0.5, 0.2, 0.3], [0.8, 0.0, 0.2]])
+#: They are as good as so many objects of the recording itself.
+_KNOWN = 100.0
 #: The same by chance, where a recording says nothing of it; as good as so many objects.
-_CHANCE, _SUPPOSED = (np.array([0.2, 0.1, 0.7]), np.array([0.3, 0.0, 0.7])), 5.0
+_CHANCE, _SUPPOSED = np.array([[0.2, 0.1, 0.7], [0.3, 0.0, 0.7]]), 5.0
 #: Chance is told by so many pairs of frames, at least so many frames apart.
 _CHANCE_PAIRS, _APART = 60, 3
 #: Pairs with a gap and without that are supposed beforehand, and the logarithm of the likelihood
 #: that must be gained by gaps for there to be any.
 _GAPS, _NONE, _GAINED = 0.1, 2.0, 3.0
-_ROUNDS, _FIRST = 300, 0.3
+_ROUNDS, _FIRST = 100, 0.3
+#: Instead of nothing in a logarithm; and what no evidence exceeds.
+_NEVER, _MOST = 1e-12, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,17 +96,12 @@ def found_times(frames: Sequence[Sequence[SeenObject]], rate_hz: float) -> Frame
     count, seconds = len(asked), 1 / rate_hz
     apart = max(_APART, count // 4)
     pairs = [(first, other) for first in range(count) for other in range(first + apart, count)]
-    chance = [_SUPPOSED * one for one in _CHANCE]
-    for first, other in pairs[:: max(1, len(pairs) // _CHANCE_PAIRS)]:
-        new = _counted(asked[first], asked[other], seconds)
-        chance = [one + more for one, more in zip(chance, new, strict=True)]
-    evidence = np.array(
-        [
-            sum(map(_log_ratio, _counted(one, other, seconds), _FOLLOWS, chance))
-            for one, other in pairwise(asked)
-        ]
+    chance = _SUPPOSED * _CHANCE + sum(
+        _counted(asked[first], asked[other], seconds)
+        for first, other in pairs[:: max(1, len(pairs) // _CHANCE_PAIRS)]
     )
-    likely = _gaps(evidence)
+    counted = np.array([_counted(*pair, seconds) for pair in pairwise(asked)])
+    likely = _gaps(counted, chance / chance.sum(axis=1, keepdims=True))
     gap = likely > 0.5
     return FrameTimes(evenly.time_s, gap, np.where(gap, likely, 1 - likely))
 
@@ -128,13 +127,11 @@ def _asked(objects: Sequence[SeenObject]) -> _Objects:
     )
 
 
-def _counted(
-    one: _Objects, other: _Objects, seconds: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float64]:
     """Return how many left their place and are a walker's step, a rider's and not to be found.
 
-    Of small and of large objects; large ones drive a vehicle's way, which counts as the first. Who
-    is in one frame alone is half an object.
+    Of small and of large objects (2, 3); large ones drive a vehicle's way, which counts as the
+    first. Who is in one frame alone is half an object.
     """
     way = other.place[None] - one.place[:, None]
     gone = np.linalg.norm(way, axis=2)
@@ -162,8 +159,8 @@ def _counted(
         met = among[_matched(among)]
         near = len(met) if kind else int((met <= WALKS_M_S * seconds + ERROR_M).sum())
         alone = sum(among.shape) / 2 - len(met)
-        found.append(np.array([near, len(met) - near, alone], np.float64))
-    return found[0], found[1]
+        found.append([near, len(met) - near, alone])
+    return np.array(found, np.float64)
 
 
 def _matched(cost: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -174,24 +171,44 @@ def _matched(cost: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.in
     return rows[kept], columns[kept]
 
 
-def _log_ratio(
-    counted: NDArray[np.float64], follows: NDArray[np.float64], chance: NDArray[np.float64]
-) -> float:
-    """Return the logarithm of how much likelier counts are without a gap than with one."""
-    chance = chance / chance.sum()
-    if chance[0] >= follows[0]:
-        return 0.0  # as many are found by chance: they tell nothing
-    of = follows > 0
-    return float((counted[of] * np.log(follows[of] / chance[of])).sum())
+def _gaps(counted: NDArray[np.float64], chance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how likely each of N pairs has a gap; 0 for all where gaps explain hardly more.
+
+    Args:
+        counted: (N, 2, 3) what `_counted` says of each.
+        chance: (2, 3) shares of the same that chance makes.
+    """
+    by_chance = (counted * np.log(chance + _NEVER)).sum(axis=(1, 2))
+    found = [_fitted(counted, chance, by_chance, share) for share in (_FIRST, 0.0)]
+    return found[0][0] if found[0][1] - found[1][1] > _GAINED else np.zeros(len(counted))
 
 
-def _gaps(evidence: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how likely each pair (N,) has a gap; 0 for all where gaps explain hardly more."""
-    ratio = np.exp(np.clip(evidence, -50.0, 50.0))
-    share = _FIRST
+def _fitted(
+    counted: NDArray[np.float64],
+    chance: NDArray[np.float64],
+    by_chance: NDArray[np.float64],
+    share: float,
+) -> tuple[NDArray[np.float64], float]:
+    """Return how likely each pair has a gap, and the logarithm of the likelihood of all.
+
+    Args:
+        counted: (N, 2, 3) what `_counted` says of each.
+        chance: (2, 3) shares of the same that chance makes.
+        by_chance: (N,) logarithms of the likelihoods with a gap.
+        share: of pairs with a gap, to begin with; 0 for no gaps at all.
+    """
+    follows, even = _FOLLOWS, share == 0.0
     for _ in range(_ROUNDS):
+        at_once = (counted * np.log(follows + _NEVER)).sum(axis=(1, 2))
+        ratio = np.exp(np.clip(at_once - by_chance, -_MOST, _MOST))
         likely = share / (share + (1 - share) * ratio)
-        share = (likely.sum() + _GAPS) / (len(evidence) + _GAPS + _NONE)
-    if np.log(1 - share + share / ratio).sum() < _GAINED:
-        return np.zeros(len(evidence))
-    return np.asarray(share / (share + (1 - share) * ratio))
+        if not even:
+            share = (likely.sum() + _GAPS) / (len(counted) + _GAPS + _NONE)
+        seen = (counted * (1 - likely)[:, None, None]).sum(axis=0) + _KNOWN * _FOLLOWS
+        follows = seen / seen.sum(axis=1, keepdims=True)
+        # No nearer to chance than halfway: else a gap between all frames were none.
+        halfway = (_FOLLOWS + chance) / 2
+        follows = np.where(follows[:, 2:] > halfway[:, 2:], halfway, follows)
+    with np.errstate(divide="ignore"):
+        every = np.logaddexp(np.log(share) + by_chance, np.log(1 - share) + at_once).sum()
+    return likely, float(every + _KNOWN * (_FOLLOWS * np.log(follows + _NEVER)).sum())
