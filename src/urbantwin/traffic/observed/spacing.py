@@ -144,6 +144,8 @@ def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float
         fits &= np.abs(mine[:, None] - its) < np.where(large, most[1], most[0])
     both = (one.outline[:, None] > 0) & (other.outline > 0)
     fits &= ~(both & (one.outline[:, None] != other.outline) & (gone > 2 * ERROR_M))
+    walks = (one.outline[:, None] == 1) & (other.outline == 1)
+    fits &= ~(walks & (gone > WALKS_M_S * seconds + ERROR_M))
     heading = np.arctan2(way[..., 1], way[..., 0])
     for side in (one.way[:, None], other.way[None]):
         off = np.abs(wrapped(2 * (heading - side))) / 2
