@@ -18,7 +18,13 @@ from urbantwin.reconstruct.recording import Looks, RecordedFrame, RecordedFrames
 from urbantwin.reconstruct.recording.recorded_ground import RecordedGround, recorded_ground
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.observed.association import LARGE_M, tracks_of
-from urbantwin.traffic.observed.box_fit import SeenObject, beneath_gap, fitted_yaw, highest
+from urbantwin.traffic.observed.box_fit import (
+    SeenObject,
+    beneath_gap,
+    fitted_yaw,
+    highest,
+    unseen_above,
+)
 from urbantwin.traffic.observed.clusters import clusters
 from urbantwin.traffic.observed.detected import DetectedActor, with_points
 from urbantwin.traffic.observed.frame_times import FrameTimes
@@ -154,7 +160,8 @@ def _objects(
             silhouette(plan, above[rows], yaw) if detected is None else None,
         )
         if actor is not None or one.diagonal <= LARGE_M:
-            return one
+            over = unseen_above(above[rows], frame.sensor[rows], frame.ring[rows], one.highest)
+            return replace(one, highest=one.highest + over)
         own, below = plan[frame.sensor[rows] == most], _height(ground, one.middle)
         return replace(one, length=seen_length(own, one.long_way, frame, sensors, below))
 
