@@ -10,10 +10,12 @@ from urbantwin.traffic.observed.association import tracks_of
 from urbantwin.traffic.observed.box_fit import SeenObject, beneath_gap, extents, fitted_yaw
 from urbantwin.traffic.observed.clusters import clusters
 from urbantwin.traffic.observed.detected import DetectedActor, with_points
+from urbantwin.traffic.observed.frame_times import evenly_spaced
 from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight, seen_length
 from urbantwin.traffic.observed.observed_track import observed_track
 
 SENSOR = np.array([0.0, 0.0])
+SECONDS = evenly_spaced(24, 1.0)
 
 
 def sides_seen(x, y, yaw, length, width, spacing=0.08):
@@ -47,8 +49,10 @@ def test_a_car_is_where_it_drives_from_the_sides_that_one_sees():
     yaw = np.radians(30.0)
     step = 8.0 * np.array([np.cos(yaw), np.sin(yaw)])
     places = [np.array([6.0, -9.0]) + k * step for k in range(4)]
-    (track,) = tracks_of([[seen(k, *xy, yaw, 4.6, 1.85, 1.5)] for k, xy in enumerate(places)], 1.0)
-    found = observed_track(track.seen, None, 1.0)
+    (track,) = tracks_of(
+        [[seen(k, *xy, yaw, 4.6, 1.85, 1.5)] for k, xy in enumerate(places)], SECONDS
+    )
+    found = observed_track(track.seen, None, SECONDS.time_s)
     assert found.actor_class == "car"
     np.testing.assert_allclose(found.boxes[:, :2], places, atol=0.15)
     np.testing.assert_allclose(found.boxes[:, 2], yaw, atol=np.radians(2.5))
@@ -61,7 +65,7 @@ def test_what_is_hidden_of_a_car_is_away_from_the_sensor():
     rear = np.column_stack([np.full(20, 10.0), np.linspace(-0.9, 0.9, 20)])
     far = [rear + [2.0 * k, 0.0] for k in range(3)]
     moments = [SeenObject(k, at, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(far)]
-    found = observed_track(moments, None, 1.0)
+    found = observed_track(moments, None, SECONDS.time_s)
     assert found.actor_class == "car"
     assert found.size[0] == pytest.approx(4.3)
     np.testing.assert_allclose(found.boxes[:, 0], 10.0 + 4.3 / 2 + 2.0 * np.arange(3), atol=0.1)
@@ -74,7 +78,7 @@ def test_a_narrow_car_of_which_both_flanks_are_seen_is_as_narrow():
         for at in places
     ]
     moments = [SeenObject(k, at, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(round_it)]
-    found = observed_track(moments, None, 1.0)
+    found = observed_track(moments, None, SECONDS.time_s)
     np.testing.assert_allclose(found.size, [4.3, 1.62, 1.5], atol=0.1)
 
 
@@ -85,7 +89,7 @@ def test_no_car_is_as_wide_as_one_that_two_sensors_saw_at_different_moments():
         for at in places
     ]
     moments = [SeenObject(k, at, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(twice)]
-    found = observed_track(moments, None, 1.0)
+    found = observed_track(moments, None, SECONDS.time_s)
     assert found.size[1] == 2.05
     np.testing.assert_allclose(found.boxes[:, :2], places, atol=0.1)  # its middle stays
 
@@ -99,7 +103,7 @@ def test_a_car_is_as_wide_as_in_the_middle_one_of_the_frames_that_show_both_flan
         one = sides_seen(*at, 0.0, 4.4, wide)
         plan = one if wide < 1.0 else np.vstack([one, 2 * at - one])
         moments.append(SeenObject(k, plan, 1.5, 1.5, 0.3, SENSOR, 1.0, 0.0))
-    assert observed_track(moments, None, 1.0).size[1] == pytest.approx(1.7, abs=0.05)
+    assert observed_track(moments, None, SECONDS.time_s).size[1] == pytest.approx(1.7, abs=0.05)
 
 
 @pytest.mark.parametrize(("long", "name"), [(0.8, "pedestrian"), (1.7, "bicycle")])
@@ -108,7 +112,7 @@ def test_who_is_shorter_than_a_bicycle_rides_none_however_fast(long, name):
     body = random.uniform(-0.5, 0.5, (90, 2)) * [long, 0.5]
     plan = [body + [4.0 * k, 6.0] for k in range(4)]
     moments = [SeenObject(k, at, 1.7, 1.7, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(plan)]
-    assert observed_track(moments, None, 1.0).actor_class == name
+    assert observed_track(moments, None, SECONDS.time_s).actor_class == name
 
 
 def cast_from(eye, azimuths, elevations, box):
@@ -181,7 +185,7 @@ def test_a_length_is_told_where_nothing_hides_an_end(long, hidden):
 
 def test_a_track_ends_before_a_frame_in_which_it_was_not_there():
     moments = [seen(k, 9.0 + 4.0 * k, 8.0, 0.0, 4.4, 1.8, 1.5) for k in (0, 2, 3, 5)]
-    (track,) = tracks_of([[one for one in moments if one.frame == k] for k in range(6)], 1.0)
+    (track,) = tracks_of([[one for one in moments if one.frame == k] for k in range(6)], SECONDS)
     asked = []
 
     def nobody(frame, place):
@@ -200,7 +204,7 @@ def test_people_face_the_way_they_walk_or_else_across_their_shoulders(step):
     body = random.uniform(-0.5, 0.5, (80, 2)) * [0.5, 0.3] + [5.0, 5.0]
     plan = [body + [step * k, 0.0] for k in range(3)]
     moments = [SeenObject(k, at, 1.7, 1.7, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(plan)]
-    found = observed_track(moments, None, 1.0)
+    found = observed_track(moments, None, SECONDS.time_s)
     assert found.actor_class == "pedestrian"
     along = abs(np.cos(found.boxes[:, 2]))
     np.testing.assert_allclose(along, 1.0 if step else 0.0, atol=0.1)
@@ -212,7 +216,7 @@ def test_each_is_followed_where_two_pass_each_other():
         one = seen(k, -10.0 + 5 * k, 8.0, 0.0, 4.4, 1.8, 1.5)
         other = seen(k, 10.0 - 5 * k, 12.0, np.pi, 4.4, 1.8, 1.5)
         frames.append([one, other] if k % 2 else [other, one])
-    tracks = tracks_of(frames, 1.0)
+    tracks = tracks_of(frames, SECONDS)
     assert sorted(len(one.seen) for one in tracks) == [5, 5]
     for one in tracks:
         assert np.ptp([moment.middle[1] for moment in one.seen]) < 0.2
@@ -225,7 +229,7 @@ def test_a_van_that_stands_where_a_car_stood_is_another(points, tracks):
     for k, top in enumerate((1.45, 1.45, 1.9, 1.9)):
         one = seen(k, 9.0, 8.0, 0.0, 4.4, 1.8, top)
         frames.append([replace(one, points=np.repeat(one.points, points, axis=0))])
-    assert len(tracks_of(frames, 1.0)) == tracks
+    assert len(tracks_of(frames, SECONDS)) == tracks
 
 
 def test_leaves_above_a_car_are_no_part_of_it_and_rings_of_a_truck_are():
@@ -253,7 +257,7 @@ def test_people_who_walk_together_are_counted_one_by_one():
 def test_posts_are_nobody():
     post = np.column_stack([np.full(12, 9.0), np.linspace(-0.1, 0.1, 12)])
     still = [SeenObject(k, post, 2.0, 2.0, 0.3, SENSOR, 0.1, 0.0) for k in range(4)]
-    assert observed_track(still, None, 1.0) is None
+    assert observed_track(still, None, SECONDS.time_s) is None
 
 
 def detected(name, x, y, score=0.8, yaw=0.0):
@@ -290,7 +294,10 @@ def test_who_is_detected_is_of_the_class_that_it_was_detected_as():
             actor = detected(name, *at, yaw=3.0)
             moment.append(SeenObject(k, plan, tall, tall, 0.3, SENSOR, 1.0, 0.0, actor))
         frames.append(moment)
-    tracks = [observed_track(one.seen, None, 1.0, small=False) for one in tracks_of(frames, 1.0)]
+    tracks = [
+        observed_track(one.seen, None, SECONDS.time_s, small=False)
+        for one in tracks_of(frames, SECONDS)
+    ]
     person, cyclist = sorted(tracks, key=lambda one: one.actor_class, reverse=True)
     assert (person.actor_class, cyclist.actor_class) == ("pedestrian", "bicycle")
     assert (person.size, cyclist.size) == ((0.7, 0.6, 1.6), (1.75, 0.6, 1.75))
@@ -304,5 +311,5 @@ def test_beside_detections_nobody_is_a_person_for_its_size_alone():
     body = random.uniform(-0.5, 0.5, (90, 2)) * [0.7, 0.5]
     plan = [body + [1.2 * k, 6.0] for k in range(4)]
     moments = [SeenObject(k, at, 1.7, 1.7, 0.3, SENSOR, 1.0, 0.0) for k, at in enumerate(plan)]
-    assert observed_track(moments, None, 1.0).actor_class == "pedestrian"
-    assert observed_track(moments, None, 1.0, small=False) is None
+    assert observed_track(moments, None, SECONDS.time_s).actor_class == "pedestrian"
+    assert observed_track(moments, None, SECONDS.time_s, small=False) is None

@@ -6,9 +6,11 @@ import pytest
 from urbantwin.traffic.assets import asset, asset_mesh, asset_names
 from urbantwin.traffic.observed.association import tracks_of
 from urbantwin.traffic.observed.box_fit import SeenObject, fitted_yaw
+from urbantwin.traffic.observed.frame_times import evenly_spaced
 from urbantwin.traffic.observed.observed_track import observed_track
 from urbantwin.traffic.observed.silhouette import apart, silhouette
 
+SECONDS = evenly_spaced(24, 1.0)
 SIDES = np.radians(np.arange(0.0, 360.0, 45.0))
 
 
@@ -94,9 +96,9 @@ def moments_of(name, places, shape):
 def test_a_slow_rider_is_one_by_its_outline():
     # A walk's pace, and no longer in sight than a long stride.
     moments = moments_of("pedestrian-man", [(1.2 * k, 0.0) for k in range(4)], "bicycle")
-    assert observed_track(moments, None, 1.0).actor_class == "bicycle"
+    assert observed_track(moments, None, SECONDS.time_s).actor_class == "bicycle"
     moments = moments_of("pedestrian-man", [(1.2 * k, 0.0) for k in range(4)], "pedestrian")
-    assert observed_track(moments, None, 1.0).actor_class == "pedestrian"
+    assert observed_track(moments, None, SECONDS.time_s).actor_class == "pedestrian"
 
 
 def test_nobody_gets_off_and_walks_on_within_a_frame():
@@ -105,5 +107,5 @@ def test_nobody_gets_off_and_walks_on_within_a_frame():
         moments_of("pedestrian-man", [(0.0, 0.0), (along, 0.0)], "pedestrian")[1]
         for along in (0.5, 1.9)
     )
-    assert len(tracks_of([[rides], [near]], 1.0)) == 1  # in part hidden, maybe
-    assert len(tracks_of([[rides], [far]], 1.0)) == 2
+    assert len(tracks_of([[rides], [near]], SECONDS)) == 1  # in part hidden, maybe
+    assert len(tracks_of([[rides], [far]], SECONDS)) == 2

@@ -16,6 +16,7 @@ __all__ = ["EXAMPLES", "observe"]
 EXAMPLES = """
 urbantwin discover real/ -o rig.yaml --frames rings/
 urbantwin observe rings/ -o observed/ --rate 10
+urbantwin observe rings/ -o observed/ --times times.csv
 urbantwin observe rings/ -o observed/ --twin twin/
 urbantwin detect detector/ rings/ -o detections/
 urbantwin observe rings/ -o observed/ --twin twin/ --detections detections/
@@ -39,9 +40,24 @@ def observe(
     rate: Annotated[
         float, typer.Option(metavar="HZ", min=0.1, max=50.0, help="Frames per second.")
     ] = 10.0,
+    times: Annotated[
+        Path | None,
+        typer.Option(
+            help="A table, frame and seconds, for frames that are not evenly spaced; without it "
+            "gaps are found by what moves."
+        ),
+    ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Find what moves in frames of sensors that stand still: tracks, and a picture to draw on."""
-    made = ut.observe(frames, out, twin=twin, detections=detections, rate=rate, progress=not quiet)
+    made = ut.observe(
+        frames,
+        out,
+        twin=twin,
+        detections=detections,
+        rate=rate,
+        times=times,
+        progress=not quiet,
+    )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

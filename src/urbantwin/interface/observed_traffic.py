@@ -12,7 +12,7 @@ import numpy as np
 from urbantwin.artefact import check_folder
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
@@ -30,11 +30,13 @@ class ObservedTraffic:
         folder: where it was written: ``tracks.csv``, ``proposal.geojson``, ``above.png``.
         found: the tracks.
         counts: of each class: how many, how many wait, how fast.
+        spacing: which frames are followed by a gap; empty where none is.
     """
 
     folder: Path
     found: Observation
     counts: dict[str, Any]
+    spacing: dict[str, Any]
 
     def __fspath__(self) -> str:
         """Return the tracks' file."""
@@ -47,7 +49,8 @@ class ObservedTraffic:
 
     def summary(self) -> Summary:
         """Return the counts in a few values."""
-        return Summary(path=str(self.folder), frames=self.found.frames, **self.counts)
+        told = {"spacing": self.spacing} if self.spacing else {}
+        return Summary(path=str(self.folder), frames=self.found.frames, **told, **self.counts)
 
 
 def detected_actors(folder: Path, names: Sequence[str]) -> list[list[DetectedActor]]:
@@ -94,6 +97,7 @@ def observe(
     twin: AnyPath | None = None,
     detections: AnyPath | None = None,
     rate: float = 10.0,
+    times: AnyPath | None = None,
     progress: ShowProgress = True,
 ) -> ObservedTraffic:
     """Find what moves in frames of sensors that stand still, and what waits on lanes.
@@ -104,7 +108,9 @@ def observe(
         twin: a twin of the place, in the frame of the points: its lanes tell where vehicles wait,
             and which way they look.
         detections: what ``ut.detect(model, frames)`` wrote: who walks and rides is taken from it.
-        rate: frames per second.
+        rate: frames per second. Where frames follow each other later than that is found, and nobody
+            is followed over such a gap.
+        times: a table, ``frame`` and ``seconds``: when each frame was taken, in place of ``rate``.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -113,24 +119,40 @@ def observe(
     from urbantwin.artefact import replaced_folder, write_json
     from urbantwin.reconstruct.recording import RecordedFrames
     from urbantwin.traffic.observed import observe as observed
-    from urbantwin.traffic.observed import write_observation
+    from urbantwin.traffic.observed import (
+        read_frame_times,
+        spacing_summary,
+        spacing_warnings,
+        write_observation,
+    )
     from urbantwin.twin import load_twin
     from urbantwin.view.observed_place import draw_observed_place
 
     source = Path(frames)
     target = beside(source, "observation") if out is None else Path(out)
     found_by = None if detections is None else Path(detections)
-    inputs = [source, None if twin is None else Path(twin), found_by]
+    table = None if times is None else Path(times)
+    inputs = [source, None if twin is None else Path(twin), found_by, table]
     check_folder(target, kind="observation", inputs=inputs)
     recording = RecordedFrames(source)
     detected = None if found_by is None else detected_actors(found_by, recording.names)
+    moments = None if table is None else read_frame_times(table, recording.names)
     network = None if twin is None else load_twin(Path(twin)).roads
     with shown_stage("observe", progress) as tell:
-        found = observed(recording, network, detected=detected, rate_hz=rate, tell=tell)
+        found = observed(
+            recording, network, detected=detected, rate_hz=rate, times=moments, tell=tell
+        )
+        spacing = spacing_summary(found.times, recording.names)
         with replaced_folder(target, kind="observation", inputs=inputs) as folder:
-            counts = write_observation(folder, found, rate)
+            counts = write_observation(folder, found)
             draw_observed_place(folder, found)
             stand = np.round([one.place[:2] for one in recording.sensors], 3).tolist()
             told = {"frames": found.frames, "rate_hz": rate, "sensors": stand, "classes": counts}
+            if spacing or moments is not None:
+                told["times_s"] = found.times.time_s.round(6).tolist()
+                told["groups"] = found.times.group().tolist()
+            if spacing:
+                told["spacing"] = spacing
             write_json(folder / "observation.json", {"kind": "observation", **told})
-    return ObservedTraffic(target, found, counts)
+    tell_result("observe", target, spacing_warnings(found.times), progress)
+    return ObservedTraffic(target, found, counts, spacing)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from urbantwin import __version__
 from urbantwin.artefact import replaced_folder, sha256_of
@@ -35,6 +36,8 @@ __all__ = ["replay"]
 _LONGEST_S = 86400.0
 #: Sizes beyond these shares of the smallest and the largest mesh of the class are no measurement.
 _LEAST, _MOST = 0.7, 1.4
+#: Who is as long from front to back is in a step, metres, and walks as fast as people do, m/s.
+_STRIDES_M, _WALKS_M_S = 0.7, 1.2
 _SIDES = ("length", "width", "height")
 #: What says nothing of anybody, as a licence plate or a person's name in a name's place would.
 _NUMBER = re.compile(r"[0-9]{1,9}").fullmatch
@@ -125,7 +128,14 @@ def _replayed(
         smoothed.append(one)
         paths.append(
             PrescribedPath(
-                track.actor_class, name, one.time_s, one.xy, one.yaw, one.speed, one.z, one.absent
+                track.actor_class,
+                name,
+                one.time_s,
+                one.xy,
+                one.yaw,
+                _speed_of(track, one),
+                one.z,
+                one.absent,
             )
         )
     actors, outside = prescribed_table(
@@ -169,6 +179,14 @@ def _replayed(
     motion = Motion(manifest, actors, signals).with_meshes(between(tell, 0.9, 1.0))
     made = {"actors": table_sha256(motion.rows), "meshes": meshes_sha256(motion.meshes)}
     return replace(motion, manifest={**manifest, "made": made})
+
+
+def _speed_of(track: RecordedTrack, one: SmoothTrack) -> NDArray[np.float64]:
+    """Return the speed (N,), m/s: a walk's of a person of whom one moment, in a step, is known."""
+    strides = track.actor_class == "pedestrian" and track.size[0] >= _STRIDES_M
+    if len(track.time_s) == 1 and strides:
+        return np.full_like(one.speed, _WALKS_M_S)
+    return one.speed
 
 
 def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[str]]) -> str:

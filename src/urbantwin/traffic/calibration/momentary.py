@@ -30,7 +30,7 @@ from urbantwin.traffic.calibration.presence import (
 )
 from urbantwin.traffic.calibration.simulated import simulated_tracks
 from urbantwin.traffic.calibration.site_document import built, document_of, write_calibrated
-from urbantwin.traffic.observed import ObservedTracks, read_observation
+from urbantwin.traffic.observed import FrameTimes, ObservedTracks, read_observation
 
 __all__ = ["calibrate_observation"]
 
@@ -72,7 +72,8 @@ def calibrate_observation(
         StageError: netconvert or SUMO failed.
     """
     loaded = load_site(site)
-    tracks, moments_s = read_observation(observed)
+    tracks, times = read_observation(observed)
+    moments_s = times.time_s
     inputs = [observed, *loaded.files()]
     with (
         replaced_folder(out, kind="calibration", inputs=inputs) as folder,
@@ -120,7 +121,7 @@ def calibrate_observation(
                 flows = _rounded({k: q * (more if k in MOTORS else 1) for k, q in flows.items()})
         assert best is not None
         flows, of_arms, last, passed = best.flows, best.arms, best.present, best.passed
-        span_s = float(moments_s[-1] - moments_s[0]) + float(np.diff(moments_s[:2]).sum())
+        spans_s = _spans_s(times)
         report = {
             "kind": "calibration",
             "urbantwin": __version__,
@@ -128,11 +129,12 @@ def calibrate_observation(
                 {"name": name, "sha256": sha256_of(observed / name)}
                 for name in ("observation.json", "tracks.csv")
             ],
-            "recorded_s": round(span_s, 3),
+            "recorded_s": round(sum(spans_s), 3),
+            "looks": len(spans_s),
             "simulated_s": _TRIAL_S,
             "seen_m2": round(float(area.area), 1),
             "motor_vehicles_passed_per_hour": round(passed, 1),
-            "demand": _told(flows, of_arms, recorded, last, max(1, round(span_s))),
+            "demand": _told(flows, of_arms, recorded, last, spans_s),
         }
         traffic: dict[str, Any] = {"per_hour": {name: flows.get(name, 0.0) for name in _TOLD}}
         if of_arms:
@@ -148,6 +150,14 @@ def seen_well(tracks: ObservedTracks) -> shapely.Geometry:
     if len(tracks.sensors):
         area &= shapely.MultiPoint(tracks.sensors).buffer(_REACH_M)
     return area
+
+
+def _spans_s(times: FrameTimes) -> list[float]:
+    """Return how long each look without a gap lasts, seconds: as many steps as frames."""
+    group, at = times.group(), times.time_s
+    near = np.diff(at)[~times.gap]
+    step = float(np.median(near)) if len(near) else 1.0
+    return [float(np.ptp(at[group == k])) + step for k in range(int(group[-1]) + 1)]
 
 
 @dataclass(frozen=True)
@@ -182,10 +192,12 @@ def _told(
     of_arms: dict[str, float],
     recorded: Presence,
     last: Presence,
-    moments: int,
+    spans_s: list[float],
 ) -> list[dict[str, Any]]:
     """Return a row of each class and arm: flow, standard error, present here and there."""
-    spread = last.spread(moments)
+    # Looks with gaps between them are taken for independent ones.
+    looks = len(spans_s)
+    spread = last.spread(max(1, round(sum(spans_s) / looks)))
     rows: list[dict[str, Any]] = []
     for of, every, here, there, kind in (
         ("class", flows, recorded.classes, last.classes, "classes"),
@@ -197,7 +209,7 @@ def _told(
                 {
                     of: name,
                     "per_hour": round(q, 1),
-                    "standard_error": None if share is None else round(q * share, 1),
+                    "standard_error": None if share is None else round(q * share / looks**0.5, 1),
                     "present": _mean(here.get(name)),
                     "present_simulated": _mean(there.get(name)),
                 }
@@ -205,5 +217,5 @@ def _told(
     return rows
 
 
-def _mean(present: NDArray[np.int64] | None) -> float:
+def _mean(present: NDArray[np.float64] | None) -> float:
     return 0.0 if present is None else round(float(present.mean()), 2)

@@ -61,8 +61,8 @@ class Presence:
     """
 
     times: int
-    classes: dict[str, NDArray[np.int64]]
-    arms: dict[str, NDArray[np.int64]]
+    classes: dict[str, NDArray[np.float64]]
+    arms: dict[str, NDArray[np.float64]]
 
     def spread(self, moments: int) -> dict[str, dict[str, float]]:
         """Return by what share of the whole's the means of spans of so many moments differ."""
@@ -127,16 +127,25 @@ def presence_of(
 ) -> Presence:
     """Count who is present in an area, at moments (T,), seconds.
 
-    People who stand are not counted, as frames do not tell them from posts.
+    People who stand are not counted, as frames do not tell them from posts; of those who were seen
+    but once the share is counted that walks of the others.
     """
     of = tracks if isinstance(tracks, ObservedTracks) else _sampled(tracks, moments_s)
     inside = shapely.contains_xy(area, of.xy[:, 0], of.xy[:, 1])
-    inside &= ~((of.actor_class == "pedestrian") & of.stands)
+    on_foot = of.actor_class == "pedestrian"
+    inside &= ~(on_foot & of.stands)
+    counts = np.ones(len(of.xy))
+    if of.once is not None:
+        known = on_foot & ~of.once
+        if known.any():
+            counts[on_foot & of.once] = 1 - of.stands[known].mean()
     moment = np.searchsorted(moments_s, of.time_s - 1e-6)
     count = len(moments_s)
 
-    def by_moment(rows: NDArray[np.bool_]) -> NDArray[np.int64]:
-        return np.bincount(moment[rows & inside], minlength=count)[:count]
+    def by_moment(rows: NDArray[np.bool_]) -> NDArray[np.float64]:
+        here = rows & inside
+        found = np.bincount(moment[here], counts[here], minlength=count)[:count]
+        return found.astype(np.float64)
 
     motors = np.isin(of.actor_class, MOTORS)
     return Presence(

@@ -1,18 +1,27 @@
 """What moves and what waits in frames of sensors that stand still: objects, and their tracks."""
 
+from urbantwin.traffic.observed.frame_times import FrameTimes, read_frame_times
 from urbantwin.traffic.observed.observe import Observation, observe
 from urbantwin.traffic.observed.observed_tracks import (
     ObservedTracks,
     is_observation,
     read_observation,
 )
-from urbantwin.traffic.observed.written import write_observation
+from urbantwin.traffic.observed.written import (
+    spacing_summary,
+    spacing_warnings,
+    write_observation,
+)
 
 __all__ = [
+    "FrameTimes",
     "Observation",
     "ObservedTracks",
     "is_observation",
     "observe",
+    "read_frame_times",
     "read_observation",
+    "spacing_summary",
+    "spacing_warnings",
     "write_observation",
 ]

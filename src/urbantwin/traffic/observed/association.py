@@ -11,6 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from urbantwin.geometry import wrapped
 from urbantwin.traffic.observed.box_fit import SeenObject
+from urbantwin.traffic.observed.frame_times import FrameTimes
 
 __all__ = ["SeenTrack", "tracks_of"]
 
@@ -31,6 +32,9 @@ SAME_SHARE = 0.7
 #: Who walks in one frame and rides or drives in the next is somebody else, unless it is as near as
 #: this, metres: an outline may be hidden in part.
 SAME_PLACE_M = 1.0
+#: A vehicle of which so small a share of the points moves stood there in most frames; after a gap
+#: it is in the same place and as large, metres.
+STANDS, SAME_M = 0.5, 0.4
 #: Frames that a track may be out of sight.
 LOST = 1
 #: A vehicle moves along its sides, radians.
@@ -51,13 +55,12 @@ class SeenTrack:
     seen: list[SeenObject]
     velocity: NDArray[np.float64] | None = None
 
-    def cost(self, one: SeenObject, rate_hz: float) -> float:
-        """Return how unlikely it is that this is the same object, metres."""
+    def cost(self, one: SeenObject, seconds: float) -> float:
+        """Return how unlikely it is that this is the same object so much later, metres."""
         last = self.seen[-1]
         kind = one.detected_class
         if kind != last.detected_class:
             return NEVER
-        seconds = (one.frame - last.frame) / rate_hz
         way = one.middle - last.middle
         gone = float(np.linalg.norm(way))
         large = kind is None and max(one.diagonal, last.diagonal) > LARGE_M
@@ -87,9 +90,21 @@ class SeenTrack:
         off = float(np.linalg.norm(way - self.velocity * seconds))
         return off + taller if off < ACCELERATES * seconds**2 + 2 * ERROR_M else NEVER
 
-    def add(self, one: SeenObject, rate_hz: float) -> None:
-        """Go on with what was seen of it."""
-        seconds = (one.frame - self.seen[-1].frame) / rate_hz
+    @property
+    def stands(self) -> bool:
+        """Whether it was last seen as a vehicle that stands in most frames."""
+        return self.seen[-1].moves < STANDS and self.seen[-1].diagonal > LARGE_M
+
+    def cost_standing(self, one: SeenObject) -> float:
+        """Return how unlikely it is that this still stands there after a gap, metres."""
+        last = self.seen[-1]
+        gone = float(np.linalg.norm(one.middle - last.middle))
+        off = abs(one.diagonal - last.diagonal) + abs(one.top - last.top)
+        same = one.moves < STANDS and one.diagonal > LARGE_M
+        return gone + off if same and max(gone, off) < SAME_M else NEVER
+
+    def add(self, one: SeenObject, seconds: float) -> None:
+        """Go on with what was seen of it so much later."""
         velocity = (one.middle - self.seen[-1].middle) / seconds
         # Frames that follow each other fast are averaged over some tenths of a second.
         share = min(1.0, 3 * seconds) if self.velocity is not None else 1.0
@@ -105,24 +120,41 @@ def _outline(one: SeenObject) -> str | None:
     return one.silhouette
 
 
-def tracks_of(frames: Sequence[Sequence[SeenObject]], rate_hz: float) -> list[SeenTrack]:
+def tracks_of(frames: Sequence[Sequence[SeenObject]], times: FrameTimes) -> list[SeenTrack]:
     """Return the tracks of objects, frame by frame; what was seen once is one, too.
+
+    Nobody is followed over a gap, but vehicles that stand in most frames.
 
     Args:
         frames: the objects of each.
-        rate_hz: frames per second.
+        times: when they were taken.
     """
     done: list[SeenTrack] = []
     active: list[SeenTrack] = []
+    at, group = times.time_s, times.group()
     for number, objects in enumerate(frames):
-        done += [one for one in active if number - one.seen[-1].frame > LOST + 1]
-        active = [one for one in active if number - one.seen[-1].frame <= LOST + 1]
+        followed, stood = list[SeenTrack](), list[SeenTrack]()
+        for one in active:
+            last = one.seen[-1].frame
+            here = group[last] == group[number]
+            kept = number - last <= LOST + 1 and (here or one.stands)
+            (done if not kept else followed if here else stood).append(one)
+        active = followed + stood
         taken = set[int]()
         if active and objects:
-            cost = np.array([[one.cost(each, rate_hz) for each in objects] for one in active])
+            since = [float(at[number] - at[one.seen[-1].frame]) for one in active]
+            cost = np.array(
+                [
+                    *(
+                        [one.cost(each, s) for each in objects]
+                        for one, s in zip(followed, since, strict=False)
+                    ),
+                    *([one.cost_standing(each) for each in objects] for one in stood),
+                ]
+            )
             for row, column in zip(*linear_sum_assignment(cost), strict=True):
                 if cost[row, column] < NEVER:
-                    active[row].add(objects[column], rate_hz)
+                    active[row].add(objects[column], since[row])
                     taken.add(int(column))
         active += [SeenTrack([one]) for k, one in enumerate(objects) if k not in taken]
     return done + active

@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from urbantwin.traffic.observed.detected import DetectedActor
 
-__all__ = ["SeenObject", "beneath_gap", "extents", "fitted_yaw", "highest"]
+__all__ = ["SeenObject", "beneath_gap", "extents", "fitted_yaw", "highest", "unseen_above"]
 
 #: Steps of the heading, radians; points nearer to a side than this count the same, metres.
 STEP, NEAR_M = np.radians(2.0), 0.05
 #: So many points say it as well as all.
 MOST = 250
+#: No ring passes over people farther above the one that met them, metres.
+UNSEEN_M = 0.3
 #: What hangs above a gap of so many metres, so many times as wide as those below it, and above so
 #: many metres of what stands, is something else.
 HANGS_M, HANGS_TIMES, LEAST_HIGH_M = 0.5, 3.0, 1.2
@@ -111,6 +113,35 @@ def beneath_gap(above: NDArray[np.float64]) -> NDArray[np.float64]:
 def highest(above: NDArray[np.float64]) -> float:
     """Return the greatest height (N,) of an object's points, as `extents` its sides."""
     return float(np.quantile(above, 0.995) if len(above) > MOST else above.max())
+
+
+def unseen_above(
+    above: NDArray[np.float64],
+    sensor: NDArray[np.int64],
+    ring: NDArray[np.int64],
+    top: float,
+) -> float:
+    """Return how much of somebody is above the highest point on the average, metres.
+
+    The next ring passes over the head, at a height that is any between. It is as far above the
+    last one that met the head as that above the one before; of several sensors the lowest of them
+    tells.
+
+    Args:
+        above: (N,) heights of the points, metres.
+        sensor: (N,) numbers of their sensors.
+        ring: (N,) of their rings.
+        top: the greatest height that is somebody's, metres.
+    """
+    passes = np.inf
+    here = above <= top
+    for one in np.unique(sensor[here]):
+        mine = here & (sensor == one)
+        rings = np.unique(ring[mine])
+        tops = np.sort([above[mine & (ring == each)].max() for each in rings])
+        if len(tops) > 1 and (over := 2 * tops[-1] - tops[-2]) > top:
+            passes = min(passes, over)
+    return float(min(passes - top, UNSEEN_M) / 2) if np.isfinite(passes) else 0.0
 
 
 def fitted_yaw(

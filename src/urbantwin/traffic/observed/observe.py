@@ -18,13 +18,21 @@ from urbantwin.reconstruct.recording import Looks, RecordedFrame, RecordedFrames
 from urbantwin.reconstruct.recording.recorded_ground import RecordedGround, recorded_ground
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.observed.association import LARGE_M, tracks_of
-from urbantwin.traffic.observed.box_fit import SeenObject, beneath_gap, fitted_yaw, highest
+from urbantwin.traffic.observed.box_fit import (
+    SeenObject,
+    beneath_gap,
+    fitted_yaw,
+    highest,
+    unseen_above,
+)
 from urbantwin.traffic.observed.clusters import clusters
 from urbantwin.traffic.observed.detected import DetectedActor, with_points
+from urbantwin.traffic.observed.frame_times import FrameTimes
 from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
 from urbantwin.traffic.observed.looked_through import looked_through, parts_in_sight, seen_length
 from urbantwin.traffic.observed.observed_track import ObservedTrack, observed_track
 from urbantwin.traffic.observed.silhouette import apart, silhouette
+from urbantwin.traffic.observed.spacing import found_times
 
 __all__ = ["Observation", "observe"]
 
@@ -44,13 +52,18 @@ class Observation:
         tracks: of each, numbered from 1 in this order.
         ground: of the place.
         trails: (N, 3) points that move, and the number of their frame.
-        frames: how many frames.
+        times: of the frames.
     """
 
     tracks: tuple[ObservedTrack, ...]
     ground: RecordedGround
     trails: NDArray[np.float64]
-    frames: int
+    times: FrameTimes
+
+    @property
+    def frames(self) -> int:
+        """How many frames."""
+        return len(self.times.time_s)
 
 
 def observe(
@@ -59,6 +72,7 @@ def observe(
     *,
     detected: Sequence[Sequence[DetectedActor]] | None = None,
     rate_hz: float = 10.0,
+    times: FrameTimes | None = None,
     tell: Progress = untold,
 ) -> Observation:
     """Return what moves in frames, and what waits on lanes.
@@ -69,7 +83,8 @@ def observe(
             in every frame.
         detected: people and riders whom a detector found in each frame; without them, what is as
             large as they are is taken for them.
-        rate_hz: frames per second.
+        rate_hz: frames per second where there is no gap; gaps are found (`spacing`).
+        times: of the frames; then there are no others.
         tell: called with the share done and what is being done.
 
     Raises:
@@ -96,9 +111,11 @@ def observe(
     def nobody(number: int, place: NDArray[np.float64]) -> bool:
         return looked_through(frames.read(number), stand, place, _height(ground, place))
 
+    if times is None:
+        times = found_times(objects, rate_hz)
     tracks = [
-        observed_track(part.seen, lanes, rate_hz, small=detected is None)
-        for one in tracks_of(objects, rate_hz)
+        observed_track(part.seen, lanes, times.time_s, small=detected is None)
+        for one in tracks_of(objects, times)
         for part in parts_in_sight(one, nobody)
     ]
     kept = [one for one in tracks if one is not None]
@@ -106,7 +123,7 @@ def observe(
         tuple(sorted(kept, key=lambda one: (one.frames[0], tuple(one.boxes[0])))),
         ground,
         np.concatenate(trails),
-        len(frames),
+        times,
     )
 
 
@@ -143,7 +160,8 @@ def _objects(
             silhouette(plan, above[rows], yaw) if detected is None else None,
         )
         if actor is not None or one.diagonal <= LARGE_M:
-            return one
+            over = unseen_above(above[rows], frame.sensor[rows], frame.ring[rows], one.highest)
+            return replace(one, highest=one.highest + over)
         own, below = plan[frame.sensor[rows] == most], _height(ground, one.middle)
         return replace(one, length=seen_length(own, one.long_way, frame, sensors, below))
 

@@ -18,6 +18,9 @@ __all__ = ["ObservedTrack", "observed_track"]
 CREEPS_M_S = 1.5
 #: Slower than this one on foot stands and fidgets, m/s.
 STEPS_M_S = 0.5
+#: Deeper than this across the longer side is nobody who stands, metres: a tenth of those of our own
+#: simulation is nearly so deep, and half of those who walk. In a step one is as long as this.
+DEEP_M, STRIDES_M = 0.35, 0.75
 #: Nobody on foot is faster, m/s.
 WALKS_M_S = 2.6
 #: What of a vehicle that was seen from one side is completed: length, width, metres.
@@ -64,7 +67,7 @@ class ObservedTrack:
         frames: (N,) numbers of the frames.
         boxes: (N, 3) x, y of the middle, metres, and yaw, radians.
         size: length, width, height, metres.
-        speed: m/s, the median.
+        speed: m/s, the median; 0 of who was seen once.
         moves: whether it moves at all.
     """
 
@@ -79,7 +82,7 @@ class ObservedTrack:
 def observed_track(
     seen: Sequence[SeenObject],
     lanes: LanesBeneath | None,
-    rate_hz: float,
+    time_s: NDArray[np.float64],
     *,
     small: bool = True,
 ) -> ObservedTrack | None:
@@ -88,13 +91,13 @@ def observed_track(
     Args:
         seen: of each frame, in order.
         lanes: what lies beneath.
-        rate_hz: frames per second.
+        time_s: (N,) of all frames, seconds.
         small: people and riders are told by their size; else a detector tells who they are, and
             nobody else is one.
     """
     frames = np.array([one.frame for one in seen])
     middles = np.array([one.middle for one in seen])
-    velocity = _velocities(frames / rate_hz, middles)
+    velocity = _velocities(time_s[frames], middles)
     moving = float(np.mean([one.moves for one in seen]))
     moves = moving > 0.5
     if seen[0].actor is not None:
@@ -150,6 +153,8 @@ def observed_track(
     if name in SMALL:
         size = (usual[0], usual[1], height)
     if name == "pedestrian":
+        if len(seen) == 1 and _strides(seen[0]):
+            size = (STRIDES_M, usual[1], height)
         yaws = [_faces(one, step) for one, step in zip(seen, velocity, strict=True)]
     boxes = np.array([_completed(one, yaw, size) for one, yaw in zip(seen, yaws, strict=True)])
     return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)
@@ -226,6 +231,12 @@ def _faces(one: SeenObject, velocity: NDArray[np.float64]) -> float:
     if np.hypot(*velocity) >= STEPS_M_S:
         return float(np.arctan2(velocity[1], velocity[0]))
     return one.long_way + np.pi / 2
+
+
+def _strides(one: SeenObject) -> bool:
+    """Return whether somebody on foot is in a step: from above no trunk is as deep as it is."""
+    low, high = extents(one.points, one.long_way)
+    return bool((high - low)[1] >= DEEP_M)
 
 
 def _nearest_side(one: SeenObject, way: float, within: float) -> float:

@@ -14,6 +14,7 @@ from pydantic import Field
 from urbantwin.artefact import read_json
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.errors import InputError
+from urbantwin.traffic.observed.frame_times import FrameTimes, evenly_spaced
 
 __all__ = ["ObservedTracks", "is_observation", "read_observation"]
 
@@ -27,6 +28,8 @@ class _Observation(Part):
     frames: int
     rate_hz: float
     sensors: list[list[float]] = Field(default_factory=list)
+    times_s: list[float] | None = None
+    groups: list[int] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,8 @@ class ObservedTracks:
         xy: (N, 2) metres.
         stands: (N,) whether it hardly moves.
         sensors: (S, 2) where those stood who saw them; none where that is not told.
+        once: (N,) whether it was seen but once, between gaps, so that nobody knows whether it
+            stands; ``None`` where there are no gaps.
     """
 
     actor_class: NDArray[np.object_]
@@ -46,6 +51,7 @@ class ObservedTracks:
     xy: NDArray[np.float64]
     stands: NDArray[np.bool_]
     sensors: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    once: NDArray[np.bool_] | None = None
 
 
 def is_observation(path: Path) -> bool:
@@ -53,8 +59,8 @@ def is_observation(path: Path) -> bool:
     return (path / "observation.json").is_file()
 
 
-def read_observation(folder: Path) -> tuple[ObservedTracks, NDArray[np.float64]]:
-    """Return who was where, and the moments (T,) of the frames, seconds.
+def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
+    """Return who was where, and when the frames were.
 
     Raises:
         InputError: it is no observation, or nobody was observed.
@@ -85,7 +91,23 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, NDArray[np.float64]]
     along = np.linalg.norm(np.diff(xy, axis=0), axis=1)[same] / np.diff(time_s)[same]
     speed[same] = along
     np.minimum.at(speed, same + 1, along)
-    moments = np.arange(told.frames) / told.rate_hz
+    times = _times(told, folder / "observation.json")
+    once = ~np.isfinite(speed) if times.gap.any() else None
     sensors = np.array(told.sensors, np.float64).reshape(-1, 2)
-    found = ObservedTracks(name.astype(object), time_s, xy, speed < _STANDS_M_S, sensors)
-    return found, moments
+    found = ObservedTracks(name.astype(object), time_s, xy, speed < _STANDS_M_S, sensors, once)
+    return found, times
+
+
+def _times(told: _Observation, file: Path) -> FrameTimes:
+    times = evenly_spaced(told.frames, told.rate_hz)
+    if told.times_s is None or told.groups is None:
+        return times
+    time_s, group = np.array(told.times_s), np.array(told.groups)
+    if (
+        len(time_s) != told.frames
+        or len(group) != told.frames
+        or not (np.diff(time_s) > 0).all()
+        or not np.isin(np.diff(group), (0, 1)).all()
+    ):
+        raise InputError("has not a time for each frame", file=file, expected=_EXPECTED)
+    return FrameTimes(time_s, np.diff(group) > 0)

@@ -4,29 +4,33 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from urbantwin.result_warning import ResultWarning
+from urbantwin.traffic.observed.frame_times import FrameTimes
 from urbantwin.traffic.observed.observe import Observation
 from urbantwin.traffic.observed.observed_track import ObservedTrack
 
-__all__ = ["observed_summary", "write_observation"]
+__all__ = ["observed_summary", "spacing_summary", "spacing_warnings", "write_observation"]
 
 #: Tracks of vehicles at least this long are proposed as lines to draw on, metres.
 LONG_M = 6.0
 
 
-def write_observation(folder: Path, found: Observation, rate_hz: float) -> dict[str, Any]:
+def write_observation(folder: Path, found: Observation) -> dict[str, Any]:
     """Write ``tracks.csv`` and ``proposal.geojson``; return what was found, in numbers."""
+    time_s = found.times.time_s
     with (folder / "tracks.csv").open("w", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow("track_id time_s class x y yaw_rad length width height".split())
         for number, one in enumerate(found.tracks, 1):
             for frame, (x, y, yaw) in zip(one.frames, one.boxes, strict=True):
                 size = [f"{value:.2f}" for value in one.size]
-                row = [f"{frame / rate_hz:.3f}", one.actor_class, f"{x:.3f}", f"{y:.3f}"]
+                row = [f"{time_s[frame]:.3f}", one.actor_class, f"{x:.3f}", f"{y:.3f}"]
                 table.writerow([number, *row, f"{yaw:.4f}", *size])
     (folder / "proposal.geojson").write_text(_proposal(found.tracks))
     return observed_summary(found)
@@ -37,7 +41,7 @@ def observed_summary(found: Observation) -> dict[str, Any]:
     rows = {}
     for name in sorted({one.actor_class for one in found.tracks}):
         mine = [one for one in found.tracks if one.actor_class == name]
-        speeds = [one.speed for one in mine if one.moves]
+        speeds = [one.speed for one in mine if one.moves and len(one.frames) > 1]
         rows[name] = {
             "tracks": len(mine),
             "wait": sum(not one.moves for one in mine),
@@ -45,6 +49,32 @@ def observed_summary(found: Observation) -> dict[str, Any]:
             "median_speed_m_s": round(float(np.median(speeds)), 2) if speeds else None,
         }
     return rows
+
+
+def spacing_summary(times: FrameTimes, names: Sequence[str]) -> dict[str, Any]:
+    """Return what is known of when frames (N names) were taken; nothing where they are even."""
+    told: dict[str, Any] = {}
+    if times.gap.any():
+        told = {"gaps": int(times.gap.sum()), "of_pairs": len(times.gap)}
+        if times.confidence is not None:
+            told["confidence"] = round(float(times.confidence.mean()), 3)
+        told["gap_after"] = [names[k] for k in np.flatnonzero(times.gap).tolist()]
+    return told
+
+
+def spacing_warnings(times: FrameTimes) -> list[ResultWarning]:
+    """Return that frames are not evenly spaced, where nobody said so."""
+    if times.confidence is None or not times.gap.any():
+        return []
+    return [
+        ResultWarning(
+            "frames",
+            f"{times.gap.sum()} of {len(times.gap)} pairs have a gap between them",
+            f"what moves is not where it could be a frame later ({times.confidence.mean():.0%} "
+            "sure), and nobody is followed over them",
+            "tell when frames were taken, --times",
+        )
+    ]
 
 
 def _proposal(tracks: tuple[ObservedTrack, ...]) -> str:
