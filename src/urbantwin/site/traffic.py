@@ -146,7 +146,8 @@ class DriverSpec(Strict):
         speed_spread: its standard deviation.
         headway_s: time that they keep to who is ahead, seconds.
         queue_headway_s: the same of who stands, which comes to ``headway_s`` as it drives.
-        standing_gap_m: distance that they keep when they stand, metres.
+        standing_gap_m: mean of the distance that they keep when they stand, metres.
+        standing_gap_spread_m: its standard deviation from driver to driver.
         acceleration: most that they speed up with, m/s2.
         acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
         sideways_acceleration: what they accept in bends, m/s2, as sharp as the map has them.
@@ -160,6 +161,7 @@ class DriverSpec(Strict):
     headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     queue_headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     standing_gap_m: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
+    standing_gap_spread_m: Annotated[float, Field(ge=0.0, le=10.0)] | None = None
     acceleration: Annotated[float, Field(ge=0.2, le=10.0)] | None = None
     acceleration_at_10: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     sideways_acceleration: Annotated[float, Field(ge=0.5, le=30.0)] | None = None

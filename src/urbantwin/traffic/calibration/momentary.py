@@ -15,6 +15,7 @@ from urbantwin.artefact import passing_folder, replaced_folder, sha256_of
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
 from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.calibration.momentary_drivers import momentary_drivers
 from urbantwin.traffic.calibration.passages import MOTORS, SeenTrack
 from urbantwin.traffic.calibration.presence import (
     Presence,
@@ -27,6 +28,7 @@ from urbantwin.traffic.calibration.presence import (
     passed_per_hour,
     passes_an_arm,
     presence_of,
+    sampled,
 )
 from urbantwin.traffic.calibration.simulated import simulated_tracks
 from urbantwin.traffic.calibration.site_document import built, document_of, write_calibrated
@@ -107,7 +109,7 @@ def calibrate_observation(
             # The first tells whether arms are told by counts, and is the last if they are not.
             if best is None or (of_arms and not best.arms) or off < best.off:
                 passed = passed_per_hour(found, area, _TRIAL_S)
-                best = _Trial(flows, of_arms, present, passed, off)
+                best = _Trial(flows, of_arms, present, passed, off, sampled(found, trial_s))
             left = {name: passed_per_hour(found, arm, _TRIAL_S) for name, arm in arms.items()}
             if of_arms:
                 of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
@@ -122,6 +124,10 @@ def calibrate_observation(
         assert best is not None
         flows, of_arms, last, passed = best.flows, best.arms, best.present, best.passed
         spans_s = _spans_s(times)
+        usual = twin.site["traffic"]
+        manner, manner_rows = momentary_drivers(
+            tracks, best.moments, area, usual.get("drivers") or {}, usual.get("size") or {}
+        )
         report = {
             "kind": "calibration",
             "urbantwin": __version__,
@@ -135,10 +141,12 @@ def calibrate_observation(
             "seen_m2": round(float(area.area), 1),
             "motor_vehicles_passed_per_hour": round(passed, 1),
             "demand": _told(flows, of_arms, recorded, last, spans_s),
+            "manner": manner_rows,
         }
         traffic: dict[str, Any] = {"per_hour": {name: flows.get(name, 0.0) for name in _TOLD}}
         if of_arms:
             traffic["counts"] = _counts(of_arms)
+        traffic |= manner
         write_calibrated(folder, document, traffic, report, files=(site.parent, out))
     progress(1.0, "done")
     return report
@@ -170,6 +178,7 @@ class _Trial:
         present: in the simulation.
         passed: motor vehicles per hour that passed in it.
         off: its misfit.
+        moments: of it.
     """
 
     flows: dict[str, float]
@@ -177,6 +186,7 @@ class _Trial:
     present: Presence
     passed: float
     off: float
+    moments: ObservedTracks
 
 
 def _rounded(flows: dict[str, float]) -> dict[str, float]:

@@ -9,7 +9,7 @@ is counted.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,12 +32,14 @@ __all__ = [
     "passed_per_hour",
     "passes_an_arm",
     "presence_of",
+    "sampled",
 ]
 
 #: An arm is told of where so much of it is seen, metres.
 _SEEN_M = 5.0
 #: Who is slower walks nowhere and is not seen, m/s.
 _WALKS_M_S = 0.3
+_NOTHING = np.zeros(0)
 #: One stays so long at first, seconds; and no round changes a flow by more than this.
 _STAYS_S, _MOST_CHANGE = 40.0, 1.6
 #: Streets are full that carry less than this share of what is asked.
@@ -130,7 +132,7 @@ def presence_of(
     People who stand are not counted, as frames do not tell them from posts; of those who were seen
     but once the share is counted that walks of the others.
     """
-    of = tracks if isinstance(tracks, ObservedTracks) else _sampled(tracks, moments_s)
+    of = tracks if isinstance(tracks, ObservedTracks) else sampled(tracks, moments_s)
     inside = shapely.contains_xy(area, of.xy[:, 0], of.xy[:, 1])
     on_foot = of.actor_class == "pedestrian"
     inside &= ~(on_foot & of.stands)
@@ -158,18 +160,25 @@ def presence_of(
     )
 
 
-def _sampled(tracks: Sequence[SeenTrack], moments_s: NDArray[np.float64]) -> ObservedTracks:
-    name, time_s, xy, stands = [], [], [np.zeros((0, 2))], []
-    for one in tracks:
-        there = moments_s[(moments_s >= one.time_s[0]) & (moments_s <= one.time_s[-1])]
-        name += [one.track.actor_class] * len(there)
-        time_s += there.tolist()
-        xy.append(
-            np.column_stack([np.interp(there, one.time_s, one.xy[:, axis]) for axis in (0, 1)])
-        )
-        stands += (np.interp(there, one.time_s, one.speed) < _WALKS_M_S).tolist()
+def sampled(tracks: Sequence[SeenTrack], moments_s: NDArray[np.float64]) -> ObservedTracks:
+    """Return who is where at moments (T,), seconds, as frames would show it."""
+    there = [moments_s[(moments_s >= x.time_s[0]) & (moments_s <= x.time_s[-1])] for x in tracks]
+    counts = [len(one) for one in there]
+    pairs = list(zip(there, tracks, strict=True))
+
+    def along(column: Callable[[SeenTrack], NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.concatenate([np.interp(t, x.time_s, column(x)) for t, x in pairs] or [_NOTHING])
+
+    speed = along(lambda one: one.speed)
     return ObservedTracks(
-        np.array(name, object), np.array(time_s), np.concatenate(xy), np.array(stands, bool)
+        np.repeat(np.arange(len(tracks)), counts),
+        np.repeat(np.array([one.track.actor_class for one in tracks], object), counts),
+        np.concatenate([*there, _NOTHING]),
+        np.column_stack([along(lambda one: one.xy[:, 0]), along(lambda one: one.xy[:, 1])]),
+        along(lambda one: np.unwrap(one.yaw)),
+        np.repeat(np.reshape([one.track.size for one in tracks], (-1, 3)), counts, axis=0),
+        speed,
+        speed < _WALKS_M_S,
     )
 
 

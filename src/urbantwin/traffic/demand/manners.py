@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from urbantwin.roads.curve_speed import SIDEWAYS_MS2
-from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS, GAP_SPREAD
 
 __all__ = ["IN_BENDS", "IN_QUEUES", "manners_of"]
 
@@ -18,6 +18,7 @@ IN_BENDS, IN_QUEUES = "urbantwin.in_bends", "urbantwin.queue_headway"
 _ATTRIBUTES = {
     "headway_s": "tau",
     "standing_gap_m": "minGap",
+    "standing_gap_spread_m": GAP_SPREAD,
     "acceleration": "accel",
     "critical_gap_s": "jmTimegapMinor",
     "queue_headway_s": IN_QUEUES,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from urbantwin.traffic.observed.frame_times import FrameTimes, evenly_spaced
 __all__ = ["ObservedTracks", "is_observation", "read_observation"]
 
 _EXPECTED = "a folder that `urbantwin observe FRAMES --twin TWIN -o FOLDER` wrote"
-_COLUMNS = ("track_id", "time_s", "class", "x", "y")
+_COLUMNS = ("class", "track_id", "time_s", "x", "y", "yaw_rad", "length", "width", "height")
 #: Slower than this one stands, m/s.
 _STANDS_M_S = 0.3
 
@@ -37,21 +37,38 @@ class ObservedTracks:
     """Actors at moments, a row each.
 
     Attributes:
+        track: (N,) whose row it is.
         actor_class: (N,) names.
         time_s: (N,) seconds.
         xy: (N, 2) metres.
+        yaw: (N,) radians.
+        size: (N, 3) length, width and height of its box, metres.
+        speed: (N,) m/s; ``inf`` where nobody knows.
         stands: (N,) whether it hardly moves.
         sensors: (S, 2) where those stood who saw them; none where that is not told.
         once: (N,) whether it was seen but once, between gaps, so that nobody knows whether it
             stands; ``None`` where there are no gaps.
     """
 
+    track: NDArray[np.int64]
     actor_class: NDArray[np.object_]
     time_s: NDArray[np.float64]
     xy: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+    size: NDArray[np.float64]
+    speed: NDArray[np.float64]
     stands: NDArray[np.bool_]
     sensors: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     once: NDArray[np.bool_] | None = None
+
+    def only(self, rows: NDArray[np.bool_]) -> ObservedTracks:
+        """Return some of the rows (N,)."""
+        columns = {
+            one.name: getattr(self, one.name)[rows]
+            for one in fields(self)
+            if one.name != "sensors" and getattr(self, one.name) is not None
+        }
+        return replace(self, **columns)
 
 
 def is_observation(path: Path) -> bool:
@@ -74,18 +91,15 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
     file = folder / "tracks.csv"
     try:
         table = pa_csv.read_csv(file)
-        track, time_s, name, x, y = (
-            table[column].to_numpy(zero_copy_only=False) for column in _COLUMNS
-        )
-        numbers = [one.astype(np.float64) for one in (track, time_s, x, y)]
+        name, *rest = (table[column].to_numpy(zero_copy_only=False) for column in _COLUMNS)
+        numbers = [one.astype(np.float64) for one in rest]
     except (OSError, KeyError, ValueError, pa.ArrowInvalid) as error:
         raise InputError("is no table of tracks", file=file, expected=_EXPECTED) from error
-    if not len(track):
+    if not len(name):
         raise InputError("nobody was observed", file=file, expected="frames in which one moves")
-    track, time_s, x, y = numbers
-    order = np.lexsort((time_s, track))
-    track, time_s, name, xy = track[order], time_s[order], name[order], np.column_stack([x, y])
-    xy = xy[order]
+    order = np.lexsort((numbers[1], numbers[0]))
+    track, time_s, x, y, yaw, *sides = (one[order] for one in numbers)
+    name, xy = name[order], np.column_stack([x, y])
     speed = np.full(len(track), np.inf)
     same = np.flatnonzero(np.diff(track) == 0)
     along = np.linalg.norm(np.diff(xy, axis=0), axis=1)[same] / np.diff(time_s)[same]
@@ -94,7 +108,18 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
     times = _times(told, folder / "observation.json")
     once = ~np.isfinite(speed) if times.gap.any() else None
     sensors = np.array(told.sensors, np.float64).reshape(-1, 2)
-    found = ObservedTracks(name.astype(object), time_s, xy, speed < _STANDS_M_S, sensors, once)
+    found = ObservedTracks(
+        track.astype(np.int64),
+        name.astype(object),
+        time_s,
+        xy,
+        yaw,
+        np.column_stack(sides),
+        speed,
+        speed < _STANDS_M_S,
+        sensors,
+        once,
+    )
     return found, times
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from lxml import etree
 
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.demand.manners import IN_BENDS, IN_QUEUES
-from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.demand.standing_gap import standing_gap_of
+from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS, GAP_SPREAD
 from urbantwin.traffic.sumo.halts import ends_of_halts
 
 __all__ = ["write_routes"]
@@ -24,27 +25,22 @@ DWELL_S = 15.0
 #: stops of streetcars), for so long, seconds.
 TRAM_DWELL_S = 20.0
 _LONG_S = 1e6  # waiting has no end but the bus
+_USUAL_GAP_M = 2.5  # SUMO's, of those of whom nothing else is told
 
 
 def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> None:
-    """Write the demand as SUMO reads it: one vehicle type per mesh, then the trips."""
+    """Write the demand as SUMO reads it: types of vehicles, then the trips.
+
+    A type is a mesh and the gap that its driver keeps when it stands, which SUMO knows of types
+    alone.
+    """
     root = etree.Element("routes")
-    for actor_class, name in sorted({(trip.actor_class, trip.asset) for trip in demand.trips}):
-        kind, mesh = ACTOR_KINDS[actor_class], asset(name)
-        bounds = {"length": mesh.length, "width": mesh.width, "height": mesh.height}
-        if actor_class == "pedestrian":  # a dog beside is seen to when paths are parted
-            bounds["width"] = min(mesh.width, _STRIPE_M)
-        values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
-        values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
-        told = {key: values.pop(key) for key in (IN_BENDS, IN_QUEUES) if key in values}
-        made = etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
-        for key, value in told.items():
-            etree.SubElement(made, "param", key=key, value=value)
+    types = _write_types(root, demand, asset)
     # SUMO wants them in the order of setting out.
     for number, trip in sorted(enumerate(demand.trips), key=lambda one: one[1].depart_s):
         if trip.beside:  # SUMO knows the one who leads
             continue
-        common = {"id": str(number), "type": trip.asset, "depart": f"{trip.depart_s:.2f}"}
+        common = {"id": str(number), "type": types[number], "depart": f"{trip.depart_s:.2f}"}
         edges = " ".join(trip.edges)
         if trip.actor_class == "pedestrian":
             person = etree.SubElement(root, "person", **common, departPos=f"{trip.depart_m:.2f}")
@@ -68,6 +64,41 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
                 where = {"busStop": str(halt), "endPos": f"{end_m:.2f}"}
                 etree.SubElement(vehicle, "stop", **where, duration=f"{dwell_s:g}")
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
+
+
+def _write_types(root: etree._Element, demand: Demand, asset: Callable[[str], Asset]) -> list[str]:
+    """Write the types of vehicles; return what that of each trip is called."""
+    types = [_type_of(trip, demand) for trip in demand.trips]
+    kinds = {
+        (trip.actor_class, trip.asset, *one) for trip, one in zip(demand.trips, types, strict=True)
+    }
+    for actor_class, name, type_name, gap_m in sorted(kinds):
+        kind, mesh = ACTOR_KINDS[actor_class], asset(name)
+        bounds = {"length": mesh.length, "width": mesh.width, "height": mesh.height}
+        if actor_class == "pedestrian":  # a dog beside is seen to when paths are parted
+            bounds["width"] = min(mesh.width, _STRIPE_M)
+        values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
+        values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
+        told = {key: values.pop(key) for key in (IN_BENDS, IN_QUEUES) if key in values}
+        if values.pop(GAP_SPREAD, None) is not None:
+            values["minGap"] = gap_m
+        made = etree.SubElement(root, "vType", id=type_name, vClass=kind.vclass, **values)
+        for key, value in told.items():
+            etree.SubElement(made, "param", key=key, value=value)
+    return [name for name, _ in types]
+
+
+def _type_of(trip: Trip, demand: Demand) -> tuple[str, str]:
+    """Return what the type of a trip's vehicle is called, and its gap when it stands, metres."""
+    values = {
+        **ACTOR_KINDS[trip.actor_class].parameters,
+        **demand.manners.get(trip.actor_class, {}),
+    }
+    mean_m, spread_m = float(values.get("minGap", _USUAL_GAP_M)), float(values.get(GAP_SPREAD, 0))
+    if spread_m <= 0:
+        return trip.asset, f"{mean_m:g}"
+    gap_m = f"{standing_gap_of(trip, mean_m, spread_m):.1f}"
+    return f"{trip.asset}_{gap_m}", gap_m
 
 
 def _add_wait(person: etree._Element, edge: str, at_m: float) -> None:
