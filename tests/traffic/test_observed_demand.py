@@ -17,6 +17,7 @@ from urbantwin.traffic.observed import read_observation
 from urbantwin.traffic.recorded.track import RecordedTrack
 from urbantwin.twin import Twin
 
+COLUMNS = "track_id time_s class x y yaw_rad length width height".split()
 ASKED, SECONDS = 1500.0, 40
 SITE = Path(__file__).parents[2] / "examples/hannover/site.yaml"
 
@@ -35,7 +36,11 @@ def test_as_many_drive_as_were_observed(
         told=lambda _: None,
     )
     rows = [
-        (number, second, "car", *(np.interp(second, one.time_s, one.xy[:, k]) for k in (0, 1)))
+        (
+            *(number, second, "car"),
+            *(np.interp(second, one.time_s, one.xy[:, k]) for k in (0, 1)),
+            *(np.interp(second, one.time_s, np.unwrap(one.yaw)), *one.track.size),
+        )
         for number, one in enumerate(truth)
         for second in range(SECONDS)
         if one.time_s[0] <= second <= one.time_s[-1]
@@ -43,7 +48,7 @@ def test_as_many_drive_as_were_observed(
     observed = tmp_path / "observed"
     observed.mkdir()
     with (observed / "tracks.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([("track_id", "time_s", "class", "x", "y"), *rows])
+        csv.writer(stream).writerows([COLUMNS, *rows])
     told = {"kind": "observation", "frames": SECONDS, "rate_hz": 1.0}
     (observed / "observation.json").write_text(json.dumps(told))
     # The site's streets are those of the crossing: what is built of a site is tested elsewhere.
@@ -52,7 +57,11 @@ def test_as_many_drive_as_were_observed(
     monkeypatch.setattr(momentary, "_TRIAL_S", 180.0)  # two cycles
     monkeypatch.setattr(momentary, "_ROUNDS", 1)
     report = calibrate_observation(observed, SITE, tmp_path / "calibrated")
-    written = yaml.safe_load((tmp_path / "calibrated/traffic.yaml").read_text())["per_hour"]
+    written = yaml.safe_load((tmp_path / "calibrated/traffic.yaml").read_text())
+    # They stand and drive as those who are simulated, and are as tall.
+    assert "size" not in written
+    assert written.get("drivers", {}).get("car", {}).keys() <= {"standing_gap_spread_m"}
+    written = written["per_hour"]
     assert {name for name, value in written.items() if value} == {"car"}
     assert written["car"] == pytest.approx(ASKED, rel=0.35)
     (car,) = (row for row in report["demand"] if row.get("class") == "car")
@@ -97,9 +106,10 @@ def test_no_more_are_asked_for_than_pass_where_they_queue() -> None:
 
 
 def test_demand_is_of_where_sensors_see_nearly_all(tmp_path: Path) -> None:
-    rows = [(k, 0.0, "car", x, y) for k, (x, y) in enumerate([(0, 0), (90, 0), (90, 90), (0, 90)])]
+    corners = [(0, 0), (90, 0), (90, 90), (0, 90)]
+    rows = [(k, 0.0, "car", x, y, 0.0, 4.3, 1.8, 1.5) for k, (x, y) in enumerate(corners)]
     with (tmp_path / "tracks.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([("track_id", "time_s", "class", "x", "y"), *rows])
+        csv.writer(stream).writerows([COLUMNS, *rows])
     told = {"kind": "observation", "frames": 1, "rate_hz": 1.0}
     for more, near in (({}, False), ({"sensors": [[10.0, 10.0], [20.0, 10.0]]}, True)):
         (tmp_path / "observation.json").write_text(json.dumps({**told, **more}))

@@ -124,9 +124,8 @@ def calibrate_observation(
         assert best is not None
         flows, of_arms, last, passed = best.flows, best.arms, best.present, best.passed
         spans_s = _spans_s(times)
-        usual = twin.site["traffic"]
         manner, manner_rows = momentary_drivers(
-            tracks, best.moments, area, usual.get("drivers") or {}, usual.get("size") or {}
+            tracks, best.moments, len(moments_s), area, twin.site["traffic"]
         )
         report = {
             "kind": "calibration",

@@ -43,7 +43,7 @@ class ObservedTracks:
         xy: (N, 2) metres.
         yaw: (N,) radians.
         size: (N, 3) length, width and height of its box, metres.
-        speed: (N,) m/s; ``inf`` where nobody knows.
+        speed: (N,) m/s; ``nan`` where nobody knows.
         stands: (N,) whether it hardly moves.
         sensors: (S, 2) where those stood who saw them; none where that is not told.
         once: (N,) whether it was seen but once, between gaps, so that nobody knows whether it
@@ -100,13 +100,15 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
     order = np.lexsort((numbers[1], numbers[0]))
     track, time_s, x, y, yaw, *sides = (one[order] for one in numbers)
     name, xy = name[order], np.column_stack([x, y])
-    speed = np.full(len(track), np.inf)
+    # Of the ways to the frame before and from it to the next: whoever is slow in either stands.
+    ways = np.full((2, len(track)), np.nan)
     same = np.flatnonzero(np.diff(track) == 0)
     along = np.linalg.norm(np.diff(xy, axis=0), axis=1)[same] / np.diff(time_s)[same]
-    speed[same] = along
-    np.minimum.at(speed, same + 1, along)
+    ways[0, same], ways[1, same + 1] = along, along
+    slowest = np.fmin(*ways)
+    speed = np.where(np.isnan(ways).any(axis=0), slowest, ways.mean(axis=0))
     times = _times(told, folder / "observation.json")
-    once = ~np.isfinite(speed) if times.gap.any() else None
+    once = np.isnan(speed) if times.gap.any() else None
     sensors = np.array(told.sensors, np.float64).reshape(-1, 2)
     found = ObservedTracks(
         track.astype(np.int64),
@@ -116,7 +118,7 @@ def read_observation(folder: Path) -> tuple[ObservedTracks, FrameTimes]:
         yaw,
         np.column_stack(sides),
         speed,
-        speed < _STANDS_M_S,
+        slowest < _STANDS_M_S,
         sensors,
         once,
     )
