@@ -28,6 +28,7 @@ from urbantwin.roads.junctions.cluster import (
     is_signalised,
     meeting_nodes,
 )
+from urbantwin.roads.junctions.drawn_turns import drawn_turns
 from urbantwin.roads.junctions.lane_links import Arrows, lane_links
 from urbantwin.roads.junctions.mapped_marks import Marks
 from urbantwin.roads.junctions.mouth import SHORTEST_M, Arm, mouths
@@ -80,13 +81,14 @@ class _Cluster:
     arms: tuple[Arm, ...]
 
 
-def consolidated(
+def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
     plain: PlainNetwork,
     marks: Marks,
     arrows: SignedTurns,
     *,
     apart: Collection[str],
     within: Collection[str] = (),
+    followed: Mapping[str, NDArray[np.float64]] | None = None,
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
     buildings: Sequence[shapely.Polygon],
     driving_side: str,
@@ -99,6 +101,7 @@ def consolidated(
         arrows: turns that ways sign for their lanes.
         apart: edges that lie in no junction.
         within: edges that lie in one, as the map says.
+        followed: edge within a junction -> the line (N, 2) that traffic keeps to, site frame.
         forbidden: turn restrictions over several edges, as in `passages_of`.
         buildings: where buildings stand on the ground, site frame.
         driving_side: ``right`` or ``left``.
@@ -146,7 +149,7 @@ def consolidated(
         if cluster.id not in reached:
             continue
         nodes[cluster.id], found = _junction(
-            plain, cluster, edges, new_strips, signed, forbidden, driving_side
+            plain, cluster, edges, new_strips, signed, forbidden, followed or {}, driving_side
         )
         links += found
     network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
@@ -331,6 +334,7 @@ def _junction(
     strips: Mapping[str, Strip],
     arrows: Arrows,
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
+    followed: Mapping[str, NDArray[np.float64]],
     driving_side: str,
 ) -> tuple[PlainNode, list[PlainLink]]:
     inner = {name: plain.edges[name] for name in sorted(cluster.inner)}
@@ -344,11 +348,14 @@ def _junction(
     for mine in by_entry.values():
         ways |= lane_links(plain, mine, arrows, driving_side=driving_side)
     curves = _curves(ways, strips, driving_side)
+    drawn = drawn_turns(ways, curves, strips, followed)
+    curves |= drawn
     for start, k, end, j in _drivable(ways, curves):
         curve = curves[start, k, end, j]
         stations = np.linspace(0.0, curve.length, max(3, int(curve.length / STEP_M) + 1))
         line = curve.at(stations)[:, :2]
-        links.append(PlainLink(start, end, k, j, {"shape": shape_text(line)}))
+        is_drawn = (start, k, end, j) in drawn
+        links.append(PlainLink(start, end, k, j, {"shape": shape_text(line)}, is_drawn))
         width = max(strips[start].edge.lanes[k].width, strips[end].edge.lanes[j].width)
         swept.append(shapely.LineString(line).buffer(width / 2, cap_style="flat"))
     across, outside, ends = [], [], []
