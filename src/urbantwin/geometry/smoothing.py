@@ -10,8 +10,8 @@ from urbantwin.geometry.polyline import stations_of_points
 
 __all__ = ["resampled", "smoothed", "tightest_bend"]
 
-#: How much bending weighs against closeness, tried from the calmest on (metres to the fourth).
-WEIGHTS = 10.0 ** np.arange(5.0, -2.1, -0.25)
+#: How much bending weighs against closeness, tried from the nearest on (metres to the fourth).
+WEIGHTS = 10.0 ** np.arange(-2.0, 5.1, 0.25)
 
 
 def resampled(points: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
@@ -26,19 +26,21 @@ def smoothed(
     within_m: float,
     *,
     headings: tuple[float, float] | None = None,
+    radius_m: float = np.inf,
     step_m: float = 1.0,
 ) -> NDArray[np.float64]:
-    """Return a line with the same ends that bends as gently as it can near a drawn one.
+    """Return a line with the same ends near a drawn one, without its corners.
 
     Of the lines that minimise the sum of squared distances from the drawn one and a multiple of
     the squared curvature (a discrete smoothing spline; Reinsch, "Smoothing by spline functions",
-    1967), the calmest that stays near enough.
+    1967), the nearest that bends gently enough, else the calmest that stays near enough.
 
     Args:
         points: the drawn line (N, 2), N >= 2, without a point twice.
         within_m: how far it may leave the drawn line; if none of those tried stays so near, the
             nearest of them is returned.
         headings: radians, at its start and at its end; free where not given.
+        radius_m: the radius that is gentle enough; without it the calmest line is returned.
         step_m: about how far apart its points are.
     """
     line = shapely.LineString(points)
@@ -53,15 +55,21 @@ def smoothed(
         held = np.array([0, count - 1, 1, count - 2])
         places = np.vstack([places, places[0] + ahead[0], places[1] - ahead[1]])
     free = np.setdiff1d(np.arange(count), held)
-    found = drawn.copy()
-    found[held] = places
+    found: NDArray[np.float64] | None = None
     for weight in WEIGHTS:
+        calm = drawn.copy()
+        calm[held] = places
         matrix = np.eye(len(free)) + weight * bending[np.ix_(free, free)]
-        found[free] = np.linalg.solve(
+        calm[free] = np.linalg.solve(
             matrix, drawn[free] - weight * bending[np.ix_(free, held)] @ places
         )
-        if shapely.distance(line, shapely.points(found[free])).max() <= within_m:
+        off = shapely.distance(line, shapely.points(calm[free])).max()
+        if found is not None and off > within_m:
             break
+        found = calm
+        if tightest_bend(calm)[0] >= radius_m:
+            break
+    assert found is not None
     return found
 
 

@@ -15,8 +15,9 @@ from urbantwin.roads.model.curve import Curve, aside, splined
 
 __all__ = ["drawn_turns"]
 
-#: The line is calmed within this before lanes are laid beside it, and so is every lane, metres.
-LINE_M, LANE_M = 0.25, 0.5
+#: Corners of the line, and then of every lane beside it, are rounded within so much until their
+#: radius is as large as the last, metres.
+LINE_M, LANE_M, RADIUS_M = 0.25, 0.5, 12.0
 #: A lane that does not begin where it is drawn goes there with this radius, metres.
 SHIFT_RADIUS_M = 25.0
 #: Points that a way's curve goes through are this far apart, metres.
@@ -55,7 +56,7 @@ def drawn_turns(
         # Lanes are counted from the kerb.
         order = sorted({way[1:2] + way[3:] for way in mine})
         widths = [passage.entry.lanes[k].width for k, _ in order]
-        middle = _distinct(smoothed(_distinct(lines[passage]), LINE_M))
+        middle = _distinct(smoothed(_distinct(lines[passage]), LINE_M, radius_m=RADIUS_M))
         kerb = np.cumsum(widths) - np.array(widths) / 2
         outward = strips[passage.entry.id].outward
         for way in mine:
@@ -82,7 +83,8 @@ def _along(middle: NDArray[np.float64], ends: NDArray[np.float64], place: float)
     within = ((lane - ends[0, :2]) @ ahead[0] > 0.5) & ((ends[1, :2] - lane) @ ahead[1] > 0.5)
     course = _distinct(np.vstack([ends[0, :2], lane[_middle_run(within)], ends[1, :2]]))
     headings = float(ends[0, 2]), float(ends[1, 2])
-    return splined(resampled(smoothed(course, LANE_M, headings=headings), SPACING_M), *headings)
+    calm = smoothed(course, LANE_M, headings=headings, radius_m=RADIUS_M)
+    return splined(resampled(calm, SPACING_M), *headings)
 
 
 def _middle_run(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
