@@ -128,6 +128,16 @@ def test_ways_run_beside_the_line_in_every_format(tmp_path, side, crossing):
             assert off.max() < 0.75
 
 
+@pytest.mark.parametrize("version", ["1.8", "1.4"])
+def test_asams_checker_reports_no_issue(tmp_path, judge, version):
+    roads = built(tmp_path, features(crossing=True))
+    write_opendrive(roads.model, FRAME, tmp_path / "n.xodr", version=version, name="n")
+    answer = judge("asam_and_carla", f"check={tmp_path / 'n.xodr'}")
+    (found,) = answer.values()
+    assert found["issues"] == []
+    assert list(found["status"].values()).count("completed") >= (20 if version == "1.8" else 9)
+
+
 def test_ways_are_as_smooth_as_cars_drive_them(tmp_path):
     roads = built(tmp_path, features(crossing=True))
     for lane in roads.network.lanes:
