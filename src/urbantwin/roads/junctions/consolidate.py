@@ -9,7 +9,7 @@ the map has stop lines and crossings, and what traffic sweeps over between them 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +45,7 @@ from urbantwin.roads.junctions.plain import (
     PlainNode,
     shape_text,
 )
+from urbantwin.roads.junctions.round_standing import round_standing
 from urbantwin.roads.junctions.strip import Strip, cut
 from urbantwin.roads.model.curve import Curve
 from urbantwin.roads.streets.manoeuvre import gentle_curves
@@ -91,6 +92,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
     followed: Mapping[str, NDArray[np.float64]] | None = None,
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
     buildings: Sequence[shapely.Polygon],
+    standing: Sequence[shapely.Geometry] = (),
     driving_side: str,
 ) -> PlainNetwork:
     """Return a network in which every junction is one node.
@@ -104,6 +106,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
         followed: edge within a junction -> the line (N, 2) that traffic keeps to, site frame.
         forbidden: turn restrictions over several edges, as in `passages_of`.
         buildings: where buildings stand on the ground, site frame.
+        standing: outlines of posts and islands, which ways lead round, site frame.
         driving_side: ``right`` or ``left``.
     """
     outward = -1 if driving_side == "right" else 1
@@ -149,7 +152,14 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
         if cluster.id not in reached:
             continue
         nodes[cluster.id], found = _junction(
-            plain, cluster, edges, new_strips, signed, forbidden, followed or {}, driving_side
+            plain,
+            cluster,
+            edges,
+            new_strips,
+            signed,
+            forbidden,
+            lambda ways, curves: _led(ways, curves, new_strips, followed or {}, standing),
+            driving_side,
         )
         links += found
     network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
@@ -334,7 +344,7 @@ def _junction(
     strips: Mapping[str, Strip],
     arrows: Arrows,
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
-    followed: Mapping[str, NDArray[np.float64]],
+    lead: Callable[[Mapping[Way, Passage], Mapping[Way, Curve]], Mapping[Way, Curve]],
     driving_side: str,
 ) -> tuple[PlainNode, list[PlainLink]]:
     inner = {name: plain.edges[name] for name in sorted(cluster.inner)}
@@ -348,14 +358,14 @@ def _junction(
     for mine in by_entry.values():
         ways |= lane_links(plain, mine, arrows, driving_side=driving_side)
     curves = _curves(ways, strips, driving_side)
-    drawn = drawn_turns(ways, curves, strips, followed)
-    curves |= drawn
+    led = lead(ways, curves)
+    curves |= led
     for start, k, end, j in _drivable(ways, curves):
         curve = curves[start, k, end, j]
         stations = np.linspace(0.0, curve.length, max(3, int(curve.length / STEP_M) + 1))
         line = curve.at(stations)[:, :2]
-        is_drawn = (start, k, end, j) in drawn
-        links.append(PlainLink(start, end, k, j, {"shape": shape_text(line)}, is_drawn))
+        is_led = (start, k, end, j) in led
+        links.append(PlainLink(start, end, k, j, {"shape": shape_text(line)}, is_led))
         width = max(strips[start].edge.lanes[k].width, strips[end].edge.lanes[j].width)
         swept.append(shapely.LineString(line).buffer(width / 2, cap_style="flat"))
     across, outside, ends = [], [], []
@@ -375,6 +385,18 @@ def _junction(
     attributes = {"type": "traffic_light", "tl": cluster.id} if signals else {"type": "priority"}
     middle = shapely.Polygon(outline).centroid
     return PlainNode(cluster.id, np.array([middle.x, middle.y]), attributes, outline), links
+
+
+def _led(
+    ways: Mapping[Way, Passage],
+    curves: Mapping[Way, Curve],
+    strips: Mapping[str, Strip],
+    followed: Mapping[str, NDArray[np.float64]],
+    standing: Sequence[shapely.Geometry],
+) -> dict[Way, Curve]:
+    """Return the curves of ways that somebody drew, or that lead round what stands."""
+    drawn = drawn_turns(ways, curves, strips, followed)
+    return drawn | round_standing(ways, curves, standing, drawn)
 
 
 def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:

@@ -35,6 +35,7 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
     prepared: PreparedWays,
     apart: Sequence[int],
     buildings: Sequence[shapely.Polygon],
+    standing: Sequence[shapely.Geometry],
     country: str,
     driving_side: str,
 ) -> PlainNetwork:
@@ -48,6 +49,7 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
         prepared: the segments that its ways were cut into.
         apart: segments that lie in no junction: bridges, outer roads.
         buildings: where buildings stand on the ground, site frame.
+        standing: outlines of posts and islands, site frame.
         country: ISO 3166-1 alpha-2; empty if unknown.
         driving_side: ``right`` or ``left``.
     """
@@ -70,6 +72,7 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
         followed=followed,
         forbidden=via_way_restrictions(extract, pieces),
         buildings=buildings,
+        standing=standing,
         driving_side=driving_side,
     )
     crossed = mapped_crossings(extract, frame, pieces, country=country)

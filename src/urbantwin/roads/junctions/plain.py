@@ -114,7 +114,7 @@ class PlainEdge:
 class PlainLink:
     """A way from a lane's end to a lane's start; ``end`` is empty where an edge leads nowhere.
 
-    ``followed`` tells that its shape is a line drawn for it.
+    ``followed`` tells that its shape is kept: somebody drew it, or it leads round what stands.
     """
 
     start: str
