@@ -56,12 +56,16 @@ def mirrored(drawn):
     return drawn
 
 
-def built(folder, drawn, side="right", elevation=None):
+def written(folder, drawn):
     path = folder / "sketch.geojson"
     value = {"type": "FeatureCollection", "crs": "site", "features": drawn}
     path.write_text(json.dumps(value))
+    return path
+
+
+def built(folder, drawn, side="right", elevation=None):
     return build_roads(
-        read_sketch(path, FRAME),
+        read_sketch(written(folder, drawn), FRAME),
         FRAME,
         shapely.Point(0, 0).buffer(60),
         elevation or Elevation.flat(),
