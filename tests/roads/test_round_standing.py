@@ -92,6 +92,25 @@ def test_what_cannot_be_passed_is_told_in_one_line(tmp_path):
     assert "\n" not in text
 
 
+def test_a_junction_of_one_node_is_led_through_so_too(tmp_path):
+    drawn = [
+        feature("street", [(-90, 0), (0, 0), (90, 0)], lanes=2, lanes_back=2),
+        feature("street", [(0, -90), (0, 0), (0, 90)], lanes=2, lanes_back=2),
+    ]
+    post = shapely.Point(0.5, -5.6).buffer(0.1)
+    before, after = (
+        [
+            line
+            for line in ways(built(tmp_path, drawn, standing))
+            if line.coords[0][0] < -5 and line.coords[-1][0] > 5
+        ]
+        for standing in ((), [post])
+    )
+    assert len(before) == len(after) == 2
+    assert min(line.distance(post) for line in before) < 0.9
+    assert min(line.distance(post) for line in after) > 0.99
+
+
 def test_what_stands_beside_moves_nothing(tmp_path):
     far = [shapely.Point(x, y).buffer(0.15) for x, y in ((-8.0, -12.0), (0.0, 30.0))]
     plain = built(tmp_path, undrawn())

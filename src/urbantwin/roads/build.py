@@ -242,7 +242,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         )
     tell(0.3, "streets")
     lift = _lift(raw, crossings)
-    planar = planar_model(raw)
+    planar = planar_model(raw, standing)
     tell(0.5, "side lanes")
     model = add_side_lanes(
         planar,

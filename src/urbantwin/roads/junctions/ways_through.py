@@ -14,9 +14,9 @@ from urbantwin.roads.junctions.drawn_turns import drawn_turns
 from urbantwin.roads.junctions.opposed_turns import passing_in_front
 from urbantwin.roads.junctions.passage import Passage
 from urbantwin.roads.junctions.plain import INTO_M
-from urbantwin.roads.junctions.round_standing import round_standing
 from urbantwin.roads.junctions.strip import Strip
 from urbantwin.roads.model.curve import Curve
+from urbantwin.roads.round_standing import round_standing
 from urbantwin.roads.streets.manoeuvre import gentle_curves
 
 __all__ = ["Way", "WaysThrough", "ways_through"]
@@ -64,7 +64,10 @@ def ways_through(
     """
     curves = _curves(ways, strips, driving_side)
     drawn = drawn_turns(ways, curves, strips, followed)
-    led = drawn | round_standing(ways, curves, standing, drawn)
+    others = [way for way in ways if way not in drawn]
+    passages = [ways[way] for way in others]
+    moved = round_standing([curves[way] for way in others], passages, standing)
+    led = drawn | {others[k]: curve for k, curve in moved.items()}
     curves |= led
     return WaysThrough(curves, frozenset(led), tuple(_drivable(ways, curves)))
 

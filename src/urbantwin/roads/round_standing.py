@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -11,7 +11,6 @@ import shapely.ops
 from numpy.typing import NDArray
 
 from urbantwin.geometry import resampled, tightest_bend
-from urbantwin.roads.junctions.passage import Passage
 from urbantwin.roads.model.curve import Curve, aside, splined
 from urbantwin.roads.standing import HALF_CAR_M
 
@@ -31,52 +30,53 @@ END_M = 1.0
 #: Points that a way's curve goes through are this far apart, metres.
 SPACING_M = 2.0
 
-Way = tuple[str, int, str, int]
-
 
 def round_standing(
-    ways: Mapping[Way, Passage],
-    curves: Mapping[Way, Curve],
+    curves: Sequence[Curve],
+    beside: Sequence[Hashable],
     standing: Sequence[shapely.Geometry],
-    drawn: Collection[Way] = (),
-) -> dict[Way, Curve]:
+) -> dict[int, Curve]:
     """Return curves for those ways that would lead over what stands and can lead round it.
 
     Lanes side by side are moved alike, by as little as clears all of them.
 
     Args:
-        ways: the passages through a junction by lanes.
-        curves: their ways.
+        curves: ways through junctions.
+        beside: of each, the same for those that run side by side.
         standing: outlines of what stands, site frame.
-        drawn: ways that a person drew, which are kept.
     """
     things = _things(standing, curves)
-    beside: dict[Passage, list[Way]] = defaultdict(list)
-    for way, passage in ways.items():
-        if way not in drawn:
-            beside[passage].append(way)
-    found: dict[Way, Curve] = {}
-    for mine in beside.values():
-        old = {way: _line(curves[way]) for way in mine}
+    if not things:
+        return {}
+    groups: dict[Hashable, list[int]] = defaultdict(list)
+    for k, name in enumerate(beside):
+        groups[name].append(k)
+    tree = shapely.STRtree(things)
+    found: dict[int, Curve] = {}
+    for mine in groups.values():
+        old = {k: _line(curves[k]) for k in mine}
+        whole = [shapely.LineString(line) for line in old.values()]
+        near = tree.query(whole, predicate="dwithin", distance=CLEAR_M + MOST_M)[1]
         lines = old
         # Each thing in turn; what was moved for one may come near to the next.
-        for thing in things:
+        for number in np.unique(near).tolist():
+            thing = things[number]
             if any(_inner(line).distance(thing) < NEAR_M for line in lines.values()):
                 lines = _moved(lines, thing) or lines
         if lines is not old:
-            for way in mine:
-                start, end = curves[way].at([0.0, curves[way].length])[:, 2]
-                found[way] = splined(resampled(lines[way], SPACING_M), float(start), float(end))
+            for k in mine:
+                start, end = curves[k].at([0.0, curves[k].length])[:, 2]
+                found[k] = splined(resampled(lines[k], SPACING_M), float(start), float(end))
     return found
 
 
 def _things(
-    standing: Sequence[shapely.Geometry], curves: Mapping[Way, Curve]
+    standing: Sequence[shapely.Geometry], curves: Sequence[Curve]
 ) -> list[shapely.Geometry]:
     """Return what stands near ways, things that are near each other as one, in a fixed order."""
-    if not len(standing) or not curves:
+    if not len(standing) or not len(curves):
         return []
-    lines = [curve.line for curve in curves.values()]
+    lines = [curve.line for curve in curves]
     found = shapely.STRtree(standing).query(lines, predicate="dwithin", distance=CLEAR_M + MOST_M)[
         1
     ]
@@ -104,8 +104,8 @@ def _inner(line: NDArray[np.float64]) -> shapely.LineString:
 
 
 def _moved(
-    lines: Mapping[Way, NDArray[np.float64]], thing: shapely.Geometry
-) -> dict[Way, NDArray[np.float64]] | None:
+    lines: Mapping[int, NDArray[np.float64]], thing: shapely.Geometry
+) -> dict[int, NDArray[np.float64]] | None:
     """Return lines that are moved round a thing; nothing where none of the moves gets by."""
     before = {way: _radius(line) for way, line in lines.items()}
     for by, reach in _moves():
