@@ -139,6 +139,61 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path, feature, expected):
     assert str(told.value).startswith(f"{path}: features[5]")
 
 
+def arms():
+    """Four arms of two lanes in and one or two out, 15 m from the middle, without ways through."""
+    return [
+        line("street", (-90, -3), (-15, -3), name="west in", lanes=2),
+        line("street", (-15, 4), (-90, 4), name="west out", lanes=2),
+        line("street", (15, -3), (90, -3), name="east out", lanes=2),
+        line("street", (3, 15), (3, 90), name="north out"),
+        line("street", (-3, -90), (-3, -15), name="south", lanes_back=1),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("turns", "expected"),
+    [
+        ([[(15, -3), (0, -1), (-15, -3)]], "is drawn against the way that it is driven"),
+        ([[(-15, -3), (0, -2), (9, -3)]], "ends where no street starts: 6.0 m from that of east"),
+        ([[(-8, -3), (0, -2), (15, -3)]], "begins where no street ends: 7.0 m from that of west"),
+        ([[(-15, 3), (0, -2), (15, -3)]], "begins where no street ends"),
+        ([[(-15, -3), (6, 6), (6, -6), (-2, 4), (15, -3)]], "crosses itself"),
+        ([[(-15, -3), (0, -3), (3, 15)]], "bends to a radius of"),
+        ([[(-15, -3), (-2, -3), (0, 5), (2, -3), (15, -3)]], "bends to a radius of"),
+        ([[(-15, -3), (15, -3)]] * 2, "leads from and to the same streets as features[5] (turn)"),
+        ([[(-15, -3), (0, -1), (15, -3)], [(-15, -1.4), (15, -1.4)]], "the same streets as"),
+    ],
+)
+def test_turns_that_nobody_could_drive_are_told_in_one_line(tmp_path, turns, expected):
+    path = written(tmp_path, *arms(), *(line("turn", *points) for points in turns))
+    with pytest.raises(InputError) as told:
+        read_sketch(path, FRAME)
+    text = str(told.value)
+    assert expected in text
+    assert text.startswith(f"{path}: features[{4 + len(turns)}] (turn) at")
+    assert "\n" not in text
+
+
+def test_turns_of_two_ways_are_two(tmp_path):
+    path = written(tmp_path, *arms(), line("turn", (-15, -3), (15, -3), lanes_back=1))
+    with pytest.raises(InputError, match="has 1 lanes back; expected a turn of its own"):
+        read_sketch(path, FRAME)
+
+
+def test_turns_may_end_beside_the_middle_of_streets_and_have_heights(tmp_path):
+    drawn = [
+        line("turn", (-15.9, -1.5, 31.0), (0, -1, 32.0), (14.5, -4.5, 30.0)),
+        # A street of two ways is left and entered at the same end.
+        line("turn", (-3, -15), (-5, -6), (-6, 2), (-8, 3.8), (-15, 4)),
+        line("turn", (-15, -3), (-5, -6), (-3.2, -15)),
+    ]
+    extract = read_sketch(written(tmp_path, *arms(), *drawn), FRAME)
+    for number, (first, last) in zip((6, 7, 8), ((1, 3), (5, 2), (1, 5)), strict=True):
+        nodes = extract.ways[number].nodes
+        assert nodes[0] in extract.ways[first].nodes
+        assert nodes[-1] in extract.ways[last].nodes
+
+
 def test_metres_without_a_word_are_no_degrees(tmp_path):
     far = line("street", (-200, 1), (300, 1))
     with pytest.raises(InputError, match='"crs": "site"'):

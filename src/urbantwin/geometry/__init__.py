@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
     from urbantwin.geometry.probe import DownwardProbe
     from urbantwin.geometry.row_keys import row_keys
+    from urbantwin.geometry.smoothing import resampled, smoothed, tightest_bend
     from urbantwin.geometry.surface_material import MaterialLayer, SurfaceMaterials
 
 __all__ = [
@@ -49,10 +50,13 @@ __all__ = [
     "moved_left",
     "plan_overlaps",
     "points_in_box",
+    "resampled",
     "rotation_from_ypr",
     "row_keys",
     "shared_heights",
+    "smoothed",
     "stations_of_points",
+    "tightest_bend",
     "wrapped",
     "ypr_from_rotation",
 ]

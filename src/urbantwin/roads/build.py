@@ -59,6 +59,7 @@ from urbantwin.roads.signals.pole_sites import FreeGround
 from urbantwin.roads.signals.programs import set_programs
 from urbantwin.roads.signals.signalised_junctions import mapped_signals
 from urbantwin.roads.signals.signs import add_signs
+from urbantwin.roads.standing import islands, warnings_of_ways
 from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import edges_of_pieces, read_sumo_network
@@ -115,6 +116,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     closed_loop: bool = False,
     per_hour: Mapping[str, float] | None = None,
     curbs: Mapping[int, Sequence[shapely.LineString]] | None = None,
+    standing: Sequence[shapely.Geometry] = (),
     tell: Progress = untold,
 ) -> BuiltRoads:
     """Build the lane network of a region and write SUMO's network beside it.
@@ -131,6 +133,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         per_hour: who comes into the region, by class of actors: assumed programs serve them where
             the loop is closed.
         curbs: number of a correction -> lines where a person saw curbs, site frame.
+        standing: outlines of what stands and is in nobody's map, site frame: ways through junctions
+            lead round it, and round the map's islands, where cars can drive so.
         tell: called with the share done (0..1) and the current task.
 
     Raises:
@@ -141,6 +145,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     features = extract.features(frame, region.buffer(BESIDE_M))
     houses = building_grounds(features, region)
     buildings = houses.everywhere
+    standing = [*standing, *islands(features)]
     ways, tunnels = _network_ways(extract, frame, region)
     if not ways:
         raise InputError(
@@ -212,6 +217,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
                 prepared=prepared,
                 apart=apart,
                 buildings=buildings,
+                standing=standing,
                 country=country,
                 driving_side=driving_side,
             ),
@@ -236,7 +242,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         )
     tell(0.3, "streets")
     lift = _lift(raw, crossings)
-    planar = planar_model(raw)
+    planar = planar_model(raw, standing)
     tell(0.5, "side lanes")
     model = add_side_lanes(
         planar,
@@ -290,7 +296,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         "left_out": [item.as_note() for item in found.left_out],
         "netconvert_warnings": len(warnings),
     }
-    return BuiltRoads(model, network, surface, notes, curbs=moved)
+    unclear = warnings_of_ways(network, standing)
+    return BuiltRoads(model, network, surface, notes, unclear, moved)
 
 
 def _serve(

@@ -24,6 +24,7 @@ from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
 from urbantwin.roads.no_roads import no_roads
 from urbantwin.roads.signals import heads_of
+from urbantwin.roads.standing import standing_on_ground
 from urbantwin.scene import build_scene
 from urbantwin.scene.ground_material import ground_materials
 from urbantwin.scene.preview import ScenePreview, preview_of_scene
@@ -146,6 +147,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
                 closed_loop=site.closed_loop,
                 per_hour=site.traffic.per_hour,
                 curbs=corrections.curbs(),
+                standing=standing_on_ground(found.mesh, elevation) if found else (),
                 tell=between(tell, 0.0, ROADS, "roads"),
             )
         corrections.keep_curbs(roads.curbs, site)

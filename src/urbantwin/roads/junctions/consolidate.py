@@ -9,14 +9,14 @@ the map has stop lines and crossings, and what traffic sweeps over between them 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.geometry import wrapped
 from urbantwin.roads.cross_section import SignedTurns
 from urbantwin.roads.junctions.cluster import (
     ROAD_M,
@@ -32,7 +32,6 @@ from urbantwin.roads.junctions.lane_links import Arrows, lane_links
 from urbantwin.roads.junctions.mapped_marks import Marks
 from urbantwin.roads.junctions.mouth import SHORTEST_M, Arm, mouths
 from urbantwin.roads.junctions.moved_apart import moved_apart
-from urbantwin.roads.junctions.opposed_turns import passing_in_front
 from urbantwin.roads.junctions.outline import outline_of
 from urbantwin.roads.junctions.owned_crossings import marks_of_junctions
 from urbantwin.roads.junctions.passage import Passage, passages_of
@@ -45,8 +44,7 @@ from urbantwin.roads.junctions.plain import (
     shape_text,
 )
 from urbantwin.roads.junctions.strip import Strip, cut
-from urbantwin.roads.model.curve import Curve
-from urbantwin.roads.streets.manoeuvre import gentle_curves
+from urbantwin.roads.junctions.ways_through import Way, WaysThrough, ways_through
 
 __all__ = ["consolidated"]
 
@@ -59,13 +57,6 @@ ROAD_LEFT_M, LEAST_M = 12.0, 2.0
 OTHERS_M = 6.0
 #: Shorter remainders of edges between others belong to the junction, metres; a share that is none.
 STUMP_M, NOTHING = 5.0, 1e-6
-#: Points of the map's way this near its ends, or twice as near sharper bends, are not kept to:
-#: metres, radians.
-NEAR_M, SHARP = 3.0, np.radians(25.0)
-#: Nobody drives a tighter curve, metres (turning circles of cars are 10 to 12 m).
-TIGHTEST_M = 2.5
-#: A lane of an edge that leads in, and one of an edge that leads out.
-Way = tuple[str, int, str, int]
 #: Step of a way through as netconvert is told it, metres.
 STEP_M = 1.0
 #: What is driven beyond a mouth of an arm and kept out of the outline, metres.
@@ -80,15 +71,17 @@ class _Cluster:
     arms: tuple[Arm, ...]
 
 
-def consolidated(
+def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
     plain: PlainNetwork,
     marks: Marks,
     arrows: SignedTurns,
     *,
     apart: Collection[str],
     within: Collection[str] = (),
+    followed: Mapping[str, NDArray[np.float64]] | None = None,
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
     buildings: Sequence[shapely.Polygon],
+    standing: Sequence[shapely.Geometry] = (),
     driving_side: str,
 ) -> PlainNetwork:
     """Return a network in which every junction is one node.
@@ -99,8 +92,10 @@ def consolidated(
         arrows: turns that ways sign for their lanes.
         apart: edges that lie in no junction.
         within: edges that lie in one, as the map says.
+        followed: edge within a junction -> the line (N, 2) that traffic keeps to, site frame.
         forbidden: turn restrictions over several edges, as in `passages_of`.
         buildings: where buildings stand on the ground, site frame.
+        standing: outlines of posts and islands, which ways lead round, site frame.
         driving_side: ``right`` or ``left``.
     """
     outward = -1 if driving_side == "right" else 1
@@ -146,7 +141,16 @@ def consolidated(
         if cluster.id not in reached:
             continue
         nodes[cluster.id], found = _junction(
-            plain, cluster, edges, new_strips, signed, forbidden, driving_side
+            plain,
+            cluster,
+            edges,
+            new_strips,
+            signed,
+            forbidden,
+            partial(
+                ways_through, followed=followed or {}, standing=standing, driving_side=driving_side
+            ),
+            driving_side,
         )
         links += found
     network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
@@ -331,6 +335,7 @@ def _junction(
     strips: Mapping[str, Strip],
     arrows: Arrows,
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
+    in_plan: Callable[[Mapping[Way, Passage], Mapping[str, Strip]], WaysThrough],
     driving_side: str,
 ) -> tuple[PlainNode, list[PlainLink]]:
     inner = {name: plain.edges[name] for name in sorted(cluster.inner)}
@@ -343,12 +348,13 @@ def _junction(
     ways: dict[Way, Passage] = {}
     for mine in by_entry.values():
         ways |= lane_links(plain, mine, arrows, driving_side=driving_side)
-    curves = _curves(ways, strips, driving_side)
-    for start, k, end, j in _drivable(ways, curves):
-        curve = curves[start, k, end, j]
+    through = in_plan(ways, strips)
+    for start, k, end, j in through.drivable:
+        curve = through.curves[start, k, end, j]
         stations = np.linspace(0.0, curve.length, max(3, int(curve.length / STEP_M) + 1))
         line = curve.at(stations)[:, :2]
-        links.append(PlainLink(start, end, k, j, {"shape": shape_text(line)}))
+        is_led = (start, k, end, j) in through.led
+        links.append(PlainLink(start, end, k, j, {"shape": shape_text(line)}, is_led))
         width = max(strips[start].edge.lanes[k].width, strips[end].edge.lanes[j].width)
         swept.append(shapely.LineString(line).buffer(width / 2, cap_style="flat"))
     across, outside, ends = [], [], []
@@ -368,93 +374,6 @@ def _junction(
     attributes = {"type": "traffic_light", "tl": cluster.id} if signals else {"type": "priority"}
     middle = shapely.Polygon(outline).centroid
     return PlainNode(cluster.id, np.array([middle.x, middle.y]), attributes, outline), links
-
-
-def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:
-    """Return ways without those that nobody can drive, where every lane has another way on.
-
-    Nor does the last way to a street go.
-    """
-    radius: dict[tuple[str, str], float] = {}
-    for way in ways:
-        curve = curves[way]
-        s = np.linspace(0.0, curve.length, max(12, int(curve.length * 2)))
-        bend = np.abs(np.gradient(np.unwrap(curve.at(s)[:, 2]), s)).max()
-        pair = way[0], way[2]
-        radius[pair] = min(radius.get(pair, np.inf), 1.0 / max(float(bend), 1e-6))
-    left = list(curves)
-    for pair in sorted(radius, key=lambda pair: (radius[pair], pair)):
-        if radius[pair] >= TIGHTEST_M:
-            break
-        others = [way for way in left if (way[0], way[2]) != pair]
-        led, met = {way[:2] for way in others}, {way[2] for way in others}
-        if pair[1] in met and all(way[:2] in led for way in left if (way[0], way[2]) == pair):
-            left = others
-    return [way for way in ways if way in left]
-
-
-def _curves(
-    ways: Mapping[Way, Passage],
-    strips: Mapping[str, Strip],
-    driving_side: str,
-) -> dict[Way, Curve]:
-    """Return the middle of every lane's way through."""
-    outward = -1 if driving_side == "right" else 1
-    poses, guides = [], []
-    streets = [(start, end) for start, _, end, _ in ways]
-    for (start, k, end, j), passage in ways.items():
-        first, last = strips[start], strips[end]
-        t = first.across(k), last.across(j)
-        a = _posed(first.at(first.middle.length - INTO_M), t[0])
-        b = _posed(last.at(INTO_M), t[1])
-        b[2] = a[2] + wrapped(b[2] - a[2])
-        poses.append(np.array([a, b]))
-        guides.append(_guide(passage, poses[-1], t, outward))
-    curves = gentle_curves(poses, guides)
-    moved = passing_in_front(curves, [streets.index(pair) for pair in streets], -outward)
-    return dict(zip(ways, moved, strict=True))
-
-
-def _posed(pose: NDArray[np.float64], t: float) -> NDArray[np.float64]:
-    x, y, heading = pose
-    return np.array([x - t * np.sin(heading), y + t * np.cos(heading), heading])
-
-
-def _guide(
-    passage: Passage, poses: NDArray[np.float64], t: tuple[float, float], outward: int
-) -> shapely.LineString | None:
-    """Return the map's own way through; ``None`` where it has no edge there."""
-    if len(passage.path) < 3:
-        return None
-    middles = [Strip(edge, outward) for edge in passage.path[1:-1]]
-    total = sum(strip.middle.length for strip in middles)
-    points, before = [poses[0, :2]], 0.0
-    for strip in middles:
-        line = strip.middle
-        for station in np.linspace(0.0, line.length, max(2, int(line.length / 2.0) + 1)):
-            share = (before + station) / max(total, 1e-9)
-            low, high = strip.driven()
-            aside = float(
-                np.clip(t[0] + share * (t[1] - t[0]), low + 1.0, max(high - 1.0, low + 1))
-            )
-            place = _posed(strip.at(float(station)), aside)[:2]
-            if np.linalg.norm(place - points[-1]) > 1.0:
-                points.append(place)
-        before += line.length
-    return shapely.LineString(_passable(np.array([*points, poses[1, :2]]), poses))
-
-
-def _passable(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Leave out what a smooth way cannot pass: sharp bends, and what is not between its ends."""
-    inner = points[1:-1]
-    start, end = poses[:, :2]
-    ahead = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
-    keep = ((inner - start) @ ahead[0] > NEAR_M) & ((end - inner) @ ahead[1] > NEAR_M)
-    leg = np.diff(points, axis=0)
-    turn = np.abs(wrapped(np.diff(np.arctan2(leg[:, 1], leg[:, 0]))))
-    for bend in inner[turn > SHARP]:
-        keep &= np.linalg.norm(inner - bend, axis=1) > 2 * NEAR_M
-    return np.vstack([start, inner[keep], end])
 
 
 def _with_slip_signals(

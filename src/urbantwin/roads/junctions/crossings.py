@@ -7,7 +7,7 @@ it. Any other splits its street, whose lanes lead straight on over it.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 
@@ -23,11 +23,15 @@ from urbantwin.roads.junctions.plain import (
     PlainCrossing,
     PlainEdge,
     PlainLane,
+    PlainLink,
     PlainNetwork,
     PlainNode,
+    points_of_text,
+    shape_text,
 )
 from urbantwin.roads.junctions.round_node import is_driven
 from urbantwin.roads.junctions.strip import Strip, cut
+from urbantwin.roads.model.curve import aside
 
 __all__ = ["with_crossings"]
 
@@ -318,7 +322,8 @@ def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float
 
 def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
     """Return the network with edges ended before the crossing and begun behind it."""
-    edges, node, cut_edges = dict(plain.edges), plain.nodes[arm.node], set[str]()
+    edges, node = dict(plain.edges), plain.nodes[arm.node]
+    cut_edges: dict[str, _CutOff] = {}
     # Edges reach into an outline of the junction's own, where netconvert cuts them.
     into = INTO_M if len(node.outline) else 0.0
     skew = abs(float(crossing.across @ crossing.ahead))
@@ -336,7 +341,7 @@ def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> Plain
             given = (0.0, first := min(first, length - least))
         if given[1] - given[0] < CUT_M:
             continue
-        cut_edges.add(edge.id)
+        cut_edges[edge.id] = _CutOff(hit.strip, given)
         edges[edge.id] = replace(edge, shape=cut(edge.line, first, last))
         outline.append(shapely.buffer(hit.strip.area(*given), 0.05, join_style="mitre"))
     if not cut_edges:
@@ -347,12 +352,40 @@ def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> Plain
     ring = shapely.get_coordinates(whole.exterior)[:-1]
     nodes = {**plain.nodes, node.id: replace(node, outline=ring)}
     links = tuple(
-        replace(link, attributes={k: v for k, v in link.attributes.items() if k != "shape"})
-        if {link.start, link.end} & cut_edges
-        else link
+        _reaching(link, cut_edges) if {link.start, link.end} & cut_edges.keys() else link
         for link in plain.links
     )
     return replace(plain, nodes=nodes, edges=edges, links=links)
+
+
+@dataclass(frozen=True)
+class _CutOff:
+    """What an edge gives to a junction: between two stations of its strip, metres."""
+
+    strip: Strip
+    given: tuple[float, float]
+
+    def lane(self, number: int) -> NDArray[np.float64]:
+        """Return the middle of a lane there (N, 2), from mouth to mouth."""
+        first, last = self.given
+        # A way ends where its edge has reached into the junction's outline.
+        into = -INTO_M if first > 0.0 else INTO_M
+        stations = np.linspace(first, last, max(2, round(last - first))) + into
+        poses = np.array([self.strip.at(float(station)) for station in stations])
+        return aside(poses, self.strip.across(number))
+
+
+def _reaching(link: PlainLink, cut_edges: Mapping[str, _CutOff]) -> PlainLink:
+    """Return a link without the shape that it had, or with as much more of it as edges gave."""
+    told = {key: value for key, value in link.attributes.items() if key != "shape"}
+    if not link.followed:
+        return replace(link, attributes=told)
+    parts = [points_of_text(link.attributes["shape"])]
+    if link.start in cut_edges:
+        parts.insert(0, cut_edges[link.start].lane(link.start_lane)[:-1])
+    if link.end in cut_edges:
+        parts.append(cut_edges[link.end].lane(link.end_lane)[1:])
+    return replace(link, attributes=told | {"shape": shape_text(np.vstack(parts))})
 
 
 def _without_walkers(plain: PlainNetwork, arm: _Arm) -> PlainNetwork:

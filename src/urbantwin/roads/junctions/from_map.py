@@ -15,9 +15,10 @@ from urbantwin.roads.junctions.footways import with_footways
 from urbantwin.roads.junctions.mapped_crossings import mapped_crossings
 from urbantwin.roads.junctions.mapped_footways import mapped_footways
 from urbantwin.roads.junctions.mapped_marks import mapped_marks
-from urbantwin.roads.junctions.plain import PlainNetwork
+from urbantwin.roads.junctions.plain import PlainNetwork, points_of_text
 from urbantwin.roads.junctions.restriction import via_way_restrictions
 from urbantwin.site.extract import Extract
+from urbantwin.site.sketch import FOLLOWED
 
 __all__ = ["with_junctions_of_map"]
 
@@ -34,6 +35,7 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
     prepared: PreparedWays,
     apart: Sequence[int],
     buildings: Sequence[shapely.Polygon],
+    standing: Sequence[shapely.Geometry],
     country: str,
     driving_side: str,
 ) -> PlainNetwork:
@@ -47,6 +49,7 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
         prepared: the segments that its ways were cut into.
         apart: segments that lie in no junction: bridges, outer roads.
         buildings: where buildings stand on the ground, site frame.
+        standing: outlines of posts and islands, site frame.
         country: ISO 3166-1 alpha-2; empty if unknown.
         driving_side: ``right`` or ``left``.
     """
@@ -54,14 +57,22 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
     rings = [piece.id for piece in pieces if piece.tags.get("junction") in RINGS]
     inside = [piece.id for piece in pieces if piece.tags.get("junction") == "yes"]
     within = {f"{sign}{piece}" for piece in inside for sign in ("", "-")}
+    lines = {
+        number: points_of_text(way.tags[FOLLOWED])
+        for number, way in extract.ways.items()
+        if FOLLOWED in way.tags
+    }
+    followed = {str(piece.id): lines[piece.way] for piece in pieces if piece.way in lines}
     plain = consolidated(
         plain,
         mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain, within)}),
         prepared.arrows,
         apart={f"{sign}{piece}" for piece in [*apart, *rings] for sign in ("", "-")},
         within=within,
+        followed=followed,
         forbidden=via_way_restrictions(extract, pieces),
         buildings=buildings,
+        standing=standing,
         driving_side=driving_side,
     )
     crossed = mapped_crossings(extract, frame, pieces, country=country)

@@ -25,6 +25,7 @@ __all__ = [
     "PlainLink",
     "PlainNetwork",
     "PlainNode",
+    "points_of_text",
     "read_plain",
     "shape_text",
     "write_plain",
@@ -111,13 +112,17 @@ class PlainEdge:
 
 @dataclass(frozen=True)
 class PlainLink:
-    """A way from a lane's end to a lane's start; ``end`` is empty where an edge leads nowhere."""
+    """A way from a lane's end to a lane's start; ``end`` is empty where an edge leads nowhere.
+
+    ``followed`` tells that its shape is kept: somebody drew it, or it leads round what stands.
+    """
 
     start: str
     end: str
     start_lane: int
     end_lane: int
     attributes: Mapping[str, str] = field(default_factory=dict)
+    followed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,12 +199,14 @@ def read_plain(prefix: Path, net: Path) -> PlainNetwork:
     for item in _root(prefix, "nod").findall("node"):
         rest = _rest(item, "id", "x", "y", "shape")
         xy = np.array([float(item.get("x")), float(item.get("y"))])
-        nodes[item.get("id")] = PlainNode(item.get("id"), xy, rest, _points(item.get("shape")))
+        nodes[item.get("id")] = PlainNode(
+            item.get("id"), xy, rest, points_of_text(item.get("shape"))
+        )
     edges = {}
     for item in _root(prefix, "edg").findall("edge"):
         rest = _rest(item, "id", "from", "to", "shape", "numLanes")
         start, end = item.get("from"), item.get("to")
-        shape = _points(item.get("shape"))
+        shape = points_of_text(item.get("shape"))
         if len(shape) < 2:
             shape = np.array([nodes[start].xy, nodes[end].xy])
         edges[item.get("id")] = PlainEdge(
@@ -308,7 +315,8 @@ def _lanes(
     return tuple(lanes)
 
 
-def _points(text: str | None) -> NDArray[np.float64]:
+def points_of_text(text: str | None) -> NDArray[np.float64]:
+    """Return the points (N, 2) of a shape as SUMO writes it; heights are left out."""
     rows = [[float(v) for v in point.split(",")[:2]] for point in (text or "").split()]
     return np.array(rows).reshape(-1, 2)
 

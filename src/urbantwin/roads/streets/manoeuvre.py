@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import stations_of_points
 from urbantwin.roads.model.curve import Curve, all_turned, splined
 from urbantwin.roads.network import Lane, Road, RoadNetwork
+from urbantwin.roads.round_standing import round_standing
 from urbantwin.roads.streets.street import Street, Strip, vehicle_lanes
 
 __all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology", "gentle_curves"]
@@ -293,9 +294,22 @@ def _room_to_shift(first: Lane, last: Lane) -> float:
 
 
 def build_manoeuvres(
-    network: RoadNetwork, streets: tuple[Street, ...], topology: Topology, *, side: int
+    network: RoadNetwork,
+    streets: tuple[Street, ...],
+    topology: Topology,
+    *,
+    side: int,
+    standing: Sequence[shapely.Geometry] = (),
 ) -> tuple[Manoeuvre, ...]:
-    """Return a connecting road for every route; ``side`` as in ``build_streets``."""
+    """Return a connecting road for every route.
+
+    Args:
+        network: the network.
+        streets: its roads.
+        topology: what becomes a road, what a manoeuvre.
+        side: as in ``build_streets``.
+        standing: outlines of what stands on the ground, which ways lead round, site frame.
+    """
     street_of = {name: street for street in streets for name in street.strip_of}
     joints = [
         _Joint(
@@ -308,7 +322,7 @@ def build_manoeuvres(
         for route in topology.routes
     ]
     result = []
-    curves = _curves(joints)
+    curves = _curves(joints, standing)
     for number, (route, joint, curve) in enumerate(
         zip(topology.routes, joints, curves, strict=True), start=len(streets) + 1
     ):
@@ -373,13 +387,18 @@ def _kind(start: Lane, end: Lane, chain: list[Lane]) -> str:
     return "driving"
 
 
-def _curves(joints: Sequence[_Joint]) -> list[Curve]:
+def _curves(joints: Sequence[_Joint], standing: Sequence[shapely.Geometry]) -> list[Curve]:
     """Return the gentlest ways; where the map leads far round something, the map's own way."""
     poses = [joint.poses for joint in joints]
     mapped = [_mapped(x, pose) if x.chain else None for x, pose in zip(joints, poses, strict=True)]
     # Ways over junctions of several nodes are drawn before netconvert, and kept.
     kept = [any(lane.junction.startswith(CLUSTER) for lane in joint.chain) for joint in joints]
-    return gentle_curves(poses, mapped, kept)
+    curves = gentle_curves(poses, mapped, kept)
+    free = [k for k, joint in enumerate(joints) if not kept[k] and joint.start.lane.level == 0]
+    roads = [(joints[k].start.lane.road, joints[k].end.lane.road) for k in free]
+    for number, curve in round_standing([curves[k] for k in free], roads, standing).items():
+        curves[free[number]] = curve
+    return curves
 
 
 def gentle_curves(

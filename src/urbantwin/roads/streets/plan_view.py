@@ -35,7 +35,7 @@ CUT_M = 0.05
 GAPS_M = (0.1, 0.5, 2.0, 5.0)
 
 
-def planar_model(network: RoadNetwork) -> LaneModel:
+def planar_model(network: RoadNetwork, standing: Sequence[shapely.Geometry] = ()) -> LaneModel:
     """Return a network as roads and junctions, all heights zero, nothing on the roads yet.
 
     On the right side of the road, lanes of negative ids run along the reference line; on the left
@@ -44,11 +44,12 @@ def planar_model(network: RoadNetwork) -> LaneModel:
 
     Args:
         network: what ``read_sumo_network`` read.
+        standing: outlines of posts and islands that ways through junctions lead round, site frame.
     """
     side = 1 if network.driving_side == "left" else -1
     topology = find_topology(network)
     streets = build_streets(network, list(topology.edges), topology.trims, side=side)
-    manoeuvres = build_manoeuvres(network, streets, topology, side=side)
+    manoeuvres = build_manoeuvres(network, streets, topology, side=side, standing=standing)
     level = {junction.id: junction.level for junction in network.junctions}
     used = {m.junction for m in manoeuvres}
     names = [junction.id for junction in network.junctions if junction.id in used]

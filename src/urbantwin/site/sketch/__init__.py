@@ -2,5 +2,6 @@
 
 from urbantwin.site.sketch.kinds import KINDS
 from urbantwin.site.sketch.read import read_sketch
+from urbantwin.site.sketch.turns import FOLLOWED
 
-__all__ = ["KINDS", "read_sketch"]
+__all__ = ["FOLLOWED", "KINDS", "read_sketch"]

@@ -25,6 +25,8 @@ __all__ = [
     "Turn",
 ]
 
+#: Width of a lane where none is drawn, metres.
+LANE_M = 3.25
 POINTS_LINES_AREAS = ("Point", "LineString", "Polygon")
 #: Arrows on a lane (OSM wiki, "Key:turn").
 TURNS = (
@@ -87,6 +89,16 @@ class Street(Drawn):
         self.tags()
         return self
 
+    @property
+    def half_width_m(self) -> float:
+        """Half of what its lanes take, metres."""
+        text = self.lane_width_m
+        if "|" in text:
+            wide = sum(float(part) for part in text.split("|"))
+        else:
+            wide = self.lanes * float(text or LANE_M)
+        return (wide + self.lanes_back * float(self.lane_width_back_m or LANE_M)) / 2
+
     def tags(self) -> dict[str, str]:
         """Return it as tags of a map."""
         tags = {"highway": self.road_class, "lanes": str(self.lanes + self.lanes_back)}
@@ -146,6 +158,12 @@ class Turn(Street):
 
     It meets other lines at its ends alone, so that nobody turns where two of them cross.
     """
+
+    @model_validator(mode="after")
+    def _is_one_way(self) -> Turn:
+        if self.lanes_back:
+            raise wrong(f"has {self.lanes_back} lanes back", "a turn of its own for each direction")
+        return self
 
     def tags(self) -> dict[str, str]:
         """Return it as tags of a map (OSM wiki, "Tag:junction=yes")."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,12 @@ from urbantwin.site.extract import Extract, Way
 from urbantwin.site.sketch.drawing import Feature, read_drawing
 from urbantwin.site.sketch.joined import Joined, Place, joined, place_of
 from urbantwin.site.sketch.kinds import Crossing, Junction, StopLine, Street, Turn
+from urbantwin.site.sketch.turns import FOLLOWED, attached, check_turns, is_followed, line_text
 
 __all__ = ["read_sketch"]
 
 #: A stop line lies on the lanes of its street, or so much beside them, metres.
 BESIDE_M = 2.0
-#: Width of a lane where none is drawn, metres.
-LANE_M = 3.25
 
 
 def read_sketch(path: Path, frame: SiteFrame) -> Extract:
@@ -42,10 +42,11 @@ def read_sketch(path: Path, frame: SiteFrame) -> Extract:
     if not streets:
         raise InputError("holds no streets", file=path, expected="lines of the kind 'street'")
     network = joined(
-        [shapely.get_coordinates(one.geometry) for one in streets],
+        attached(streets),
         [one.drawn.layer for one in streets if isinstance(one.drawn, Street)],
         [isinstance(one.drawn, Turn) for one in streets],
     )
+    check_turns(streets, network, partial(_error, path))
     meeting = network.meeting()
     node_tags: dict[Place, dict[str, str]] = {}
     for one in features:
@@ -89,7 +90,8 @@ class _Map:
         lines = iter(network.lines)
         for one in features:
             if isinstance(one.drawn, Street):
-                self._way([self._shared(point) for point in next(lines)], one.tags)
+                tags = one.tags | ({FOLLOWED: line_text(one)} if is_followed(one) else {})
+                self._way([self._shared(point) for point in next(lines)], tags)
             elif isinstance(one.drawn, StopLine | Junction):
                 continue
             elif isinstance(one.drawn, Crossing):
@@ -148,8 +150,9 @@ def _stop_line(
     """Put a stop line on the street that it lies on; return where, and what it is there."""
     middle = one.geometry.interpolate(0.5, normalized=True) if one.geometry.length else one.geometry
     gaps = [
-        shapely.LineString(line).distance(middle) - _half_width(street)
+        shapely.LineString(line).distance(middle) - street.drawn.half_width_m
         for line, street in zip(network.lines, streets, strict=True)
+        if isinstance(street.drawn, Street)
     ]
     # Within the lanes of several: the one that it is squarest to, then the nearest.
     on = [k for k, gap in enumerate(gaps) if gap <= BESIDE_M and not _is_turn(streets[k])]
@@ -167,17 +170,6 @@ def _stop_line(
     way = "forward" if forward else "backward"
     key = "traffic_signals:direction" if tags.get("highway") == "traffic_signals" else "direction"
     return at, {**tags, key: way} if tags else {}
-
-
-def _half_width(one: Feature) -> float:
-    street = one.drawn
-    assert isinstance(street, Street)
-    text = street.lane_width_m
-    if "|" in text:
-        wide = sum(float(part) for part in text.split("|"))
-    else:
-        wide = street.lanes * float(text or LANE_M)
-    return (wide + street.lanes_back * float(street.lane_width_back_m or LANE_M)) / 2
 
 
 def _along(line: NDArray[np.float64], across: shapely.Geometry) -> float:

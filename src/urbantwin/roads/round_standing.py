@@ -1,0 +1,145 @@
+"""Ways through a junction that lead round posts and islands, where a car can drive so."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+
+import numpy as np
+import shapely
+import shapely.ops
+from numpy.typing import NDArray
+
+from urbantwin.geometry import resampled, tightest_bend
+from urbantwin.roads.model.curve import Curve, aside, splined
+from urbantwin.roads.standing import HALF_CAR_M
+
+__all__ = ["round_standing"]
+
+#: Ways are moved from what is nearer to their middle than the first, to the second, metres.
+NEAR_M, CLEAR_M = HALF_CAR_M + 0.1, HALF_CAR_M + 0.3
+#: Things this near to each other are passed as one, metres.
+ONE_THING_M = 1.0
+#: How far ways are moved at the most, in which steps, and over what length before and behind.
+MOST_M, STEP_M, REACHES_M = 3.0, 0.2, (8.0, 12.0, 18.0, 25.0)
+#: Cars drive no tighter bend than this, unless the way does anyhow (turning circles of cars are
+#: 10 to 12 m), metres.
+TIGHTEST_M = 4.5
+#: Ends are left as they are: so much of a way lies in its lanes.
+END_M = 1.0
+#: Points that a way's curve goes through are this far apart, metres.
+SPACING_M = 2.0
+
+
+def round_standing(
+    curves: Sequence[Curve],
+    beside: Sequence[Hashable],
+    standing: Sequence[shapely.Geometry],
+) -> dict[int, Curve]:
+    """Return curves for those ways that would lead over what stands and can lead round it.
+
+    Lanes side by side are moved alike, by as little as clears all of them.
+
+    Args:
+        curves: ways through junctions.
+        beside: of each, the same for those that run side by side.
+        standing: outlines of what stands, site frame.
+    """
+    things = _things(standing, curves)
+    if not things:
+        return {}
+    groups: dict[Hashable, list[int]] = defaultdict(list)
+    for k, name in enumerate(beside):
+        groups[name].append(k)
+    tree = shapely.STRtree(things)
+    found: dict[int, Curve] = {}
+    for mine in groups.values():
+        old = {k: _line(curves[k]) for k in mine}
+        whole = [shapely.LineString(line) for line in old.values()]
+        near = tree.query(whole, predicate="dwithin", distance=CLEAR_M + MOST_M)[1]
+        lines = old
+        # Each thing in turn; what was moved for one may come near to the next.
+        for number in np.unique(near).tolist():
+            thing = things[number]
+            if any(_inner(line).distance(thing) < NEAR_M for line in lines.values()):
+                lines = _moved(lines, thing) or lines
+        if lines is not old:
+            for k in mine:
+                start, end = curves[k].at([0.0, curves[k].length])[:, 2]
+                found[k] = splined(resampled(lines[k], SPACING_M), float(start), float(end))
+    return found
+
+
+def _things(
+    standing: Sequence[shapely.Geometry], curves: Sequence[Curve]
+) -> list[shapely.Geometry]:
+    """Return what stands near ways, things that are near each other as one, in a fixed order."""
+    if not len(standing) or not len(curves):
+        return []
+    lines = [curve.line for curve in curves]
+    found = shapely.STRtree(standing).query(lines, predicate="dwithin", distance=CLEAR_M + MOST_M)[
+        1
+    ]
+    near = [standing[k] for k in np.unique(found)]
+    if not near:
+        return []
+    tree = shapely.STRtree(near)
+    grown = shapely.union_all([one.buffer(ONE_THING_M / 2) for one in near])
+    parts = sorted(shapely.get_parts(grown), key=lambda part: part.bounds)
+    return [
+        shapely.union_all([near[k] for k in np.sort(tree.query(part, "intersects"))])
+        for part in parts
+    ]
+
+
+def _line(curve: Curve) -> NDArray[np.float64]:
+    stations = np.linspace(0.0, curve.length, max(8, round(curve.length / 0.5) + 1))
+    return curve.at(stations)[:, :2]
+
+
+def _inner(line: NDArray[np.float64]) -> shapely.LineString:
+    """Return a line of points without its ends, which lie in lanes."""
+    whole = shapely.LineString(line)
+    return shapely.ops.substring(whole, END_M, max(whole.length - END_M, END_M))
+
+
+def _moved(
+    lines: Mapping[int, NDArray[np.float64]], thing: shapely.Geometry
+) -> dict[int, NDArray[np.float64]] | None:
+    """Return lines that are moved round a thing; nothing where none of the moves gets by."""
+    before = {way: _radius(line) for way, line in lines.items()}
+    for by, reach in _moves():
+        moved = {way: _bent(line, thing, by, reach) for way, line in lines.items()}
+        if all(
+            _inner(line).distance(thing) >= CLEAR_M
+            and _radius(line) >= min(TIGHTEST_M, before[way])
+            for way, line in moved.items()
+        ):
+            return moved
+    return None
+
+
+def _moves() -> Iterator[tuple[float, float]]:
+    """Yield how far to the left and over what length, the least and the gentlest first."""
+    for k in range(1, round(MOST_M / STEP_M) + 1):
+        for reach in REACHES_M[::-1]:
+            for sign in (1.0, -1.0):
+                yield sign * k * STEP_M, reach
+
+
+def _bent(
+    line: NDArray[np.float64], thing: shapely.Geometry, by: float, reach: float
+) -> NDArray[np.float64]:
+    """Return a line moved ``by`` metres to the left where it passes a thing, and less around."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    distance = shapely.distance(shapely.points(line), thing)
+    at = float(along[int(distance.argmin())])
+    room = np.where(along < at, at, along[-1] - at)
+    share = np.clip(np.abs(along - at) / np.maximum(np.minimum(reach, room), 1e-6), 0.0, 1.0)
+    leg = np.gradient(line, axis=0)
+    pose = np.column_stack([line, np.arctan2(leg[:, 1], leg[:, 0])])
+    return aside(pose, by * (1.0 - share * share * (3.0 - 2.0 * share)))
+
+
+def _radius(line: NDArray[np.float64]) -> float:
+    return tightest_bend(resampled(line, 1.0))[0]
