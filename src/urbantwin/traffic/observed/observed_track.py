@@ -151,10 +151,9 @@ def observed_track(
         length = max(length, usual[0])
     size = (float(length), float(width), height)
     if name in SMALL:
-        size = (usual[0], usual[1], height)
+        strides = name == "pedestrian" and len(seen) == 1 and _strides(seen[0])
+        size = (STRIDES_M if strides else usual[0], usual[1], height)
     if name == "pedestrian":
-        if len(seen) == 1 and _strides(seen[0]):
-            size = (STRIDES_M, usual[1], height)
         yaws = [_faces(one, step) for one, step in zip(seen, velocity, strict=True)]
     boxes = np.array([_completed(one, yaw, size) for one, yaw in zip(seen, yaws, strict=True)])
     return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)
