@@ -80,6 +80,21 @@ def test_a_sensor_that_was_missed_is_found_in_what_the_others_leave(fused):
     assert not replace(whole, sensors=whole.sensors[:1], on_rings=0.84).warnings
 
 
+def test_several_turns_in_one_cloud_are_told_and_their_sensors_found(fused, found):
+    rig, *_ = fused
+    random = np.random.default_rng(9)
+    cloud = np.concatenate([scan(*one, random, 0.0)[0] for one in rig for _ in range(3)])
+    models = [sensor(name) for name in ("VLP-16", "VLP-16-Hi-Res", "HDL-32E")]
+    crowded = discover([cloud], ["0"], models=models)
+    assert [one.models for one in crowded.sensors] == [one.models for one in found.sensors]
+    assert not any(one.dual for one in crowded.sensors)
+    assert crowded.turns == pytest.approx(3.0, rel=0.1)
+    (warned,) = crowded.warnings
+    assert "several turns were put together" in str(warned)
+    assert found.turns == pytest.approx(1.0, abs=0.1)
+    assert not found.warnings
+
+
 def test_points_get_their_sensor_and_ring(fused, found):
     _, frames, sensors, rings = fused
     rays = found.rays(frames[1])

@@ -4,9 +4,11 @@ import itertools
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 import shapely
 
+import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.fidelity.discovery.blind_sectors import losses_of
 from urbantwin.reconstruct import TriangleMesh
@@ -145,6 +147,32 @@ def test_frames_of_which_no_point_is_on_a_ring_are_refused(tmp_path):
         np.save(file, rays)
     with pytest.raises(InputError, match="0% of the points"):
         observe(RecordedFrames(tmp_path))
+
+
+def test_an_observation_tells_when_its_frames_were(tmp_path):
+    write_recording(tmp_path / "rings")
+    rows = [f"{number:04d}.npy,{number + (50.0 if number > 5 else 0.0)}" for number in range(8)]
+    (tmp_path / "times.csv").write_text("\n".join(["frame,seconds", *rows]))
+    found = ut.observe(
+        tmp_path / "rings", tmp_path / "told", times=tmp_path / "times.csv", progress=False
+    )
+    told = json.loads((tmp_path / "told/observation.json").read_text())
+    assert told["spacing"] == {"gaps": 1, "of_pairs": 7, "gap_after": ["0005"]}
+    assert found.summary()["spacing"]["gaps"] == 1
+    assert told["times_s"] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 56.0, 57.0]
+    assert told["groups"] == [0] * 6 + [1] * 2
+    even = ut.observe(tmp_path / "rings", tmp_path / "even", rate=1.0, progress=False)
+    assert "spacing" not in even.summary()
+    assert (
+        not {"spacing", "times_s"}
+        & json.loads((tmp_path / "even/observation.json").read_text()).keys()
+    )
+    # Nobody is followed over the gap, and somebody is where there is none.
+    for one, last, followed in ((found, 5.0, False), (even, 5.0, True)):
+        tracks = pd.read_csv(one.folder / "tracks.csv")
+        until = tracks.groupby("track_id")["time_s"].agg(["min", "max"])
+        assert ((until["min"] <= last) & (until["max"] > last)).any() == followed
+        assert tracks["time_s"].max() == (7.0 if followed else 57.0)
 
 
 def test_things_are_told_by_their_shape():

@@ -257,3 +257,14 @@ def test_what_is_not_there_is_one_line(
     error = capsys.readouterr().err.strip()
     assert "not found" in error
     assert "\n" not in error
+
+
+def test_a_person_of_whom_one_moment_is_known_is_in_a_step_where_it_is_as_long(
+    brief_twin: Twin, tmp_path: Path
+) -> None:
+    rows = "1,0,pedestrian,2,0,0.75,0.6,1.7\n2,0,pedestrian,4,0,0.6,0.6,1.7\n3,1,car,9,0,4,2,1.5"
+    (tmp_path / "t.csv").write_text(f"track,time_s,class,x,y,length,width,height\n{rows}\n")
+    motion = replay(brief_twin, tmp_path / "t.csv", tmp_path / "motion")
+    of = {one["track"]: one for one in motion.actors.to_pylist()}
+    halted = {track: of[track]["phase"] == asset(of[track]["asset"]).standing for track in (1, 2)}
+    assert halted == {1: False, 2: True}

@@ -19,7 +19,7 @@ from urbantwin.fidelity.discovery.point_rays import (
     columns_of,
     point_rays,
 )
-from urbantwin.fidelity.discovery.result import NONE_MISSED, Discovery, FoundSensor
+from urbantwin.fidelity.discovery.result import NONE_MISSED, ONE_TURN, Discovery, FoundSensor
 from urbantwin.fidelity.discovery.ring_pieces import RingPieces, ring_pieces
 from urbantwin.fidelity.discovery.search import FEWEST_PIECES, search_standpoints
 from urbantwin.fidelity.discovery.second_returns import reports_two
@@ -55,6 +55,8 @@ _WITHIN_DEG = 0.05
 _LOCKED = 0.015
 #: Least share of all points that a sensor has: fewer are the remains of another's.
 _LEAST_SHARE = 0.005
+#: Of a sensor's rings that have points, those above this quantile are full.
+_FULL = 0.9
 #: A sensor is found if its place in plan has a smaller standard deviation than this, metres.
 _PLACED_M = 0.25
 
@@ -89,14 +91,15 @@ def discover(
     found = _found(frames, names, models, _NEIGHBOURS, seed, tell)
     if found.discovery.on_rings < NONE_MISSED:
         found = _with_missed(frames, names, models, found, seed, tell)
-    if found.discovery.warnings:
+    if found.discovery.misses:
         try:
             again = _found(frames, names, models, _MORE, seed, tell)
         except InputError:
             again = found
         found = max(found, again, key=lambda one: one.discovery.on_rings)
     close, sensors = _close_frames(frames), found.discovery.sensors
-    if not found.discovery.warnings:  # points of a missed sensor lie on others' rings by chance
+    # Points of a missed sensor lie on others' rings by chance.
+    if not (found.discovery.misses or found.discovery.crowded):
         check_ranges(close, found.rays, sensors)
     check_standing(close, _close_frames(names), found.rays, sensors)
     return found.discovery
@@ -224,6 +227,7 @@ def _closely(
         offered = columns_of(model, measured[number])
         if offered is not None and abs(offered / columns - 1) < _LOCKED:
             columns = offered
+        looks = _looks(rays, number, columns)
         sensors.append(
             FoundSensor(
                 f"sensor-{rank + 1}",
@@ -234,9 +238,12 @@ def _closely(
                 measured[number],
                 columns,
                 count[number],
-                reports_two(
+                # Of several turns what moved has two ranges, too.
+                looks <= ONE_TURN
+                and reports_two(
                     frames, rays, number, best[number].seen_from.place, 2 * np.pi / columns
                 ),
+                looks,
             )
         )
     place = np.full(len(best) + 1, -1)
@@ -245,6 +252,13 @@ def _closely(
         PointRays(place[one.sensor], one.ring, one.off_deg, one.azimuth, one.sure) for one in rays
     ]
     return renamed, sensors
+
+
+def _looks(rays: Sequence[PointRays], number: int, columns: int) -> float:
+    """Return how many points a frame has in each direction of a sensor's fullest rings."""
+    ring = np.concatenate([one.ring[one.sensor == number] for one in rays])
+    points = np.bincount(ring)
+    return float(np.quantile(points[points > 0], _FULL)) / columns / len(rays)
 
 
 def _is_placed(fit: TableFit) -> bool:

@@ -12,7 +12,7 @@ from urbantwin.fidelity.discovery.elevation_match import TableFit
 from urbantwin.fidelity.discovery.point_rays import PointRays, point_rays
 from urbantwin.result_warning import ResultWarning, rows_of
 
-__all__ = ["NONE_MISSED", "Discovery", "FoundSensor"]
+__all__ = ["NONE_MISSED", "ONE_TURN", "Discovery", "FoundSensor"]
 
 #: Least standard deviations that are stated, of x, y and z, metres, and of tilt, degrees: formal
 #: errors leave out poles that sway. A beam origin offset that all channels share looks like another
@@ -24,6 +24,9 @@ _FEW_LOOKS = 5.0
 #: sweeps that were straightened while a car moved have 0.62 and more, and made rigs of which one
 #: sensor was missed 0.43, and 0.84 where two thirds of its points were on rings of four others.
 _ALL_FOUND, NONE_MISSED = 0.55, 0.9
+#: A ring has more points than this for each direction that its beam takes in a turn where frames
+#: are of several turns: of one turn it has up to 1, and with two returns hardly more.
+ONE_TURN = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,7 @@ class FoundSensor:
         columns: per turn, as its model offers them, or as measured.
         points: in the frames that were fitted to.
         dual: two returns of one firing are reported, where there are two.
+        looks: points of a full ring in a frame for each of its directions, 1 in one turn.
     """
 
     name: str
@@ -51,6 +55,7 @@ class FoundSensor:
     columns: int
     points: int
     dual: bool
+    looks: float = 1.0
 
     @property
     def place(self) -> NDArray[np.float64]:
@@ -153,15 +158,40 @@ class Discovery:
         }
 
     @property
+    def misses(self) -> bool:
+        """Whether a sensor may have been missed: it leaves its points on no ring."""
+        return self.on_rings < (NONE_MISSED if len(self.sensors) > 1 else _ALL_FOUND)
+
+    @property
+    def turns(self) -> float:
+        """About how many turns of the sensors a frame is of."""
+        return max((one.looks for one in self.sensors), default=1.0)
+
+    @property
+    def crowded(self) -> bool:
+        """Whether frames are of several turns."""
+        return self.turns > ONE_TURN
+
+    @property
     def warnings(self) -> tuple[ResultWarning, ...]:
-        """What is wrong with it: a sensor that was missed leaves its points on no ring."""
-        if self.on_rings >= (NONE_MISSED if len(self.sensors) > 1 else _ALL_FOUND):
-            return ()
-        return (
-            ResultWarning(
-                "rings",
-                f"{self.on_rings:.0%} of the points are on rings of the sensors found",
-                "a sensor was missed, or its model and channels are wrong",
-                "give more frames, uncropped, or those of one sensor alone",
-            ),
-        )
+        """What is wrong with it: a sensor that was missed, frames of several turns."""
+        found = []
+        if self.misses:
+            found.append(
+                ResultWarning(
+                    "rings",
+                    f"{self.on_rings:.0%} of the points are on rings of the sensors found",
+                    "a sensor was missed, or its model and channels are wrong",
+                    "give more frames, uncropped, or those of one sensor alone",
+                )
+            )
+        if self.crowded:
+            found.append(
+                ResultWarning(
+                    "frames",
+                    f"each direction of a ring has {self.turns:.1f} points in a frame",
+                    "several turns were put together, and sensors may be missed or found twice",
+                    "give each turn as a frame",
+                )
+            )
+        return tuple(found)

@@ -135,7 +135,8 @@ def observed_track(
     if name is None:
         return None
     usual = USUAL[name]
-    height = float(np.quantile([one.highest for one in seen], 0.75))
+    # Of people what no ring met is added, so that no frame tells too little on the average.
+    height = float(np.quantile([one.highest for one in seen], 0.5 if name in SMALL else 0.75))
     if whole.any():
         # Of these frames none shows too little: the middle one, as sensors that are not synchronous
         # see who drives at several places.
@@ -151,10 +152,9 @@ def observed_track(
         length = max(length, usual[0])
     size = (float(length), float(width), height)
     if name in SMALL:
-        size = (usual[0], usual[1], height)
+        strides = name == "pedestrian" and len(seen) == 1 and _strides(seen[0])
+        size = (STRIDES_M if strides else usual[0], usual[1], height)
     if name == "pedestrian":
-        if len(seen) == 1 and _strides(seen[0]):
-            size = (STRIDES_M, usual[1], height)
         yaws = [_faces(one, step) for one, step in zip(seen, velocity, strict=True)]
     boxes = np.array([_completed(one, yaw, size) for one, yaw in zip(seen, yaws, strict=True)])
     return ObservedTrack(name, frames, boxes, size, speed if moves else 0.0, moves)
@@ -166,7 +166,7 @@ def _detected_track(
     """Return somebody whom a detector found, as tall as was seen, else as the detector says."""
     actors = [one.actor for one in seen if one.actor is not None]
     length, width, height = np.median([one.size for one in actors], axis=0)
-    tall = float(np.quantile([one.highest for one in seen], 0.75))
+    tall = float(np.median([one.highest for one in seen]))
     if SHORT_M < tall < TALL_M:
         height = tall
     name = actors[0].actor_class

@@ -137,11 +137,12 @@ def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float
     gone = np.linalg.norm(way, axis=2)
     large = np.maximum(one.diagonal[:, None], other.diagonal) > LARGE_M
     fits = gone <= np.where(large, DRIVES_M_S, RIDES_M_S) * seconds + ERROR_M
+    alike = fits.copy()
     for mine, its, most in (
         (one.diagonal, other.diagonal, _LONGER_M),
         (one.top, other.top, _TALLER_M),
     ):
-        fits &= np.abs(mine[:, None] - its) < np.where(large, most[1], most[0])
+        alike &= np.abs(mine[:, None] - its) < np.where(large, most[1], most[0])
     both = (one.outline[:, None] > 0) & (other.outline > 0)
     fits &= ~(both & (one.outline[:, None] != other.outline) & (gone > 2 * ERROR_M))
     walks = (one.outline[:, None] == 1) & (other.outline == 1)
@@ -150,6 +151,9 @@ def _counted(one: _Objects, other: _Objects, seconds: float) -> NDArray[np.float
     for side in (one.way[:, None], other.way[None]):
         off = np.abs(wrapped(2 * (heading - side))) / 2
         fits &= ~(large & (gone > _MOVED_M) & (off > _ALONG))
+    # Who has nobody else in reach is the same, whatever rings and hidden parts make of it.
+    alone = (fits.sum(axis=0) == 1) & (fits.sum(axis=1, keepdims=True) == 1)
+    fits &= alike | alone
     cost = np.where(fits, gone, np.inf)
     stays = _STAYS_M if seconds > _STEP_S else 0.0
     still, kept = _matched(np.where(cost < stays, cost, np.inf))

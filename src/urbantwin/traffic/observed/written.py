@@ -19,11 +19,16 @@ __all__ = ["observed_summary", "spacing_summary", "spacing_warnings", "write_obs
 
 #: Tracks of vehicles at least this long are proposed as lines to draw on, metres.
 LONG_M = 6.0
+#: Frames at least so far apart, seconds, are told of at tenths of seconds, which are the steps of
+#: motions: who was seen once is at none of them otherwise.
+SLOW_S = 0.5
 
 
 def write_observation(folder: Path, found: Observation) -> dict[str, Any]:
     """Write ``tracks.csv`` and ``proposal.geojson``; return what was found, in numbers."""
     time_s = found.times.time_s
+    if found.times.told and np.diff(time_s).min(initial=np.inf) >= SLOW_S:
+        time_s = time_s.round(1)
     with (folder / "tracks.csv").open("w", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow("track_id time_s class x y yaw_rad length width height".split())
