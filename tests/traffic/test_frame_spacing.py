@@ -144,7 +144,9 @@ def test_times_that_are_none_are_one_line(tmp_path, text, problem):
 
 def observation(folder, rows, **told):
     with (folder / "tracks.csv").open("w", newline="") as stream:
-        csv.writer(stream).writerows([("track_id", "time_s", "class", "x", "y"), *rows])
+        columns = "track_id time_s class x y yaw_rad length width height".split()
+        boxes = [(*row, 0.0, 0.6, 0.6, 1.7) for row in rows]
+        csv.writer(stream).writerows([columns, *boxes])
     document = {"kind": "observation", "frames": 4, "rate_hz": 1.0, **told}
     (folder / "observation.json").write_text(json.dumps(document))
 
