@@ -19,14 +19,18 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.roads.cross_section.layout import Middle
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.segment import Segment
+from urbantwin.site.access import CYCLE_TRACK
 from urbantwin.site.extract import WayPiece
 
 __all__ = ["SumoEdge", "sumo_edges", "sumo_tags", "write_sumo_edges"]
 
 #: Tags that do not speak of lanes and go to netconvert as they are.
 KEPT = ("name", "ref", "layer", "junction", "bridge")
-#: Classes that netconvert's type map does not know.
-CLASSES = {"road": "unclassified"}
+#: Classes that netconvert's type map does not know, and what they are to it.
+CLASSES = {"road": "unclassified", CYCLE_TRACK: "cycleway"}
+#: Who turns off a street gives way to a cycle track beside it, as to the street itself (StVO 9(3)):
+#: it has the rank that netconvert gives to primary roads.
+CYCLE_TRACK_PRIORITY = "12"
 #: SUMO's vehicle classes of our classes of actors.
 VEHICLES = {
     "car": "private passenger hov taxi emergency authority army vip evehicle delivery custom1",
@@ -51,6 +55,7 @@ class SumoEdge:
         shape: (N, 2) the line that lanes are laid along, site frame; empty for the way itself.
         walkers: whether people walk on its outermost lane because there is no sidewalk.
         spread: ``right`` (lanes lie outwards of the shape) or ``center``.
+        priority: its rank where it meets others, in SUMO's numbers; empty for that of its class.
     """
 
     id: str
@@ -59,6 +64,7 @@ class SumoEdge:
     walkers: bool
     shape: NDArray[np.float64]
     spread: str
+    priority: str = ""
 
 
 def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
@@ -67,8 +73,11 @@ def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
     tags = {key: old[key] for key in KEPT if key in old}
     highway = old.get("highway", "")
     tags["highway"] = CLASSES.get(highway, highway)
-    counted = {f: _counted(section.lanes(forward=f)) for f in (True, False)}
-    driven = {f: any(x.kind != "bicycle" for x in section.lanes(forward=f)) for f in counted}
+    own = section.kind == CYCLE_TRACK
+    counted = {f: _counted(section.lanes(forward=f), own=own) for f in (True, False)}
+    driven = {
+        f: any(own or x.kind != "bicycle" for x in section.lanes(forward=f)) for f in counted
+    }
     names = {True: "forward", False: "backward"}
     if all(driven.values()):
         tags["oneway"] = "no"
@@ -121,6 +130,7 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
     """
     found = []
     present = [f for f in (True, False) if _exists(section, forward=f)]
+    rank = CYCLE_TRACK_PRIORITY if section.kind == CYCLE_TRACK else ""
     for forward in present:
         lanes = section.lanes(forward=forward)
         walk = section.side(forward=forward).sidewalk
@@ -135,7 +145,7 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
         identity = str(segment.piece.id) if forward else f"-{segment.piece.id}"
         shape = line if moved else np.zeros((0, 2))
         walkers = any("pedestrian" in lane.allowed for lane in lanes)
-        found.append(SumoEdge(identity, tuple(lanes[::-1]), walk, walkers, shape, spread))
+        found.append(SumoEdge(identity, tuple(lanes[::-1]), walk, walkers, shape, spread, rank))
     return found
 
 
@@ -144,6 +154,8 @@ def write_sumo_edges(path: Path, frame: SiteFrame, edges: Sequence[SumoEdge]) ->
     root = ElementTree.Element("edges")
     for edge in edges:
         element = ElementTree.SubElement(root, "edge", id=edge.id)
+        if edge.priority:
+            element.set("priority", edge.priority)
         if len(edge.shape):
             lonlat = frame.lonlat_from_site(edge.shape)
             element.set("shape", " ".join(f"{lon:.9f},{lat:.9f}" for lon, lat in lonlat))
@@ -166,9 +178,13 @@ def _exists(section: CrossSection, *, forward: bool) -> bool:
     return bool(section.lanes(forward=forward) or section.side(forward=forward).sidewalk)
 
 
-def _counted(lanes: Sequence[CarriagewayLane]) -> list[CarriagewayLane]:
-    """Return the lanes that netconvert counts: not the cycleway at the outer side."""
-    return list(lanes[:-1] if lanes and lanes[-1].kind == "bicycle" else lanes)
+def _counted(lanes: Sequence[CarriagewayLane], *, own: bool) -> list[CarriagewayLane]:
+    """Return the lanes that netconvert counts: not the cycleway at the outer side of a street.
+
+    ``own``: whether they are a way for bicycles of its own.
+    """
+    beside = not own and lanes and lanes[-1].kind == "bicycle"
+    return list(lanes[:-1] if beside else lanes)
 
 
 def _turns(lane: CarriagewayLane, *, mirror: bool) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import stations_of_points, wrapped
 from urbantwin.roads.curve_speed import lane_speeds
+from urbantwin.roads.junctions.plain import CYCLE_TRACK_TYPE
 from urbantwin.roads.model.furniture import Phase
 
 __all__ = [
@@ -309,6 +310,9 @@ def _link(
             crosses=tuple(crossing.get("crossingEdges", "").split()),
         )
     edge = edges[item.get("from")]
+    # A cycle track goes straight on, however it bends.
+    both = {edge.get("type"), edges[item.get("to")].get("type")}
+    movement = "through" if both == {CYCLE_TRACK_TYPE} else MOVEMENTS.get(item.get("dir"), "through")
     via = lanes.get(item.get("via", ""))
     # A way that waits halfway has a second part; its length is made up by the straight distance.
     gap = _shape(lanes[end])[0] - _shape(lanes[start])[-1]
@@ -321,7 +325,7 @@ def _link(
         end,
         item.get("from"),
         edge.get("name", ""),
-        MOVEMENTS.get(item.get("dir"), "through"),
+        movement,
         _arm(edge, junction),
         length,
         float(lanes[start].get("speed")),
