@@ -66,11 +66,13 @@ class Circuit:
         load = np.bincount(part[at_gate], graph.weight[graph.gate[at_gate]], len(size))
         load[size < 2] = 0.0  # a state by itself leads nowhere
         load[np.bincount(part[~graph.outer], minlength=len(size)) == 0] = 0.0  # never comes in
-        main = int(load.argmax())
-        if load[main] == 0:
-            return None
         tracks = np.bincount(part[~graph.own_way], minlength=len(size)) == 0
-        used = (tracks & (load > 0)) | (np.arange(len(size)) == main)
+        used = tracks & (load > 0)
+        load[tracks] = 0.0
+        main = int(load.argmax())
+        used[main] |= load[main] > 0
+        if not used.any():
+            return None
         starts = at_gate[used[part[at_gate]]]
         gates = np.unique(graph.gate[starts])
         cost, before = _ways(graph, starts)

@@ -210,8 +210,8 @@ def _turns_across(edge: Edge, following: Edge) -> bool:
     """Return whether cyclists turn from a lane of their own across a signalised junction.
 
     Two of them who meet in its middle wait for each other for ever in SUMO. Where cyclists have
-    lanes of their own, they usually make such turns in two stages. A cycle track of its own leads on
-    without a turn, however it bends.
+    lanes of their own, they usually make such turns in two stages. A cycle track of its own leads
+    on without a turn, however it bends.
     """
     if is_cycle_track(edge) and is_cycle_track(following):
         return False

@@ -28,9 +28,6 @@ __all__ = ["SumoEdge", "sumo_edges", "sumo_tags", "write_sumo_edges"]
 KEPT = ("name", "ref", "layer", "junction", "bridge")
 #: Classes that netconvert's type map does not know, and what they are to it.
 CLASSES = {"road": "unclassified", CYCLE_TRACK: "cycleway"}
-#: Who turns off a street gives way to a cycle track beside it, as to the street itself (StVO 9(3)):
-#: it has the rank that netconvert gives to primary roads.
-CYCLE_TRACK_PRIORITY = "12"
 #: SUMO's vehicle classes of our classes of actors.
 VEHICLES = {
     "car": "private passenger hov taxi emergency authority army vip evehicle delivery custom1",
@@ -55,7 +52,6 @@ class SumoEdge:
         shape: (N, 2) the line that lanes are laid along, site frame; empty for the way itself.
         walkers: whether people walk on its outermost lane because there is no sidewalk.
         spread: ``right`` (lanes lie outwards of the shape) or ``center``.
-        priority: its rank where it meets others, in SUMO's numbers; empty for that of its class.
     """
 
     id: str
@@ -64,7 +60,6 @@ class SumoEdge:
     walkers: bool
     shape: NDArray[np.float64]
     spread: str
-    priority: str = ""
 
 
 def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
@@ -75,9 +70,7 @@ def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
     tags["highway"] = CLASSES.get(highway, highway)
     own = section.kind == CYCLE_TRACK
     counted = {f: _counted(section.lanes(forward=f), own=own) for f in (True, False)}
-    driven = {
-        f: any(own or x.kind != "bicycle" for x in section.lanes(forward=f)) for f in counted
-    }
+    driven = {f: any(own or x.kind != "bicycle" for x in section.lanes(forward=f)) for f in counted}
     names = {True: "forward", False: "backward"}
     if all(driven.values()):
         tags["oneway"] = "no"
@@ -130,7 +123,6 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
     """
     found = []
     present = [f for f in (True, False) if _exists(section, forward=f)]
-    rank = CYCLE_TRACK_PRIORITY if section.kind == CYCLE_TRACK else ""
     for forward in present:
         lanes = section.lanes(forward=forward)
         walk = section.side(forward=forward).sidewalk
@@ -145,7 +137,7 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
         identity = str(segment.piece.id) if forward else f"-{segment.piece.id}"
         shape = line if moved else np.zeros((0, 2))
         walkers = any("pedestrian" in lane.allowed for lane in lanes)
-        found.append(SumoEdge(identity, tuple(lanes[::-1]), walk, walkers, shape, spread, rank))
+        found.append(SumoEdge(identity, tuple(lanes[::-1]), walk, walkers, shape, spread))
     return found
 
 
@@ -154,8 +146,6 @@ def write_sumo_edges(path: Path, frame: SiteFrame, edges: Sequence[SumoEdge]) ->
     root = ElementTree.Element("edges")
     for edge in edges:
         element = ElementTree.SubElement(root, "edge", id=edge.id)
-        if edge.priority:
-            element.set("priority", edge.priority)
         if len(edge.shape):
             lonlat = frame.lonlat_from_site(edge.shape)
             element.set("shape", " ".join(f"{lon:.9f},{lat:.9f}" for lon, lat in lonlat))

@@ -67,6 +67,7 @@ class Link:
         speed: the speed limit there, m/s.
         bend_speed: the speed at which its sharpest bend is taken, m/s, at most the limit.
         crosses: of a crossing, the edges that it leads over.
+        cycle_track: whether it leads on along a cycle track.
     """
 
     index: int
@@ -82,6 +83,7 @@ class Link:
     speed: float
     bend_speed: float = math.inf
     crosses: tuple[str, ...] = ()
+    cycle_track: bool = False
 
     def __hash__(self) -> int:
         """Of two fields that tell links apart: tables of links are asked all the time."""
@@ -311,8 +313,8 @@ def _link(
         )
     edge = edges[item.get("from")]
     # A cycle track goes straight on, however it bends.
-    both = {edge.get("type"), edges[item.get("to")].get("type")}
-    movement = "through" if both == {CYCLE_TRACK_TYPE} else MOVEMENTS.get(item.get("dir"), "through")
+    track = {edge.get("type"), edges[item.get("to")].get("type")} == {CYCLE_TRACK_TYPE}
+    movement = "through" if track else MOVEMENTS.get(item.get("dir"), "through")
     via = lanes.get(item.get("via", ""))
     # A way that waits halfway has a second part; its length is made up by the straight distance.
     gap = _shape(lanes[end])[0] - _shape(lanes[start])[-1]
@@ -330,6 +332,7 @@ def _link(
         length,
         float(lanes[start].get("speed")),
         min(bends.get(item.get("via", ""), math.inf), float(lanes[start].get("speed"))),
+        cycle_track=track,
     )
 
 
