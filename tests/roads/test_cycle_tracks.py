@@ -175,3 +175,35 @@ def test_what_no_track_has_is_told(tmp_path, wrong, expected):
     drawn = [feature("street", [(0, -90), (0, 90)], **TRACK, **wrong)]
     with pytest.raises(InputError, match=expected):
         read_sketch(written(tmp_path, drawn), FRAME)
+
+
+def test_who_turns_off_a_street_has_green_with_the_track_beside(tmp_path):
+    """As with people who cross: right turns and the track go together, the side street does not."""
+    both = {"lanes_back": 1}
+    drawn = [
+        feature("street", [(-90, 0), (-14, 0)], name="west", **both),
+        feature("street", [(14, 0), (90, 0)], name="east", **both),
+        feature("street", [(0, -90), (0, -16)], name="south", **both),
+        feature("turn", [(-14, -1.6), (14, -1.6)]),
+        feature("turn", [(14, 1.6), (-14, 1.6)]),
+        feature("turn", [(-14, -1.6), (-1.6, -16)]),
+        feature("turn", [(1.6, -16), (-14, 1.6)]),
+        feature("street", [(-90, -10), (-14, -10)], name="west track", **both, **TRACK),
+        feature("street", [(14, -10), (90, -10)], name="east track", **both, **TRACK),
+        feature("turn", [(-14, -10.8), (0, -10.8), (14, -10.8)], **TRACK),
+        feature("turn", [(14, -9.2), (0, -9.2), (-14, -9.2)], **TRACK),
+        crossed_street()[-1],
+    ]
+    built(tmp_path, drawn)
+    (junction,) = signalised_junctions(ElementTree.parse(tmp_path / "n.net.xml").getroot())
+    green = [{k for k, letter in enumerate(s) if letter in "gG"} for _, s in junction.phases]
+    track = {link.index for link in junction.links if "track" in link.street}
+    side = {link.index for link in junction.links if link.street == "south"}
+    right = {
+        link.index for link in junction.links if link.street == "west" and link.movement == "right"
+    }
+    assert len(track) == 2
+    assert right
+    assert side
+    assert any(track <= on and right <= on for on in green)
+    assert not any(on & track and on & side for on in green)
