@@ -278,4 +278,4 @@ def has_walkway(edge: Edge) -> bool:
 
 def is_cycle_track(edge: Edge) -> bool:
     """Return whether an edge is a way for bicycles of its own, not the cycle lane of a street."""
-    return bool(edge.getType() == CYCLE_TRACK_TYPE)
+    return edge.getType() == CYCLE_TRACK_TYPE and not edge.allows("passenger")
