@@ -260,6 +260,7 @@ def square_of_footways(outside: int) -> WayGraph:
         gate,
         np.ones(2),
         np.zeros(count, bool),
+        np.zeros(count, bool),
     )
 
 

@@ -63,7 +63,7 @@ from urbantwin.roads.standing import islands, warnings_of_ways
 from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import edges_of_pieces, read_sumo_network
-from urbantwin.site.access import is_driven, opened
+from urbantwin.site.access import CYCLE_TRACK, is_driven, opened
 from urbantwin.site.extract import Extract, Way, WayPiece
 from urbantwin.site.signals import SignalPlan
 
@@ -74,7 +74,7 @@ __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
 NETWORK_CLASSES = frozenset(
     "motorway motorway_link trunk trunk_link primary primary_link secondary secondary_link "
     "tertiary tertiary_link unclassified residential living_street road busway".split()
-)
+) | {CYCLE_TRACK}
 #: Buildings are kept clear of as far as this beyond the region, metres: the closed loop is there.
 BESIDE_M = 150.0
 

@@ -16,10 +16,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["KEYS", "Permission", "either_way", "is_driven", "is_walked", "opened", "permission_of"]
+__all__ = [
+    "CYCLE_TRACK",
+    "KEYS",
+    "Permission",
+    "either_way",
+    "is_driven",
+    "is_walked",
+    "opened",
+    "permission_of",
+]
 
 #: Classes of roads for motor traffic only.
 FAST_ROADS = frozenset({"motorway", "motorway_link", "trunk", "trunk_link"})
+#: Class of a drawn way for bicycles alone, with lanes like a street's; no value of OpenStreetMap's.
+CYCLE_TRACK = "cycle_track"
 #: Values that close a street to all but those who have leave or business there.
 OF_SOME = frozenset({"private", "permit", "customers", "delivery"})
 #: Values that close a street to those who pass through.
@@ -111,6 +122,8 @@ def _implied(tags: Mapping[str, str]) -> dict[str, str]:
         return {"bicycle": "no", "foot": "no"}
     if highway == "busway":
         return {"motor_vehicle": "no", "bus": "yes"}
+    if highway == CYCLE_TRACK:
+        return {"motor_vehicle": "no", "bicycle": "designated", "foot": "no"}
     return {"foot": "no"} if highway == "cycleway" else {}
 
 

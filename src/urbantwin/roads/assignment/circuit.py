@@ -54,7 +54,10 @@ class Circuit:
 
     @classmethod
     def of(cls, graph: WayGraph) -> Circuit | None:
-        """Return the circuit of a graph: of its part with most traffic; ``None`` without one."""
+        """Return the circuit of a graph: of its part with most traffic; ``None`` without one.
+
+        Cycle tracks that no street leads back to are parts with traffic of their own, which stays.
+        """
         at_gate = np.flatnonzero(graph.gate >= 0)
         if not len(at_gate):
             return None
@@ -63,10 +66,14 @@ class Circuit:
         load = np.bincount(part[at_gate], graph.weight[graph.gate[at_gate]], len(size))
         load[size < 2] = 0.0  # a state by itself leads nowhere
         load[np.bincount(part[~graph.outer], minlength=len(size)) == 0] = 0.0  # never comes in
+        tracks = np.bincount(part[~graph.own_way], minlength=len(size)) == 0
+        used = tracks & (load > 0)
+        load[tracks] = 0.0
         main = int(load.argmax())
-        if load[main] == 0:
+        used[main] |= load[main] > 0
+        if not used.any():
             return None
-        starts = at_gate[part[at_gate] == main]
+        starts = at_gate[used[part[at_gate]]]
         gates = np.unique(graph.gate[starts])
         cost, before = _ways(graph, starts)
         target = np.full((len(starts), len(gates)), -1, np.int64)
@@ -75,7 +82,7 @@ class Circuit:
             states = starts[graph.gate[starts] == gate]
             nearest = states[cost[:, states].argmin(axis=1)]
             took = cost[np.arange(len(starts)), nearest]
-            reached = np.isfinite(took)
+            reached = np.isfinite(took) & (part[nearest] == part[starts])
             target[reached, column] = nearest[reached]
             straight = np.linalg.norm(graph.place[starts] - graph.place[nearest], axis=1)
             direct = np.clip(straight / np.maximum(took * graph.speed, 1.0), 0.1, 1.0) ** 2
@@ -85,7 +92,7 @@ class Circuit:
         weight = np.where((elsewhere.sum(axis=1) > 0)[:, None], elsewhere, weight)
         chance = weight / weight.sum(axis=1, keepdims=True)
         row = {int(state): k for k, state in enumerate(starts)}
-        own = np.flatnonzero(part == main)
+        own = np.flatnonzero(used[part])
         length = dict(zip((graph.edges[n] for n in own), graph.length_m[own], strict=True))
         room_m = float(sum(length.values()))
         load = graph.weight[graph.gate[starts]]

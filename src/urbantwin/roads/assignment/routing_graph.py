@@ -15,7 +15,12 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from urbantwin.roads.assignment.street_network import Edge, StreetNetwork, has_walkway
+from urbantwin.roads.assignment.street_network import (
+    Edge,
+    StreetNetwork,
+    has_walkway,
+    is_cycle_track,
+)
 
 __all__ = ["WALKING_MS", "WayGraph", "driven_graph", "walked_graph"]
 
@@ -51,6 +56,7 @@ class WayGraph:
         gate: (S,) number of the gate that the state belongs to; -1 for none.
         weight: (G,) relative traffic of the gates.
         apart: (S,) whether there are lanes for this class of actors that are not for cars.
+        own_way: (S,) whether it is a way for this class of actors alone: a cycle track.
     """
 
     edges: tuple[str, ...]
@@ -63,6 +69,7 @@ class WayGraph:
     gate: NDArray[np.int64]
     weight: NDArray[np.float64]
     apart: NDArray[np.bool_]
+    own_way: NDArray[np.bool_]
 
     @property
     def speed(self) -> float:
@@ -125,6 +132,7 @@ def driven_graph(
         gate,
         np.array(weight),
         np.array([vclass == "bicycle" and _has_own_lane(edge) for edge in edges]),
+        np.array([is_cycle_track(edge) for edge in edges]),
     )
 
 
@@ -189,6 +197,7 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
         gate,
         weight,
         np.ones(2 * count, bool),
+        np.zeros(2 * count, bool),
     )
 
 
@@ -201,8 +210,11 @@ def _turns_across(edge: Edge, following: Edge) -> bool:
     """Return whether cyclists turn from a lane of their own across a signalised junction.
 
     Two of them who meet in its middle wait for each other for ever in SUMO. Where cyclists have
-    lanes of their own, they usually make such turns in two stages.
+    lanes of their own, they usually make such turns in two stages. A cycle track of its own leads
+    on without a turn, however it bends.
     """
+    if is_cycle_track(edge) and is_cycle_track(following):
+        return False
     return any(
         item.getDirection() in ("l", "L")
         and item.getTLSID() != ""

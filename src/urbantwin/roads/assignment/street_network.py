@@ -23,13 +23,17 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
+from urbantwin.roads.junctions.plain import CYCLE_TRACK_TYPE
 from urbantwin.roads.sumo_check import reading_sumo_network
 from urbantwin.site.usual_traffic import LANE_PER_HOUR, OTHER_PER_HOUR
 
-__all__ = ["Edge", "Gates", "StreetNetwork", "Streets", "has_walkway"]
+__all__ = ["Edge", "Gates", "StreetNetwork", "Streets", "has_walkway", "is_cycle_track"]
 
 Edge = Any  # sumolib.net.edge.Edge; sumolib has no types
 _BORDER_M = 30.0  # a gate nearer to the region's border than this is a street cut by the border
+#: Relative traffic of bicycles on a cycle track of its own: as on a street of two lanes of the
+#: class that has such tracks.
+CYCLE_TRACK_PER_HOUR = 2 * LANE_PER_HOUR["primary"]
 _DEAD_END_SHARE = 0.1  # traffic of a gate inside the region, relative to one at its border
 
 
@@ -221,6 +225,8 @@ class StreetNetwork:
 
     def rank(self, edge: Edge, vclass: str) -> float:
         """Return the relative traffic of an edge for a class: of its kind times its lanes."""
+        if vclass == "bicycle" and is_cycle_track(edge):
+            return CYCLE_TRACK_PER_HOUR
         names = re.findall(r"highway\.(\w+)", edge.getType() or "")
         usual = [LANE_PER_HOUR.get(name, OTHER_PER_HOUR) for name in names]
         kind = max(usual, default=OTHER_PER_HOUR)
@@ -268,3 +274,8 @@ def has_walkway(edge: Edge) -> bool:
     return any(
         lane.allows("pedestrian") and not lane.allows("passenger") for lane in edge.getLanes()
     )
+
+
+def is_cycle_track(edge: Edge) -> bool:
+    """Return whether an edge is a way for bicycles of its own, not the cycle lane of a street."""
+    return edge.getType() == CYCLE_TRACK_TYPE and not edge.allows("passenger")

@@ -19,7 +19,7 @@ from urbantwin.roads.cross_section.placement import middle_of_road
 from urbantwin.roads.cross_section.roadside import parking, roadside
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.speed import speed_limit, speed_of
-from urbantwin.site.access import Permission, permission_of
+from urbantwin.site.access import CYCLE_TRACK, Permission, permission_of
 
 __all__ = ["cross_section"]
 
@@ -105,6 +105,7 @@ def _lanes(
     lanes = []
     for slot in range(found.slots):
         kind, allowed = _use(found, slot, permission)
+        kind = "bicycle" if tags.get("highway") == CYCLE_TRACK else kind
         speed = speed_of(found.value("maxspeed:lanes", slot), country) or usual
         turns = tuple(w for w in found.value("turn:lanes", slot).split(";") if w in ARROWS)
         width = metres(found.value("width:lanes", slot)) or 0.0

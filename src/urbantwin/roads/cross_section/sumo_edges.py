@@ -19,14 +19,15 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.roads.cross_section.layout import Middle
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.segment import Segment
+from urbantwin.site.access import CYCLE_TRACK
 from urbantwin.site.extract import WayPiece
 
 __all__ = ["SumoEdge", "sumo_edges", "sumo_tags", "write_sumo_edges"]
 
 #: Tags that do not speak of lanes and go to netconvert as they are.
 KEPT = ("name", "ref", "layer", "junction", "bridge")
-#: Classes that netconvert's type map does not know.
-CLASSES = {"road": "unclassified"}
+#: Classes that netconvert's type map does not know, and what they are to it.
+CLASSES = {"road": "unclassified", CYCLE_TRACK: "cycleway"}
 #: SUMO's vehicle classes of our classes of actors.
 VEHICLES = {
     "car": "private passenger hov taxi emergency authority army vip evehicle delivery custom1",
@@ -67,8 +68,9 @@ def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
     tags = {key: old[key] for key in KEPT if key in old}
     highway = old.get("highway", "")
     tags["highway"] = CLASSES.get(highway, highway)
-    counted = {f: _counted(section.lanes(forward=f)) for f in (True, False)}
-    driven = {f: any(x.kind != "bicycle" for x in section.lanes(forward=f)) for f in counted}
+    own = section.kind == CYCLE_TRACK
+    counted = {f: _counted(section.lanes(forward=f), own=own) for f in (True, False)}
+    driven = {f: any(own or x.kind != "bicycle" for x in section.lanes(forward=f)) for f in counted}
     names = {True: "forward", False: "backward"}
     if all(driven.values()):
         tags["oneway"] = "no"
@@ -166,9 +168,13 @@ def _exists(section: CrossSection, *, forward: bool) -> bool:
     return bool(section.lanes(forward=forward) or section.side(forward=forward).sidewalk)
 
 
-def _counted(lanes: Sequence[CarriagewayLane]) -> list[CarriagewayLane]:
-    """Return the lanes that netconvert counts: not the cycleway at the outer side."""
-    return list(lanes[:-1] if lanes and lanes[-1].kind == "bicycle" else lanes)
+def _counted(lanes: Sequence[CarriagewayLane], *, own: bool) -> list[CarriagewayLane]:
+    """Return the lanes that netconvert counts: not the cycleway at the outer side of a street.
+
+    ``own``: whether they are a way for bicycles of its own.
+    """
+    beside = not own and lanes and lanes[-1].kind == "bicycle"
+    return list(lanes[:-1] if beside else lanes)
 
 
 def _turns(lane: CarriagewayLane, *, mirror: bool) -> tuple[str, ...]:

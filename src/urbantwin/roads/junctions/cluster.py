@@ -95,7 +95,7 @@ def is_signalised(plain: PlainNetwork, node: str) -> bool:
 
 def driven_edges(plain: PlainNetwork) -> list[PlainEdge]:
     """Return the edges that are open to more than people on foot."""
-    return [edge for edge in plain.edges.values() if edge.is_for_motors]
+    return [edge for edge in plain.edges.values() if edge.is_street]
 
 
 def meeting_nodes(plain: PlainNetwork, within: Collection[str] = ()) -> set[str]:
@@ -138,7 +138,7 @@ def chains_of(plain: PlainNetwork, meeting: Collection[str]) -> list[Chain]:
 
 def _before(plain: PlainNetwork, edge: PlainEdge) -> bool:
     """Whether traffic comes to an edge from another street than its own other direction."""
-    return any(e.start != edge.end and e.is_for_motors for e in plain.arriving[edge.start])
+    return any(e.start != edge.end and e.is_street for e in plain.arriving[edge.start])
 
 
 def clusters_of(

@@ -292,9 +292,9 @@ def _edges(
     found = {}
     for name, edge in plain.edges.items():
         start, end = home.get(edge.start), home.get(edge.end)
-        if {name, _other_way(name)} & inner and (name in inner or not edge.is_for_motors):
+        if {name, _other_way(name)} & inner and (name in inner or not edge.is_street):
             continue
-        if _is_lost(name, spans) or (start and start == end and not edge.is_for_motors):
+        if _is_lost(name, spans) or (start and start == end and not edge.is_street):
             continue
         if start is None and end is None:
             found[name] = edge

@@ -48,7 +48,8 @@ def drawn_turns(
     for way, passage in ways.items():
         drawn = [followed[edge.id] for edge in passage.path[1:-1] if edge.id in followed]
         lane = passage.entry.lanes[way[1]]
-        if drawn and (lane.admits("passenger") or lane.admits("bus")):
+        own = passage.entry.is_cycle_track
+        if drawn and (own or lane.admits("passenger") or lane.admits("bus")):
             beside[passage].append(way)
             lines[passage] = np.vstack(drawn)
     found: dict[Way, Curve] = {}

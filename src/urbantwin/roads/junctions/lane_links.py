@@ -38,8 +38,11 @@ def lane_links(
         arrows: signed turns.
         driving_side: ``right`` or ``left``.
     """
+    cycled = [p for p in passages if p.entry.is_cycle_track or p.exit.is_cycle_track]
+    passages = [p for p in passages if p not in cycled]
+    found = _cycled(cycled, driving_side)
     if not passages:
-        return {}
+        return found
     entry = passages[0].entry
     cars = [k for k, lane in enumerate(entry.lanes) if lane.admits("passenger")]
     if not cars:
@@ -53,7 +56,6 @@ def lane_links(
     else:
         users = _traced_users(plain, passages, cars, words, kerb)
     users = _untangled(passages, words, users, kerb)
-    found: dict[tuple[str, int, str, int], Passage] = {}
     for passage, word, lanes in zip(passages, words, users, strict=True):
         way_out = passage.exit
         targets = [k for k, lane in enumerate(way_out.lanes) if lane.admits("passenger")]
@@ -203,6 +205,24 @@ def _aligned(
     if word == kerb:
         return [(k, targets[min(i, m - 1)]) for i, k in enumerate(lanes)]
     return [(k, targets[max(m - n + i, 0)]) for i, k in enumerate(lanes)]
+
+
+def _cycled(passages: Sequence[Passage], kerb: str) -> dict[tuple[str, int, str, int], Passage]:
+    """Return the links of ways that begin or end on a cycle track: one for each.
+
+    Cyclists come from and go to the lane nearest to the kerb that they may use; from a street they
+    turn to the inner side from the innermost, where that is not a lane of their own.
+    """
+    inner = "left" if kerb == "right" else "right"
+    found: dict[tuple[str, int, str, int], Passage] = {}
+    for passage, word in zip(passages, _words(passages), strict=True):
+        start = [k for k, lane in enumerate(passage.entry.lanes) if lane.admits("bicycle")]
+        end = [k for k, lane in enumerate(passage.exit.lanes) if lane.admits("bicycle")]
+        if start and end:
+            own = not passage.entry.lanes[start[0]].admits("passenger")
+            k = start[-1] if word == inner and not own else start[0]
+            found[passage.entry.id, k, passage.exit.id, end[0]] = passage
+    return found
 
 
 def _onto_cycle_lane(

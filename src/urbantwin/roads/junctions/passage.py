@@ -72,7 +72,7 @@ def passages_of(
         edge
         for node in sorted(nodes)
         for edge in plain.arriving[node]
-        if edge.id not in inner and edge.is_for_motors
+        if edge.id not in inner and edge.is_street
     ]
     found: list[Passage] = []
     for entry in entries:
@@ -108,7 +108,7 @@ def _paths(
             continue
         for name in onward.get(names[-1], ()):
             edge = plain.edges[name]
-            if not edge.is_for_motors:
+            if not edge.is_street:
                 continue
             if name not in inner:
                 heapq.heappush(waiting, (length, (*names, name)))

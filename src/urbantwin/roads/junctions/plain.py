@@ -18,6 +18,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 __all__ = [
+    "CYCLE_TRACK_TYPE",
     "INTO_M",
     "PlainCrossing",
     "PlainEdge",
@@ -33,6 +34,8 @@ __all__ = [
 
 #: How far edges reach into a junction's own outline, where netconvert cuts them, metres.
 INTO_M = 1.5
+#: SUMO's type of edges that are ways for bicycles alone.
+CYCLE_TRACK_TYPE = "highway.cycleway"
 #: What SUMO takes for a lane's width where none is told, metres.
 DEFAULT_WIDTH_M = 3.2
 
@@ -101,9 +104,14 @@ class PlainEdge:
         return self.attributes.get("spreadType") == "center"
 
     @property
-    def is_for_motors(self) -> bool:
-        """Whether cars or buses use it."""
-        return self.admits("passenger") or self.admits("bus")
+    def is_street(self) -> bool:
+        """Whether cars or buses use it, or it is a cycle track of its own."""
+        return self.admits("passenger") or self.admits("bus") or self.is_cycle_track
+
+    @property
+    def is_cycle_track(self) -> bool:
+        """Whether it is a way for bicycles of its own, not the cycle lane of a street."""
+        return self.attributes.get("type") == CYCLE_TRACK_TYPE
 
     def admits(self, vehicle_class: str) -> bool:
         """Whether a class of SUMO may use any lane."""

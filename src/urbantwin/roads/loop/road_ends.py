@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.cross_section import cross_section
 from urbantwin.site import WayPiece
-from urbantwin.site.access import is_driven
+from urbantwin.site.access import CYCLE_TRACK, is_driven
 
 __all__ = ["LooseEnd", "loose_ends", "motor_lanes", "outward"]
 
@@ -57,6 +57,8 @@ def motor_lanes(
 ) -> tuple[list[float], list[float]]:
     """Return the widths of the lanes of motor traffic along a way and against it, metres.
 
+    Of a cycle track they are those of its bicycles.
+
     Args:
         tags: the way's tags, ``sidewalk`` filled in.
         side: ``right`` or ``left``, the side that traffic keeps to.
@@ -64,8 +66,9 @@ def motor_lanes(
     """
     walks = tags.get("sidewalk", "no")
     section = cross_section(tags, driving_side=side, sidewalks=walks, country=country)
+    own = tags.get("highway") == CYCLE_TRACK
     forward, backward = (
-        [lane.width for lane in lanes if lane.kind != "bicycle" and not lane.both_ways]
+        [lane.width for lane in lanes if (own or lane.kind != "bicycle") and not lane.both_ways]
         for lanes in (section.forward, section.backward)
     )
     return forward, backward
@@ -79,7 +82,8 @@ def loose_ends(
     """Return the ends at nodes that no other piece of a way has, in the order of the pieces.
 
     Of one-way streets that begin or end at one node, where no other leads on, it is the end of the
-    widest. Streets that are closed to motor traffic have none: nothing comes there.
+    widest. Streets that are closed to motor traffic have none: nothing comes there. Nor have cycle
+    tracks of one direction, which no road for cars leads on.
 
     Args:
         pieces: the ways of the network, cut to the region.
@@ -93,7 +97,8 @@ def loose_ends(
     of_map = frozenset(known)
     ends: dict[int, list[LooseEnd]] = defaultdict(list)
     for piece, (along, against) in zip(pieces, lanes, strict=True):
-        if not is_driven(piece.tags):
+        ridden = piece.tags.get("highway") == CYCLE_TRACK and along and against
+        if not ridden and not is_driven(piece.tags):
             continue
         for at_start in (True, False):
             node = piece.nodes[0 if at_start else -1]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import stations_of_points, wrapped
 from urbantwin.roads.curve_speed import lane_speeds
+from urbantwin.roads.junctions.plain import CYCLE_TRACK_TYPE
 from urbantwin.roads.model.furniture import Phase
 
 __all__ = [
@@ -66,6 +67,7 @@ class Link:
         speed: the speed limit there, m/s.
         bend_speed: the speed at which its sharpest bend is taken, m/s, at most the limit.
         crosses: of a crossing, the edges that it leads over.
+        cycle_track: whether it leads on along a cycle track.
     """
 
     index: int
@@ -81,6 +83,7 @@ class Link:
     speed: float
     bend_speed: float = math.inf
     crosses: tuple[str, ...] = ()
+    cycle_track: bool = False
 
     def __hash__(self) -> int:
         """Of two fields that tell links apart: tables of links are asked all the time."""
@@ -309,6 +312,9 @@ def _link(
             crosses=tuple(crossing.get("crossingEdges", "").split()),
         )
     edge = edges[item.get("from")]
+    # A cycle track goes straight on, however it bends.
+    track = {edge.get("type"), edges[item.get("to")].get("type")} == {CYCLE_TRACK_TYPE}
+    movement = "through" if track else MOVEMENTS.get(item.get("dir"), "through")
     via = lanes.get(item.get("via", ""))
     # A way that waits halfway has a second part; its length is made up by the straight distance.
     gap = _shape(lanes[end])[0] - _shape(lanes[start])[-1]
@@ -321,11 +327,12 @@ def _link(
         end,
         item.get("from"),
         edge.get("name", ""),
-        MOVEMENTS.get(item.get("dir"), "through"),
+        movement,
         _arm(edge, junction),
         length,
         float(lanes[start].get("speed")),
         min(bends.get(item.get("via", ""), math.inf), float(lanes[start].get("speed"))),
+        cycle_track=track,
     )
 
 

@@ -200,6 +200,11 @@ class Traffic:
             return not meets and self.junction.gives_way(vehicle, walker)
         if SAME_ARM_DEG <= turn_between(a.bearing, b.bearing) <= FACING_DEG:
             return False
+        if a.cycle_track or b.cycle_track:
+            # As with people who cross: who turns off the street beside meets them.
+            turning = b if a.cycle_track else a
+            waits = self.junction.gives_way(a, b) or self.junction.gives_way(b, a)
+            return turning.is_turn and waits and not self._side_by_side(turning)
         if {a.movement, b.movement} <= set(self._across) and min(a.length, b.length) > LONG_TURN_M:
             return False
         return self._waits_for(a, b) or self._waits_for(b, a)

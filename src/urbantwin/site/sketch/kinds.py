@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from urbantwin.site.access import CYCLE_TRACK
 from urbantwin.site.drawn_values import Count, Metres, Text, Truth, number_of
 from urbantwin.site.yaml_document import nearest, wrong
 
@@ -25,8 +26,10 @@ __all__ = [
     "Turn",
 ]
 
-#: Width of a lane where none is drawn, metres.
-LANE_M = 3.25
+#: Width of a lane where none is drawn, and of one of a cycle track, metres.
+LANE_M, CYCLE_LANE_M = 3.25, 1.5
+#: The least that a lane may be drawn wide, and of a cycle track, metres.
+NARROWEST_M, NARROWEST_CYCLE_M = 2.0, 1.0
 POINTS_LINES_AREAS = ("Point", "LineString", "Polygon")
 #: Arrows on a lane (OSM wiki, "Key:turn").
 TURNS = (
@@ -35,7 +38,7 @@ TURNS = (
 )  # fmt: skip
 STREETS = (
     "motorway", "trunk", "primary", "secondary", "tertiary", "unclassified", "residential",
-    "living_street", "service",
+    "living_street", "service", CYCLE_TRACK,
 )  # fmt: skip
 
 
@@ -86,26 +89,40 @@ class Street(Drawn):
             raise wrong(f"has {self.lanes} lanes", "1 to 9, drawn the way that they are driven")
         if self.road_class not in STREETS:
             raise wrong(f"is of class {self.road_class!r}", nearest(self.road_class, STREETS))
+        if self.is_cycle_track and (self.cycle_lane, self.sidewalk) != (None, None):
+            raise wrong(
+                "is a cycle track with a cycle lane or a sidewalk",
+                "neither; kind: footway beside it, for people on foot",
+            )
         self.tags()
         return self
 
     @property
+    def is_cycle_track(self) -> bool:
+        """Whether it is for bicycles alone."""
+        return self.road_class == CYCLE_TRACK
+
+    @property
     def half_width_m(self) -> float:
         """Half of what its lanes take, metres."""
-        text = self.lane_width_m
+        text, usual = self.lane_width_m, CYCLE_LANE_M if self.is_cycle_track else LANE_M
         if "|" in text:
             wide = sum(float(part) for part in text.split("|"))
         else:
-            wide = self.lanes * float(text or LANE_M)
-        return (wide + self.lanes_back * float(self.lane_width_back_m or LANE_M)) / 2
+            wide = self.lanes * float(text or usual)
+        return (wide + self.lanes_back * float(self.lane_width_back_m or usual)) / 2
 
     def tags(self) -> dict[str, str]:
         """Return it as tags of a map."""
         tags = {"highway": self.road_class, "lanes": str(self.lanes + self.lanes_back)}
+        least = NARROWEST_CYCLE_M if self.is_cycle_track else NARROWEST_M
         if not self.lanes_back:
             if self.turns_back or self.lane_width_back_m:
                 raise wrong("has no lanes back, and says what they are", "lanes_back: 1 or more")
-            tags |= {"oneway": "yes", **_lane_tags(self.lanes, self.lane_width_m, self.turns, "")}
+            tags |= {
+                "oneway": "yes",
+                **_lane_tags(self.lanes, self.lane_width_m, self.turns, "", least),
+            }
         else:
             same = "" if "|" in self.lane_width_m else self.lane_width_m
             back = self.lane_width_back_m or same
@@ -113,8 +130,8 @@ class Street(Drawn):
                 "oneway": "no",
                 "lanes:forward": str(self.lanes),
                 "lanes:backward": str(self.lanes_back),
-                **_lane_tags(self.lanes, self.lane_width_m, self.turns, ":forward"),
-                **_lane_tags(self.lanes_back, back, self.turns_back, ":backward"),
+                **_lane_tags(self.lanes, self.lane_width_m, self.turns, ":forward", least),
+                **_lane_tags(self.lanes_back, back, self.turns_back, ":backward", least),
             }
         if self.speed_kmh is not None:
             tags["maxspeed"] = f"{self.speed_kmh:g}"
@@ -130,14 +147,17 @@ class Street(Drawn):
         return tags | {key: value for key, value in optional.items() if value}
 
 
-def _lane_tags(lanes: int, width: str, turns: str, way: str) -> dict[str, str]:
-    """Return the tags of the lanes of one direction, from left to right as they are driven."""
+def _lane_tags(lanes: int, width: str, turns: str, way: str, least: float) -> dict[str, str]:
+    """Return the tags of the lanes of one direction, from left to right as they are driven.
+
+    ``least``: how narrow a lane may be, metres.
+    """
     tags = {}
     if width:
         widths = _each(width, lanes, "widths") if "|" in width else [width] * lanes
         for one in widths:
-            if not _is_lane_width(one):
-                raise wrong(f"has a lane of {one!r} m", "2 to 8 m")
+            if not _is_lane_width(one, least):
+                raise wrong(f"has a lane of {one!r} m", f"{least:g} to 8 m")
         tags[f"width:lanes{way}"] = "|".join(widths)
     if turns:
         arrows = _each(turns, lanes, "turns")
@@ -148,9 +168,9 @@ def _lane_tags(lanes: int, width: str, turns: str, way: str) -> dict[str, str]:
     return tags
 
 
-def _is_lane_width(text: str) -> bool:
+def _is_lane_width(text: str, least: float) -> bool:
     value = number_of(text)
-    return isinstance(value, int | float) and 2.0 <= value <= 8.0
+    return isinstance(value, int | float) and least <= value <= 8.0
 
 
 class Turn(Street):
