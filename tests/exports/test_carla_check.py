@@ -288,3 +288,11 @@ def test_what_carla_cannot_read_is_told_in_one_line(package, carla_python, tmp_p
     with pytest.raises(InputError, match="CARLA cannot read it") as caught:
         _asked(tmp_path / "m.xodr", "m", [], carla_python)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("face", ["1 2 9", "1 2", f"1 2 {2**64}", f"1 2 -{2**63 + 1}", "1 2 x"])
+def test_an_obj_of_no_triangles_is_one_line(tmp_path, face):
+    file = tmp_path / "a.obj"
+    file.write_text(f"v 0 0 0\nv 1 0 0\nv 1 0 1\nusemtl sidewalk\nf {face}\n")
+    with pytest.raises(InputError, match="is not an OBJ of triangles"):
+        walking_rules.triangles_of_obj(file)

@@ -113,6 +113,6 @@ def triangles_of_obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.str_]]
             elif word == "usemtl":
                 name = rest.strip()
         corners = np.array(vertices).reshape(-1, 3)[np.array(faces, np.int64).reshape(-1, 3)]
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, OverflowError) as error:
         raise InputError(f"is not an OBJ of triangles ({error})", file=path) from None
     return corners, np.array(materials)
