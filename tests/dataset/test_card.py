@@ -271,6 +271,9 @@ def test_an_exported_dataset_has_a_card(tmp_path: Path) -> None:
     made = ut.card(folder, tmp_path / "card", progress=False)
     assert "tracks \\| are lost" in str(made)
     assert "4.4" in str(made)
+    # An input whose kind is no word is one of an unknown kind.
+    write_json(folder / "exported.json", {**told, "inputs": [{**told["inputs"][0], "kind": ["a"]}]})
+    assert "a.osm" in str(ut.card(folder, tmp_path / "card", progress=False))
     write_json(folder / "exported.json", {**told, "inputs": 7})
     with pytest.raises(InputError, match="inputs"):
         ut.card(folder, tmp_path / "card", progress=False)

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.web import open_shown
-from urbantwin.web.beside import farthest_place, pairs_of_sides
+from urbantwin.web.beside import farthest_place, pairs_of_sides, worst_places
 from urbantwin.web.chosen_frames import ChosenFrames
 from urbantwin.web.side import FrameEntry
 from urbantwin.web.wanted import Wanted
@@ -139,3 +139,18 @@ def test_a_map_s_coordinates_come_near_both_sides_alike(real, tmp_path, unpacked
         assert np.allclose(second - first, [0.125, 0, 0], atol=6e-3)
         assert arrays["away"].max() <= 0.126
     assert np.abs(shown.ground_z) < 100
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), "nan", "x", None])
+def test_a_report_with_a_place_that_is_none_is_refused(number):
+    place = {
+        "x": 1.0,
+        "y": 2.0,
+        "low": 0.0,
+        "high": 1.0,
+        "points_per_frame": 3.0,
+        "distance_m": 0.5,
+    }
+    report = {"missing": [{**place, "x": number}], "frames": []}
+    with pytest.raises(InputError, match="figures of another form"):
+        worst_places(report, [(0, 0)], [FrameEntry("1", 0.0)], None, lambda *_: None)

@@ -136,6 +136,8 @@ def worst_places(
     try:
         for place in (report.get("missing") or [])[:_MOST_MISSING]:
             at = np.array([place["x"], place["y"], (place["low"] + place["high"]) / 2], float)
+            if not np.isfinite(at).all():
+                raise ValueError(at)
             if scene_SE3_points is not None:
                 at = scene_SE3_points.apply(at[None])[0]
             text = (
