@@ -267,7 +267,7 @@ def array_header(stream: IO[bytes]) -> tuple[int, int, tuple[int, ...]]:
     """Return how many bytes the header of a ``.npy`` has, by it the whole file, and the shape.
 
     Raises:
-        Exception: it is none; a header is Python's syntax, whose parser raises what it likes.
+        Exception: of any kind: NumPy parses the header as a Python literal.
     """
     version = np.lib.format.read_magic(stream)
     read = (

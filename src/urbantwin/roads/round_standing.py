@@ -10,7 +10,7 @@ import shapely
 import shapely.ops
 from numpy.typing import NDArray
 
-from urbantwin.geometry import resampled, tightest_bend
+from urbantwin.geometry import resampled, stations_of_points, tightest_bend
 from urbantwin.roads.model.curve import Curve, aside, splined
 from urbantwin.roads.standing import HALF_CAR_M
 
@@ -131,7 +131,7 @@ def _bent(
     line: NDArray[np.float64], thing: shapely.Geometry, by: float, reach: float
 ) -> NDArray[np.float64]:
     """Return a line moved ``by`` metres to the left where it passes a thing, and less around."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    along = stations_of_points(line)
     distance = shapely.distance(shapely.points(line), thing)
     at = float(along[int(distance.argmin())])
     room = np.where(along < at, at, along[-1] - at)

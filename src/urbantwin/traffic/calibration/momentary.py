@@ -104,12 +104,13 @@ def calibrate_observation(
         flows, of_arms, best = first_flows(recorded), dict[str, float](), None
         for turn in range(_ROUNDS):
             found = simulated(flows, of_arms, turn)
-            present = presence_of(found, trial_s, area, arms)
+            moments = sampled(found, trial_s)
+            present = presence_of(moments, trial_s, area, arms)
             off = misfit(recorded, present)
             # The first tells whether arms are told by counts, and is the last if they are not.
             if best is None or (of_arms and not best.arms) or off < best.off:
                 passed = passed_per_hour(found, area, _TRIAL_S)
-                best = _Trial(flows, of_arms, present, passed, off, sampled(found, trial_s))
+                best = _Trial(flows, of_arms, present, passed, off, moments)
             left = {name: passed_per_hour(found, arm, _TRIAL_S) for name, arm in arms.items()}
             if of_arms:
                 of_arms = _rounded(corrected_arms(of_arms, recorded, present, left))
