@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.geometry import smoothed, tightest_bend
+from urbantwin.geometry import smoothed, stations_of_points, tightest_bend
 from urbantwin.site.sketch.drawing import Feature
 from urbantwin.site.sketch.joined import SNAP_M, Joined, Place, place_of
 from urbantwin.site.sketch.kinds import Street, Turn
@@ -194,9 +194,7 @@ class _Ends:
 
 def _last(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return what a line (N, 2) has within `LEAD_M` of its last point."""
-    along = np.concatenate(
-        [[0.0], np.cumsum(np.linalg.norm(np.diff(points[::-1], axis=0), axis=1))]
-    )[::-1]
+    along = stations_of_points(points[::-1])[::-1]
     k = int(np.searchsorted(-along, -LEAD_M, side="right"))
     if k == 0:
         return points
