@@ -2,7 +2,7 @@
 
 import gc
 
-from urbantwin.interruption import EXIT_CODE, ends_at_once
+from urbantwin.interruption import EXIT_CODE, ends_at_once, leave
 
 __all__ = ["main"]
 
@@ -17,7 +17,9 @@ def main() -> int:
     from urbantwin.cli import main as run
 
     code = run()
-    ends_at_once(said=code == EXIT_CODE)
+    if code == EXIT_CODE:
+        leave()
+    ends_at_once()
     return code
 
 

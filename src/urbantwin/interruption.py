@@ -4,7 +4,7 @@ While Python starts and imports, nothing is made yet and the process just ends (
 While a command works, ``KeyboardInterrupt`` unwinds it, so that its scratch goes (`unwinds`); where
 a library swallowed it, it comes again before a result takes its place (`unless_swallowed`). Where
 it would be lost on its way through compiled code, it comes a moment later. While a result takes its
-place, the signal waits (`deferred`).
+place, the signal waits (`deferred`). Then the process ends without waiting for threads (`leave`).
 """
 
 from __future__ import annotations
@@ -12,11 +12,21 @@ from __future__ import annotations
 import atexit
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import NoReturn
 
-__all__ = ["EXIT_CODE", "Interruptions", "deferred", "ends_at_once", "unless_swallowed", "unwinds"]
+__all__ = [
+    "EXIT_CODE",
+    "Interruptions",
+    "deferred",
+    "ends_at_once",
+    "leave",
+    "unless_swallowed",
+    "unwinds",
+]
 
 #: As shells have it: 128 + SIGINT.
 EXIT_CODE = 130
@@ -48,17 +58,28 @@ class Interruptions:
         self.heard = True
 
 
-def ends_at_once(*, said: bool = False) -> None:
-    """From now on let an interruption end the process with one line: there is nothing to undo.
-
-    Args:
-        said: the line is there already.
-    """
+def ends_at_once() -> None:
+    """From now on let an interruption end the process with one line: there is nothing to undo."""
     for number in _heard():
-        signal.signal(number, _end_silently if said else _end)
+        signal.signal(number, _end)
     # While Python takes itself apart nobody hears signals: one would end it without a word, and
     # with another exit code. What is registered first is called last.
     atexit.register(_ignore)
+
+
+def leave() -> NoReturn:
+    """End the process, which said that it was interrupted and has undone what was to be undone.
+
+    What is registered for the end runs, but Python is not taken apart: a thread may still be at
+    work in compiled code, which would abort the process when it comes back. Nobody waits for it:
+    CPython 3.11 takes a thread for ended when a wait for it is interrupted.
+    """
+    for number in _heard():
+        signal.signal(number, lambda *_: os._exit(EXIT_CODE))
+    with suppress(OSError, ValueError):  # nobody reads any more
+        sys.stdout.flush()
+    atexit._run_exitfuncs()
+    os._exit(EXIT_CODE)
 
 
 #: Those of the blocks that are at work (`unwinds`), the innermost last.
@@ -129,10 +150,6 @@ def _again_soon(number: int) -> None:
 def _end(_number: int, _frame: FrameType | None) -> None:
     # No line of Python's own, no traceback out of half an import.
     os.write(2, b"error: interrupted\n")
-    os._exit(EXIT_CODE)
-
-
-def _end_silently(_number: int, _frame: FrameType | None) -> None:
     os._exit(EXIT_CODE)
 
 

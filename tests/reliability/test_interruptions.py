@@ -57,6 +57,60 @@ except KeyboardInterrupt:
 """
 
 
+#: Two signals while a thread is in compiled code, and a Python that takes long to take apart.
+WITHIN_A_THREAD = """
+import signal, threading, time
+from concurrent.futures import ThreadPoolExecutor
+import pythoncdt
+from urbantwin.interruption import leave, unwinds
+
+class Slow:
+    def __del__(self):
+        time.sleep(0.5)
+
+slow = Slow()
+points = [pythoncdt.V2d(i * 0.618034 % 1, i * 0.754877 % 1) for i in range(50_000)]
+begun = threading.Event()
+
+def triangulate():
+    begun.set()
+    while True:
+        mesh = pythoncdt.Triangulation(
+            pythoncdt.VertexInsertionOrder.AUTO,
+            pythoncdt.IntersectingConstraintEdges.TRY_RESOLVE,
+            0.0,
+        )
+        mesh.insert_vertices(points)
+
+def interrupt():
+    begun.wait()
+    for _ in range(2):
+        time.sleep(0.05)
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGTERM)
+
+with unwinds():
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            pool.submit(triangulate)
+            threading.Thread(target=interrupt, daemon=True).start()
+            time.sleep(60)
+    except KeyboardInterrupt:
+        pass
+leave()
+"""
+
+
+def test_a_thread_that_still_works_does_not_crash_an_interrupted_process() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WITHIN_A_THREAD],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (130, "")
+
+
 def test_an_interruption_of_the_compiler_waits_until_it_has_returned() -> None:
     done = subprocess.run(
         [sys.executable, "-c", WITHIN_THE_COMPILER],
