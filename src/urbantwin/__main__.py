@@ -1,8 +1,9 @@
 """The command ``urbantwin``, and ``python -m urbantwin``."""
 
 import gc
+from typing import NoReturn
 
-from urbantwin.interruption import EXIT_CODE, ends_at_once, leave
+from urbantwin.interruption import ends_at_once, leave
 
 __all__ = ["main"]
 
@@ -12,16 +13,12 @@ ends_at_once()  # before the imports of the commands, which take a while
 gc.set_threshold(7_000, 10, 10)
 
 
-def main() -> int:
-    """Run the command line; see `urbantwin.cli.main`."""
+def main() -> NoReturn:
+    """Run the command line, and end with its exit code; see `urbantwin.cli.main`."""
     from urbantwin.cli import main as run
 
-    code = run()
-    if code == EXIT_CODE:
-        leave()
-    ends_at_once()
-    return code
+    leave(run())
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

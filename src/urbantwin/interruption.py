@@ -58,28 +58,46 @@ class Interruptions:
         self.heard = True
 
 
+#: What the process is to end with, once that is known.
+_code: int | None = None
+
+
 def ends_at_once() -> None:
     """From now on let an interruption end the process with one line: there is nothing to undo."""
     for number in _heard():
         signal.signal(number, _end)
-    # While Python takes itself apart nobody hears signals: one would end it without a word, and
-    # with another exit code. What is registered first is called last.
-    atexit.register(_ignore)
+    atexit.register(_end_of_all)  # what is registered first is called last
 
 
-def leave() -> NoReturn:
-    """End the process, which said that it was interrupted and has undone what was to be undone.
+def leave(code: int) -> NoReturn:
+    """End the process: what is registered for its end runs, but Python is not taken apart.
 
-    What is registered for the end runs, but Python is not taken apart: a thread may still be at
-    work in compiled code, which would abort the process when it comes back. Nobody waits for it:
-    CPython 3.11 takes a thread for ended when a wait for it is interrupted.
+    That takes most of a second where much is in memory. And a thread may still be at work in
+    compiled code where an interruption cut the wait for it (CPython 3.11 takes it for ended then):
+    it would abort the process when it comes back.
+
+    Args:
+        code: the exit code; with that of an interruption, which was said, no thread is waited for.
     """
+    global _code  # noqa: PLW0603 - a process ends once
+    _code = code
     for number in _heard():
-        signal.signal(number, lambda *_: os._exit(EXIT_CODE))
-    with suppress(OSError, ValueError):  # nobody reads any more
-        sys.stdout.flush()
-    atexit._run_exitfuncs()
-    os._exit(EXIT_CODE)
+        signal.signal(number, _end_silently if code == EXIT_CODE else _end)
+    if code == EXIT_CODE:
+        atexit._run_exitfuncs()
+    raise SystemExit(code)
+
+
+def _end_of_all() -> None:
+    if _code is not None:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(AttributeError, OSError, ValueError):  # closed, or nobody reads any more
+                stream.flush()
+        os._exit(_code)
+    # A traceback: nobody hears signals while Python takes itself apart, and one would end it
+    # without a word, and with another exit code.
+    for number in _heard():
+        signal.signal(number, signal.SIG_IGN)
 
 
 #: Those of the blocks that are at work (`unwinds`), the innermost last.
@@ -153,9 +171,8 @@ def _end(_number: int, _frame: FrameType | None) -> None:
     os._exit(EXIT_CODE)
 
 
-def _ignore() -> None:
-    for number in _heard():
-        signal.signal(number, signal.SIG_IGN)
+def _end_silently(_number: int, _frame: FrameType | None) -> None:
+    os._exit(EXIT_CODE)
 
 
 def _heard() -> list[signal.Signals]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import pickle
@@ -240,6 +241,8 @@ def received(place: str) -> Any:  # noqa: ANN401 - whatever was handed
 
 
 def _start(place: str) -> None:
+    # Python is not taken apart at the end, for which the pool would wait: nothing is left to do.
+    atexit.register(os._exit, 0)
     begun = threading.Event()
     threading.Thread(target=_end_with_the_run, daemon=True).start()
     threading.Thread(target=_end_with_the_pool, args=(place, begun), daemon=True).start()

@@ -62,7 +62,9 @@ WITHIN_A_THREAD = """
 import signal, threading, time
 from concurrent.futures import ThreadPoolExecutor
 import pythoncdt
-from urbantwin.interruption import leave, unwinds
+from urbantwin.interruption import EXIT_CODE, ends_at_once, leave, unwinds
+
+ends_at_once()
 
 class Slow:
     def __del__(self):
@@ -96,7 +98,7 @@ with unwinds():
             time.sleep(60)
     except KeyboardInterrupt:
         pass
-leave()
+leave(EXIT_CODE)
 """
 
 

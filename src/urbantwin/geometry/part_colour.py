@@ -65,13 +65,13 @@ class PartColours:
 
         What faces the other way has the colour of its part's material too: window sills are walls.
         """
-        up = (mesh.normals()[faces, 2] > UPRIGHT).astype(np.int64)
+        rgb, known = np.zeros((len(faces), 3), np.uint8), np.zeros(len(faces), bool)
+        if not len(self.part):
+            return rgb, known
+        up = (mesh.normals(faces)[:, 2] > UPRIGHT).astype(np.int64)
         key = mesh.part[faces].astype(np.int64) * 512 + mesh.material[faces].astype(np.int64) * 2
         own = self.part.astype(np.int64) * 512 + self.material.astype(np.int64) * 2 + self.up
         order = np.argsort(own)
-        rgb, known = np.zeros((len(faces), 3), np.uint8), np.zeros(len(faces), bool)
-        if not len(own):
-            return rgb, known
         for wanted in (key + 1 - up, key + up):
             at = order[np.minimum(np.searchsorted(own, wanted, sorter=order), len(own) - 1)]
             found = own[at] == wanted

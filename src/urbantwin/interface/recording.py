@@ -161,7 +161,7 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
         if isinstance(place, Storage):
             raise InputError("is storage", file=str(place), expected="a folder, for several nodes")
     # Helpers get ready while the twin is opened, which has work for one processor.
-    with _helpers(workers, ray) as crew:
+    with _helpers(workers, ray, pictures=pictures) as crew:
         if nodes is not None and isinstance(place, Path):
             return _recorded_nodes(
                 Twin.open(twin),
@@ -355,13 +355,21 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
 
 
 @contextmanager
-def _helpers(workers: int | None, ray: str | None) -> Iterator[int | Helpers | None]:
+def _helpers(
+    workers: int | None, ray: str | None, *, pictures: bool
+) -> Iterator[int | Helpers | None]:
     """Yield this process and its helpers; how many they are where nobody of this machine helps."""
     if ray is not None or (workers is not None and workers < 2):
         yield workers
         return
     with helpers(workers, rehearse) as crew:
+        if pictures and crew.pool is not None:  # one is to draw them, and waits for the twin now
+            crew.pool.submit(_begin_to_draw)
         yield crew
+
+
+def _begin_to_draw() -> None:
+    import urbantwin.view.pictures  # noqa: F401
 
 
 @contextmanager

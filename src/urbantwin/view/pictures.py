@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -201,7 +201,8 @@ def pictures_of_dataset(
         out: where to; without it the dataset's ``pictures/``.
         twin: the twin that it was recorded in.
         motion: the motion that it was recorded from.
-        pool: of helpers, of which one draws what is of all boxes while this process draws the rest.
+        pool: of helpers, which draw the frame and what is of all boxes while this process draws
+            the scene.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -223,24 +224,22 @@ def pictures_of_dataset(
     out = dataset / "pictures" if out is None else out
     out.mkdir(parents=True, exist_ok=True)
 
-    tell(0.0, "drawing the bird's-eye view")
+    drawn = []
     with (
+        begun(pool, _pictures_of_frame, dataset, out, sources) as of_frame,
         begun(pool, _pictures_of_boxes, dataset, out, sources) as of_boxes,
-        ThreadPoolExecutor(1) as beside,
     ):
-        # Rays are cast while matplotlib, which is of one thread, draws the others.
-        pixels = None
         if twin is not None and motion is not None:
-            pixels = beside.submit(_pixels_of_moment, twin, motion, frame.time_s)
-        drawn = _pictures_of_frame(frame, manifest, out, sources, tell)
-        if twin is not None and pixels is not None:
-            tell(0.6, "drawing the scene")
+            tell(0.0, "drawing the scene")
+            pixels = _pixels_of_moment(twin, motion, frame.time_s)
             below = f"frame {frame.name}   {frame.time_s:.1f} s"
             figure = figure_of_pixels(
-                pixels.result(), title=title_of(twin), below=below, attribution=sources
+                pixels, title=title_of(twin), below=below, attribution=sources
             )
             drawn.append(style.save(figure, out / "scene.png"))
-        tell(0.7, "drawing all boxes")
+        tell(0.5, "drawing a frame")
+        drawn += of_frame()
+        tell(0.8, "drawing all boxes")
         drawn += of_boxes()
     tell(1.0, "drawn")
     return drawn
@@ -258,22 +257,13 @@ def _pictures_of_boxes(dataset: Path, out: Path, sources: list[str]) -> list[Pat
     return pictures_of_boxes(read_statistics(dataset), image_sets(dataset), out, sources)
 
 
-def _pictures_of_frame(
-    frame: LabelledPoints,
-    manifest: dict[str, Any],
-    out: Path,
-    sources: list[str],
-    tell: Progress,
-) -> list[Path]:
+def _pictures_of_frame(dataset: Path, out: Path, sources: list[str]) -> list[Path]:
     """Draw a frame, and how many points and boxes of each class there are."""
-    drawn = [style.save(_figure_of_frame(frame, "birdseye", sources), out / "birdseye.png")]
-    tell(0.25, "drawing the range image")
-    if len(frame.points):
-        figure = _figure_of_frame(frame, "range_image", sources)
-        drawn.append(style.save(figure, out / "range_image.png"))
-    tell(0.5, "drawing the histogram")
-    drawn.append(style.save(_figure_of_counts(manifest), out / "histogram.png"))
-    return drawn
+    frame = read_labelled_points(dataset)
+    kinds = ["birdseye", "range_image"] if len(frame.points) else ["birdseye"]
+    figures = {kind: _figure_of_frame(frame, kind, sources) for kind in kinds}
+    figures["histogram"] = _figure_of_counts(read_manifest(dataset))
+    return [style.save(figure, out / f"{kind}.png") for kind, figure in figures.items()]
 
 
 def picture_of_fleet(fleet: FleetFiles, path: Path) -> Path:

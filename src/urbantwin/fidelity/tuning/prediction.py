@@ -119,7 +119,7 @@ def beam_view(
     face = hits.face[hit]
     material[hit] = mesh.material[face]
     peak = np.ones(len(aim), np.float32)
-    cosine = np.abs((mesh.normals()[face] * aim[hit]).sum(axis=1)).astype(np.float32)
+    cosine = np.abs((mesh.normals(face) * aim[hit]).sum(axis=1)).astype(np.float32)
     peak[hit] = model.peak_left(hits.range_m[hit], cosine)
     if surface is not None and surface.layers:
         places = place.translation + aim[hit] * hits.range_m[hit, None].astype(np.float64)

@@ -55,7 +55,7 @@ def facade_places(
         around: lines of sight there.
     """
     face = np.flatnonzero(mesh.semantic == semantic_id("building"))
-    normals = mesh.normals()[face]
+    normals = mesh.normals(face)
     upright = np.abs(normals[:, 2]) < _UPRIGHT
     face, normals = face[upright], normals[upright][:, :2]
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-9)[:, None]
