@@ -110,7 +110,7 @@ class LabelledMesh:
         """Return the corner positions (F, 3, 3)."""
         return self.vertices.take(self.faces, axis=0)  # many times faster than by an index
 
-    def normals(self, which: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
+    def normals(self, which: NDArray[np.integer[Any]] | None = None) -> NDArray[np.float64]:
         """Return unit normals (N, 3) of the triangles ``which`` (N,), or of all (F, 3).
 
         They are zero where a triangle has no area.
