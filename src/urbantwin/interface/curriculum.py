@@ -11,7 +11,7 @@ from urbantwin.errors import InputError
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion, driven
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.recording import recorded
+from urbantwin.interface.recording import recorded, recorders
 from urbantwin.interface.stage import ShowProgress
 from urbantwin.interface.summary import Summary
 
@@ -124,35 +124,36 @@ def curriculum(  # noqa: PLR0913 - an option of the command each
         check_folder(place / _motion_name(density), kind="motion", inputs=inputs)
     motions: dict[float, Motion] = {}
     rows = []
-    for one, its, stands in zip(grades, rigs, standing, strict=True):
-        if one.density not in motions:
-            folder = place / _motion_name(one.density)
-            traffic = traffics[one.density]
-            motions[one.density] = driven(opened, folder, traffic, seconds, seed, progress)
-        motion = motions[one.density]
-        if not any(sensor.rides for sensor in its.sensors):
-            times = frame_times(stands.rate_hz, start, stop, motion.times())
-            refuse_nobody(one, stands, motion, opened.region, times.values())
-        made = recorded(
-            opened,
-            motion,
-            its,
-            file,
-            place / one.name,
-            start_s=start,
-            stop_s=stop,
-            workers=workers,
-            seed=seed,
-            inputs=[opened.folder, motion.folder],
-            pictures=False,
-            progress=progress,
-        )
-        asked = {"density": one.density, "raised_m": one.raised_m, "range_m": one.range_m}
-        measured = made.manifest["objects"]
-        motion_of_it = motion.folder.name
-        rows.append(
-            {"name": one.name, "asked": asked, "motion": motion_of_it, "measured": measured}
-        )
+    with recorders(workers, pictures=False) as crew:
+        for one, its, stands in zip(grades, rigs, standing, strict=True):
+            if one.density not in motions:
+                folder = place / _motion_name(one.density)
+                traffic = traffics[one.density]
+                motions[one.density] = driven(opened, folder, traffic, seconds, seed, progress)
+            motion = motions[one.density]
+            if not any(sensor.rides for sensor in its.sensors):
+                times = frame_times(stands.rate_hz, start, stop, motion.times())
+                refuse_nobody(one, stands, motion, opened.region, times.values())
+            made = recorded(
+                opened,
+                motion,
+                its,
+                file,
+                place / one.name,
+                start_s=start,
+                stop_s=stop,
+                workers=crew,
+                seed=seed,
+                inputs=[opened.folder, motion.folder],
+                pictures=False,
+                progress=progress,
+            )
+            asked = {"density": one.density, "raised_m": one.raised_m, "range_m": one.range_m}
+            measured = made.manifest["objects"]
+            motion_of_it = motion.folder.name
+            rows.append(
+                {"name": one.name, "asked": asked, "motion": motion_of_it, "measured": measured}
+            )
     manifest = {
         "kind": "curriculum",
         "ladder": ladder if ladder in ("all", "density", "occlusion", "range") else "own",

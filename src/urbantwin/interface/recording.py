@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from urbantwin.site.rig import RigSpec
     from urbantwin.site.rig_changes import RigChanges
 
-__all__ = ["record", "recorded"]
+__all__ = ["record", "recorded", "recorders"]
 
 
 @overload
@@ -161,7 +161,7 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
         if isinstance(place, Storage):
             raise InputError("is storage", file=str(place), expected="a folder, for several nodes")
     # Helpers get ready while the twin is opened, which has work for one processor.
-    with _helpers(workers, ray, pictures=pictures) as crew:
+    with recorders(workers, ray, pictures=pictures) as crew:
         if nodes is not None and isinstance(place, Path):
             return _recorded_nodes(
                 Twin.open(twin),
@@ -355,10 +355,19 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
 
 
 @contextmanager
-def _helpers(
-    workers: int | None, ray: str | None, *, pictures: bool
+def recorders(
+    workers: int | None, ray: str | None = None, *, pictures: bool
 ) -> Iterator[int | Helpers | None]:
-    """Yield this process and its helpers; how many they are where nobody of this machine helps."""
+    """Yield this process and its helpers; how many they are where nobody of this machine helps.
+
+    Helpers get ready while this process does other things, which takes a second, and half a minute
+    where numba has compiled nothing yet.
+
+    Args:
+        workers: how many work, this process among them; all processors if not given.
+        ray: a cluster, whose workers are not these.
+        pictures: they draw, too.
+    """
     if ray is not None or (workers is not None and workers < 2):
         yield workers
         return

@@ -13,7 +13,7 @@ from urbantwin.errors import StageError
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.recording import recorded
+from urbantwin.interface.recording import recorded, recorders
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from urbantwin.interface.twin import Twin
+    from urbantwin.processes import Helpers
     from urbantwin.variation import Factor, RunFile
 
 __all__ = ["Variation", "vary"]
@@ -123,17 +124,20 @@ def vary(
     check_folder(comparison, kind="variation", inputs=inputs)
     twin = Twin.open(described.twin)
     _rigs(described, factor, twin)  # refuse what is wrong before anything is made
-    motion = _driven(described, twin, place / "base" / "motion", {}, progress)
-    made = [_recorded(described, None, "", twin, motion, place / "base", workers, progress)]
-    motions = [motion]
-    for name, value in zip(names[1:], factor.values, strict=True):
-        own = motion
-        if factor.changes_traffic:
-            traffic = _traffic_of(described, factor, value, twin, motion)
-            folder = place / name / "motion"
-            own = _changed(described, twin, motion, folder, traffic, progress)
-        motions.append(own)
-        made.append(_recorded(described, factor, value, twin, own, place / name, workers, progress))
+    with recorders(workers, pictures=False) as crew:
+        motion = _driven(described, twin, place / "base" / "motion", {}, progress)
+        made = [_recorded(described, None, "", twin, motion, place / "base", crew, progress)]
+        motions = [motion]
+        for name, value in zip(names[1:], factor.values, strict=True):
+            own = motion
+            if factor.changes_traffic:
+                traffic = _traffic_of(described, factor, value, twin, motion)
+                folder = place / name / "motion"
+                own = _changed(described, twin, motion, folder, traffic, progress)
+            motions.append(own)
+            made.append(
+                _recorded(described, factor, value, twin, own, place / name, crew, progress)
+            )
     return _compared(place, factor, names, twin, made, motions, inputs, pictures, progress)
 
 
@@ -253,7 +257,7 @@ def _recorded(
     twin: Twin,
     motion: Motion,
     place: Path,
-    workers: int | None,
+    workers: int | Helpers | None,
     progress: ShowProgress,
 ) -> Dataset:
     """Return a recording of a motion, with the factor's value where it is one of the recording."""

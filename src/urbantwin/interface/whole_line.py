@@ -17,8 +17,8 @@ from urbantwin.interface.outcome import (
     outcome_of_twin,
 )
 from urbantwin.interface.place import AnyPath, folder_of_site
-from urbantwin.interface.recording import record
-from urbantwin.interface.rig import fields_below
+from urbantwin.interface.recording import recorded, recorders
+from urbantwin.interface.rig import fields_below, rig_spec_on
 from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Summary
 from urbantwin.interface.twin import Twin, build_of, rig_field, site_with_known_sensors
@@ -213,14 +213,19 @@ def _run_of(
         check_folder(out / kind, kind=kind, inputs=site.files())
     _refuse_what_cannot_be_recorded(site, workers)
     made = Run(out)
-    made.twin = build_of(site, out / "twin", pictures=pictures, progress=progress)
-    made.motion = drive(made.twin, out / "motion", pictures=pictures, progress=progress)
-    made.dataset = record(
-        made.twin,
-        made.motion,
-        out / "dataset",
-        workers=workers,
-        pictures=pictures,
-        progress=progress,
-    )
+    with recorders(workers, pictures=pictures) as crew:
+        made.twin = build_of(site, out / "twin", pictures=pictures, progress=progress)
+        made.motion = drive(made.twin, out / "motion", pictures=pictures, progress=progress)
+        spec, rig_file = rig_spec_on(made.twin, None)
+        made.dataset = recorded(
+            made.twin,
+            made.motion,
+            spec,
+            rig_file,
+            out / "dataset",
+            workers=crew,
+            inputs=[made.twin.folder, made.motion.folder],
+            pictures=pictures,
+            progress=progress,
+        )
     return made
