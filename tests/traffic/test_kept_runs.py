@@ -1,5 +1,7 @@
 """Runs of SUMO that are kept: only the same input is answered from the cache."""
 
+import os
+import time
 from pathlib import Path
 
 from urbantwin.traffic.sumo.kept_runs import FILES, kept_run
@@ -35,3 +37,17 @@ def test_what_was_run_before_is_not_run_again(tmp_path: Path) -> None:
     assert [asked(), asked()] == ["4", "4"]
     assert asked(cache=net / "no folder") == "5"
     assert asked(cache=net / "no folder") == "6"
+
+
+def test_what_a_killed_run_left_half_written_goes_after_an_hour(tmp_path: Path) -> None:
+    cache, made = tmp_path / "cache", tmp_path / "made"
+    made.mkdir()
+    for name, age_s in ((".left", 4000.0), (".being-written", 10.0)):
+        (cache / name).mkdir(parents=True)
+        then = time.time() - age_s
+        os.utime(cache / name, (then, then))
+    for name in FILES:
+        (made / name).write_text(name)
+    kept_run({}, [], lambda: None, made, cache)
+    assert [one.name for one in cache.glob(".*")] == [".being-written"]
+    assert len(list(cache.iterdir())) == 2

@@ -11,6 +11,7 @@ import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import version
@@ -25,6 +26,8 @@ __all__ = ["FILES", "kept_run"]
 FILES = ("rows.npy", "outcome.json")
 #: So many runs stay, of some 10 kB each; of more, those that were used first go.
 _MOST = 500
+#: What was not moved to its place for so long was left, seconds.
+_LEFT_S = 3600.0
 
 
 def kept_run(
@@ -73,7 +76,11 @@ def _key(recipe: Mapping[str, Any], inputs: Sequence[Path]) -> str:
 
 
 def _forget(folder: Path) -> None:
-    """Remove the runs that were used longest ago."""
+    """Remove the runs that were used longest ago, and what killed programs left half written."""
+    for one in folder.glob(".*"):
+        with suppress(OSError):
+            if time.time() - one.stat().st_mtime > _LEFT_S:
+                shutil.rmtree(one, ignore_errors=True)
     runs = [one for one in folder.iterdir() if not one.name.startswith(".")]
     if len(runs) > _MOST:
         for one in sorted(runs, key=lambda run: run.stat().st_mtime)[: len(runs) - _MOST]:
