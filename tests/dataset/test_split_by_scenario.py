@@ -122,6 +122,10 @@ def test_a_document_is_refused_when_it_no_longer_fits(folder, tmp_path, twin, mo
     shutil.rmtree(here)
     with pytest.raises(InputError, match="which is no dataset"):
         read_split_document(made.path)
+    too_long = [{"path": "a" * 300, "part": "train"}]  # for any file system
+    made.path.write_text(json.dumps({"kind": "split", "datasets": too_long}))
+    with pytest.raises(InputError, match="which is no dataset"):
+        read_split_document(made.path)
     made.path.write_text('{"kind": "split", "datasets": [{"path": "a", "part": "some"}]}')
     with pytest.raises(InputError, match=r"datasets\[0\]\.part"):
         read_split_document(made.path)

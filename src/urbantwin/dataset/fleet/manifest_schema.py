@@ -19,6 +19,11 @@ _Count = Annotated[int, Field(ge=0, lt=2**53)]
 _Seconds = Annotated[float, Field(ge=-1e10, le=1e10)]
 
 
+class _Sensor(Part):
+    name: str
+    model: str
+
+
 class _Node(Part):
     name: PlainName
     rides: bool
@@ -28,6 +33,7 @@ class _Node(Part):
     frames_absent: _Count
     frames_lost: _Count
     points: _Count
+    sensors: list[_Sensor]
 
 
 class _Frame(Part):
