@@ -10,23 +10,25 @@ Both by the clock and by processor time, which other work on the machine moves l
     python benchmarks/record.py --frames 600 --efficiency
     python benchmarks/record.py --frames 10000 --memory
 
-With ``--efficiency`` the same frames are recorded by one worker, too; what is lost is what the
-workers do anew, and what one process does for all. With ``--memory`` a VLP-16 records instead, and
-what all processes hold together (their proportional set sizes) is told as frames go by.
+With ``--efficiency`` the same frames are recorded by one worker, too, which writes a frame beside
+the next scan and so is busy on more than one processor, and by one worker that is held to one; what
+is lost is what the workers do anew, and what one process does for all. With ``--memory`` a VLP-16
+records instead, and what all processes hold together (their proportional set sizes) is told as
+frames go by.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import shutil
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import active_children
-from os import getpid
 from pathlib import Path
 from typing import Any
 
@@ -230,7 +232,7 @@ class Memory:
             if int(number) < self._next:
                 return
             self._next = int(number) + self._frames / 10
-        pids = [getpid(), *(one.pid for one in active_children())]
+        pids = [os.getpid(), *(one.pid for one in active_children())]
         sizes = [_proportional_kb(Path(f"/proc/{pid}/smaps_rollup")) for pid in pids]
         self.held[f"after frame {number}" if number else doing] = sum(sizes) // 1000
 
@@ -296,6 +298,23 @@ def main() -> None:
         print("\n".join(f"{key}: {value}" for key, value in result.items()))
 
 
+@contextmanager
+def on_one_processor() -> Iterator[None]:
+    """Hold every thread of this process to one of the processors that it may use."""
+    before = os.sched_getaffinity(0)
+    _hold(set(sorted(before)[:1]))
+    try:
+        yield
+    finally:
+        _hold(before)
+
+
+def _hold(processors: set[int]) -> None:
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(ProcessLookupError):  # it has ended
+            os.sched_setaffinity(int(thread.name), processors)
+
+
 def rig_of(twin: Twin, **options: Any) -> Rig:
     """Return a sensor in the middle of the world."""
     spec = SensorSpec(name="eye", east_m=0.0, north_m=0.0, height_m=5.0, **options)
@@ -329,10 +348,17 @@ def speed(twin: Twin, motion: Motion, folder: Path, given: argparse.Namespace) -
         shutil.rmtree(folder / "dataset")
         with costing() as alone:
             record(twin, motion, rig, folder / "dataset", workers=1, seed=1)
+        shutil.rmtree(folder / "dataset")
+        with on_one_processor(), costing() as held:
+            record(twin, motion, rig, folder / "dataset", workers=1, seed=1)
         result |= {
             "one_worker_frames_per_s": round(frames / alone.clock_s, 2),
             "one_worker_processor_ms_per_frame": round(1e3 * alone.processor_s / frames, 1),
+            "one_processor_frames_per_s": round(frames / held.clock_s, 2),
             "efficiency": round(alone.clock_s / ours.clock_s / given.workers, 3),
+            "efficiency_of_one_processor_each": round(
+                held.clock_s / ours.clock_s / given.workers, 3
+            ),
             "efficiency_by_processor_time": round(alone.processor_s / ours.processor_s, 3),
         }
     return result
