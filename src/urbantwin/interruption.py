@@ -3,8 +3,9 @@
 While Python starts and imports, nothing is made yet and the process just ends (`ends_at_once`).
 While a command works, ``KeyboardInterrupt`` unwinds it, so that its scratch goes (`unwinds`); where
 a library swallowed it, it comes again before a result takes its place (`unless_swallowed`). Where
-it would be lost on its way through compiled code, it comes a moment later. While a result takes its
-place, the signal waits (`deferred`). Then the process ends without waiting for threads (`leave`).
+Python would lose it, or compiled code on its way through, it comes a moment later. While a result
+takes its place, the signal waits (`deferred`). Then the process ends without waiting for threads
+(`leave`).
 """
 
 from __future__ import annotations
@@ -119,10 +120,28 @@ def unwinds() -> Iterator[Interruptions]:
 
     _at_work.append(interruptions)
     try:
-        with _handled(interrupt):
+        with _handled(interrupt), _not_lost():
             yield interruptions
     finally:
         _at_work.pop()
+
+
+@contextmanager
+def _not_lost() -> Iterator[None]:
+    """Let what Python drops come again, and not be printed: in a callback of a weak reference."""
+    before = sys.unraisablehook
+
+    def hear(dropped: sys.UnraisableHookArgs) -> None:
+        if isinstance(dropped.exc_value, _Interrupted):
+            _again_soon(signal.SIGTERM)
+        else:
+            before(dropped)
+
+    sys.unraisablehook = hear
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def unless_swallowed() -> None:

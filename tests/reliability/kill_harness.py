@@ -73,6 +73,8 @@ def killed(
     else:
         heard = in_time = False
     code = process.wait(PATIENCE_S)
+    # Nobody survives a SIGKILL: it was over when it came, and only waited to be asked.
+    in_time &= number != signal.SIGKILL or code != 0
     began = time.monotonic()
     while left := processes_of(process.pid):
         assert time.monotonic() - began < PATIENCE_S, f"still there: {left}"

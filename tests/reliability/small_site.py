@@ -152,7 +152,7 @@ _OF_OLDER: dict[str, Callable[[Stand], list[object]]] = {
     "page.html": lambda stand: ["view", stand.older("dataset")],
     "nuscenes": lambda stand: ["export", stand.older("dataset"), "--to", "nuscenes"],
     "frames.mcap": lambda stand: ["export", stand.older("dataset"), "--to", "mcap"],
-    "measured.npz": lambda stand: ["background", stand.older("dataset"), *SENSOR],
+    "measured.npz": lambda stand: ["background", stand.dataset, *SENSOR],
 }
 
 

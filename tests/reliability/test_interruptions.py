@@ -57,6 +57,37 @@ except KeyboardInterrupt:
 """
 
 
+#: A signal that comes while Python forgets something, where exceptions are printed and dropped.
+WITHIN_A_CALLBACK = """
+import signal, weakref
+from urbantwin.interruption import unwinds
+
+class Thing:
+    pass
+
+try:
+    with unwinds():
+        thing = Thing()
+        watched = weakref.ref(thing, lambda _: signal.raise_signal(signal.SIGTERM))
+        del thing
+        while True:
+            pass
+except KeyboardInterrupt:
+    print("unwound")
+"""
+
+
+def test_an_interruption_that_python_drops_comes_again() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WITHIN_A_CALLBACK],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "unwound\n", "")
+
+
 #: Two signals while a thread is in compiled code, and a Python that takes long to take apart.
 WITHIN_A_THREAD = """
 import signal, threading, time
