@@ -140,6 +140,14 @@ def test_texts_are_searched(tmp_path: Path, name: str) -> None:
     assert search_files(tmp_path)
 
 
+def test_letters_of_a_las_that_counts_records_which_it_lacks_are_searched(tmp_path: Path) -> None:
+    las(tmp_path / "a.las")
+    data = bytearray((tmp_path / "a.las").read_bytes())
+    struct.pack_into("<I", data, 100, 2**32 - 1)  # laspy would read so many from nothing
+    (tmp_path / "a.las").write_bytes(bytes(data) + bytes(4) + HOME.encode() + bytes(4))
+    assert HOME in {one.text for one in search_files(tmp_path)}
+
+
 def test_the_line_and_the_byte_are_those_of_the_file(tmp_path: Path) -> None:
     data = f"ä one\ntwo\n  see {HOME}/x\n".encode()
     (tmp_path / "a.txt").write_bytes(data)
