@@ -213,8 +213,8 @@ def test_a_damaged_frame_is_one_line(packed, tmp_path, storage, hurt):
         content = {"cut": b"", "noise": noise + content[middle + 400 :]}.get(hurt)
         file.write_bytes(b"" if content is None else file.read_bytes()[:middle] + content)
     frame = ut.open(here)[3]
-    with suppress(InputError) if hurt == "noise" else pytest.raises(InputError, match="000003"):
-        # Noise in the middle may still be numbers.
+    may_pass = (storage, hurt) == ("zstd", "noise")  # in columns that are not read
+    with suppress(InputError) if may_pass else pytest.raises(InputError, match="000003"):
         assert len(frame.points) == len(frame.labels) == len(frame.rays)
     assert not ut.verify(here, progress=False)
 

@@ -5,11 +5,15 @@ intensities to 1/65535. All else is kept: ring, column, sensor, echo, class and 
 bytes; ``gps_time`` is the ray's time, seconds from the frame's; ``classification`` is the nearest
 class of the standard.
 
+The project's GUID is a digest of the bytes after it: of a damaged file the decoder of points gives
+other numbers, or ends the process.
+
 Source: ASPRS, LAS Specification 1.4 R15 (2019).
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +40,8 @@ _STANDARD = {
     "outlier": 7, "road": 11, "parking": 11, "sidewalk": 2, "other-ground": 2, "terrain": 2,
     "building": 6, "vegetation": 5, "trunk": 5,
 }  # fmt: skip
+#: Where the header has the GUID of a project, which is free to use.
+_GUID = slice(8, 24)
 #: Where the header has the day and the year of its writing: bytes 90 to 93.
 _WRITTEN = slice(90, 94)
 _EXPECTED = "a frame as LAZ, as `urbantwin record --storage laz` writes it"
@@ -80,7 +86,12 @@ def laz_bytes(columns: dict[str, NDArray[Any]]) -> bytes:
     cloud.write(file, do_compress=True, laz_backend=laspy.LazBackend.Lazrs)
     written = bytearray(file.getvalue())
     written[_WRITTEN] = bytes(4)  # the same frame is the same bytes on every day
+    written[_GUID] = _digest(written)
     return bytes(written)
+
+
+def _digest(file: bytes | bytearray) -> bytes:
+    return hashlib.sha256(memoryview(file)[_GUID.stop :]).digest()[: _GUID.stop - _GUID.start]
 
 
 def _returns(columns: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
@@ -133,8 +144,12 @@ def _read(path: Path) -> laspy.LasData:
     sizes = checked_sizes(path)
     if sizes is None or not may_unpack(sizes.points * sizes.record, path.stat().st_size):
         raise InputError("is truncated, or its header is damaged", file=path, expected=_EXPECTED)
+    content = path.read_bytes()
+    if any(content[_GUID]) and content[_GUID] != _digest(content):  # earlier versions wrote none
+        problem = "is damaged (its bytes are not those that were written)"
+        raise InputError(problem, file=path, expected=_EXPECTED)
     try:
-        return laspy.read(path, laz_backend=laspy.LazBackend.Lazrs)
+        return laspy.read(io.BytesIO(content), laz_backend=laspy.LazBackend.Lazrs)
     except (KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # laspy, and its decoder, whose panics are no Exception
