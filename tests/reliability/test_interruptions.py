@@ -31,6 +31,12 @@ def test_an_interruption_while_python_starts(
     assert not list((tmp_path / "tmp").iterdir())
 
 
+def ran(script: str) -> subprocess.CompletedProcess[str]:
+    """Run a script to its end in a process of its own."""
+    command = [sys.executable, "-c", script]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+
+
 #: A signal that comes while LLVM asks Python for what it compiled before.
 WITHIN_THE_COMPILER = """
 import signal, sys
@@ -78,13 +84,7 @@ except KeyboardInterrupt:
 
 
 def test_an_interruption_that_python_drops_comes_again() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", WITHIN_A_CALLBACK],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
+    done = ran(WITHIN_A_CALLBACK)
     assert (done.returncode, done.stdout, done.stderr) == (0, "unwound\n", "")
 
 
@@ -117,11 +117,13 @@ def triangulate():
 
 def interrupt():
     begun.wait()
-    for _ in range(2):
+    for number in (1, 2):
         time.sleep(0.05)
         signal.pthread_kill(threading.main_thread().ident, signal.SIGTERM)
+        while heard.count < number:
+            time.sleep(0.01)
 
-with unwinds():
+with unwinds() as heard:
     try:
         with ThreadPoolExecutor(1) as pool:
             pool.submit(triangulate)
@@ -134,24 +136,12 @@ leave(EXIT_CODE)
 
 
 def test_a_thread_that_still_works_does_not_crash_an_interrupted_process() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", WITHIN_A_THREAD],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
+    done = ran(WITHIN_A_THREAD)
     assert (done.returncode, done.stderr) == (130, "")
 
 
 def test_an_interruption_of_the_compiler_waits_until_it_has_returned() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", WITHIN_THE_COMPILER],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
+    done = ran(WITHIN_THE_COMPILER)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.endswith("unwound\n")
 
