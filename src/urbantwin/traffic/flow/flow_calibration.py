@@ -42,6 +42,8 @@ GROWTH = 1.6
 WORTHWHILE = 0.3
 #: A flow that falls below this share within a pilot is that of streets that lock up.
 FALLS = 0.6
+#: Share of the time that the short ones take, about.
+IN_MINUTES = 0.4
 #: Longer pilots show the flow once queues have grown: their length, the minutes at their start that
 #: do not count, and how many there are at most. Shorter ones see two or three cycles; their flow
 #: differs from an hour's by a tenth and more.
@@ -169,8 +171,9 @@ def calibrate(  # noqa: PLR0913
     def piloted(size: float, seconds: int = PILOT_S) -> _Pilot:
         return pilot(size, free, little.pace, seconds)
 
-    first = little.size if after else _in_minutes(little, most, piloted, progress)
-    best = _in_the_long_run(first, most, lambda size: piloted(size, LONG_S))
+    tell = progress or (lambda _: None)
+    first = little.size if after else _in_minutes(little, most, piloted, tell)
+    best = _in_the_long_run(first, most, lambda size: piloted(size, LONG_S), tell)
     standing = {lane: total / best.seconds for lane, total in best.queued.items()}
     carried = 1.0 if best.flow >= 1.0 - TOLERANCE else best.flow
     return Calibrated(planned(best), carried, standing, little.pace, best.size)
@@ -180,7 +183,7 @@ def _in_minutes(
     little: _Pilot,
     most: float,
     pilot: Callable[[float], _Pilot],
-    progress: Callable[[float], None] | None,
+    progress: Callable[[float], None],
 ) -> float:
     """Return about what population is taken, as short pilots have it.
 
@@ -188,13 +191,12 @@ def _in_minutes(
         little: the pilot of little traffic.
         most: the largest population.
         pilot: runs one of a population.
-        progress: called with the fraction done.
+        progress: called with the fraction done; the longer ones are the rest.
     """
     found, before = [little], little
     size = min(1.0, most)
     for number in range(PILOTS):
-        if progress:
-            progress((1 + number) / (1 + PILOTS))
+        progress(IN_MINUTES * (1 + number) / (1 + PILOTS))
         now = pilot(size)
         found.append(now)
         if abs(now.flow - 1.0) <= TOLERANCE:
@@ -212,17 +214,24 @@ def _in_minutes(
     return _best(found).size
 
 
-def _in_the_long_run(first: float, most: float, pilot: Callable[[float], _Pilot]) -> _Pilot:
+def _in_the_long_run(
+    first: float,
+    most: float,
+    pilot: Callable[[float], _Pilot],
+    progress: Callable[[float], None],
+) -> _Pilot:
     """Return the longer pilot of the population that is taken.
 
     Args:
         first: the population to begin with.
         most: the largest.
         pilot: runs one of a population.
+        progress: called with the fraction done.
     """
     held: list[_Pilot] = []
     size = first
     for number in range(LONG_PILOTS):
+        progress(IN_MINUTES + (1.0 - IN_MINUTES) * number / LONG_PILOTS)
         now = pilot(size)
         if not now.flow or now.longest_halt_s >= LONGEST_HALT_S:
             most = size
