@@ -64,9 +64,11 @@ def track_boxes(
     and turns with its heading; half its height goes the way that is up for the actor.
     """
     boxes = standing.boxes.copy()
-    for number, (size, ahead) in enumerate(zip(sizes, ahead_m, strict=True)):
-        if size is not None:
-            middle = standing.rotation[number] @ [ahead, 0.0, size[2] / 2]
-            boxes[number, :3] = standing.place[number] + middle
-            boxes[number, 3:6] = size
+    sized = [number for number, size in enumerate(sizes) if size is not None]
+    size = np.array([sizes[number] for number in sized]).reshape(-1, 3)
+    ahead = np.array([ahead_m[number] for number in sized])
+    middle = np.column_stack([ahead, np.zeros(len(sized)), size[:, 2] / 2])
+    turned = standing.rotation[sized] @ middle[:, :, None]
+    boxes[sized, :3] = standing.place[sized] + turned[:, :, 0]
+    boxes[sized, 3:6] = size
     return boxes

@@ -65,15 +65,19 @@ def labelled(
             BoxLabel(
                 one.track,
                 one.actor_class,
-                boxes[number],
-                int(count[number]),
-                int(alone[number]),
-                velocity[number],
-                float(when_s[number]),
-                float(bordering.truncation[number]),
-                bordering.whereabouts[number],
+                *measured,
             )
-            for number, one in enumerate(actors)
+            for one, *measured in zip(
+                actors,
+                boxes,
+                count.tolist(),
+                alone.tolist(),
+                velocity,
+                when_s.tolist(),
+                bordering.truncation.tolist(),
+                bordering.whereabouts,
+                strict=True,
+            )
         ),
     )
 
