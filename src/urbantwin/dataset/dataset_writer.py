@@ -165,7 +165,11 @@ def write_datasets(
         progress(ready / total, f"frame {ready} of {total}")
 
     missing = {name: _missing(own, storage) for name, own in parts.items()}
-    with crew_of(workers, sum(map(len, missing.values()))) as crew:
+    rigs = {name: own.rig for name, own in parts.items()}
+    with (
+        crew_of(workers, sum(map(len, missing.values()))) as crew,
+        areas_of(rigs, twin.mesh, twin.region, crew) as ignored,
+    ):
         entries = record_datasets(
             twin,
             motion,
@@ -177,15 +181,13 @@ def write_datasets(
             progress=count,
         )
         progress(1.0, "tables")
-        rigs = {name: own.rig for name, own in parts.items()}
-        with areas_of(rigs, twin.mesh, twin.region, crew) as ignored:
-            recorded = [
-                write_tables(own.folder, own.recipe, own.times_s, entries[name], motion, twin)
-                for name, own in parts.items()
-            ]
-            divided = split_in_time(recorded, split)
-            for name, own in parts.items():
-                write_ignore_regions(own.folder / IGNORE_REGIONS, ignored(name))
+        recorded = [
+            write_tables(own.folder, own.recipe, own.times_s, entries[name], motion, twin)
+            for name, own in parts.items()
+        ]
+        divided = split_in_time(recorded, split)
+        for name, own in parts.items():
+            write_ignore_regions(own.folder / IGNORE_REGIONS, ignored(name))
     for name, own in parts.items():
         finish_dataset(own.folder, own.recipe, own.times_s, entries[name], divided)
     return entries

@@ -61,7 +61,7 @@ def areas_of(
 ) -> Iterator[Callable[[str], list[IgnoreArea]]]:
     """Yield a function that returns the areas of a rig by its name, as `ignore_areas` finds them.
 
-    Where this process has a helper, that looks for them while this one goes on.
+    Where this process has a helper, that looks for them first, while this one records frames.
 
     Args:
         rigs: by name.
