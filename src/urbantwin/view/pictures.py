@@ -7,9 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.card import PICTURE_OF_SPLIT, read_statistics
@@ -39,7 +37,7 @@ from urbantwin.view.labelled_frame import LabelledPoints, read_labelled_points
 from urbantwin.view.paths import paths_figure
 from urbantwin.view.plan import plan_figure
 from urbantwin.view.range_image import range_image_figure
-from urbantwin.view.scene import figure_of_pixels, scene_figure, scene_pixels
+from urbantwin.view.scene import scene_figure
 from urbantwin.view.sight import sight_figure
 from urbantwin.view.style import legible
 
@@ -226,15 +224,19 @@ def pictures_of_dataset(
 
     drawn = []
     with (
-        begun(pool, _pictures_of_frame, dataset, out, sources) as of_frame,
+        begun(pool, _pictures_of_frame, frame, manifest, out, sources) as of_frame,
         begun(pool, _pictures_of_boxes, dataset, out, sources) as of_boxes,
     ):
         if twin is not None and motion is not None:
             tell(0.0, "drawing the scene")
-            pixels = _pixels_of_moment(twin, motion, frame.time_s)
-            below = f"frame {frame.name}   {frame.time_s:.1f} s"
-            figure = figure_of_pixels(
-                pixels, title=title_of(twin), below=below, attribution=sources
+            actors = actor_meshes(rows_at(motion, frame.time_s), motion.mesh)
+            figure = scene_figure(
+                LabelledMesh.concatenate([twin.mesh, *actors]),
+                title=title_of(twin),
+                below=f"frame {frame.name}   {frame.time_s:.1f} s",
+                attribution=sources,
+                surface=twin.surface_materials,
+                colours=twin.colours,
             )
             drawn.append(style.save(figure, out / "scene.png"))
         tell(0.5, "drawing a frame")
@@ -245,24 +247,17 @@ def pictures_of_dataset(
     return drawn
 
 
-def _pixels_of_moment(twin: Twin, motion: Motion, time_s: float) -> NDArray[np.uint8]:
-    """Return the pixels of the twin with its actors at a moment."""
-    meshes = [twin.mesh, *actor_meshes(rows_at(motion, time_s), motion.mesh)]
-    return scene_pixels(
-        LabelledMesh.concatenate(meshes), surface=twin.surface_materials, colours=twin.colours
-    )
-
-
 def _pictures_of_boxes(dataset: Path, out: Path, sources: list[str]) -> list[Path]:
     return pictures_of_boxes(read_statistics(dataset), image_sets(dataset), out, sources)
 
 
-def _pictures_of_frame(dataset: Path, out: Path, sources: list[str]) -> list[Path]:
+def _pictures_of_frame(
+    frame: LabelledPoints, manifest: dict[str, Any], out: Path, sources: list[str]
+) -> list[Path]:
     """Draw a frame, and how many points and boxes of each class there are."""
-    frame = read_labelled_points(dataset)
     kinds = ["birdseye", "range_image"] if len(frame.points) else ["birdseye"]
     figures = {kind: _figure_of_frame(frame, kind, sources) for kind in kinds}
-    figures["histogram"] = _figure_of_counts(read_manifest(dataset))
+    figures["histogram"] = _figure_of_counts(manifest)
     return [style.save(figure, out / f"{kind}.png") for kind, figure in figures.items()]
 
 

@@ -28,11 +28,9 @@ from urbantwin.view.surface_colours import material_colours, surface_colours
 __all__ = [
     "Camera",
     "clear_camera",
-    "figure_of_pixels",
     "render",
     "scene_figure",
     "scene_picture",
-    "scene_pixels",
 ]
 
 _SUNLIGHT = np.array([1.0, 0.94, 0.83], np.float32)
@@ -153,33 +151,10 @@ def scene_figure(
     colours: PartColours | None = None,
 ) -> Figure:
     """Return the figure of ``scene_picture``."""
-    pixels = scene_pixels(mesh, camera=camera, size=size, surface=surface, colours=colours)
-    return figure_of_pixels(pixels, title=title, below=below, attribution=attribution)
-
-
-def scene_pixels(
-    mesh: LabelledMesh,
-    *,
-    camera: Camera | None = None,
-    size: tuple[int, int] = (1440, 810),
-    surface: SurfaceMaterials | None = None,
-    colours: PartColours | None = None,
-) -> NDArray[np.uint8]:
-    """Return the pixels (height, width, 3) of ``scene_picture``; any thread may ask for them."""
     caster = _Caster(mesh)
     camera = camera or _clearest(caster, Camera(), ELEVATIONS_DEG)
-    return _rendered(caster, camera, *size, surface, colours)
-
-
-def figure_of_pixels(
-    picture: NDArray[np.uint8],
-    *,
-    title: str = "",
-    below: str = "",
-    attribution: str | Iterable[str] = (),
-) -> Figure:
-    """Return the figure of ``scene_picture`` from its pixels (height, width, 3)."""
-    height, width = picture.shape[:2]
+    width, height = size
+    picture = _rendered(caster, camera, width, height, surface, colours)
     figure = style.new_figure(width / 100, height / 100)
     axes = figure.add_axes((0, 0, 1, 1))
     style.bare(axes)
