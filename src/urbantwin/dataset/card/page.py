@@ -409,8 +409,7 @@ def privacy_lines(
     inputs: Sequence[Mapping[str, Any]], private: Sequence[Finding] | None
 ) -> list[str]:
     """Return what came in of people, and what a search of the files found; not what it says."""
-    told = [one.get("kind") for one in inputs]
-    kinds = {kind if isinstance(kind, str) else None for kind in told}
+    kinds = {kind if isinstance(kind := one.get("kind"), str) else None for one in inputs}
     real = [words for kind, words in _REAL.items() if kind in kinds]
     came = f"Of real recordings came in: {'; '.join(real)}." if real else "Nobody was recorded."
     named = f"{came} Every input is named above with its kind."

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -95,10 +94,8 @@ def read_split_document(file: Path) -> SplitDocument:
     for number, one in enumerate(told.datasets):
         folder = file.parent / one.path
         place = f"datasets[{number}].path"
-        is_there = False
-        with suppress(OSError):  # a name that is too long for one
-            is_there = (folder / "dataset.json").is_file()
-        if not is_there:
+        # Of a name that is too long for any file this says no, and `Path` raises.
+        if not os.path.isfile(folder / "dataset.json"):  # noqa: PTH113
             raise InputError(
                 f"names {one.path[:80]}, which is no dataset", file=file, place=place,
                 expected="a dataset at this place, relative to the file",
