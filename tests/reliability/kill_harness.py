@@ -17,8 +17,8 @@ from .small_site import Command, Stand, bytes_of, command_line
 PATIENCE_S = 60.0
 SCRATCH = re.compile(r"\..+\.\d+(\.[0-9a-f]{16}\.urbantwin-partial|\.urbantwin-(new|old))")
 #: Whole entries of the cache: the arbitrary site's, and what runs of SUMO showed.
-_CONTROL = r"(/[0-9a-f]{24}(/two-avenues(/.+)?)?)?"
-_RUNS = r"(/[0-9a-f]{32}(/(rows\.npy|outcome\.json))?)?"
+_CONTROL = re.compile(r"cache/urbantwin(/arbitrary(/[0-9a-f]{24}(/two-avenues(/.+)?)?)?)?")
+_RUNS = re.compile(r"cache/urbantwin(/sumo(/[0-9a-f]{32}(/(rows\.npy|outcome\.json))?)?)?")
 PARTS = ("twin", "motion", "dataset")
 
 
@@ -177,6 +177,8 @@ def check_whole(stand: Stand, key: str, command: Command, out: Path, place: Path
     assert [one.name for one in out.parent.iterdir()] == [command.output]
     assert list((place / "tmp").iterdir()) == []
     cache = [str(one.relative_to(place)) for one in (place / "cache").rglob("*")]
-    kept = re.compile(rf"cache/urbantwin(/arbitrary{_CONTROL}|/sumo{_RUNS})?")
-    assert all(kept.fullmatch(name) for name in cache), cache
-    assert sum(name.count("/") == 3 and "arbitrary" in name for name in cache) == command.control
+    controls = [name for name in cache if _CONTROL.fullmatch(name)] if command.control else []
+    assert sum(name.count("/") == 3 for name in controls) == command.control
+    drives = command.control or command.name in ("run", "traffic")
+    runs = [name for name in cache if _RUNS.fullmatch(name)] if drives else []
+    assert set(cache) <= {*controls, *runs}, cache
