@@ -7,12 +7,12 @@ labels have none of their own: without these, nothing would say which of a milli
 from __future__ import annotations
 
 import base64
-import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isal import isal_zlib
 
 from urbantwin.artefact.damaged_bytes import span
 from urbantwin.artefact.tables import PARQUET, read_parquet
@@ -41,14 +41,14 @@ def packed_sums(*parts: bytes | memoryview) -> dict[str, Any]:
     for part in parts:
         # What the parts before left of a block, whole blocks, and what is left of them.
         begin = min(-size % _BYTES, len(part))
-        last = zlib.crc32(part[:begin], last)
+        last = isal_zlib.crc32(part[:begin], last)
         if begin and (size + begin) % _BYTES == 0:
             sums.append(last)
         end = begin + (len(part) - begin) // _BYTES * _BYTES
-        sums += [zlib.crc32(part[k : k + _BYTES]) for k in range(begin, end, _BYTES)]
+        sums += [isal_zlib.crc32(part[k : k + _BYTES]) for k in range(begin, end, _BYTES)]
         size += len(part)
         if begin < len(part):
-            last = zlib.crc32(part[end:])
+            last = isal_zlib.crc32(part[end:])
     if size % _BYTES:
         sums.append(last)
     packed = base64.b64encode(np.array(sums, "<u4").tobytes()).decode()
@@ -118,4 +118,4 @@ def damaged_block(path: Path) -> str:
 
 def _sums(path: Path) -> list[int]:
     data = memoryview(path.read_bytes())
-    return [zlib.crc32(data[k : k + _BYTES]) for k in range(0, len(data), _BYTES)]
+    return [isal_zlib.crc32(data[k : k + _BYTES]) for k in range(0, len(data), _BYTES)]

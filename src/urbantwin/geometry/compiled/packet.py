@@ -11,7 +11,7 @@ from numba.extending import intrinsic
 
 from urbantwin.geometry.compiled import per_block, per_ray
 
-__all__ = ["LANES", "aim", "cast", "cast_beside", "met_by", "new_packet"]
+__all__ = ["LANES", "aim", "aim_all", "cast", "cast_beside", "met_by", "new_packet"]
 
 #: Rays in a packet.
 LANES = 8
@@ -66,6 +66,21 @@ def aim(packet, lane, ox, oy, oz, dx, dy, dz):
     floats[32 + lane], floats[40 + lane], floats[48 + lane] = dx, dy, dz
     floats[64 + lane] = np.inf
     words[144 + lane] = 0xFFFFFFFF
+
+
+@per_ray
+def aim_all(packet, rays):
+    """Make the rays of all lanes leave: (6, 8), origins and unit vectors."""
+    floats, words = packet[0], packet[1]
+    for lane in range(LANES):
+        floats[lane] = rays[0, lane]
+        floats[8 + lane] = rays[1, lane]
+        floats[16 + lane] = rays[2, lane]
+        floats[32 + lane] = rays[3, lane]
+        floats[40 + lane] = rays[4, lane]
+        floats[48 + lane] = rays[5, lane]
+    floats[64 : 64 + LANES] = np.inf
+    words[144 : 144 + LANES] = 0xFFFFFFFF
 
 
 @per_ray

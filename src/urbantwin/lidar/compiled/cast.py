@@ -18,7 +18,14 @@ from urbantwin.lidar.casting import layer_rule
 from urbantwin.lidar.casting.layer_rule import BEHIND_M, MOST_PANES, MOST_SURFACES, ON_AXIS
 from urbantwin.lidar.compiled.edges import NO_RAY, find_edges, on_plane, slant
 from urbantwin.lidar.compiled.sensor_pose import PoseRoom, leaves, pose_room, set_poses, turned
-from urbantwin.lidar.compiled.trace import TraceRoom, cast_waiting, first_of, trace_room, wait
+from urbantwin.lidar.compiled.trace import (
+    TraceRoom,
+    cast_waiting,
+    first_of,
+    trace_room,
+    wait,
+    wait_around,
+)
 
 __all__ = ["cast_blocks"]
 
@@ -49,6 +56,7 @@ class _Room(NamedTuple):
         depth: (R,) float32, room for `edges.find_edges`.
         edge: (R,) whether a neighbour meets another surface.
         surfaces: of one beam.
+        share: (3, 8) float64, how much each ray around an axis has of the axis, across and up.
         trace: for the rays that are cast.
     """
 
@@ -57,11 +65,12 @@ class _Room(NamedTuple):
     depth: NDArray[np.float32]
     edge: NDArray[np.bool_]
     surfaces: _Surfaces
+    share: NDArray[np.float64]
     trace: TraceRoom
 
 
 @per_block
-def _room(columns, rays, edge):
+def _room(columns, rays, footprint, edge):
     return _Room(
         pose_room(columns),
         Hits(np.empty(rays, np.float32), np.empty(rays, np.int32)),
@@ -73,8 +82,22 @@ def _room(columns, rays, edge):
             np.empty(MOST_SURFACES),
             np.empty(MOST_SURFACES),
         ),
+        _shares(footprint),
         trace_room(),
     )
+
+
+@per_block
+def _shares(footprint):
+    """Return of what the unit vectors of the rays around a beam's axis are made."""
+    share = np.zeros((3, LANES))
+    share[0] = 1.0
+    for sample in range(1, len(footprint)):
+        across, up = footprint[sample, 0], footprint[sample, 1]
+        size = np.sqrt(1.0 + across * across + up * up)
+        lane = sample - 1
+        share[0, lane], share[1, lane], share[2, lane] = 1.0 / size, across / size, up / size
+    return share
 
 
 @per_block
@@ -94,7 +117,7 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
         How many layers there are (written only while there is room).
     """
     everywhere = casting.spread == _EVERYWHERE
-    room = _room(len(firing.column_time_s), len(blocks.ray), everywhere)
+    room = _room(len(firing.column_time_s), len(blocks.ray), firing.footprint, everywhere)
     used = np.int64(0)  # a literal 0 would compile `_find_layers` once more
     for block in range(len(blocks.actor)):
         set_poses(firing, targets.paths, blocks, block, room.columns)
@@ -198,18 +221,21 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
             surfaces.total_m[0], surfaces.rays[0] = range_m[at], 1
             met = 1
         if edge:
-            for sample in range(1, len(footprint)):
-                x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
-                dx, dy, dz = turned(pose, x, y, z)
-                wait(trace, sample - 1, ox, oy, oz, dx, dy, dz)
+            # Across lies level; up is the beam's axis turned by a quarter.
+            flat = np.sqrt(bx * bx + by * by)
+            ex, ey = 0.0, 1.0
+            if flat > 1e-9:
+                ex, ey = -by / flat, bx / flat
+            cx, cy, cz = turned(pose, ex, ey, 0.0)
+            ux, uy, uz = turned(pose, -bz * ey, bz * ex, flat)
+            wait_around(trace, room.share, ox, oy, oz, ax, ay, az, cx, cy, cz, ux, uy, uz)
             cast_waiting(address, targets, actor, trace, len(footprint) - 1)
         for sample in range(0 if met else (len(footprint) if edge else 1)):
             if sample > 0:
                 one = waiting.ray
-                dx, dy, dz = one[sample - 1, 3], one[sample - 1, 4], one[sample - 1, 5]
+                dx, dy, dz = one[3, sample - 1], one[4, sample - 1], one[5, sample - 1]
             else:
-                x, y, z = _spread(bx, by, bz, footprint[0, 0], footprint[0, 1])
-                dx, dy, dz = turned(pose, x, y, z)
+                dx, dy, dz = ax, ay, az
             bit = 1 << sample if edge else whole
             near = np.float32(0.0)
             for pane in range(MOST_PANES):
@@ -259,21 +285,6 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
                 layers.face[used] = surfaces.face[g]
             used += 1
     return used
-
-
-@per_ray
-def _spread(x, y, z, across, up):
-    """Return the direction of a ray beside a beam's axis, by angles across and up from it."""
-    flat = np.sqrt(x * x + y * y)
-    ex, ey = 0.0, 1.0
-    if flat > 1e-9:
-        ex, ey = -y / flat, x / flat
-    # Across lies level; up is the beam's axis turned by a quarter.
-    u = x + across * ex - up * z * ey
-    v = y + across * ey + up * z * ex
-    w = z + up * flat
-    size = np.sqrt(u * u + v * v + w * w)
-    return u / size, v / size, w / size
 
 
 @per_ray

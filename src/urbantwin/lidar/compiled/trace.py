@@ -13,10 +13,12 @@ from urbantwin.geometry.embree import Hits
 from urbantwin.lidar.casting.layer_rule import GRAZING
 from urbantwin.lidar.compiled.edges import slant
 
-__all__ = ["TraceRoom", "cast_waiting", "first_of", "trace_room", "wait"]
+__all__ = ["TraceRoom", "cast_waiting", "first_of", "trace_room", "wait", "wait_around"]
 
 _LANES = packet.LANES
-_aim, _cast, _met_by, _new_packet = packet.aim, packet.cast, packet.met_by, packet.new_packet
+_aim, _aim_all, _cast, _met_by, _new_packet = (
+    packet.aim, packet.aim_all, packet.cast, packet.met_by, packet.new_packet
+)  # fmt: skip
 
 
 class _Waiting(NamedTuple):
@@ -24,7 +26,7 @@ class _Waiting(NamedTuple):
 
     Attributes:
         at: (8,) int64, whose ray it is, among the rays of all blocks.
-        ray: (8, 6) float64, origin and unit vector.
+        ray: (6, 8) float64, origin and unit vector.
         hits: (8,) what they met.
     """
 
@@ -57,7 +59,7 @@ def trace_room():
         _new_packet(),
         _Waiting(
             np.empty(_LANES, np.int64),
-            np.empty((_LANES, 6)),
+            np.empty((6, _LANES)),
             Hits(np.empty(_LANES, np.float32), np.empty(_LANES, np.int32)),
         ),
     )
@@ -67,9 +69,31 @@ def trace_room():
 def wait(room, lane, ox, oy, oz, dx, dy, dz):
     """Put a ray into a lane."""
     ray = room.waiting.ray
-    ray[lane, 0], ray[lane, 1], ray[lane, 2] = ox, oy, oz
-    ray[lane, 3], ray[lane, 4], ray[lane, 5] = dx, dy, dz
+    ray[0, lane], ray[1, lane], ray[2, lane] = ox, oy, oz
+    ray[3, lane], ray[4, lane], ray[5, lane] = dx, dy, dz
     _aim(room.packet, lane, ox, oy, oz, dx, dy, dz)
+
+
+@per_ray
+def wait_around(room, share, ox, oy, oz, ax, ay, az, bx, by, bz, cx, cy, cz):
+    """Put rays around the axis of a beam into all lanes.
+
+    Args:
+        room: `TraceRoom`.
+        share: (3, 8) float64, of the ray in each lane: how much it has of a, b and c.
+        ox, oy, oz: where all leave.
+        ax, ay, az: unit vector of the axis; b is across it, c up from it.
+    """
+    ray, one = room.waiting.ray, room.packet[0]
+    # Loops without branches over one kind of array each: they become vector instructions.
+    for lane in range(_LANES):
+        ray[0, lane], ray[1, lane], ray[2, lane] = ox, oy, oz
+    for lane in range(_LANES):
+        k, m, n = share[0, lane], share[1, lane], share[2, lane]
+        ray[3, lane] = k * ax + m * bx + n * cx
+        ray[4, lane] = k * ay + m * by + n * cy
+        ray[5, lane] = k * az + m * bz + n * cz
+    _aim_all(room.packet, ray)
 
 
 @per_ray
@@ -97,7 +121,7 @@ def cast_waiting(address, targets, actor, room, count):
     for lane in range(count):
         met.range_m[lane], met.face[lane] = _confirmed(
             address, targets, actor, room, np.float32(0.0), met.range_m[lane], met.face[lane],
-            ray[lane, 0], ray[lane, 1], ray[lane, 2], ray[lane, 3], ray[lane, 4], ray[lane, 5],
+            ray[0, lane], ray[1, lane], ray[2, lane], ray[3, lane], ray[4, lane], ray[5, lane],
         )  # fmt: skip
 
 

@@ -1,0 +1,1 @@
+"""Loops over points that numba compiles. Types are inferred; words tell them."""
