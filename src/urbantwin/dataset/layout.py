@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,42 @@ from urbantwin.dataset.frame_las import laz_bytes
 from urbantwin.dataset.frame_place import FolderPlace, FramePlace
 from urbantwin.lidar import LabelledFrame
 
-__all__ = ["FOLDERS", "folders_of", "frame_name", "write_frame"]
+__all__ = ["FOLDERS", "FrameTables", "folders_of", "frame_name", "write_frame"]
 
 #: Of a `lidar.LabelledFrame`, as `compiled.tables.write_tables` takes them.
 _COLUMNS = ("points", "semantic", "instance", "sensor", "ring", "column", "time_s", "echo")
+
+
+class FrameTables(NamedTuple):
+    """What the files of a frame of M points hold beside them, and what is told of the points.
+
+    Attributes:
+        labels: (M,) uint32, class in the low 16 bits, track in the high.
+        rays: (M,) `frame_files.RAY_TYPE`.
+        points_of: (65536,) int64, how many points there are of each class.
+        bounds: (2, 3) float32, least and greatest x, y and z.
+    """
+
+    labels: NDArray[np.uint32]
+    rays: NDArray[np.void]
+    points_of: NDArray[np.int64]
+    bounds: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, frame: LabelledFrame) -> FrameTables:
+        """Make them."""
+        from urbantwin.dataset.compiled.tables import write_tables
+
+        count = len(frame.points)
+        told = cls(
+            np.empty(count, "<u4"),
+            np.empty(count, RAY_TYPE),
+            np.zeros(1 << 16, np.int64),
+            np.array([[np.inf] * 3, [-np.inf] * 3], np.float32),
+        )
+        columns = (np.ascontiguousarray(getattr(frame, one)) for one in _COLUMNS)
+        write_tables(tuple(columns), told)
+        return told
 
 
 def frame_name(index: int) -> str:
@@ -51,14 +83,8 @@ def write_frame(
         see `box_columns`), ``sha256`` (of each file, by its name in the dataset) and ``blocks``
         (of each file, see `block_sums.packed_sums`).
     """
-    from urbantwin.dataset.compiled.tables import write_tables
-
-    name, count = frame_name(index), len(frame.points)
-    labels, rays = np.empty(count, "<u4"), np.empty(count, RAY_TYPE)
-    points_of = np.zeros(1 << 16, np.int64)
-    bounds = np.array([[np.inf] * 3, [-np.inf] * 3], np.float32)
-    columns = [np.ascontiguousarray(getattr(frame, one)) for one in _COLUMNS]
-    write_tables(tuple(columns), labels, rays, points_of, bounds)
+    name, told = frame_name(index), FrameTables.of(frame)
+    labels, rays = told.labels, told.rays
     files: dict[str, tuple[bytes | memoryview, ...]] = {
         f"labels/{name}.txt": (label_lines(frame.boxes).encode(),)
     }
@@ -80,9 +106,9 @@ def write_frame(
         sums[file] = digest.hexdigest()
 
     return {
-        "points": count,
-        "bounds": bounds.ravel().tolist() if count else None,
-        "semantic": {str(one): int(points_of[one]) for one in np.flatnonzero(points_of)},
+        "points": len(rays),
+        "bounds": told.bounds.ravel().tolist() if len(rays) else None,
+        "semantic": {str(one): int(told.points_of[one]) for one in np.flatnonzero(told.points_of)},
         "boxes": box_columns(frame.boxes),
         "sha256": sums,
         "blocks": {file: packed_sums(*parts) for file, parts in files.items()},
@@ -98,4 +124,3 @@ def _npy(array: NDArray[Any]) -> tuple[bytes, memoryview]:
 
 def _bytes_of(array: NDArray[Any]) -> memoryview:
     return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
-

@@ -13,7 +13,8 @@ def rehearse() -> None:
     """
     import numpy as np
 
-    import urbantwin.dataset.workers  # noqa: F401 - with what writes frames
+    import urbantwin.dataset.workers  # noqa: F401 - with what records frames
+    from urbantwin.dataset.layout import FrameTables
     from urbantwin.geometry import LabelledMesh, Pose
     from urbantwin.lidar import PosedActor, Scanner, place_rig
     from urbantwin.site.rig import RigSpec, SensorSpec
@@ -35,4 +36,5 @@ def rehearse() -> None:
     )
     pose = Pose(np.eye(3), np.array([10.0, 3.0, 0.0]))
     actor = PosedActor(1, "car", "board", 0, pose, np.array([8.0, 0.0, 0.0]))
-    Scanner(plane, rig, 0, meshes=lambda _asset, _phase: board).scan(0, [actor])
+    frame = Scanner(plane, rig, 0, meshes=lambda _asset, _phase: board).scan(0, [actor])
+    FrameTables.of(frame)

@@ -8,17 +8,15 @@ __all__ = ["write_tables"]
 
 
 @per_ray
-def write_tables(frame, labels, rays, points_of, bounds):
+def write_tables(frame, told):
     """Write the tables of M points, and count and measure them, in one pass.
 
     Args:
         frame: points (M, 4) float32, then semantic, instance, sensor, ring, column, time_s and echo
             (M,), as `lidar.LabelledFrame` has them.
-        labels: (M,) uint32, to write: class in the low 16 bits, track in the high.
-        rays: (M,) `frame_files.RAY_TYPE`, to write.
-        points_of: (65536,) int64, how many points there are of each class: added to.
-        bounds: (2, 3) float32, least and greatest x, y and z: widened.
+        told: `layout.FrameTables` to write: its counts are added to, its bounds widened.
     """
+    labels, rays, points_of, bounds = told
     points, semantic, instance, sensor, ring, column, time_s, echo = frame
     x, y, z = bounds[0]
     far_x, far_y, far_z = bounds[1]
