@@ -29,9 +29,7 @@ def bounds_of_box(low, high, rotation, place):
     """
     corner = np.empty((8, 3))
     azimuth = np.empty(8)
-    nearest = np.inf
     up, down = False, False
-    lowest, highest = np.inf, -np.inf
     for n in range(8):
         x = (high[0] if n & 1 else low[0]) - place[0]
         y = (high[1] if n & 2 else low[1]) - place[1]
@@ -50,11 +48,16 @@ def bounds_of_box(low, high, rotation, place):
     for n in range(7):
         if azimuth[n + 1] - azimuth[n] > gap:
             widest, gap = n, azimuth[n + 1] - azimuth[n]
+    # How far up, and level, the lowest and the highest place lie: an angle of each takes longer.
+    low_z, low_level, high_z, high_level = 1.0, 0.0, -1.0, 0.0
+    nearest = np.inf
     for n in range(8):
-        level = np.hypot(corner[n, 0], corner[n, 1])
+        z, level = corner[n, 2], np.sqrt(corner[n, 0] ** 2 + corner[n, 1] ** 2)
         nearest = min(nearest, level)
-        elevation = np.arctan2(corner[n, 2], level)
-        lowest, highest = min(lowest, elevation), max(highest, elevation)
+        if z * low_level < low_z * level:
+            low_z, low_level = z, level
+        if z * high_level > high_z * level:
+            high_z, high_level = z, level
     for bit in (1, 2, 4):
         for n in range(8):
             if n & bit:
@@ -68,10 +71,14 @@ def bounds_of_box(low, high, rotation, place):
                 continue
             share = (z * pd - dz * pp) / slope
             if 0.0 < share < 1.0:
-                level = np.hypot(x + share * dx, y + share * dy)
+                level = np.sqrt((x + share * dx) ** 2 + (y + share * dy) ** 2)
+                z += share * dz
                 nearest = min(nearest, level)
-                elevation = np.arctan2(z + share * dz, level)
-                lowest, highest = min(lowest, elevation), max(highest, elevation)
+                if z * low_level < low_z * level:
+                    low_z, low_level = z, level
+                if z * high_level > high_z * level:
+                    high_z, high_level = z, level
+    lowest, highest = np.arctan2(low_z, low_level), np.arctan2(high_z, high_level)
     if gap <= np.pi + 1e-6 or nearest < _AXIS_MARGIN_M:
         if down:
             lowest = -np.pi / 2
