@@ -95,10 +95,10 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
     rotations = rotation_from_ypr(rows["yaw"], rows["pitch"], rows["roll"])
     translations = np.column_stack([rows["x"], rows["y"], rows["z"]])
     velocities = list(rows["speed"][:, None] * rotations[:, :, 0])
-    legs: dict[bytes, tuple[int, float]] = {}
+    legs: dict[int, tuple[int, float]] = {}
     for n, path in enumerate(ways):
-        if path is not None:  # most have the same knots
-            knots = path.time_s.tobytes()
+        if path is not None:
+            knots = id(path.time_s)  # most share them
             k, took_s = legs.get(knots) or legs.setdefault(knots, path.leg(0.0))
             velocities[n] = (path.translation[k + 1] - path.translation[k]) / took_s
     sizes = np.column_stack([rows[name] for name in ("length", "width", "height")])
