@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +16,7 @@ from urbantwin.lidar.compiled.pose import rotation_vectors
 __all__ = ["ActorPath", "Paths", "PosedActor"]
 
 
-@dataclass(frozen=True, eq=False)
-class ActorPath:
+class ActorPath(NamedTuple):
     """Poses (``site_SE3_asset``) at some times; between them straight, beyond them straight on.
 
     Attributes:
@@ -47,8 +45,7 @@ class ActorPath:
         return Pose(rotation, self.translation[k] + share * step)
 
 
-@dataclass(frozen=True, eq=False)
-class PosedActor:
+class PosedActor(NamedTuple):
     """An actor in one frame.
 
     Attributes:
