@@ -3,8 +3,9 @@
 import numpy as np
 
 from urbantwin.geometry.compiled import per_block, per_ray
+from urbantwin.lidar.compiled.pose import actor_from_sensor
 
-__all__ = ["bounds_of_box", "widened"]
+__all__ = ["bounds_of_box", "in_field", "widened"]
 
 #: Closer to the sensor's axis than this, metres, a corner has no azimuth.
 _AXIS_MARGIN_M = 1e-3
@@ -101,3 +102,33 @@ def widened(one, other):
     first = min(start, start_2 + shift)
     last = max(start + width, start_2 + shift + width_2)
     return first, min(last - first, _TURN), lowest, highest
+
+
+@per_block
+def in_field(low, high, rotation, place, sensor_rotation, sensor_place, elevation, range_m):
+    """Return which boxes (A,) lie wholly in a field of view, and which wholly farther away.
+
+    Args:
+        low: (A, 3) lower corners of the boxes, each in its own frame.
+        high: (A, 3) upper corners.
+        rotation: (A, 3, 3) of the boxes' poses.
+        place: (A, 3).
+        sensor_rotation: (1, 3, 3) of the sensor's pose.
+        sensor_place: (1, 3).
+        elevation: lowest and highest that is seen in every direction, radians.
+        range_m: nearest and farthest that is measured.
+    """
+    whole, beyond = np.zeros(len(low), np.bool_), np.zeros(len(low), np.bool_)
+    relative, eye = np.empty((3, 3)), np.empty(3)
+    for a in range(len(low)):
+        actor_from_sensor(rotation[a], place[a], 0, sensor_rotation, sensor_place, relative, eye)
+        near, far = 0.0, 0.0
+        for i in range(3):
+            near += max(low[a, i] - eye[i], eye[i] - high[a, i], 0.0) ** 2
+            far += max(abs(eye[i] - low[a, i]), abs(eye[i] - high[a, i])) ** 2
+        near, far = np.sqrt(near), np.sqrt(far)
+        beyond[a] = near > range_m[1]
+        if near >= range_m[0] and far <= range_m[1]:
+            _, _, lowest, highest = bounds_of_box(low[a], high[a], relative, eye)
+            whole[a] = lowest >= elevation[0] and highest <= elevation[1]
+    return whole, beyond
