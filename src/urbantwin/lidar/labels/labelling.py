@@ -43,10 +43,11 @@ def labelled(
     semantic = _joined([one.semantic for one in seen], np.uint16)
     instance = np.zeros(len(actor), np.uint16)
     hit = np.flatnonzero(actor >= 0)
+    owner = actor[hit]
     classes = [semantic_id(BOX_SEMANTICS[one.actor_class]) for one in actors]
-    semantic[hit] = np.array(classes, np.uint16)[actor[hit]]
-    instance[hit] = np.array([one.track for one in actors], np.uint16)[actor[hit]]
-    count = np.bincount(actor[hit], minlength=len(actors))
+    semantic[hit] = np.array(classes, np.uint16)[owner]
+    instance[hit] = np.array([one.track for one in actors], np.uint16)[owner]
+    count = np.bincount(owner, minlength=len(actors))
     alone = np.sum([one.alone for one in seen], axis=0, dtype=np.int64).reshape(-1)
     alone = alone if seen else np.zeros(len(actors), np.int64)
     velocity = np.array([one.velocity for one in actors]).reshape(-1, 3)
