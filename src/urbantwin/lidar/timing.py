@@ -174,8 +174,8 @@ def _fate(mounted: MountedSensor, seed: int, number: int) -> tuple[float, bool]:
     if mounted.time_jitter_s == 0 and mounted.dropped_frames == 0:
         return 0.0, False
     draws = _draws(mounted, seed, _TURN, number)
-    moved = np.clip(ndtri(draws[0]), -_FARTHEST_JITTER, _FARTHEST_JITTER)
-    return float(moved * mounted.time_jitter_s), bool(draws[1] < mounted.dropped_frames)
+    moved = min(max(float(ndtri(draws[0])), -_FARTHEST_JITTER), _FARTHEST_JITTER)
+    return moved * mounted.time_jitter_s, bool(draws[1] < mounted.dropped_frames)
 
 
 def _draws(mounted: MountedSensor, seed: int, purpose: int, number: int) -> NDArray[np.float64]:
