@@ -6,6 +6,7 @@ poses at its own time: the steps from the first firing of its sensors to the las
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import OrderedDict
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -51,7 +52,8 @@ class FrameMotion:
         count, first = there.sum(axis=0), there.argmax(axis=0)
         spans = list(zip(first.tolist(), (first + count).tolist(), strict=True))
         time_s = {span: self.time_s[slice(*span)] for span in set(spans)}
-        turns = rotation_from_ypr(*np.nan_to_num(self.poses[:, :, 3:]).transpose(2, 1, 0))
+        angles = np.where(there[:, :, None], self.poses[:, :, 3:], 0.0)
+        turns = rotation_from_ypr(*angles.transpose(2, 1, 0))
         places = np.ascontiguousarray(self.poses[:, :, :3].transpose(1, 0, 2))
         return [
             ActorPath(time_s[a, b], turns[actor, a:b], places[actor, a:b]) if b - a > 1 else None
@@ -72,7 +74,7 @@ class FrameMotions:
 
     def __init__(self, motion: MotionTable) -> None:
         self._motion = motion
-        self._times = motion.times()
+        self._times: list[float] = motion.times().tolist()
         self._steps: OrderedDict[int, _Step] = OrderedDict()
 
     def around(self, time_s: float, start_s: float = 0.0, stop_s: float = 0.0) -> FrameMotion:
@@ -93,22 +95,21 @@ class FrameMotions:
         times = self._times
         if not times[0] - SAME_TIME_S <= time_s <= times[-1] + SAME_TIME_S:
             raise ValueError(f"{time_s} s is outside the motion")
-        nearest = int(np.abs(times - time_s).argmin())
-        on_step = bool(abs(times[nearest] - time_s) <= SAME_TIME_S)
-        before = nearest if on_step else int(np.searchsorted(times, time_s)) - 1
-        after = nearest if on_step else before + 1
+        after = bisect_left(times, time_s - SAME_TIME_S)
+        on_step = times[after] <= time_s + SAME_TIME_S
+        before = after if on_step else after - 1
         low, high = self._span(time_s, before, after, min(start_s, 0.0), max(stop_s, 0.0))
 
-        numbers = np.arange(low, high + 1)
-        known = times[numbers] - time_s
+        known = np.array(times[low : high + 1]) - time_s
         if on_step:
-            rows = self._step(nearest).rows
-            known[nearest - low] = 0.0
+            rows = self._step(after).rows
+            known[after - low] = 0.0
         else:
-            step_s = float(times[after] - times[before])
-            share = float(time_s - times[before]) / step_s
+            step_s = times[after] - times[before]
+            share = (time_s - times[before]) / step_s
             rows = interpolated(self._step(before).rows, self._step(after).rows, share, step_s)
-        poses = np.stack([_poses_of(rows["track"], self._step(int(one))) for one in numbers])
+        track = rows["track"]
+        poses = np.array([_poses_of(track, self._step(n)) for n in range(low, high + 1)])
         if not on_step:
             known = np.insert(known, after - low, 0.0)
             poses = np.insert(poses, after - low, _poses(rows), axis=0)
@@ -122,8 +123,8 @@ class FrameMotions:
         times = self._times
         if stop_s - start_s <= SAME_TIME_S:
             return before, after
-        low = int(np.searchsorted(times, time_s + start_s + SAME_TIME_S, side="right")) - 1
-        high = int(np.searchsorted(times, time_s + stop_s - SAME_TIME_S))
+        low = bisect_right(times, time_s + start_s + SAME_TIME_S) - 1
+        high = bisect_left(times, time_s + stop_s - SAME_TIME_S)
         # Beyond the motion's ends: one step more, to know where an actor goes on to.
         if high >= len(times):
             low = min(low, len(times) - 2)
@@ -133,7 +134,7 @@ class FrameMotions:
 
     def _step(self, number: int) -> _Step:
         if number not in self._steps:
-            rows = self._motion.at(float(self._times[number]))
+            rows = self._motion.at(self._times[number])
             self._steps[number] = _Step(rows, rows["track"].copy(), _poses(rows))
             while len(self._steps) > _KEPT_STEPS:
                 self._steps.popitem(last=False)
