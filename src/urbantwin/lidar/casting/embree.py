@@ -51,8 +51,8 @@ class EmbreeTracer:
         targets = Targets(
             np.array(scenes, np.uint64),
             shapes.first_face[shape],
-            shapes.low[shape],
-            shapes.high[shape],
+            actors.low,
+            actors.high,
             shapes.triangles,
             actors.paths,
         )

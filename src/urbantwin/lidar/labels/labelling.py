@@ -46,7 +46,8 @@ def labelled(
     owner = actor[hit]
     classes = [semantic_id(BOX_SEMANTICS[one.actor_class]) for one in actors]
     semantic[hit] = np.array(classes, np.uint16)[owner]
-    instance[hit] = np.array([one.track for one in actors], np.uint16)[owner]
+    tracks = [one.track for one in actors]
+    instance[hit] = np.array(tracks, np.uint16)[owner]
     count = np.bincount(owner, minlength=len(actors))
     alone = np.sum([one.alone for one in seen], axis=0, dtype=np.int64).reshape(-1)
     alone = alone if seen else np.zeros(len(actors), np.int64)
@@ -63,21 +64,20 @@ def labelled(
         _joined([one.time_s for one in points], np.float32),
         _joined([one.echo for one in seen], np.uint8),
         tuple(
-            BoxLabel(
-                one.track,
-                one.actor_class,
-                *measured,
-            )
-            for one, *measured in zip(
-                actors,
-                boxes,
-                count.tolist(),
-                alone.tolist(),
-                velocity,
-                when_s.tolist(),
-                bordering.truncation.tolist(),
-                bordering.whereabouts,
-                strict=True,
+            map(
+                BoxLabel._make,
+                zip(
+                    tracks,
+                    [one.actor_class for one in actors],
+                    boxes,
+                    count.tolist(),
+                    alone.tolist(),
+                    velocity,
+                    when_s.tolist(),
+                    bordering.truncation.tolist(),
+                    bordering.whereabouts,
+                    strict=True,
+                ),
             )
         ),
     )
