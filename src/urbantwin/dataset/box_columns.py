@@ -89,7 +89,9 @@ def _stacked(rows: Sequence[NDArray[np.float64]], width: int) -> NDArray[np.floa
 
 def _normal(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return boxes (N, 7) with their yaw in [-pi, pi)."""
-    return np.column_stack([boxes[:, :6], wrapped(boxes[:, 6])])
+    boxes = boxes.copy()
+    boxes[:, 6] = wrapped(boxes[:, 6])
+    return boxes
 
 
 def _line(box: Sequence[float], name: str) -> str:
