@@ -102,9 +102,9 @@ class Paths(NamedTuple):
     @classmethod
     def of(cls, ways: Sequence[ActorPath]) -> Paths:
         """Put paths together; shorter ones go straight on."""
-        longest = max((len(way.time_s) for way in ways), default=2)
-        count = len(ways)
-        if ways and all(len(way.time_s) == longest for way in ways):
+        lengths = {len(way.time_s) for way in ways}
+        longest, count = max(lengths, default=2), len(ways)
+        if len(lengths) == 1:
             rotation = np.array([way.rotation for way in ways])
             place = np.array([way.translation for way in ways])
             return cls(np.array([way.time_s for way in ways]), rotation, place, _turns(rotation))

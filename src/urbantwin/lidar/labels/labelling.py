@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import starmap
 from typing import TypeVar
 
 import numpy as np
@@ -64,8 +65,8 @@ def labelled(
         _joined([one.time_s for one in points], np.float32),
         _joined([one.echo for one in seen], np.uint8),
         tuple(
-            map(
-                BoxLabel._make,
+            starmap(
+                BoxLabel,
                 zip(
                     tracks,
                     [one.actor_class for one in actors],
