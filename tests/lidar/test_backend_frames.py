@@ -1,6 +1,5 @@
 """Frames that Warp cast are those that Embree cast, but for which of two triangles in one place."""
 
-import dataclasses
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
@@ -37,10 +36,7 @@ def frames(street, rig, actors, **more):
 def moving(actors, seed=2):
     """Return actors that drive, each at its own speed."""
     rng = np.random.default_rng(seed)
-    return [
-        dataclasses.replace(one, velocity=np.array([*rng.uniform(-15, 15, 2), 0.0]))
-        for one in actors
-    ]
+    return [one._replace(velocity=np.array([*rng.uniform(-15, 15, 2), 0.0])) for one in actors]
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Actors that stand before a sensor that stands are cast at only once, and met as if anew."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -39,9 +37,8 @@ def moments(crowd):
     """Frames of a crowd of which two thirds stand: one of those is put elsewhere, and stays."""
     actors = crowd(30, seed=3)
     standing = actors[:20]  # all of them do
-    driving = [replace(one, velocity=np.array([5.0, 1.0, 0.0])) for one in actors[20:]]
-    moved = replace(
-        standing[4],
+    driving = [one._replace(velocity=np.array([5.0, 1.0, 0.0])) for one in actors[20:]]
+    moved = standing[4]._replace(
         site_SE3_asset=Pose(
             standing[4].site_SE3_asset.rotation,
             standing[4].site_SE3_asset.translation + [0.0, 1e-9, 0.0],

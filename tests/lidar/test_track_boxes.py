@@ -136,7 +136,7 @@ def test_an_actor_without_a_size_has_its_mesh_s_box(rig_of, ground_mesh):
     actor = PosedActor(1, "car", asset_names("car")[0], 0, pose, np.zeros(3))
     tight = Scanner(world, replace(rig, boxes="tight"), 3).scan(0, [actor]).boxes[0].box
     np.testing.assert_array_equal(Scanner(world, rig, 3).scan(0, [actor]).boxes[0].box, tight)
-    known = replace(actor, size=(4.0, 1.7, 1.5))
+    known = actor._replace(size=(4.0, 1.7, 1.5))
     box = Scanner(world, rig, 3).scan(0, [known]).boxes[0].box
     np.testing.assert_allclose(box[3:6], [4.0, 1.7, 1.5])
     up = pose.rotation[:, 2] * 0.75

@@ -47,15 +47,14 @@ def box_columns(boxes: Sequence[BoxLabel]) -> dict[str, list[Any]]:
     """
     placed = _normal(_stacked([one.box for one in boxes], 7))
     moving = _stacked([one.velocity for one in boxes], 3)
-    known = [one.num_points_alone != 0 for one in boxes]
     return {
         "track": [one.track for one in boxes],
         "class": [one.actor_class for one in boxes],
         **dict(zip(BOX_FIELDS, placed.T.tolist(), strict=True)),
         "num_points": [one.num_points for one in boxes],
         "num_points_alone": [one.num_points_alone for one in boxes],
-        "occlusion": [one.occlusion if k else None for one, k in zip(boxes, known, strict=True)],
-        "visibility": [one.visibility if k else None for one, k in zip(boxes, known, strict=True)],
+        "occlusion": [one.occlusion if one.num_points_alone else None for one in boxes],
+        "visibility": [one.visibility if one.num_points_alone else None for one in boxes],
         "truncation": [one.truncation for one in boxes],
         "difficulty": [one.difficulty for one in boxes],
         "ignored": [one.ignored for one in boxes],
@@ -90,7 +89,9 @@ def _stacked(rows: Sequence[NDArray[np.float64]], width: int) -> NDArray[np.floa
 
 def _normal(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return boxes (N, 7) with their yaw in [-pi, pi)."""
-    return np.column_stack([boxes[:, :6], wrapped(boxes[:, 6])])
+    boxes = boxes.copy()
+    boxes[:, 6] = wrapped(boxes[:, 6])
+    return boxes
 
 
 def _line(box: Sequence[float], name: str) -> str:

@@ -6,8 +6,10 @@ poses at its own time: the steps from the first firing of its sensors to the las
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import OrderedDict
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,16 +49,24 @@ class FrameMotion:
     def paths(self) -> list[ActorPath | None]:
         """Return the path of each actor; ``None`` where only one pose of it is known."""
         there = ~np.isnan(self.poses[:, :, 0])
-        count = there.sum(axis=0)
-        first = there.argmax(axis=0)
-        turns = rotation_from_ypr(*np.nan_to_num(self.poses[:, :, 3:]).transpose(2, 1, 0))
+        count, first = there.sum(axis=0), there.argmax(axis=0)
+        spans = list(zip(first.tolist(), (first + count).tolist(), strict=True))
+        time_s = {span: self.time_s[slice(*span)] for span in set(spans)}
+        angles = np.where(there[:, :, None], self.poses[:, :, 3:], 0.0)
+        turns = rotation_from_ypr(*angles.transpose(2, 1, 0))
         places = np.ascontiguousarray(self.poses[:, :, :3].transpose(1, 0, 2))
         return [
-            ActorPath(self.time_s[a:b], turns[actor, a:b], places[actor, a:b])
-            if b - a > 1
-            else None
-            for actor, (a, b) in enumerate(zip(first, first + count, strict=True))
+            ActorPath(time_s[a, b], turns[actor, a:b], places[actor, a:b]) if b - a > 1 else None
+            for actor, (a, b) in enumerate(spans)
         ]
+
+
+class _Step(NamedTuple):
+    """One step of a motion: its rows, with their tracks (A,) and poses (A, 6) side by side."""
+
+    rows: Rows
+    track: NDArray[np.int32]
+    poses: NDArray[np.float64]
 
 
 class FrameMotions:
@@ -64,8 +74,8 @@ class FrameMotions:
 
     def __init__(self, motion: MotionTable) -> None:
         self._motion = motion
-        self._times = motion.times()
-        self._steps: OrderedDict[int, Rows] = OrderedDict()
+        self._times: list[float] = motion.times().tolist()
+        self._steps: OrderedDict[int, _Step] = OrderedDict()
 
     def around(self, time_s: float, start_s: float = 0.0, stop_s: float = 0.0) -> FrameMotion:
         """Return where the actors of a time go.
@@ -85,26 +95,24 @@ class FrameMotions:
         times = self._times
         if not times[0] - SAME_TIME_S <= time_s <= times[-1] + SAME_TIME_S:
             raise ValueError(f"{time_s} s is outside the motion")
-        nearest = int(np.abs(times - time_s).argmin())
-        on_step = bool(abs(times[nearest] - time_s) <= SAME_TIME_S)
-        before = nearest if on_step else int(np.searchsorted(times, time_s)) - 1
-        after = nearest if on_step else before + 1
+        after = bisect_left(times, time_s - SAME_TIME_S)
+        on_step = times[after] <= time_s + SAME_TIME_S
+        before = after if on_step else after - 1
         low, high = self._span(time_s, before, after, min(start_s, 0.0), max(stop_s, 0.0))
 
-        numbers = np.arange(low, high + 1)
-        known = times[numbers] - time_s
+        known = np.array(times[low : high + 1]) - time_s
         if on_step:
-            rows = self._step(nearest)
-            known[nearest - low] = 0.0
+            rows = self._step(after).rows
+            known[after - low] = 0.0
         else:
-            step_s = float(times[after] - times[before])
-            share = float(time_s - times[before]) / step_s
-            rows = interpolated(self._step(before), self._step(after), share, step_s)
-        poses = np.stack([_poses_of(rows, self._step(int(number))) for number in numbers])
+            step_s = times[after] - times[before]
+            share = (time_s - times[before]) / step_s
+            rows = interpolated(self._step(before).rows, self._step(after).rows, share, step_s)
+        track = rows["track"]
+        poses = np.array([_poses_of(track, self._step(n)) for n in range(low, high + 1)])
         if not on_step:
             known = np.insert(known, after - low, 0.0)
-            own = np.stack([rows[name] for name in _POSE], axis=-1)
-            poses = np.insert(poses, after - low, own, axis=0)
+            poses = np.insert(poses, after - low, _poses(rows), axis=0)
         _cut_where_put(known, poses)
         return FrameMotion(rows, known, poses)
 
@@ -115,8 +123,8 @@ class FrameMotions:
         times = self._times
         if stop_s - start_s <= SAME_TIME_S:
             return before, after
-        low = int(np.searchsorted(times, time_s + start_s + SAME_TIME_S, side="right")) - 1
-        high = int(np.searchsorted(times, time_s + stop_s - SAME_TIME_S))
+        low = bisect_right(times, time_s + start_s + SAME_TIME_S) - 1
+        high = bisect_left(times, time_s + stop_s - SAME_TIME_S)
         # Beyond the motion's ends: one step more, to know where an actor goes on to.
         if high >= len(times):
             low = min(low, len(times) - 2)
@@ -124,22 +132,26 @@ class FrameMotions:
             high = max(high, 1)
         return max(min(low, before), 0), min(max(high, after), len(times) - 1)
 
-    def _step(self, number: int) -> Rows:
+    def _step(self, number: int) -> _Step:
         if number not in self._steps:
-            self._steps[number] = self._motion.at(float(self._times[number]))
+            rows = self._motion.at(self._times[number])
+            self._steps[number] = _Step(rows, rows["track"].copy(), _poses(rows))
             while len(self._steps) > _KEPT_STEPS:
                 self._steps.popitem(last=False)
         return self._steps[number]
 
 
-def _poses_of(rows: Rows, step: Rows) -> NDArray[np.float64]:
-    """Return the poses (A, 6) that the actors of some rows have in a step; NaN where absent."""
-    poses = np.full((len(rows), len(_POSE)), np.nan)
-    _, ours, theirs = np.intersect1d(
-        rows["track"], step["track"], assume_unique=True, return_indices=True
-    )
-    for axis, name in enumerate(_POSE):
-        poses[ours, axis] = step[name][theirs]
+def _poses(rows: Rows) -> NDArray[np.float64]:
+    return np.stack([rows[name] for name in _POSE], axis=-1)
+
+
+def _poses_of(track: NDArray[np.int32], step: _Step) -> NDArray[np.float64]:
+    """Return the poses (A, 6) that actors have in a step, by their tracks; NaN where absent."""
+    if not len(step.track):
+        return np.full((len(track), len(_POSE)), np.nan)
+    at = np.minimum(step.track.searchsorted(track), len(step.track) - 1)
+    poses = step.poses[at]
+    poses[step.track[at] != track] = np.nan
     return poses
 
 
@@ -150,6 +162,8 @@ def _cut_where_put(time_s: NDArray[np.float64], poses: NDArray[np.float64]) -> N
     moved = np.linalg.norm(np.diff(poses[:, :, :3], axis=0), axis=2)
     # Absent in one of two steps: not a number, so not driven either.
     drove = moved <= FASTEST_M_S * step_s
+    if drove.all():
+        return
     for step in range(own + 1, len(time_s)):
         poses[step, ~drove[own:step].all(axis=0)] = np.nan
     for step in range(own):

@@ -94,13 +94,15 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
     ways = [None] * len(rows) if paths is None else paths
     rotations = rotation_from_ypr(rows["yaw"], rows["pitch"], rows["roll"])
     translations = np.column_stack([rows["x"], rows["y"], rows["z"]])
-    velocities = list(rows["speed"][:, None] * rotations[:, :, 0])
-    legs: dict[bytes, tuple[int, float]] = {}
+    velocities = rows["speed"][:, None] * rotations[:, :, 0]
+    alike: dict[int, dict[int, ActorPath]] = {}
     for n, path in enumerate(ways):
-        if path is not None:  # most have the same knots
-            knots = path.time_s.tobytes()
-            k, took_s = legs.get(knots) or legs.setdefault(knots, path.leg(0.0))
-            velocities[n] = (path.translation[k + 1] - path.translation[k]) / took_s
+        if path is not None:  # most have the very same knots
+            alike.setdefault(id(path.time_s), {})[n] = path
+    for some in alike.values():
+        k, took_s = next(iter(some.values())).leg(0.0)
+        ends = np.array([path.translation[k : k + 2] for path in some.values()])
+        velocities[list(some)] = (ends[:, 1] - ends[:, 0]) / took_s
     sizes = np.column_stack([rows[name] for name in ("length", "width", "height")])
     # A column at a time: each field of a row takes as long as a whole column of all of them.
     columns = [rows[name].tolist() for name in ("track", "class", "asset", "phase")]

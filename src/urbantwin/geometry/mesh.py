@@ -19,6 +19,8 @@ __all__ = ["MESH_FORM", "LabelledMesh", "checked_mesh"]
 
 #: No site reaches further, metres.
 _FURTHEST_M = 1e6
+#: Normals of so many triangles are computed together: what a cache holds.
+_TOGETHER = 1 << 13
 #: The arrays of a mesh in its file.
 MESH_FORM = {
     "vertices": ArrayOf("f8", ("V", 3), least=-_FURTHEST_M, most=_FURTHEST_M),
@@ -115,15 +117,21 @@ class LabelledMesh:
 
         They are zero where a triangle has no area.
         """
-        # By coordinate: `np.cross` and sums over three take several times as long.
         faces = self.faces if which is None else self.faces.take(which, axis=0)
-        of_corners = np.ascontiguousarray(self.vertices.T)[:, np.ascontiguousarray(faces.T)]
-        first = of_corners[:, 0]
-        (ux, uy, uz), (vx, vy, vz) = of_corners[:, 1] - first, of_corners[:, 2] - first
-        cross = np.array([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
-        length = np.sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2])
-        np.divide(cross, length, out=cross, where=length > 0)
-        return np.ascontiguousarray(cross.T)
+        vertices = np.ascontiguousarray(self.vertices.T)
+        normals = np.empty((len(faces), 3))
+        # Some at a time: memory for all at once is new, and takes several times as long.
+        for start in range(0, len(faces), _TOGETHER):
+            # By coordinate: `np.cross` and sums over three take several times as long.
+            some = slice(start, start + _TOGETHER)
+            of_corners = vertices[:, np.ascontiguousarray(faces[some].T)]
+            first = of_corners[:, 0]
+            (ux, uy, uz), (vx, vy, vz) = of_corners[:, 1] - first, of_corners[:, 2] - first
+            cross = np.array([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+            length = np.sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2])
+            np.divide(cross, length, out=cross, where=length > 0)
+            normals[some] = cross.T
+        return normals
 
     def areas(self) -> NDArray[np.float64]:
         """Return areas (F,) in square metres."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from urbantwin.geometry import Pose
+from urbantwin.lidar.compiled.pose import rotation_vectors
 
 __all__ = ["ActorPath", "Paths", "PosedActor"]
 
 
-@dataclass(frozen=True, eq=False)
-class ActorPath:
+class ActorPath(NamedTuple):
     """Poses (``site_SE3_asset``) at some times; between them straight, beyond them straight on.
 
     Attributes:
@@ -46,8 +45,7 @@ class ActorPath:
         return Pose(rotation, self.translation[k] + share * step)
 
 
-@dataclass(frozen=True, eq=False)
-class PosedActor:
+class PosedActor(NamedTuple):
     """An actor in one frame.
 
     Attributes:
@@ -104,9 +102,9 @@ class Paths(NamedTuple):
     @classmethod
     def of(cls, ways: Sequence[ActorPath]) -> Paths:
         """Put paths together; shorter ones go straight on."""
-        longest = max((len(way.time_s) for way in ways), default=2)
-        count = len(ways)
-        if ways and all(len(way.time_s) == longest for way in ways):
+        lengths = {len(way.time_s) for way in ways}
+        longest, count = max(lengths, default=2), len(ways)
+        if len(lengths) == 1:
             rotation = np.array([way.rotation for way in ways])
             place = np.array([way.translation for way in ways])
             return cls(np.array([way.time_s for way in ways]), rotation, place, _turns(rotation))
@@ -131,10 +129,5 @@ class Paths(NamedTuple):
 
 def _turns(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return rotation vectors (A, T - 1, 3) from each knot's rotation to the next's."""
-    count, knots = rotation.shape[:2]
     step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
-    still = (np.abs(step - np.eye(3)) < 1e-15).all(axis=(2, 3))
-    turn = np.zeros((count, knots - 1, 3))
-    if not still.all():
-        turn[~still] = Rotation.from_matrix(step[~still]).as_rotvec()
-    return turn
+    return np.asarray(rotation_vectors(step.reshape(-1, 3, 3)).reshape(*step.shape[:2], 3))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from urbantwin.lidar.actor_path import PosedActor
 
@@ -35,8 +34,7 @@ def annotated_actors(annotators: str, actors: Sequence[PosedActor]) -> list[Pose
         for part in parts:
             track = one.track if part.actor_class == "truck" else LAST_TRACK - one.track
             found.append(
-                replace(
-                    one,
+                one._replace(
                     track=track,
                     actor_class=part.actor_class,
                     asset=part.name,

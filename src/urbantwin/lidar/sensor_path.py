@@ -56,8 +56,8 @@ class FixedPath:
         """Return the same pose for every time."""
         pose, count = self.site_SE3_sensor, len(time_s)
         return (
-            np.broadcast_to(pose.rotation, (count, 3, 3)),
-            np.broadcast_to(pose.translation, (count, 3)),
+            np.repeat(pose.rotation[None], count, axis=0),
+            np.repeat(pose.translation[None], count, axis=0),
         )
 
     reported_poses = true_poses

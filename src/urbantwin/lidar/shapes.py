@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import product
 from threading import Lock
 from typing import Any, NamedTuple
@@ -224,12 +224,12 @@ class PresentActors:
     shape: NDArray[np.int64]
     paths: Paths
 
-    @property
+    @cached_property
     def low(self) -> NDArray[np.float64]:
         """Lower corners (A, 3) of the actors' bounds, each in its own frame."""
         return np.asarray(self.shapes.low[self.shape])
 
-    @property
+    @cached_property
     def high(self) -> NDArray[np.float64]:
         """Upper corners (A, 3)."""
         return np.asarray(self.shapes.high[self.shape])

@@ -37,9 +37,7 @@ def seen_at(met: Sequence[Layers], actors: int) -> NDArray[np.float64]:
     for one in met:
         beams += one.seen
         total += np.where(one.seen > 0, one.seen_s * one.seen, 0.0)
-    mean = np.full(actors, np.nan)
-    np.divide(total, beams, out=mean, where=beams > 0)
-    return mean
+    return total / np.where(beams > 0, beams, np.nan)
 
 
 def standing_at(

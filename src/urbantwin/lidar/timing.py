@@ -26,6 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,9 +112,7 @@ def sweeps_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Swee
     rolling = mounted.effects.rolling_shutter
     ring_s = ring_times(mounted) if rolling else np.zeros(mounted.sensor.channels)
     phase = 0.0 if mounted.sensor.pattern is not None else mounted.phase_deg / 360.0
-    # Rounded, for binary fractions: the column at the phase is the first, not the last.
-    order = np.round(np.arange(columns) - phase * columns, 9) % columns
-    share = order / columns if rolling else np.zeros(columns)
+    share = _shares(columns, phase) if rolling else np.zeros(columns)
     return tuple(
         Sweep(
             turn.start_s + share * (turn.stop_s - turn.start_s),
@@ -125,6 +124,13 @@ def sweeps_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Swee
         for turn in turns_of(mounted, frame_index, seed)
         if not turn.dropped
     )
+
+
+@lru_cache(maxsize=16)
+def _shares(columns: int, phase: float) -> NDArray[np.float64]:
+    """Return after which share of a turn each column (K,) fires."""
+    # Rounded, for binary fractions: the column at the phase is the first, not the last.
+    return np.asarray(np.round(np.arange(columns) - phase * columns, 9) % columns / columns)
 
 
 def span_of(sensors: Iterable[MountedSensor], frame_index: int, seed: int) -> tuple[float, float]:
@@ -174,8 +180,8 @@ def _fate(mounted: MountedSensor, seed: int, number: int) -> tuple[float, bool]:
     if mounted.time_jitter_s == 0 and mounted.dropped_frames == 0:
         return 0.0, False
     draws = _draws(mounted, seed, _TURN, number)
-    moved = np.clip(ndtri(draws[0]), -_FARTHEST_JITTER, _FARTHEST_JITTER)
-    return float(moved * mounted.time_jitter_s), bool(draws[1] < mounted.dropped_frames)
+    moved = min(max(float(ndtri(draws[0])), -_FARTHEST_JITTER), _FARTHEST_JITTER)
+    return moved * mounted.time_jitter_s, bool(draws[1] < mounted.dropped_frames)
 
 
 def _draws(mounted: MountedSensor, seed: int, purpose: int, number: int) -> NDArray[np.float64]:

@@ -45,6 +45,9 @@ __all__ = ["ACTOR_SCHEMA", "MOTION_VERSION", "Motion", "describe"]
 
 MOTION_VERSION = 1
 
+#: So many steps are read together: they are asked for one after the other.
+_TOGETHER = 16
+
 _TABLE, _PARKED = "a table of the motion", "parked.parquet"
 
 _ROW = np.dtype(
@@ -98,6 +101,10 @@ class Motion:
 
     def times(self) -> NDArray[np.float64]:
         """Return the times (T,) of the steps, seconds; a step may be without actors."""
+        return self._times.copy()
+
+    @cached_property
+    def _times(self) -> NDArray[np.float64]:
         return step_times(int(self.manifest["steps"]), self.step_s)
 
     def at(self, time_s: float) -> NDArray[np.void]:
@@ -108,20 +115,37 @@ class Motion:
         Raises:
             InputError: the motion has no step at that time.
         """
-        times = self.times()
+        times = self._times
         nearest = int(np.abs(times - time_s).argmin())
         if abs(float(times[nearest]) - time_s) > 1e-6:
             raise InputError(
                 f"the motion has no step at {time_s:g} s",
                 expected=f"a multiple of {self.step_s:g} s from 0 to {float(times[-1]):g} s",
             )
-        rows = _structured(self.rows.between(*(times[nearest] + np.array([-1e-6, 1e-6])).tolist()))
+        rows = self._moving(nearest)
         if not self.parked.num_rows:
             return rows
         standing = self._standing.copy()
         standing["time_s"] = times[nearest]
         both = np.concatenate([rows, standing])
         return both[np.argsort(both["track"], kind="stable")]
+
+    def _moving(self, step: int) -> NDArray[np.void]:
+        """Return the rows of a step without those of parked vehicles."""
+        first = step - step % _TOGETHER
+        margin = np.array([-1e-6, 1e-6])
+        read = self._read.get(first)
+        if read is None:
+            times = self._times[first : first + _TOGETHER]
+            read = _structured(self.rows.between(*(times[[0, -1]] + margin).tolist()))
+            self._read.clear()
+            self._read[first] = read
+        return read[slice(*read["time_s"].searchsorted(self._times[step] + margin))].copy()
+
+    @cached_property
+    def _read(self) -> dict[int, NDArray[np.void]]:
+        """Steps that were read last, by the number of the first."""
+        return {}
 
     @cached_property
     def _standing(self) -> NDArray[np.void]:

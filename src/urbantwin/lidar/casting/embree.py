@@ -44,14 +44,15 @@ class EmbreeTracer:
     ) -> Layers:
         """Return the layers that blocks of rays meet."""
         shapes, shape = actors.shapes, actors.shape
-        scene = np.zeros(len(shape), np.uint64)
-        for actor in np.unique(blocks.actor).tolist():  # no tree of who is not cast at
-            scene[actor] = shapes.scenes[shape[actor]].scene
+        scenes = [0] * len(shape)
+        numbers = shape.tolist()
+        for actor in set(blocks.actor.tolist()):  # no tree of who is not cast at
+            scenes[actor] = shapes.scenes[numbers[actor]].scene
         targets = Targets(
-            scene,
+            np.array(scenes, np.uint64),
             shapes.first_face[shape],
-            shapes.low[shape],
-            shapes.high[shape],
+            actors.low,
+            actors.high,
             shapes.triangles,
             actors.paths,
         )

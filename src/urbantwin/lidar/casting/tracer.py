@@ -139,8 +139,7 @@ class Layers(NamedTuple):
 
     def found(self, count: int) -> Layers:
         """Return the first layers that were written, with the mean of the times added up."""
-        mean = np.full(len(self.seen), np.nan)
-        np.divide(self.seen_s, self.seen, out=mean, where=self.seen > 0)
+        mean = self.seen_s / np.where(self.seen > 0, self.seen, np.nan)
         return Layers._make((*(values[:count] for values in self[:6]), mean, self.seen))
 
     def renumbered(self, actors: NDArray[np.int64], count: int) -> Layers:

@@ -18,8 +18,9 @@ __all__ = ["find_blocks", "rays_within"]
 
 #: Elevations are widened by this, radians: far above float32's rounding, far below a ring.
 _ELEVATION_MARGIN = 1e-4
-#: An actor goes no farther than this between two looks at where it is, metres.
-_LOOK_M = 0.15
+#: An actor goes no farther than this between two looks at where it is, metres, or than this share
+#: of how far away it is, which puts an elevation off by less than the margin above.
+_LOOK_M, _LOOK_SHARE = 0.15, 0.02
 _MOST_LOOKS = 24
 _TURN = 2 * np.pi
 
@@ -41,27 +42,34 @@ def _bounds_between(first, last, actor, low, high, paths, firing, first_column, 
     column_time, sensor_place = firing.column_time_s, firing.translation
     actor_rotation, actor_place = np.empty((3, 3)), np.empty(3)
     relative, place = np.empty((3, 3)), np.empty(3)
-    turn = paths.turn
+    knot_time, turn = paths.time_s, paths.turn
     count = len(column_time)
     moving = len(sensor_place) > 1
 
     begin = column_time[(first + first_column) % count]
     end = column_time[(last + first_column) % count] + ring_span
+    k, m = 0, 0
+    if moving:
+        k, m = (first + first_column) % count, (last + first_column) % count
     set_pose(begin, actor, paths, actor_rotation, actor_place)
     x, y, z = actor_place[0], actor_place[1], actor_place[2]
     set_pose(end, actor, paths, actor_rotation, actor_place)
-    k, m = (first + first_column) % count if moving else 0, 0
-    if moving:
-        m = (last + first_column) % count
-    x += sensor_place[m, 0] - sensor_place[k, 0]
-    y += sensor_place[m, 1] - sensor_place[k, 1]
-    z += sensor_place[m, 2] - sensor_place[k, 2]
-    far = np.sqrt((actor_place[0] - x) ** 2 + (actor_place[1] - y) ** 2 + (actor_place[2] - z) ** 2)
-    angle = 0.0
+    # How far the actor goes past the sensor, how far its parts do as it turns, and how near it is.
+    gone, away, size = 0.0, 0.0, 0.0
+    for i in range(3):
+        begins = (x if i == 0 else (y if i == 1 else z)) - sensor_place[k, i]
+        ends = actor_place[i] - sensor_place[m, i]
+        gone, away = gone + (ends - begins) ** 2, away + ends**2
+        size += max(-low[i], high[i]) ** 2
+    gone, size = np.sqrt(gone), np.sqrt(size)
+    swung = 0.0
     for n in range(turn.shape[1]):
-        angle += np.sqrt(turn[actor, n, 0] ** 2 + turn[actor, n, 1] ** 2 + turn[actor, n, 2] ** 2)
-    size = np.sqrt(((high - low) ** 2).sum())
-    looks = 1 + int(np.ceil((far + angle * size) / _LOOK_M))
+        angle = np.sqrt(turn[actor, n, 0] ** 2 + turn[actor, n, 1] ** 2 + turn[actor, n, 2] ** 2)
+        rate = angle / (knot_time[actor, n + 1] - knot_time[actor, n])
+        swung = max(swung, rate * (end - begin) * size)
+    # A straight way is seen as it is from far away.
+    straight = max(_LOOK_M, _LOOK_SHARE * (np.sqrt(away) - gone - size))
+    looks = max(int(np.ceil(gone / straight + swung / _LOOK_M)), 1)
     if moving:
         looks = max(looks, 4)
     looks = min(looks, _MOST_LOOKS)
@@ -73,7 +81,7 @@ def _bounds_between(first, last, actor, low, high, paths, firing, first_column, 
         _set_relative_pose(time, k, actor, paths, firing, relative, place)
         now = bounds_of_box(low, high, relative, place)
         bounds = now if look == 0 else widened(bounds, now)
-        if far == 0.0 and angle == 0.0 and not moving:
+        if gone == 0.0 and swung == 0.0 and not moving:
             break
     return bounds
 

@@ -3,8 +3,9 @@
 import numpy as np
 
 from urbantwin.geometry.compiled import per_block, per_ray
+from urbantwin.lidar.compiled.pose import actor_from_sensor
 
-__all__ = ["bounds_of_box", "widened"]
+__all__ = ["bounds_of_box", "in_field", "widened"]
 
 #: Closer to the sensor's axis than this, metres, a corner has no azimuth.
 _AXIS_MARGIN_M = 1e-3
@@ -29,9 +30,7 @@ def bounds_of_box(low, high, rotation, place):
     """
     corner = np.empty((8, 3))
     azimuth = np.empty(8)
-    nearest = np.inf
     up, down = False, False
-    lowest, highest = np.inf, -np.inf
     for n in range(8):
         x = (high[0] if n & 1 else low[0]) - place[0]
         y = (high[1] if n & 2 else low[1]) - place[1]
@@ -50,11 +49,16 @@ def bounds_of_box(low, high, rotation, place):
     for n in range(7):
         if azimuth[n + 1] - azimuth[n] > gap:
             widest, gap = n, azimuth[n + 1] - azimuth[n]
+    # How far up, and level, the lowest and the highest place lie: an angle of each takes longer.
+    low_z, low_level, high_z, high_level = 1.0, 0.0, -1.0, 0.0
+    nearest = np.inf
     for n in range(8):
-        level = np.hypot(corner[n, 0], corner[n, 1])
+        z, level = corner[n, 2], np.sqrt(corner[n, 0] ** 2 + corner[n, 1] ** 2)
         nearest = min(nearest, level)
-        elevation = np.arctan2(corner[n, 2], level)
-        lowest, highest = min(lowest, elevation), max(highest, elevation)
+        if z * low_level < low_z * level:
+            low_z, low_level = z, level
+        if z * high_level > high_z * level:
+            high_z, high_level = z, level
     for bit in (1, 2, 4):
         for n in range(8):
             if n & bit:
@@ -68,10 +72,14 @@ def bounds_of_box(low, high, rotation, place):
                 continue
             share = (z * pd - dz * pp) / slope
             if 0.0 < share < 1.0:
-                level = np.hypot(x + share * dx, y + share * dy)
+                level = np.sqrt((x + share * dx) ** 2 + (y + share * dy) ** 2)
+                z += share * dz
                 nearest = min(nearest, level)
-                elevation = np.arctan2(z + share * dz, level)
-                lowest, highest = min(lowest, elevation), max(highest, elevation)
+                if z * low_level < low_z * level:
+                    low_z, low_level = z, level
+                if z * high_level > high_z * level:
+                    high_z, high_level = z, level
+    lowest, highest = np.arctan2(low_z, low_level), np.arctan2(high_z, high_level)
     if gap <= np.pi + 1e-6 or nearest < _AXIS_MARGIN_M:
         if down:
             lowest = -np.pi / 2
@@ -94,3 +102,33 @@ def widened(one, other):
     first = min(start, start_2 + shift)
     last = max(start + width, start_2 + shift + width_2)
     return first, min(last - first, _TURN), lowest, highest
+
+
+@per_block
+def in_field(low, high, rotation, place, sensor_rotation, sensor_place, elevation, range_m):
+    """Return which boxes (A,) lie wholly in a field of view, and which wholly farther away.
+
+    Args:
+        low: (A, 3) lower corners of the boxes, each in its own frame.
+        high: (A, 3) upper corners.
+        rotation: (A, 3, 3) of the boxes' poses.
+        place: (A, 3).
+        sensor_rotation: (1, 3, 3) of the sensor's pose.
+        sensor_place: (1, 3).
+        elevation: lowest and highest that is seen in every direction, radians.
+        range_m: nearest and farthest that is measured.
+    """
+    whole, beyond = np.zeros(len(low), np.bool_), np.zeros(len(low), np.bool_)
+    relative, eye = np.empty((3, 3)), np.empty(3)
+    for a in range(len(low)):
+        actor_from_sensor(rotation[a], place[a], 0, sensor_rotation, sensor_place, relative, eye)
+        near, far = 0.0, 0.0
+        for i in range(3):
+            near += max(low[a, i] - eye[i], eye[i] - high[a, i], 0.0) ** 2
+            far += max(abs(eye[i] - low[a, i]), abs(eye[i] - high[a, i])) ** 2
+        near, far = np.sqrt(near), np.sqrt(far)
+        beyond[a] = near > range_m[1]
+        if near >= range_m[0] and far <= range_m[1]:
+            _, _, lowest, highest = bounds_of_box(low[a], high[a], relative, eye)
+            whole[a] = lowest >= elevation[0] and highest <= elevation[1]
+    return whole, beyond

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,7 @@ __all__ = ["BoxLabel", "LabelledFrame", "Whereabouts"]
 Whereabouts = Literal["outside", "far"]
 
 
-@dataclass(frozen=True, eq=False)
-class BoxLabel:
+class BoxLabel(NamedTuple):
     """The label of one actor; boxes without points are kept.
 
     Attributes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import starmap
 from typing import TypeVar
 
 import numpy as np
@@ -43,10 +44,12 @@ def labelled(
     semantic = _joined([one.semantic for one in seen], np.uint16)
     instance = np.zeros(len(actor), np.uint16)
     hit = np.flatnonzero(actor >= 0)
+    owner = actor[hit]
     classes = [semantic_id(BOX_SEMANTICS[one.actor_class]) for one in actors]
-    semantic[hit] = np.array(classes, np.uint16)[actor[hit]]
-    instance[hit] = np.array([one.track for one in actors], np.uint16)[actor[hit]]
-    count = np.bincount(actor[hit], minlength=len(actors))
+    semantic[hit] = np.array(classes, np.uint16)[owner]
+    tracks = [one.track for one in actors]
+    instance[hit] = np.array(tracks, np.uint16)[owner]
+    count = np.bincount(owner, minlength=len(actors))
     alone = np.sum([one.alone for one in seen], axis=0, dtype=np.int64).reshape(-1)
     alone = alone if seen else np.zeros(len(actors), np.int64)
     velocity = np.array([one.velocity for one in actors]).reshape(-1, 3)
@@ -62,21 +65,20 @@ def labelled(
         _joined([one.time_s for one in points], np.float32),
         _joined([one.echo for one in seen], np.uint8),
         tuple(
-            BoxLabel(
-                one.track,
-                one.actor_class,
-                *measured,
-            )
-            for one, *measured in zip(
-                actors,
-                boxes,
-                count.tolist(),
-                alone.tolist(),
-                velocity,
-                when_s.tolist(),
-                bordering.truncation.tolist(),
-                bordering.whereabouts,
-                strict=True,
+            starmap(
+                BoxLabel,
+                zip(
+                    tracks,
+                    [one.actor_class for one in actors],
+                    boxes,
+                    count.tolist(),
+                    alone.tolist(),
+                    velocity,
+                    when_s.tolist(),
+                    bordering.truncation.tolist(),
+                    bordering.whereabouts,
+                    strict=True,
+                ),
             )
         ),
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose
 from urbantwin.geometry.embree import EmbreeScene
-from urbantwin.lidar.compiled.bounds import bounds_of_box
+from urbantwin.lidar.compiled.bounds import bounds_of_box, in_field
 from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.labels.field_of_view import FieldOfView
 from urbantwin.lidar.shapes import PresentActors
@@ -81,53 +81,37 @@ def truncations(
     """
     if not len(actors.place):
         return np.zeros(0), np.zeros(0, np.bool_)
-    centre = (actors.low + actors.high) / 2
-    middle = np.einsum("aij,aj->ai", actors.rotation, centre) + actors.place
-    middle = (middle - site_SE3_sensor.translation) @ site_SE3_sensor.rotation
-    radius = np.linalg.norm(actors.high - actors.low, axis=1) / 2
-    away = np.linalg.norm(middle, axis=1)
-    near, far = field.range_m
-    beyond = away - radius > far
-    span = np.maximum(away, 1e-9)
-    up = np.arcsin(np.clip(middle[:, 2] / span, -1.0, 1.0))
-    spread = np.arcsin(np.minimum(radius / span, 1.0))
-    lowest, highest = field.all_around
-    whole = (
-        (up - spread >= lowest)
-        & (up + spread <= highest)
-        & (away - radius >= near)
-        & (away + radius <= far)
+    rotation, origin = site_SE3_sensor.rotation, site_SE3_sensor.translation
+    whole, beyond = in_field(
+        *actors[:4],
+        np.array(rotation[None], order="C"),
+        np.array(origin[None]),
+        field.all_around,
+        field.range_m,
     )
     found = np.where(beyond, 1.0, 0.0)
     known = {} if known is None else known
     before = dict(known)
     known.clear()
     for number in np.flatnonzero(~whole & ~beyond).tolist():
-        asset_R_sensor = np.ascontiguousarray(actors.rotation[number].T @ site_SE3_sensor.rotation)
-        offset = site_SE3_sensor.translation - actors.place[number]
-        origin = offset @ actors.rotation[number]
-        key = asset_R_sensor.tobytes() + origin.tobytes() + id(actors.scenes[number]).to_bytes(8)
+        own, low, high = actors.rotation[number], actors.low[number], actors.high[number]
+        asset_R_sensor = np.ascontiguousarray(own.T @ rotation)
+        eye = (origin - actors.place[number]) @ own
+        key = asset_R_sensor.tobytes() + eye.tobytes() + id(actors.scenes[number]).to_bytes(8)
         if key in before:
             known[key] = found[number], beyond[number] = before[key]
             continue
-        low, high = actors.low[number], actors.high[number]
-        bounds = bounds_of_box(low, high, asset_R_sensor, origin)
-        # By its box, which is closer about it than the sphere.
-        nearest = np.linalg.norm(origin - np.clip(origin, low, high))
-        farthest = np.linalg.norm(np.maximum(np.abs(origin - low), np.abs(origin - high)))
-        level = bounds[2] >= lowest and bounds[3] <= highest
-        if level and nearest >= near and farthest <= far:
-            known[key] = 0.0, False
-            continue
-        aims = _aims(bounds)
+        aims = _aims(bounds_of_box(low, high, asset_R_sensor, eye))
         local = (aims @ asset_R_sensor.T).astype(np.float32)
-        hits = actors.scenes[number].cast(origin, local)
+        hits = actors.scenes[number].cast(eye, local)
         hit = np.flatnonzero(hits.face >= 0)
         aims, range_m = aims[hit], hits.range_m[hit].astype(np.float64)
         if not len(hit):  # Thinner than the rays are apart: its middle decides.
-            aims, range_m = middle[[number]] / span[number], away[[number]]
+            middle = ((low + high) / 2 - eye) @ asset_R_sensor
+            range_m = np.linalg.norm(middle[None], axis=1)
+            aims = middle[None] / np.maximum(range_m, 1e-9)
         found[number] = 1.0 - field.sees(aims, range_m).mean()
-        beyond[number] = bool((range_m > far).all())
+        beyond[number] = bool((range_m > field.range_m[1]).all())
         known[key] = float(found[number]), bool(beyond[number])
     return found, beyond
 
