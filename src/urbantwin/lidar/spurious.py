@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.compiled.report import merge
-from urbantwin.lidar.detections import Detections
+from urbantwin.lidar.detections import Detections, Touching
 from urbantwin.lidar.echoes import Echoes
 from urbantwin.lidar.returns import Purpose, ReturnModel, draw, standard_noise
 from urbantwin.lidar.returns.added import inserted, strongest_of
@@ -53,8 +53,13 @@ class Spurious:
     key: tuple[int, int, int, int]
     dead: NDArray[np.bool_]
 
-    def among(self, detections: Detections) -> Detections:
-        """Return the detections of surfaces with these among them, where they win."""
+    def among(self, detections: Detections, touching: Touching) -> Detections:
+        """Return the detections of surfaces with these among them, where they win.
+
+        Args:
+            detections: of surfaces.
+            touching: which of them are of beams that touch actors.
+        """
         strays = [*self._air(), *self._stray_light()]
         strays = [self._working(one) for one in strays]
         if not sum(len(one.beam) for one in strays):
@@ -64,7 +69,7 @@ class Spurious:
         placed = inserted(
             detections.beam,
             detections.range_m,
-            lambda rows: self._strength_of(detections, rows),
+            lambda rows: self._strength_of(detections, touching, rows),
             added,
             strong,
             self.mounted.returns,
@@ -72,15 +77,13 @@ class Spurious:
         _, sigma, intensity = self.model.answers(added.amplitude, added.range_m)
         noise = standard_noise(draw(*self.key[:3], len(added.beam), Purpose.ADDED).noise)
         count = len(added.beam)
-        none = np.full(count, -1, np.int32)
         spurious = Detections(
             added.beam,
             np.zeros(count, np.uint8),
-            none,
             np.full(count, _CLASS, np.uint16),
             self.model.quantised(added.range_m + sigma * noise),
             intensity,
-            none,
+            np.full(count, -1, np.int32),
         )
         together = Detections.room(len(detections.beam) + int(placed.fresh.sum()))
         merge(detections, spurious, placed, together)
@@ -155,9 +158,13 @@ class Spurious:
             return stray
         return stray.only(~self.dead[stray.beam])
 
-    def _strength_of(self, detections: Detections, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+    def _strength_of(
+        self, detections: Detections, touching: Touching, rows: NDArray[np.int64]
+    ) -> NDArray[np.float32]:
         """Return the strengths (K,) of what is reported in some rows (K,)."""
         amplitude = self.view.amplitude.take(detections.beam[rows])
-        source = detections.source[rows]
-        amplitude[source >= 0] = self.echoes.amplitude[source[source >= 0]]
+        at = np.searchsorted(touching.row, rows)
+        touches = at < len(touching.row)
+        touches[touches] = touching.row[at[touches]] == rows[touches]
+        amplitude[touches] = self.echoes.amplitude[touching.source[at[touches]]]
         return self.model.strength(amplitude, detections.range_m[rows])

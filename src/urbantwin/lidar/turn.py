@@ -157,11 +157,11 @@ def observe(
     echoes, alone = combined(view.layers, actors, met, share, model, mounted.returns)
     view.as_measured(echoes)
     # Echoes that the sensor notices are detections: noisy, quantised, those of actors in their box.
-    found = detected(view, echoes, draws, model, dual=mounted.returns == "dual")
-    found = within_boxes(found, echoes, draws, view, firing, actors, standing, model)
+    found, touching = detected(view, echoes, draws, model, dual=mounted.returns == "dual")
+    within_boxes(found, touching, echoes, draws, view, firing, actors, standing, model)
     # Drops, flakes, fog and stray light are detected where they win.
     spurious = Spurious(mounted, model, view, echoes, turn.sweep.ring_time_s, key, draws.dead)
-    found = spurious.among(found)
+    found = spurious.among(found, touching)
     if model.offset_m:
         found = found._replace(range_m=np.maximum(found.range_m + model.offset_m, np.float32(0)))
     return Observation(

@@ -10,15 +10,15 @@ from urbantwin.geometry.compiled import per_ray
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.taxonomy import semantic_id
 
-__all__ = ["OUTLIER", "detect", "merge", "write_points"]
+__all__ = ["OUTLIER", "detect", "merge", "quantised", "write_points"]
 
 #: Class of a point between an actor and what is behind it, which belongs to neither.
 OUTLIER = np.uint16(semantic_id("outlier"))
 
 
 @per_ray
-def detect(answers, echoes, layer_class, draws, step_m, both, out):
-    """Return how many detections there are, in the order of beams, and write them.
+def detect(answers, echoes, layer_class, draws, step_m, both, out, touching):
+    """Write the detections in the order of beams, and which are of beams that touch actors.
 
     Args:
         answers: `static_view.StaticAnswers`: what each of N beams would report if it touched no
@@ -30,79 +30,77 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out):
         both: whether the second echo is reported too, or only where the first is missed.
         out: `detections.Detections` to write, (2 N,) or (N,): ranges with noise (but not those of
             actors).
+        touching: `detections.Touching` to write, (2 M,) or (M,).
+
+    Returns:
+        How many detections there are, and how many of beams that touch actors.
     """
     alone, other, also = answers.first, answers.other, answers.second
-    place, first_of, second_of, owner = echoes.place, echoes.first, echoes.second, echoes.owner
+    touched, owner = echoes.beam, echoes.owner
     detection, noise = draws.first.detection, draws.first.noise
     detection_2, noise_2 = draws.second.detection, draws.second.noise
     dead, quantiles = draws.dead, draws.quantiles
-    count = 0
-    for beam in range(len(place)):
-        if len(dead) and dead[beam]:
-            continue
-        touched = place[beam]
-        if touched < 0 and not both:
-            # Most beams: they touch no actor, and report one echo.
-            drawn, jitter = detection[beam], noise[beam]
-            if drawn < alone.level[beam]:
-                at = _measured(alone, beam, quantiles[jitter], step_m)
-                _write(out, count, beam, 0, -1, alone.semantic[beam], alone.intensity[beam], -1, at)
-                count += 1
-            elif other[beam] >= 0 and drawn < also.level[other[beam]]:
-                n = other[beam]
-                at = _measured(also, n, quantiles[jitter], step_m)
-                _write(out, count, beam, 0, -1, also.semantic[n], also.intensity[n], -1, at)
-                count += 1
+    # Of an index with a sign numba asks whether it counts from the end, which costs a third.
+    count, begin = np.uint64(0), np.uint64(0)
+    used = 0
+    for m in range(len(touched) + 1):
+        end = np.uint64(touched[m] if m < len(touched) else len(detection))
+        for beam in range(begin, end):
+            if len(dead) and dead[beam]:
+                continue
+            seen = detection[beam] < alone.level[beam]
+            if seen:
+                at = _measured(alone, beam, quantiles[noise[beam]], step_m)
+                _write(out, count, beam, 0, alone.semantic[beam], alone.intensity[beam], -1, at)
+                count += np.uint64(1)
+            if len(also.level) and other[beam] >= 0 and (both or not seen):
+                n = np.uint64(other[beam])
+                if detection_2[beam] < also.level[n]:
+                    at = _measured(also, n, quantiles[noise_2[beam]], step_m)
+                    bright = also.intensity[n]
+                    _write(out, count, beam, np.int64(seen), also.semantic[n], bright, -1, at)
+                    count += np.uint64(1)
+        begin = end + np.uint64(1)
+        if m == len(touched) or (len(dead) and dead[end]):
             continue
         reported = 0
         for turn in range(2):
-            if turn == 1 and reported == 1 and not both:
-                break
-            if turn == 1 and both:
-                drawn, jitter = detection_2[beam], noise_2[beam]
+            source = echoes.first[m] if turn == 0 else echoes.second[m]
+            drawn = detection[end] if turn == 0 else detection_2[end]
+            if source < 0 or drawn >= echoes.level[source] or (reported and not both):
+                continue
+            kind, actor, at = np.uint16(0), -1, echoes.range_m[source]
+            if 0 <= owner[source] < BESIDE:
+                actor = owner[source]
             else:
-                drawn, jitter = detection[beam], noise[beam]
-            if touched < 0:
-                report, n = alone, np.int64(beam)
-                if turn == 1:
-                    report, n = also, np.int64(other[beam])
-                if n < 0 or drawn >= report.level[n]:
-                    continue
-                at = _measured(report, n, quantiles[jitter], step_m)
-                kind, bright = report.semantic[n], report.intensity[n]
-                _write(out, count, beam, reported, -1, kind, bright, -1, at)
-            else:
-                source = first_of[touched] if turn == 0 else second_of[touched]
-                if source < 0 or drawn >= echoes.level[source]:
-                    continue
-                kind, actor, at = np.uint16(0), -1, echoes.range_m[source]
-                if owner[source] >= 0 and owner[source] < BESIDE:
-                    actor = owner[source]
-                else:
-                    kind = OUTLIER if owner[source] >= 0 else layer_class[-1 - owner[source]]
-                    at = _measured(echoes, source, quantiles[jitter], step_m)
-                bright = echoes.intensity[source]
-                _write(out, count, beam, reported, source, kind, bright, actor, at)
+                kind = OUTLIER if owner[source] >= 0 else layer_class[-1 - owner[source]]
+                jitter = noise[end] if turn == 0 else noise_2[end]
+                at = _measured(echoes, source, quantiles[jitter], step_m)
+            _write(out, count, end, reported, kind, echoes.intensity[source], actor, at)
+            touching.row[used], touching.source[used] = count, source
+            used += 1
             reported += 1
-            count += 1
-    return count
+            count += np.uint64(1)
+    return count, used
 
 
 @per_ray
 def _measured(echoes, n, jitter, step_m):
     """Return the range of an echo with noise, in the sensor's steps."""
-    at = echoes.range_m[n] + echoes.sigma[n] * jitter
-    if step_m > 0:
-        at = np.float32(np.rint(at / step_m)) * step_m
-    return at
+    return quantised(echoes.range_m[n] + echoes.sigma[n] * jitter, step_m)
 
 
 @per_ray
-def _write(out, count, beam, echo, source, kind, bright, actor, at):
+def quantised(range_m, step_m):
+    """Return a range (float32) in the sensor's steps; as it is where these are 0."""
+    return np.float32(np.rint(range_m / step_m)) * step_m if step_m > 0 else range_m
+
+
+@per_ray
+def _write(out, count, beam, echo, kind, bright, actor, at):
     """Write a detection."""
-    out.beam[count], out.echo[count], out.source[count] = beam, echo, source
-    out.semantic[count], out.intensity[count], out.actor[count] = kind, bright, actor
-    out.range_m[count] = at
+    out.beam[count], out.echo[count], out.actor[count] = beam, echo, actor
+    out.semantic[count], out.intensity[count], out.range_m[count] = kind, bright, at
 
 
 @per_ray
@@ -133,7 +131,6 @@ def merge(detections, added, inserted, out):
 def _copy(given, first, until, out, at):
     """Copy rows of detections, but for their numbers among those of their beams."""
     _copy_column(given.beam, first, until, out.beam, at)
-    _copy_column(given.source, first, until, out.source, at)
     _copy_column(given.actor, first, until, out.actor, at)
     _copy_column(given.semantic, first, until, out.semantic, at)
     _copy_column(given.range_m, first, until, out.range_m, at)
