@@ -144,12 +144,11 @@ def test_added_echoes_take_their_place_among_the_reported(returns, count):
     far, strong = rng.uniform(1, 50, (2, 350)).astype("f4")
     added = Stray(named, far, strong)
     placed = inserted(beam, range_m, strength.take, added, strong, returns)
+    echo = (np.diff(beam, prepend=-1) == 0).astype("u1")
     whole = np.zeros(len(beam), "i4")
-    reported = Detections(
-        beam, whole.astype("u1"), whole, whole.astype("u2"), range_m, range_m, whole
-    )
+    reported = Detections(beam, echo, whole.astype("u2"), range_m, range_m, whole)
     whole = np.zeros(len(named), "i4")
-    more = Detections(named, whole.astype("u1"), whole, whole.astype("u2"), far, far, whole)
+    more = Detections(named, whole.astype("u1"), whole.astype("u2"), far, far, whole)
     out = Detections.room(len(beam) + placed.fresh.sum())
     merge(reported, more, placed, out)
     rows = list(zip(out.beam.tolist(), out.range_m.tolist(), out.echo.tolist(), strict=True))

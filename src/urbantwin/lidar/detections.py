@@ -76,11 +76,13 @@ class Touching(NamedTuple):
 
     Attributes:
         row: (K,) int32, number of the detection.
-        source: (K,) int32, number of its echo.
+        sigma: (K,) float32, standard deviation of its range, metres.
+        amplitude: (K,) float32, of its echo.
     """
 
     row: NDArray[np.int32]
-    source: NDArray[np.int32]
+    sigma: NDArray[np.float32]
+    amplitude: NDArray[np.float32]
 
 
 def detected(
@@ -98,7 +100,9 @@ def detected(
     most = 2 if dual else 1
     out = Detections.room(most * len(echoes.place))
     room = most * len(echoes.beam)
-    touching = Touching(np.empty(room, np.int32), np.empty(room, np.int32))
+    touching = Touching(
+        np.empty(room, np.int32), np.empty(room, np.float32), np.empty(room, np.float32)
+    )
     found, touch = detect(
         view.answers, echoes, view.layers.semantic, draws, model.step_m, dual, out, touching
     )
@@ -111,7 +115,6 @@ def detected(
 def within_boxes(
     detections: Detections,
     touching: Touching,
-    echoes: Echoes,
     draws: TurnDraws,
     view: StaticView,
     firing: Firing,
@@ -127,7 +130,6 @@ def within_boxes(
     Args:
         detections: as `detected`; to be written.
         touching: which of them are of beams that touch actors.
-        echoes: along the beams that touch actors.
         draws: of the turn.
         view: the static world as the sensor sees it.
         firing: the beams of the turn.
@@ -142,19 +144,18 @@ def within_boxes(
     # Half a step of the range may come on top, and half a step of the azimuth.
     far = 0.0
     if aside:
-        hit = detections.actor[touching.row] >= 0
-        far = float(echoes.range_m[touching.source[hit]].max(initial=0.0))
+        row = touching.row[detections.actor[touching.row] >= 0]
+        far = float(detections.range_m[row].max(initial=0.0))
     margin = max(0.0, BOX_MARGIN_M - step_m / 2 - aside * far)
     leaves, origin, aim = keep_inside(
-        detections, touching, echoes, draws, model.step_m, actors.paths, firing, standing, margin
+        detections, touching, draws, model.step_m, actors.paths, firing, standing, margin
     )
     if not len(leaves):
         return
-    row, source = touching.row[leaves], touching.source[leaves]
+    row, sigma = touching.row[leaves], touching.sigma[leaves]
     low, high = spans_in_box(origin, aim, standing.boxes.T[:, detections.actor[row]], margin)
     # What several surfaces give together may lie between them: it is brought inside first.
-    at = np.clip(echoes.range_m[source], np.minimum(low, high), high)
-    sigma = echoes.sigma[source]
+    at = np.clip(detections.range_m[row], np.minimum(low, high), high)
     wide = np.maximum(sigma.astype(np.float64), 1e-9)
     beam = detections.beam[row]
     noise = np.where(detections.echo[row] == 0, draws.first.noise[beam], draws.second.noise[beam])

@@ -166,5 +166,5 @@ class Spurious:
         at = np.searchsorted(touching.row, rows)
         touches = at < len(touching.row)
         touches[touches] = touching.row[at[touches]] == rows[touches]
-        amplitude[touches] = self.echoes.amplitude[touching.source[at[touches]]]
+        amplitude[touches] = touching.amplitude[at[touches]]
         return self.model.strength(amplitude, detections.range_m[rows])

@@ -158,7 +158,7 @@ def observe(
     view.as_measured(echoes)
     # Echoes that the sensor notices are detections: noisy, quantised, those of actors in their box.
     found, touching = detected(view, echoes, draws, model, dual=mounted.returns == "dual")
-    within_boxes(found, touching, echoes, draws, view, firing, actors, standing, model)
+    within_boxes(found, touching, draws, view, firing, actors, standing, model)
     # Drops, flakes, fog and stray light are detected where they win.
     spurious = Spurious(mounted, model, view, echoes, turn.sweep.ring_time_s, key, draws.dead)
     found = spurious.among(found, touching)

@@ -10,15 +10,12 @@ __all__ = ["keep_inside"]
 
 
 @per_block
-def keep_inside(
-    detections, touching, echoes, draws, step_m, paths, firing, standing, margin
-):
+def keep_inside(detections, touching, draws, step_m, paths, firing, standing, margin):
     """Give detections of actors their noise where that leaves them inside their actors' boxes.
 
     Args:
         detections: `detections.Detections`; the ranges of those are written, in the sensor's steps.
         touching: `detections.Touching`, K of them.
-        echoes: `echoes.Echoes` along the beams that touch actors.
         draws: `returns.draws.TurnDraws`.
         step_m: float32, step that ranges are rounded to; 0 for none.
         paths: `actor_path.Paths`.
@@ -45,12 +42,12 @@ def keep_inside(
     cosine, sine = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
     found = 0
     for k in range(rows):
-        row, source = touching.row[k], touching.source[k]
+        row = touching.row[k]
         a, beam = detections.actor[row], detections.beam[row]
         if a < 0:
             continue
         noise = draws.first.noise if detections.echo[row] == 0 else draws.second.noise
-        range_m = echoes.range_m[source] + echoes.sigma[source] * draws.quantiles[noise[beam]]
+        range_m = detections.range_m[row] + touching.sigma[k] * draws.quantiles[noise[beam]]
         column = beam % count
         time = column_time[column] + ring_time[beam // count]
         if whose[column] != a or when[column] != time:

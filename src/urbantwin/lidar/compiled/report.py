@@ -77,7 +77,8 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out, touching):
                 jitter = noise[end] if turn == 0 else noise_2[end]
                 at = _measured(echoes, source, quantiles[jitter], step_m)
             _write(out, count, end, reported, kind, echoes.intensity[source], actor, at)
-            touching.row[used], touching.source[used] = count, source
+            touching.row[used], touching.sigma[used] = count, echoes.sigma[source]
+            touching.amplitude[used] = echoes.amplitude[source]
             used += 1
             reported += 1
             count += np.uint64(1)
@@ -122,15 +123,20 @@ def merge(detections, added, inserted, out):
         at += 1
         first = row[k] if fresh[k] else row[k] + 1
     _copy(detections, first, len(detections.beam), out, at)
-    beam, echo = out.beam, out.echo
-    for n in range(len(beam)):
-        echo[n] = 1 if n > 0 and beam[n] == beam[n - 1] else 0
+    # Each beam's are numbered anew where one came in: at most two, the other before or after it.
+    came, beam, echo = 0, out.beam, out.echo
+    for k in range(len(number)):
+        at = row[k] + came
+        for n in range(at, min(at + 2, len(beam))):
+            echo[n] = 1 if n > 0 and beam[n] == beam[n - 1] else 0
+        came += fresh[k]
 
 
 @per_ray
 def _copy(given, first, until, out, at):
-    """Copy rows of detections, but for their numbers among those of their beams."""
+    """Copy rows of detections."""
     _copy_column(given.beam, first, until, out.beam, at)
+    _copy_column(given.echo, first, until, out.echo, at)
     _copy_column(given.actor, first, until, out.actor, at)
     _copy_column(given.semantic, first, until, out.semantic, at)
     _copy_column(given.range_m, first, until, out.range_m, at)
@@ -159,16 +165,16 @@ def write_points(detections, directions, origin, column_s, ring_s, out):
     """
     beam, range_m, intensity = detections.beam, detections.range_m, detections.intensity
     points, rings, columns, times = out
-    count = len(column_s)
+    count = np.uint64(len(column_s))
     moving = origin.shape[1] > 1
-    ring, first = 0, 0
+    ring, first = np.uint64(0), np.uint64(0)
     for m in range(len(beam)):
-        n = beam[m]
+        n = np.uint64(beam[m])
         if not first <= n < first + count:
             ring = n // count
             first = ring * count
         column = n - first
-        k = column if moving else 0
+        k = column if moving else np.uint64(0)
         for axis in range(3):
             points[m, axis] = directions[axis, n] * range_m[m] + origin[axis, k]
         points[m, 3] = intensity[m]
