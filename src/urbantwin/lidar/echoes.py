@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.casting.tracer import Layers
+from urbantwin.lidar.compiled.alone import answer_alone
 from urbantwin.lidar.compiled.echoes import (
-    BESIDE,
     ActorLayers,
     AloneEchoes,
     BeamEchoes,
@@ -148,14 +148,11 @@ def combined(
         model.scatter.transmission(material, met.cosine),
         met.mask,
     )
-    echoes, alone = _echoes(touched, static, moving, share, model, returns)
-    level = model.answers(alone.amplitude, alone.range_m)[0]
-    beam = touched.take(alone.beam)
-    # A thin ray meets what is in front or what is behind, and both only through a pane.
-    if len(share) == 1 and not model.scatter.through.any():
-        return echoes, Alone(beam, alone.actor, level)
-    own = ~_is_from_behind(echoes, alone.beam, alone.actor, alone.range_m, returns)
-    return echoes, Alone(beam[own], alone.actor[own], level[own])
+    echoes, lone = _echoes(touched, static, moving, share, model, returns)
+    room = len(lone.beam)
+    alone = Alone(np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32))
+    kept = answer_alone(model.response, lone, echoes, returns == "dual", alone)
+    return echoes, Alone._make(values[:kept] for values in alone)
 
 
 def _echoes(
@@ -194,8 +191,7 @@ def _echoes(
         row = np.flatnonzero(owner < 0)
         layer = -1 - owner[row]
         peak[row] = model.peak_left(static.range_m[layer], static.cosine[layer])
-    level, sigma, intensity = model.answers(amplitude, range_m, peak=peak)
-    strength = model.strength(amplitude, range_m) * peak
+    level, sigma, intensity, strength = model.answers(amplitude, range_m, peak=peak)
     first, second = choose(start, strength, level, _MODES.index(returns))
     place = np.full(len(static.start) - 1, -1, np.int32)
     place[touched] = np.arange(len(touched), dtype=np.int32)
@@ -212,20 +208,3 @@ def _echoes(
         first,
         second,
     ), AloneEchoes._make(values[:lone] for values in alone)
-
-
-def _is_from_behind(
-    echoes: Echoes,
-    beam: NDArray[np.int32],
-    actor: NDArray[np.int32],
-    range_m: NDArray[np.float32],
-    returns: ReturnMode,
-) -> NDArray[np.bool_]:
-    """Return whether beams (L,) report what is behind actors (L,) that they meet at ranges (L,)."""
-    first, second = echoes.first[beam], echoes.second[beam]
-    mine = np.zeros(len(beam), np.bool_)
-    # A second echo is reported by dual returns, too; else it only stands in for a missed one.
-    for one in (first, second) if returns == "dual" else (first,):
-        mine |= (one >= 0) & (echoes.owner[one] % BESIDE == actor) & (echoes.owner[one] >= 0)
-    behind = (first >= 0) & (echoes.range_m[first] > range_m)
-    return np.asarray(behind & ~mine)

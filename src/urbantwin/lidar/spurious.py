@@ -74,7 +74,7 @@ class Spurious:
             strong,
             self.mounted.returns,
         )
-        _, sigma, intensity = self.model.answers(added.amplitude, added.range_m)
+        _, sigma, intensity, _ = self.model.answers(added.amplitude, added.range_m)
         noise = standard_noise(draw(*self.key[:3], len(added.beam), Purpose.ADDED).noise)
         count = len(added.beam)
         spurious = Detections(

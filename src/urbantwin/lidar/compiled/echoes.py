@@ -83,7 +83,7 @@ _LAYER = np.dtype(
 )
 _ECHO = np.dtype([("range_m", "f4"), ("amplitude", "f4"), ("owner", "i4")])
 #: Whose layers a beam meets: anybody's.
-_ANYBODY = -(1 << 31)
+_ANYBODY = np.int32(-(1 << 31))
 
 
 @per_ray
@@ -128,7 +128,7 @@ def _echoes(layers, count, who, share, light, left, pulse_m, found):
     whose = -1
     for i in range(count):
         layer = layers[i]
-        if who != _ANYBODY and layer.owner != who:
+        if who not in (_ANYBODY, layer.owner):
             continue
         if layer.through > 0.0 and not clear:
             clear = True

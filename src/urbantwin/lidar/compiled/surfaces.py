@@ -4,7 +4,7 @@ import numpy as np
 
 from urbantwin.geometry.compiled import per_ray
 
-__all__ = ["mix", "read_curves"]
+__all__ = ["mix", "read_curves", "swallow"]
 
 
 @per_ray
@@ -34,6 +34,34 @@ def mix(beam, face, out):
     Steele, Lea and Flood 2014, OOPSLA: the mixing function of SplitMix64.
     """
     for n in range(len(beam)):
-        mixed = np.uint64(beam[n]) << np.uint64(32) | np.uint64(face[n])
-        mixed = (mixed ^ mixed >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
-        out[n] = (mixed ^ mixed >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
+        out[n] = _mixed(beam[n], face[n])
+
+
+@per_ray
+def _mixed(beam, face):
+    """Return random bits of a beam that meets a triangle."""
+    mixed = np.uint64(beam) << np.uint64(32) | np.uint64(face)
+    mixed = (mixed ^ mixed >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
+    return (mixed ^ mixed >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
+
+
+@per_ray
+def swallow(beam, face, material, swallowed, left, panes, dirt, out):
+    """Write what is left (N,) float32 of the backscatter of actors: see `returns.swallowed`.
+
+    Args:
+        beam: (N,) int32.
+        face: (N,) int32, the triangle that it meets.
+        material: (N,) uint8, of it.
+        swallowed: (M,) int64, level of 65,536 below which a draw is swallowed, by material.
+        left: float32, what is left of it then.
+        panes: (M,) bool, which materials are panes.
+        dirt: (65536,) float32, what dirt leaves of a pane, by draw.
+        out: to write.
+    """
+    for n in range(len(beam)):
+        drawn, kind = _mixed(beam[n], face[n]) >> np.uint64(48), material[n]
+        if panes[kind]:
+            out[n] = dirt[drawn]
+        else:
+            out[n] = left if np.int64(drawn) < swallowed[kind] else np.float32(1.0)

@@ -118,7 +118,7 @@ class Scatter:
         """Return what is left (N,) of the backscatter of actors' triangles: see `swallowed`."""
         if not self.swallows:
             return np.ones(len(beam), np.float32)
-        return actor_grain(_mixed(beam, face), material)
+        return actor_grain(beam, face, material)
 
     def patches(self, places: NDArray[np.float64]) -> Floats:
         """Return what patches make of the backscatter of ground at places (N, 3), site frame."""

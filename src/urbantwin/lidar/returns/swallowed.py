@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from urbantwin.lidar.compiled.patches import add_patches
+from urbantwin.lidar.compiled.surfaces import swallow
 from urbantwin.lidar.returns.draws import LEVELS, standard_quantiles
 from urbantwin.taxonomy import materials
 
@@ -55,18 +56,19 @@ _PLACES = 101
 _LEFT = np.float32(1e-4)
 
 
-def actor_grain(mixed: NDArray[np.uint64], material: NDArray[np.uint8]) -> NDArray[np.float32]:
+def actor_grain(
+    beam: NDArray[np.integer], face: NDArray[np.integer], material: NDArray[np.uint8]
+) -> NDArray[np.float32]:
     """Return what is left (N,) of the backscatter of materials (N,) that beams meet on actors.
 
     Args:
-        mixed: (N,) random bits of the beams and the triangles.
+        beam: (N,) their numbers.
+        face: (N,) the triangles that they meet.
         material: (N,) numbers of the materials.
     """
-    drawn = (mixed >> np.uint64(48)).astype(np.int64)
-    swallowed, panes = _tables()
-    left = np.where(drawn < swallowed[material], _LEFT, np.float32(1.0))
-    dirty = np.flatnonzero(panes[material])
-    left[dirty] = np.exp(DIRT * standard_quantiles().take(drawn[dirty]))
+    left = np.empty(len(beam), np.float32)
+    whole = (np.ascontiguousarray(one, np.int32) for one in (beam, face))
+    swallow(*whole, np.ascontiguousarray(material), *_tables(), left)
     return left
 
 
@@ -90,8 +92,9 @@ def thrown_on(places: NDArray[np.float64], cosine: NDArray[np.floating]) -> NDAr
 
 
 @cache
-def _tables() -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the level of 65,536 below which a draw is swallowed, and what are panes of cars."""
+def _tables() -> tuple[NDArray[np.int64], np.float32, NDArray[np.bool_], NDArray[np.float32]]:
+    """Return the levels, what is left, the panes of cars and their dirt as `swallow` wants them."""
     share = [SWALLOWED.get(name, 0.0) for name in materials()]
     panes = [name.startswith("glass-") for name in materials()]
-    return np.rint(np.array(share) * LEVELS).astype(np.int64), np.array(panes)
+    levels = np.rint(np.array(share) * LEVELS).astype(np.int64)
+    return levels, _LEFT, np.array(panes), np.exp(DIRT * standard_quantiles())
