@@ -31,7 +31,6 @@ __all__ = [
     "Detections",
     "Touching",
     "detected",
-    "spans_in_box",
     "within_boxes",
 ]
 
@@ -147,13 +146,12 @@ def within_boxes(
         row = touching.row[detections.actor[touching.row] >= 0]
         far = float(detections.range_m[row].max(initial=0.0))
     margin = max(0.0, BOX_MARGIN_M - step_m / 2 - aside * far)
-    leaves, origin, aim = keep_inside(
+    leaves, low, high = keep_inside(
         detections, touching, draws, model.step_m, actors.paths, firing, standing, margin
     )
     if not len(leaves):
         return
     row, sigma = touching.row[leaves], touching.sigma[leaves]
-    low, high = spans_in_box(origin, aim, standing.boxes.T[:, detections.actor[row]], margin)
     # What several surfaces give together may lie between them: it is brought inside first.
     at = np.clip(detections.range_m[row], np.minimum(low, high), high)
     wide = np.maximum(sigma.astype(np.float64), 1e-9)
@@ -166,33 +164,3 @@ def within_boxes(
     detections.range_m[row] = model.quantised(inside)
     beside = row[low > high]
     detections.actor[beside], detections.semantic[beside] = -1, OUTLIER
-
-
-def spans_in_box(
-    origin: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    boxes: NDArray[np.float64],
-    margin: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where rays enter and leave their own boxes grown by ``margin``, metres.
-
-    Args:
-        origin: (3, M) where the rays leave.
-        directions: (3, M) unit vectors.
-        boxes: (7, M) a box for each ray.
-        margin: metres.
-    """
-    start = _turned(origin - boxes[:3], boxes[6])
-    along = _turned(directions, boxes[6])
-    half = boxes[3:6] / 2 + margin
-    # A ray along a face never meets the other two of its kind: infinitely far is right there.
-    along[along == 0] = 1e-300
-    one, other = (-half - start) / along, (half - start) / along
-    return np.minimum(one, other).max(axis=0), np.maximum(one, other).min(axis=0)
-
-
-def _turned(vectors: NDArray[np.floating], yaw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return vectors (3, M) in frames turned by yaw (M,)."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    x, y, z = vectors
-    return np.stack([x * c + y * s, y * c - x * s, z])

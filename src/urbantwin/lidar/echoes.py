@@ -110,10 +110,11 @@ def static_echoes(
     """
     beams = np.arange(len(static.start) - 1, dtype=np.int32)
     last = np.full(len(beams), -1, np.int32)
+    place = beams.copy()
     # Of the types that materials give in `combined`: what combines them is compiled once.
     whole, range_m, mask = np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros(0, np.uint8)
     nothing = ActorLayers(last, whole, whole, range_m, np.zeros(0), np.zeros(0), mask)
-    return _echoes(beams, static, nothing, share, model, returns)[0]
+    return _echoes(place, beams, static, nothing, share, model, returns)[0]
 
 
 def combined(
@@ -134,9 +135,9 @@ def combined(
         model: what the sensor makes of echoes.
         returns: which of them it reports.
     """
-    last = np.full(len(static.start) - 1, -1, np.int32)
+    place = np.full(len(static.start) - 1, -1, np.int32)
     before = np.empty(len(met.ray), np.int32)
-    touched = chained(met.ray, last, before)
+    touched, last = chained(met.ray, place, before)
     material = actors.material(met.actor, met.face)
     moving = ActorLayers(
         last,
@@ -148,7 +149,7 @@ def combined(
         model.scatter.transmission(material, met.cosine),
         met.mask,
     )
-    echoes, lone = _echoes(touched, static, moving, share, model, returns)
+    echoes, lone = _echoes(place, touched, static, moving, share, model, returns)
     room = len(lone.beam)
     alone = Alone(np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32))
     kept = answer_alone(model.response, lone, echoes, returns == "dual", alone)
@@ -156,6 +157,7 @@ def combined(
 
 
 def _echoes(
+    place: NDArray[np.int32],
     touched: NDArray[np.int32],
     static: StaticLayers,
     moving: ActorLayers,
@@ -163,7 +165,10 @@ def _echoes(
     model: ReturnModel,
     returns: ReturnMode,
 ) -> tuple[Echoes, AloneEchoes]:
-    """Return the echoes of some beams, and what actors alone would give."""
+    """Return the echoes of some beams (M,), and what actors alone would give.
+
+    ``place`` is the number (N,) of every beam among them, -1 for none.
+    """
     layers = len(moving.before)
     most = 2 * len(touched) + layers + 16
     while True:
@@ -172,6 +177,7 @@ def _echoes(
             np.empty(most, np.float32),
             np.empty(most, np.float32),
             np.empty(most, np.int32),
+            np.empty(most, np.float32),
         )
         alone = AloneEchoes(
             np.empty(layers, np.int32),
@@ -183,25 +189,16 @@ def _echoes(
         if used <= most:
             break
         most = used
-    start = echoes.start
     range_m, amplitude = echoes.range_m[:used], echoes.amplitude[:used]
-    owner = echoes.owner[:used]
-    peak = np.ones(used, np.float32)
-    if len(static.cosine) and model.divergence_rad > 0:
-        row = np.flatnonzero(owner < 0)
-        layer = -1 - owner[row]
-        peak[row] = model.peak_left(static.range_m[layer], static.cosine[layer])
-    level, sigma, intensity, strength = model.answers(amplitude, range_m, peak=peak)
-    first, second = choose(start, strength, level, _MODES.index(returns))
-    place = np.full(len(static.start) - 1, -1, np.int32)
-    place[touched] = np.arange(len(touched), dtype=np.int32)
+    level, sigma, intensity, strength = model.answers(amplitude, range_m, peak=echoes.peak[:used])
+    first, second = choose(echoes.start, strength, level, _MODES.index(returns))
     return Echoes(
         place,
         touched,
-        start,
+        echoes.start,
         range_m,
         amplitude,
-        owner,
+        echoes.owner[:used],
         level,
         sigma,
         intensity,

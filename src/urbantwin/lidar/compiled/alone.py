@@ -6,7 +6,7 @@ from urbantwin.geometry.compiled import per_ray
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.lidar.compiled.response import level_of, shown_of, strength_of
 
-__all__ = ["answer_alone"]
+__all__ = ["answer_alone", "count_returns"]
 
 
 @per_ray
@@ -51,3 +51,19 @@ def answer_alone(r, lone, echoes, both, out):
 def _is_of(actor, echo, echoes):
     """Return whether an echo, -1 for none, is of an actor."""
     return echo >= 0 and echoes.owner[echo] >= 0 and echoes.owner[echo] % BESIDE == actor
+
+
+@per_ray
+def count_returns(alone, draws, counts):
+    """Count how many returns each actor would give if it were alone in the world.
+
+    Args:
+        alone: `echoes.Alone`.
+        draws: `returns.draws.TurnDraws`.
+        counts: (A,) int64, to add to.
+    """
+    detection, dead = draws.first.detection, draws.dead
+    for n in range(len(alone.beam)):
+        beam = alone.beam[n]
+        if detection[beam] < alone.level[n] and not (len(dead) and dead[beam]):
+            counts[alone.actor[n]] += 1

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from urbantwin.geometry.compiled import per_block
+from urbantwin.geometry.compiled import per_block, per_ray
 from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
 from urbantwin.lidar.compiled.report import quantised
 
-__all__ = ["keep_inside"]
+__all__ = ["keep_inside", "span_in_box"]
 
 
 @per_block
@@ -24,8 +24,8 @@ def keep_inside(detections, touching, draws, step_m, paths, firing, standing, ma
         margin: how far outside does not count, metres.
 
     Returns:
-        The others' numbers (L,) int64 among the K; origins (3, L) and unit vectors (3, L) float64
-        of their rays where the actors stand.
+        The others' numbers (L,) int64 among the K, and where their rays enter and leave the boxes,
+        (L,) float64 each, metres.
     """
     column_time, ring_time, beams = firing.column_time_s, firing.ring_time_s, firing.directions
     sensor_rotation, sensor_place = firing.rotation, firing.translation
@@ -33,7 +33,7 @@ def keep_inside(detections, touching, draws, step_m, paths, firing, standing, ma
     count, rows = len(column_time), len(touching.row)
     moving = len(sensor_place) > 1
     which = np.empty(rows, np.int64)
-    origin, aim = np.empty((3, rows)), np.empty((3, rows))
+    enters, leaves = np.empty(rows), np.empty(rows)
     actor_rotation, actor_place = np.empty((3, 3)), np.empty(3)
     # Channels that fire together see the actor of a column alike: its pose is kept for them.
     relative, place = np.empty((count, 3, 3)), np.empty((count, 3))
@@ -78,9 +78,36 @@ def keep_inside(detections, touching, draws, step_m, paths, firing, standing, ma
             or abs(z) > boxes[a, 5] / 2 + margin
         ):
             which[found] = k
-            for i in range(3):
-                origin[i, found], aim[i, found] = start[i], along[i]
+            enters[found], leaves[found] = span_in_box(start, along, boxes, a, cosine, sine, margin)
             found += 1
         else:
             detections.range_m[row] = quantised(range_m, step_m)
-    return which[:found], origin[:, :found], aim[:, :found]
+    return which[:found], enters[:found], leaves[:found]
+
+
+@per_ray
+def span_in_box(origin, aim, boxes, a, cosine, sine, margin):
+    """Return where a ray enters and leaves one of the boxes, grown; beside it, first leaves it.
+
+    Args:
+        origin: (3,) where the ray leaves.
+        aim: (3,) unit vector.
+        boxes: (A, 7).
+        a: number of the box.
+        cosine: (A,) of the yaws of the boxes.
+        sine: (A,) of the yaws of the boxes.
+        margin: how much the box grows on every side, metres.
+    """
+    x, y, c, s = origin[0] - boxes[a, 0], origin[1] - boxes[a, 1], cosine[a], sine[a]
+    enters, leaves = -np.inf, np.inf
+    for start, along, size in (
+        (x * c + y * s, aim[0] * c + aim[1] * s, boxes[a, 3]),
+        (y * c - x * s, aim[1] * c - aim[0] * s, boxes[a, 4]),
+        (origin[2] - boxes[a, 2], aim[2], boxes[a, 5]),
+    ):
+        half = size / 2 + margin
+        # A ray along a face never meets the other two of its kind: infinitely far is right there.
+        way = along if along != 0.0 else 1e-300
+        one, other = (-half - start) / way, (half - start) / way
+        enters, leaves = max(enters, min(one, other)), min(leaves, max(one, other))
+    return enters, leaves

@@ -23,10 +23,10 @@ _FAINTEST = 1e-9
 
 
 class ActorLayers(NamedTuple):
-    """L layers of actors, those of each of N beams chained to each other.
+    """L layers of actors, those of each of M beams chained to each other.
 
     Attributes:
-        last: (N,) int32, the last layer of each beam; -1 for none.
+        last: (M,) int32, the last layer of each beam; -1 for none.
         before: (L,) int32, the one before along the same beam; -1 for none.
         actor: (L,) int32.
         range_m: (L,) float32.
@@ -52,12 +52,14 @@ class BeamEchoes(NamedTuple):
         range_m: (E,) float32.
         amplitude: (E,) float32.
         owner: (E,) int32: an actor, `BESIDE` plus one, or ``-1 - layer`` of the static world.
+        peak: (E,) float32, what is left of its pulse's peak.
     """
 
     start: NDArray[np.int32]
     range_m: NDArray[np.float32]
     amplitude: NDArray[np.float32]
     owner: NDArray[np.int32]
+    peak: NDArray[np.float32]
 
 
 class AloneEchoes(NamedTuple):
@@ -190,15 +192,14 @@ def combine(touched, static, moving, share, pulse_m, echoes, alone):
     all_light = light[whole]
     for m in range(len(touched)):
         echoes.start[m] = used
-        last, still = moving.last[touched[m]], static.start[touched[m]]
+        last, still = moving.last[m], static.start[touched[m]]
         stands = static.start[touched[m] + 1] - still
         if last < 0 and _is_opaque(static, still, stands, whole):
             if stands:
-                if used < len(echoes.range_m):
-                    echoes.range_m[used], echoes.owner[used] = static.range_m[still], -1 - still
-                    # In single precision, as where several layers are combined.
-                    back = np.float64(np.float32(static.backscatter[still]))
-                    echoes.amplitude[used] = _at_least(all_light * back)
+                # In single precision, as where several layers are combined.
+                back = np.float64(np.float32(static.backscatter[still]))
+                amplitude = _at_least(all_light * back)
+                _write(echoes, used, static.range_m[still], amplitude, -1 - still, static.peak)
                 used += 1
             continue
         if _is_plain(static, moving, last, still, stands, whole):
@@ -212,17 +213,14 @@ def combine(touched, static, moving, share, pulse_m, echoes, alone):
             if stands and static.range_m[still] <= at:
                 at, who = static.range_m[still], -1 - still
                 amplitude = _at_least(all_light * static.backscatter[still])
-            if used < len(echoes.range_m):
-                echoes.range_m[used], echoes.amplitude[used] = at, amplitude
-                echoes.owner[used] = who
+            _write(echoes, used, at, amplitude, np.int64(who), static.peak)
             used += 1
             continue
-        count = _layers_of(touched[m], static, moving, layers)
+        count = _layers_of(touched[m], last, static, moving, layers)
         several = _echoes(layers, count, _ANYBODY, share, light, left, pulse_m, found)
         for e in range(several):
-            if used < len(echoes.range_m):
-                echoes.range_m[used], echoes.owner[used] = found[e].range_m, found[e].owner
-                echoes.amplitude[used] = found[e].amplitude
+            at, amplitude = found[e].range_m, np.float64(found[e].amplitude)
+            _write(echoes, used, at, amplitude, np.int64(found[e].owner), static.peak)
             used += 1
         for i in range(count):
             who = layers[i].owner
@@ -267,10 +265,11 @@ def _is_opaque(static, still, stands, whole):
 
 
 @per_ray
-def _layers_of(beam, static, moving, layers):
+def _layers_of(beam, last, static, moving, layers):
     """Write the layers of a beam, the static world's and the actors', and return how many.
 
-    The nearest comes first; of those as near as each other, the static world's.
+    The nearest comes first; of those as near as each other, the static world's. The ``last`` of
+    the actors' leads to the others.
     """
     count = 0
     for still in range(static.start[beam], static.start[beam + 1]):
@@ -280,7 +279,7 @@ def _layers_of(beam, static, moving, layers):
             layer.through, layer.mask = static.through[still], static.mask[still]
             layer.owner = -1 - still
             count += 1
-    met = moving.last[beam]
+    met = last
     while met >= 0:
         if count < _MOST_LAYERS:
             layer = layers[_place_for(moving.range_m[met], layers, count)]
@@ -313,6 +312,17 @@ def _is_among(who, layers, count):
     for j in range(count):
         known = known or layers[j].owner == who
     return known
+
+
+@per_ray
+def _write(echoes, at, range_m, amplitude, owner, peak):
+    """Write an echo, if there is room for it.
+
+    ``peak`` is that (L,) of the static world's layers; actors are met squarely enough.
+    """
+    if at < len(echoes.range_m):
+        echoes.range_m[at], echoes.amplitude[at], echoes.owner[at] = range_m, amplitude, owner
+        echoes.peak[at] = peak[-1 - owner] if owner < 0 else np.float32(1.0)
 
 
 @per_ray
