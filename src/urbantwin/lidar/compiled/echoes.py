@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry.compiled import per_block, per_ray
+from urbantwin.geometry.compiled.prefetch import prefetch
 from urbantwin.lidar.casting.layer_rule import ON_AXIS
 
 __all__ = ["BESIDE", "ActorLayers", "AloneEchoes", "BeamEchoes", "combine"]
@@ -13,6 +14,9 @@ __all__ = ["BESIDE", "ActorLayers", "AloneEchoes", "BeamEchoes", "combine"]
 #: Added to the actor that owns an echo along a beam whose axis passes beside the actor: the point
 #: that is reported lies on the axis, and so beside the actor.
 BESIDE = 1 << 20
+
+#: So many beams ahead the world's layers are asked for.
+_AHEAD = 8
 
 #: A beam with more layers than this loses the farthest.
 _MOST_LAYERS = 128
@@ -191,6 +195,15 @@ def combine(touched, static, moving, share, pulse_m, echoes, alone):
     whole = len(light) - 1
     all_light = light[whole]
     for m in range(len(touched)):
+        # What the world has there comes from far off, while beams before are combined.
+        if m + 2 * _AHEAD < len(touched):
+            prefetch(static.start, touched[m + 2 * _AHEAD])
+            ahead = static.start[touched[m + _AHEAD]]
+            prefetch(static.range_m, ahead)
+            prefetch(static.backscatter, ahead)
+            prefetch(static.through, ahead)
+            prefetch(static.mask, ahead)
+            prefetch(static.peak, ahead)
         echoes.start[m] = used
         last, still = moving.last[m], static.start[touched[m]]
         stands = static.start[touched[m] + 1] - still
