@@ -139,16 +139,8 @@ def combined(
     before = np.empty(len(met.ray), np.int32)
     touched, last = chained(met.ray, place, before)
     material = actors.material(met.actor, met.face)
-    moving = ActorLayers(
-        last,
-        before,
-        met.actor,
-        met.range_m,
-        model.scatter.backscatter(material, met.cosine)
-        * model.scatter.actor_grain(met.ray, met.face, material),
-        model.scatter.transmission(material, met.cosine),
-        met.mask,
-    )
+    back, through = model.scatter.of_actors(met.ray, met.face, material, met.cosine)
+    moving = ActorLayers(last, before, met.actor, met.range_m, back, through, met.mask)
     echoes, lone = _echoes(place, touched, static, moving, share, model, returns)
     room = len(lone.beam)
     alone = Alone(np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32))

@@ -4,7 +4,7 @@ import numpy as np
 
 from urbantwin.geometry.compiled import per_ray
 
-__all__ = ["mix", "read_curves", "swallow"]
+__all__ = ["mix", "read_actors", "read_curves"]
 
 
 @per_ray
@@ -17,14 +17,20 @@ def read_curves(curves, material, cosine, out):
         cosine: (N,) float32.
         out: to write.
     """
-    steps = np.int32(curves.shape[1] - 1)
     for n in range(len(material)):
-        faced = min(max(cosine[n], np.float32(0.0)), np.float32(1.0))
-        place = faced * np.float32(steps)
-        low = min(np.int32(place), steps - 1)
-        first = curves[material[n], low]
-        step = np.float32(curves[material[n], low + 1] - first)
-        out[n] = np.float64(first) + np.float64(step) * (np.float64(place) - low)
+        out[n] = _read(curves, material[n], cosine[n])
+
+
+@per_ray
+def _read(curves, kind, cosine):
+    """Return the value of a material's curve at one cosine."""
+    steps = np.int32(curves.shape[1] - 1)
+    faced = min(max(cosine, np.float32(0.0)), np.float32(1.0))
+    place = faced * np.float32(steps)
+    low = min(np.int32(place), steps - 1)
+    first = curves[kind, low]
+    step = np.float32(curves[kind, low + 1] - first)
+    return np.float64(first) + np.float64(step) * (np.float64(place) - low)
 
 
 @per_ray
@@ -46,22 +52,28 @@ def _mixed(beam, face):
 
 
 @per_ray
-def swallow(beam, face, material, swallowed, left, panes, dirt, out):
-    """Write what is left (N,) float32 of the backscatter of actors: see `returns.swallowed`.
+def read_actors(curves, passes, beam, face, material, cosine, losses, backscatter, through):
+    """Write what actors send back of beams (N,), and what passes through them.
 
     Args:
+        curves: (M, S) float32, backscatter of each material, see `read_curves`.
+        passes: (M, S) float32, share of the light that passes through it to and fro.
         beam: (N,) int32.
         face: (N,) int32, the triangle that it meets.
         material: (N,) uint8, of it.
-        swallowed: (M,) int64, level of 65,536 below which a draw is swallowed, by material.
-        left: float32, what is left of it then.
-        panes: (M,) bool, which materials are panes.
-        dirt: (65536,) float32, what dirt leaves of a pane, by draw.
-        out: to write.
+        cosine: (N,) float32.
+        losses: `returns.swallowed.Losses`.
+        backscatter: (N,) float64, to write.
+        through: (N,) float64, to write.
     """
+    swallowed, left, panes, dirt = losses
     for n in range(len(beam)):
-        drawn, kind = _mixed(beam[n], face[n]) >> np.uint64(48), material[n]
+        kind = material[n]
+        through[n] = _read(passes, kind, cosine[n])
+        drawn = np.int64(_mixed(beam[n], face[n]) >> np.uint64(48))
+        grain = np.float32(1.0)
         if panes[kind]:
-            out[n] = dirt[drawn]
-        else:
-            out[n] = left if np.int64(drawn) < swallowed[kind] else np.float32(1.0)
+            grain = dirt[drawn]
+        elif drawn < swallowed[kind]:
+            grain = left
+        backscatter[n] = _read(curves, kind, cosine[n]) * np.float64(grain)

@@ -25,17 +25,17 @@ at panes as the VLP-32C, so that is what is believed of others.
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from urbantwin.lidar.compiled.patches import add_patches
-from urbantwin.lidar.compiled.surfaces import swallow
 from urbantwin.lidar.returns.draws import LEVELS, standard_quantiles
 from urbantwin.taxonomy import materials
 
-__all__ = ["DIRT", "FAINTEST", "GLANCING", "SWALLOWED", "actor_grain", "thrown_on"]
+__all__ = ["DIRT", "FAINTEST", "GLANCING", "SWALLOWED", "Losses", "losses", "thrown_on"]
 
 #: Share of white of which half is missed next to a sensor of which it was not measured.
 FAINTEST = 0.001
@@ -56,20 +56,20 @@ _PLACES = 101
 _LEFT = np.float32(1e-4)
 
 
-def actor_grain(
-    beam: NDArray[np.integer], face: NDArray[np.integer], material: NDArray[np.uint8]
-) -> NDArray[np.float32]:
-    """Return what is left (N,) of the backscatter of materials (N,) that beams meet on actors.
+class Losses(NamedTuple):
+    """What is lost on M materials of actors, by draws of 65,536.
 
-    Args:
-        beam: (N,) their numbers.
-        face: (N,) the triangles that they meet.
-        material: (N,) numbers of the materials.
+    Attributes:
+        swallowed: (M,) int64, level below which a draw is swallowed.
+        left: what a beam that is swallowed sends back of what it would.
+        panes: (M,) which are panes of cars.
+        dirt: (65536,) float32, what dirt makes of the backscatter of panes, by draw.
     """
-    left = np.empty(len(beam), np.float32)
-    whole = (np.ascontiguousarray(one, np.int32) for one in (beam, face))
-    swallow(*whole, np.ascontiguousarray(material), *_tables(), left)
-    return left
+
+    swallowed: NDArray[np.int64]
+    left: np.float32
+    panes: NDArray[np.bool_]
+    dirt: NDArray[np.float32]
 
 
 def thrown_on(places: NDArray[np.float64], cosine: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -92,9 +92,13 @@ def thrown_on(places: NDArray[np.float64], cosine: NDArray[np.floating]) -> NDAr
 
 
 @cache
-def _tables() -> tuple[NDArray[np.int64], np.float32, NDArray[np.bool_], NDArray[np.float32]]:
-    """Return the levels, what is left, the panes of cars and their dirt as `swallow` wants them."""
-    share = [SWALLOWED.get(name, 0.0) for name in materials()]
-    panes = [name.startswith("glass-") for name in materials()]
-    levels = np.rint(np.array(share) * LEVELS).astype(np.int64)
-    return levels, _LEFT, np.array(panes), np.exp(DIRT * standard_quantiles())
+def losses(*, swallows: bool) -> Losses:
+    """Return what of actors is lost; where nothing is swallowed, nothing."""
+    share = [SWALLOWED.get(name, 0.0) if swallows else 0.0 for name in materials()]
+    panes = [swallows and name.startswith("glass-") for name in materials()]
+    return Losses(
+        np.rint(np.array(share) * LEVELS).astype(np.int64),
+        _LEFT,
+        np.array(panes),
+        np.exp(DIRT * standard_quantiles()),
+    )
