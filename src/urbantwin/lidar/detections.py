@@ -29,6 +29,7 @@ from urbantwin.lidar.static_view import StaticView
 __all__ = [
     "BOX_MARGIN_M",
     "Detections",
+    "Slots",
     "Touching",
     "detected",
     "within_boxes",
@@ -84,9 +85,30 @@ class Touching(NamedTuple):
     amplitude: NDArray[np.float32]
 
 
+class Slots(NamedTuple):
+    """Where A spurious echoes may go, at most one of a beam.
+
+    Attributes:
+        beam: (A,) int32, ascending.
+        row: (A,) int32, number of the first detection of that beam.
+        had: (A,) uint8, how many it has without the spurious one. Where the sensor reports more,
+            the row after them is left out but for its beam.
+    """
+
+    beam: NDArray[np.int32]
+    row: NDArray[np.int32]
+    had: NDArray[np.uint8]
+
+
 def detected(
-    view: StaticView, echoes: Echoes, draws: TurnDraws, model: ReturnModel, *, dual: bool
-) -> tuple[Detections, Touching]:
+    view: StaticView,
+    echoes: Echoes,
+    draws: TurnDraws,
+    model: ReturnModel,
+    added: NDArray[np.int32],
+    *,
+    dual: bool,
+) -> tuple[Detections, Touching, Slots]:
     """Return which echoes the draws make detections; ranges of actors are without their noise.
 
     Args:
@@ -94,6 +116,7 @@ def detected(
         echoes: along the beams that touch actors.
         draws: of the turn.
         model: what the sensor makes of echoes.
+        added: (A,) beams with spurious echoes, ascending.
         dual: whether it reports two echoes of a beam.
     """
     most = 2 if dual else 1
@@ -102,12 +125,15 @@ def detected(
     touching = Touching(
         np.empty(room, np.int32), np.empty(room, np.float32), np.empty(room, np.float32)
     )
+    slots = Slots(added, np.empty(len(added), np.int32), np.empty(len(added), np.uint8))
+    layer_class = view.layers.semantic
     found, touch = detect(
-        view.answers, echoes, view.layers.semantic, draws, model.step_m, dual, out, touching
+        view.answers, echoes, layer_class, draws, model.step_m, dual, out, touching, slots
     )
     return (
         Detections._make(values[:found] for values in out),
         Touching._make(values[:touch] for values in touching),
+        slots,
     )
 
 

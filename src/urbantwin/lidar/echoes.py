@@ -16,7 +16,7 @@ from urbantwin.lidar.compiled.echoes import (
     combine,
 )
 from urbantwin.lidar.compiled.order import chained
-from urbantwin.lidar.compiled.return_mode import choose
+from urbantwin.lidar.compiled.return_mode import MODES, choose
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import ReturnMode
 from urbantwin.lidar.shapes import PresentActors
@@ -27,8 +27,6 @@ __all__ = ["PULSE_M", "Alone", "Answers", "Echoes", "combined", "static_echoes"]
 #: Surfaces nearer to each other than this along a beam come back as one echo, metres: half the
 #: way that light goes in a pulse of 5 ns, the usual length.
 PULSE_M = 0.75
-#: As ``compiled.return_mode`` counts them.
-_MODES = ("strongest", "last", "dual", "first")
 
 
 class Answers(NamedTuple):
@@ -183,7 +181,7 @@ def _echoes(
         most = used
     range_m, amplitude = echoes.range_m[:used], echoes.amplitude[:used]
     level, sigma, intensity, strength = model.answers(amplitude, range_m, peak=echoes.peak[:used])
-    first, second = choose(echoes.start, strength, level, _MODES.index(returns))
+    first, second = choose(echoes.start, strength, level, MODES.index(returns))
     return Echoes(
         place,
         touched,

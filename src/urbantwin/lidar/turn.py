@@ -158,11 +158,13 @@ def observe(
     echoes, alone = combined(view.layers, actors, met, share, model, mounted.returns)
     view.as_measured(echoes)
     # Echoes that the sensor notices are detections: noisy, quantised, those of actors in their box.
-    found, touching = detected(view, echoes, draws, model, dual=mounted.returns == "dual")
-    within_boxes(found, touching, draws, view, firing, actors, standing, model)
     # Drops, flakes, fog and stray light are detected where they win.
     spurious = Spurious(mounted, model, view, echoes, turn.sweep.ring_time_s, key, draws.dead)
-    found = spurious.among(found, touching)
+    added, strength = spurious.added()
+    dual = mounted.returns == "dual"
+    found, touching, slots = detected(view, echoes, draws, model, added.beam, dual=dual)
+    within_boxes(found, touching, draws, view, firing, actors, standing, model)
+    spurious.settle(added, strength, found, touching, slots)
     if model.offset_m:
         found = found._replace(range_m=np.maximum(found.range_m + model.offset_m, np.float32(0)))
     returns_alone = np.zeros(len(actors.shape), np.int64)

@@ -10,15 +10,17 @@ from urbantwin.geometry.compiled import per_ray
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.taxonomy import semantic_id
 
-__all__ = ["OUTLIER", "detect", "merge", "quantised", "write_points"]
+__all__ = ["OUTLIER", "detect", "quantised", "write_points"]
 
 #: Class of a point between an actor and what is behind it, which belongs to neither.
 OUTLIER = np.uint16(semantic_id("outlier"))
 
 
 @per_ray
-def detect(answers, echoes, layer_class, draws, step_m, both, out, touching):
+def detect(answers, echoes, layer_class, draws, step_m, both, out, touching, slots):
     """Write the detections in the order of beams, and which are of beams that touch actors.
+
+    Where a spurious echo has room among those of its beam, a row is left out for it.
 
     Args:
         answers: `static_view.StaticAnswers`: what each of N beams would report if it touched no
@@ -31,6 +33,7 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out, touching):
         out: `detections.Detections` to write, (2 N,) or (N,): ranges with noise (but not those of
             actors).
         touching: `detections.Touching` to write, (2 M,) or (M,).
+        slots: `detections.Slots`: beams of spurious echoes, and what is to be written of them.
 
     Returns:
         How many detections there are, and how many of beams that touch actors.
@@ -41,11 +44,14 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out, touching):
     detection_2, noise_2 = draws.second.detection, draws.second.noise
     dead, quantiles = draws.dead, draws.quantiles
     # Of an index with a sign numba asks whether it counts from the end, which costs a third.
-    count, begin = np.uint64(0), np.uint64(0)
-    used = 0
-    for m in range(len(touched) + 1):
-        end = np.uint64(touched[m] if m < len(touched) else len(detection))
-        for beam in range(begin, end):
+    count, begin, end = np.uint64(0), np.uint64(0), np.uint64(len(detection))
+    used, m, k = 0, 0, 0
+    while begin < end:
+        touch = np.uint64(touched[m]) if m < len(touched) else end
+        stray = np.uint64(slots.beam[k]) if k < len(slots.beam) else end
+        if touch > stray:
+            touch = end
+        for beam in range(begin, min(touch, stray + np.uint64(1), end)):
             if len(dead) and dead[beam]:
                 continue
             seen = detection[beam] < alone.level[beam]
@@ -60,13 +66,13 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out, touching):
                     bright = also.intensity[n]
                     _write(out, count, beam, np.int64(seen), also.semantic[n], bright, -1, at)
                     count += np.uint64(1)
-        begin = end + np.uint64(1)
-        if m == len(touched) or (len(dead) and dead[end]):
-            continue
+        begin = min(touch, stray) + np.uint64(1)
+        if touch < end:
+            m += 1
         reported = 0
-        for turn in range(2):
-            source = echoes.first[m] if turn == 0 else echoes.second[m]
-            drawn = detection[end] if turn == 0 else detection_2[end]
+        for turn in range(2 if touch < end and not (len(dead) and dead[touch]) else 0):
+            source = echoes.first[m - 1] if turn == 0 else echoes.second[m - 1]
+            drawn = detection[touch] if turn == 0 else detection_2[touch]
             if source < 0 or drawn >= echoes.level[source] or (reported and not both):
                 continue
             kind, actor, at = np.uint16(0), -1, echoes.range_m[source]
@@ -74,14 +80,23 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out, touching):
                 actor = owner[source]
             else:
                 kind = OUTLIER if owner[source] >= 0 else layer_class[-1 - owner[source]]
-                jitter = noise[end] if turn == 0 else noise_2[end]
+                jitter = noise[touch] if turn == 0 else noise_2[touch]
                 at = _measured(echoes, source, quantiles[jitter], step_m)
-            _write(out, count, end, reported, kind, echoes.intensity[source], actor, at)
+            _write(out, count, touch, reported, kind, echoes.intensity[source], actor, at)
             touching.row[used], touching.sigma[used] = count, echoes.sigma[source]
             touching.amplitude[used] = echoes.amplitude[source]
             used += 1
             reported += 1
             count += np.uint64(1)
+        if stray < min(begin, end):
+            had = 0
+            while had < count and out.beam[count - np.uint64(had + 1)] == stray:
+                had += 1
+            slots.row[k], slots.had[k] = count - np.uint64(had), had
+            if had < (2 if both else 1):
+                out.beam[count] = stray
+                count += np.uint64(1)
+            k += 1
     return count, used
 
 
@@ -102,53 +117,6 @@ def _write(out, count, beam, echo, kind, bright, actor, at):
     """Write a detection."""
     out.beam[count], out.echo[count], out.actor[count] = beam, echo, actor
     out.semantic[count], out.intensity[count], out.range_m[count] = kind, bright, at
-
-
-@per_ray
-def merge(detections, added, inserted, out):
-    """Write detections with some of A more among them.
-
-    Args:
-        detections: `detections.Detections`, M.
-        added: A more.
-        inserted: `returns.added.Inserted`: which, and where they go.
-        out: `detections.Detections` to write, (M',).
-    """
-    number, row, fresh = inserted
-    first, at = 0, 0
-    for k in range(len(number)):
-        _copy(detections, first, row[k], out, at)
-        at += row[k] - first
-        _copy(added, number[k], number[k] + 1, out, at)
-        at += 1
-        first = row[k] if fresh[k] else row[k] + 1
-    _copy(detections, first, len(detections.beam), out, at)
-    # Each beam's are numbered anew where one came in: at most two, the other before or after it.
-    came, beam, echo = 0, out.beam, out.echo
-    for k in range(len(number)):
-        at = row[k] + came
-        for n in range(at, min(at + 2, len(beam))):
-            echo[n] = 1 if n > 0 and beam[n] == beam[n - 1] else 0
-        came += fresh[k]
-
-
-@per_ray
-def _copy(given, first, until, out, at):
-    """Copy rows of detections."""
-    _copy_column(given.beam, first, until, out.beam, at)
-    _copy_column(given.echo, first, until, out.echo, at)
-    _copy_column(given.actor, first, until, out.actor, at)
-    _copy_column(given.semantic, first, until, out.semantic, at)
-    _copy_column(given.range_m, first, until, out.range_m, at)
-    _copy_column(given.intensity, first, until, out.intensity, at)
-
-
-@per_ray
-def _copy_column(given, first, until, out, at):
-    """Copy a part of an array; numba sees that the parts' indices are not negative."""
-    here, there = given[first:until], out[at : at + until - first]
-    for n in range(len(here)):
-        there[n] = here[n]
 
 
 @per_ray
