@@ -12,7 +12,8 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["OUTLIER", "detect", "quantised", "write_points"]
 
-#: Class of a point between an actor and what is behind it, which belongs to neither.
+#: SemanticKITTI's class of points that belong to no object: rain, snow, fog, stray light, and what
+#: lies between an actor and what is behind it.
 OUTLIER = np.uint16(semantic_id("outlier"))
 
 
@@ -49,7 +50,7 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out, touching, slo
     while begin < end:
         touch = np.uint64(touched[m]) if m < len(touched) else end
         stray = np.uint64(slots.beam[k]) if k < len(slots.beam) else end
-        if touch > stray:
+        if touch > stray:  # That comes first, along a beam that touches nothing.
             touch = end
         for beam in range(begin, min(touch, stray + np.uint64(1), end)):
             if len(dead) and dead[beam]:
@@ -67,10 +68,11 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out, touching, slo
                     _write(out, count, beam, np.int64(seen), also.semantic[n], bright, -1, at)
                     count += np.uint64(1)
         begin = min(touch, stray) + np.uint64(1)
+        turns, reported = 0, 0
         if touch < end:
             m += 1
-        reported = 0
-        for turn in range(2 if touch < end and not (len(dead) and dead[touch]) else 0):
+            turns = 0 if len(dead) and dead[touch] else 2
+        for turn in range(turns):
             source = echoes.first[m - 1] if turn == 0 else echoes.second[m - 1]
             drawn = detection[touch] if turn == 0 else detection_2[touch]
             if source < 0 or drawn >= echoes.level[source] or (reported and not both):

@@ -3,15 +3,13 @@
 import numpy as np
 
 from urbantwin.geometry.compiled import per_block, per_ray
-from urbantwin.taxonomy import semantic_id
+from urbantwin.lidar.compiled.report import OUTLIER
 
 __all__ = ["MODES", "choose", "settle"]
 
 #: By number.
 MODES = ("strongest", "last", "dual", "first")
 _LAST, _DUAL, _FIRST = MODES.index("last"), MODES.index("dual"), MODES.index("first")
-#: SemanticKITTI's class of points that belong to no object: rain, snow, fog, stray light.
-_CLASS = np.uint16(semantic_id("outlier"))
 
 
 @per_block
@@ -87,7 +85,7 @@ def settle(detections, slots, range_m, strength, measured_m, intensity, reported
                     wins = (range_m[k] > detections.range_m[row]) == (mode == _LAST)
                 if not wins:
                     continue
-        detections.echo[row], detections.semantic[row], detections.actor[row] = echo, _CLASS, -1
+        detections.echo[row], detections.semantic[row], detections.actor[row] = echo, OUTLIER, -1
         detections.range_m[row], detections.intensity[row] = measured_m[k], intensity[k]
 
 
