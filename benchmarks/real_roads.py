@@ -129,7 +129,7 @@ class Street:
         amplitude *= model.scatter.patches(places) * model.scatter.thrown_on(places, cosine)
         amplitude *= model.scatter.grain(np.flatnonzero(here), kind)
         peak = model.peak_left(truth, cosine)
-        level, sigma, bright = model.answers(amplitude, truth, peak=peak)
+        level, sigma, bright, _ = model.answers(amplitude, truth, peak=peak)
         sees = random.integers(0, 65536, len(truth)) < level
         noisy = model.quantised(truth + sigma * random.normal(size=len(truth)).astype(np.float32))
         if step:

@@ -5,7 +5,7 @@ import pytest
 
 from urbantwin.geometry import Pose, bounding_box, points_in_box
 from urbantwin.lidar.compiled.boxes import tight_boxes
-from urbantwin.lidar.detections import spans_in_box
+from urbantwin.lidar.compiled.carried import span_in_box
 from urbantwin.lidar.shapes import ActorShape
 from urbantwin.traffic.assets import asset_mesh, asset_names
 
@@ -50,7 +50,9 @@ def test_spans_are_where_points_of_the_ray_are_inside():
     aims /= np.linalg.norm(aims, axis=1, keepdims=True)
     aims[0] = [1, 0, 0]
     boxes[0] = [5, 1, 5, 2, 2, 2, 0]  # A ray that runs along its box's axis.
-    enter, leave = spans_in_box(origin[:, None], aims.T, boxes.T, 0.015)
+    turned = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
+    spans = [span_in_box(origin, aim, boxes, n, *turned, 0.015) for n, aim in enumerate(aims)]
+    enter, leave = np.array(spans).T
     for step in np.linspace(0, 20, 801):
         inside = np.array(
             [

@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 from scipy.stats import kstest, truncnorm
 
 from urbantwin.lidar.catalogue import sensor, sensor_names
+from urbantwin.lidar.compiled.philox import fill_words
 from urbantwin.lidar.returns import (
     ReturnModel,
     draw,
@@ -108,15 +109,17 @@ def test_units_with_measured_light_see_so_much_farther(os1):
 
 def test_actors_swallow_single_beams_as_the_table_says():
     """The share is the material's, and it is the same beams of the same triangles every time."""
-    beam = np.arange(200_000)
-    face = np.full(len(beam), 7)
+    beam = np.arange(200_000, dtype=np.int32)
+    face, facing = np.full_like(beam, 7), np.ones(len(beam), np.float32)
+    some, none = (scatter_of_materials(905.0, swallows=one) for one in (True, False))
     for name, share in (("paint-white", 0.06), ("cloth", 0.02), ("asphalt", 0.0)):
         kind = np.full(len(beam), material_id(name), np.uint8)
-        left = scatter_of_materials(905.0, swallows=True).actor_grain(beam, face, kind)
-        assert (left < 0.5).mean() == pytest.approx(share, abs=0.002)
-        again = scatter_of_materials(905.0, swallows=True).actor_grain(beam, face, kind)
-        np.testing.assert_array_equal(left, again)
-        assert (scatter_of_materials(905.0).actor_grain(beam, face, kind) == 1).all()
+        whole, through = none.of_actors(beam, face, kind, facing)
+        np.testing.assert_array_equal(whole, none.backscatter(kind, facing))
+        np.testing.assert_array_equal(through, none.transmission(kind, facing))
+        left, _ = some.of_actors(beam, face, kind, facing)
+        assert (left < 0.5 * whole).mean() == pytest.approx(share, abs=0.002)
+        np.testing.assert_array_equal(left, some.of_actors(beam, face, kind, facing)[0])
 
 
 def test_nothing_returns_outside_the_span_of_ranges(os1):
@@ -252,3 +255,10 @@ def test_codes_are_not_rounded_without_quantisation(os1):
     scatter = np.linspace(0, 1, 99).astype(np.float32)
     plain = ReturnModel(replace(os1, effects=Effects(quantisation=False)))
     np.testing.assert_allclose(plain.intensity(scatter) * 255, scatter * 100, rtol=1e-5)
+
+
+def test_random_words_are_those_of_numpys_philox():
+    key, words = np.array([2**64 - 7, 3 << 48 | 11], np.uint64), np.empty(40, np.uint64)
+    fill_words(key, np.uint64(5), words)
+    expected = np.random.Philox(key=key, counter=np.array([0, 0, 0, 5], np.uint64))
+    np.testing.assert_array_equal(words, expected.random_raw(40))

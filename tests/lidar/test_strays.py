@@ -1,13 +1,15 @@
 """Blooming and crosstalk against what the stated skirt gives, and where added echoes go."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from urbantwin.lidar.beams import Beams
-from urbantwin.lidar.compiled.report import merge
-from urbantwin.lidar.detections import Detections
+from urbantwin.lidar.compiled.return_mode import MODES, settle
+from urbantwin.lidar.detections import Detections, Slots
 from urbantwin.lidar.returns import ReturnModel
-from urbantwin.lidar.returns.added import inserted, strongest_of
+from urbantwin.lidar.returns.added import strongest_of
 from urbantwin.lidar.returns.strays import (
     ISOLATION,
     SKIRT,
@@ -127,12 +129,14 @@ def by_hand(beam, range_m, strength, added, added_strength, returns):
             have.insert(0 if s > have[0][1] else 1, mine)
         elif returns == "last":
             have[0] = mine if r > have[0][0] else have[0]
+        elif returns == "first":
+            have[0] = mine if r < have[0][0] else have[0]
         elif s > have[0][1]:
             have[0] = mine
     return [(b, r, n) for b in sorted(rows) for n, (r, _) in enumerate(rows[b])]
 
 
-@pytest.mark.parametrize("returns", ["strongest", "last", "dual"])
+@pytest.mark.parametrize("returns", MODES)
 @pytest.mark.parametrize("count", [0, 300])
 def test_added_echoes_take_their_place_among_the_reported(returns, count):
     rng = np.random.default_rng(5)
@@ -143,14 +147,20 @@ def test_added_echoes_take_their_place_among_the_reported(returns, count):
     named = np.sort(rng.choice(1000, 350, replace=False)).astype("i4")
     far, strong = rng.uniform(1, 50, (2, 350)).astype("f4")
     added = Stray(named, far, strong)
-    placed = inserted(beam, range_m, strength.take, added, strong, returns)
-    whole = np.zeros(len(beam), "i4")
+    low, high = (np.searchsorted(beam, named, side) for side in ("left", "right"))
+    # Rows are left out where a beam reports fewer than the sensor does.
+    free = high - low < most
+    kept = partial(np.insert, obj=high[free])
+    echo = (np.diff(beam, prepend=-1) == 0).astype("u1")
+    whole = kept(np.zeros(count, "i4"), values=0)
+    ranges = kept(range_m, values=0)
     reported = Detections(
-        beam, whole.astype("u1"), whole, whole.astype("u2"), range_m, range_m, whole
-    )
-    whole = np.zeros(len(named), "i4")
-    more = Detections(named, whole.astype("u1"), whole, whole.astype("u2"), far, far, whole)
-    out = Detections.room(len(beam) + placed.fresh.sum())
-    merge(reported, more, placed, out)
-    rows = list(zip(out.beam.tolist(), out.range_m.tolist(), out.echo.tolist(), strict=True))
+        kept(beam, values=named[free]), kept(echo, values=9), whole.astype("u2"), ranges, ranges,
+        whole,
+    )  # fmt: skip
+    slots = Slots(named, (low + np.cumsum(free) - free).astype("i4"), (high - low).astype("u1"))
+    first = np.append(strength, 0).astype("f4")[low]
+    settle(reported, slots, far, strong, far, far, first, MODES.index(returns))
+    rows = [one.tolist() for one in (reported.beam, reported.range_m, reported.echo)]
+    rows = list(zip(*rows, strict=True))
     assert rows == by_hand(beam, range_m, strength, added, strong, returns)

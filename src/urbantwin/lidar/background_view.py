@@ -66,7 +66,7 @@ def measured_layers(
         back = np.concatenate([back, np.zeros(len(bare), np.float32)])
         semantic = np.concatenate([semantic, np.zeros(len(bare), np.uint16)])
     # What was measured is what it sends back as it stands, and so is what is modelled beside it.
-    faced = modelled._replace(cosine=np.zeros(0, np.float32))
+    faced = modelled._replace(peak=np.ones_like(modelled.peak))
     return faced.filled(kept, mine, range_m, back, semantic, rays)
 
 

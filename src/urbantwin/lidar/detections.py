@@ -17,16 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.casting.tracer import Firing
-from urbantwin.lidar.compiled.carried import leaving
+from urbantwin.lidar.compiled.carried import keep_inside
 from urbantwin.lidar.compiled.report import OUTLIER, detect
 from urbantwin.lidar.echoes import Echoes
-from urbantwin.lidar.returns import ReturnModel, standard_noise, truncated_noise
+from urbantwin.lidar.returns import ReturnModel, truncated_noise
 from urbantwin.lidar.returns.draws import TurnDraws
 from urbantwin.lidar.shapes import PresentActors
 from urbantwin.lidar.standing import Standing
 from urbantwin.lidar.static_view import StaticView
 
-__all__ = ["BOX_MARGIN_M", "Detections", "detected", "spans_in_box", "within_boxes"]
+__all__ = [
+    "BOX_MARGIN_M",
+    "Detections",
+    "Slots",
+    "Touching",
+    "detected",
+    "within_boxes",
+]
 
 #: No labelled point lies farther outside its box.
 BOX_MARGIN_M = 0.019
@@ -38,7 +45,6 @@ class Detections(NamedTuple):
     Attributes:
         beam: (M,) int32.
         echo: (M,) uint8, number among those of its beam.
-        source: (M,) int32, number of the echo; -1 for what the static world alone sends back.
         semantic: (M,) uint16, class of the static surface; meaningless where an actor was hit.
         range_m: (M,) float32, as measured.
         intensity: (M,) float32.
@@ -47,7 +53,6 @@ class Detections(NamedTuple):
 
     beam: NDArray[np.int32]
     echo: NDArray[np.uint8]
-    source: NDArray[np.int32]
     semantic: NDArray[np.uint16]
     range_m: NDArray[np.float32]
     intensity: NDArray[np.float32]
@@ -59,7 +64,6 @@ class Detections(NamedTuple):
         return cls(
             np.empty(count, np.int32),
             np.empty(count, np.uint8),
-            np.empty(count, np.int32),
             np.empty(count, np.uint16),
             np.empty(count, np.float32),
             np.empty(count, np.float32),
@@ -67,9 +71,44 @@ class Detections(NamedTuple):
         )
 
 
+class Touching(NamedTuple):
+    """Which K detections are of beams that touch actors.
+
+    Attributes:
+        row: (K,) int32, number of the detection.
+        sigma: (K,) float32, standard deviation of its range, metres.
+        amplitude: (K,) float32, of its echo.
+    """
+
+    row: NDArray[np.int32]
+    sigma: NDArray[np.float32]
+    amplitude: NDArray[np.float32]
+
+
+class Slots(NamedTuple):
+    """Where A spurious echoes may go, at most one of a beam.
+
+    Attributes:
+        beam: (A,) int32, ascending.
+        row: (A,) int32, number of the first detection of that beam.
+        had: (A,) uint8, how many it has without the spurious one. Where the sensor reports more,
+            the row after them is left out but for its beam.
+    """
+
+    beam: NDArray[np.int32]
+    row: NDArray[np.int32]
+    had: NDArray[np.uint8]
+
+
 def detected(
-    view: StaticView, echoes: Echoes, draws: TurnDraws, model: ReturnModel, *, dual: bool
-) -> Detections:
+    view: StaticView,
+    echoes: Echoes,
+    draws: TurnDraws,
+    model: ReturnModel,
+    added: NDArray[np.int32],
+    *,
+    dual: bool,
+) -> tuple[Detections, Touching, Slots]:
     """Return which echoes the draws make detections; ranges of actors are without their noise.
 
     Args:
@@ -77,32 +116,45 @@ def detected(
         echoes: along the beams that touch actors.
         draws: of the turn.
         model: what the sensor makes of echoes.
+        added: (A,) beams with spurious echoes, ascending.
         dual: whether it reports two echoes of a beam.
     """
-    count = len(echoes.place)
-    out = Detections.room(2 * count if dual else count)
-    found = detect(view.answers, echoes, view.layers.semantic, draws, model.step_m, dual, out)
-    return Detections._make(values[:found] for values in out)
+    most = 2 if dual else 1
+    out = Detections.room(most * len(echoes.place))
+    room = most * len(echoes.beam)
+    touching = Touching(
+        np.empty(room, np.int32), np.empty(room, np.float32), np.empty(room, np.float32)
+    )
+    slots = Slots(added, np.empty(len(added), np.int32), np.empty(len(added), np.uint8))
+    layer_class = view.layers.semantic
+    found, touch = detect(
+        view.answers, echoes, layer_class, draws, model.step_m, dual, out, touching, slots
+    )
+    return (
+        Detections._make(values[:found] for values in out),
+        Touching._make(values[:touch] for values in touching),
+        slots,
+    )
 
 
 def within_boxes(
     detections: Detections,
-    echoes: Echoes,
+    touching: Touching,
     draws: TurnDraws,
     view: StaticView,
     firing: Firing,
     actors: PresentActors,
     standing: Standing,
     model: ReturnModel,
-) -> Detections:
-    """Return detections with the ranges of actors noisy, quantised and inside their boxes.
+) -> None:
+    """Make the ranges of detections of actors noisy, quantised and inside their boxes.
 
     A beam is carried along with its actor to where that stands in its box. Beams that pass beside
     the box all the same (it stands upright, the actor may not) belong to no actor.
 
     Args:
-        detections: as `detected`.
-        echoes: along the beams that touch actors.
+        detections: as `detected`; to be written.
+        touching: which of them are of beams that touch actors.
         draws: of the turn.
         view: the static world as the sensor sees it.
         firing: the beams of the turn.
@@ -110,63 +162,31 @@ def within_boxes(
         standing: where the actors stand in their boxes.
         model: what the sensor makes of echoes.
     """
-    hit = np.flatnonzero(detections.actor >= 0)
-    beam, actor = detections.beam[hit], detections.actor[hit]
-    source = detections.source[hit]
-    range_m, sigma = echoes.range_m[source], echoes.sigma[source]
-    noise = np.where(detections.echo[hit] == 0, draws.first.noise[beam], draws.second.noise[beam])
     step_m, aside = float(model.step_m), view.beams.aside
     thin = len(firing.footprint) == 1
     if thin and not step_m and not aside and model.response.sigma_m == 0:
-        detections.range_m[hit] = range_m  # On the mesh, which the box holds.
-        return detections
-    measured = range_m + sigma * standard_noise(noise)
+        return  # On the mesh, which the box holds.
     # Half a step of the range may come on top, and half a step of the azimuth.
-    margin = max(0.0, BOX_MARGIN_M - step_m / 2 - aside * float(range_m.max(initial=0.0)))
-    leaves, origin, aim = leaving(beam, actor, measured, actors.paths, firing, standing, margin)
-    if len(leaves):
-        own = standing.boxes.T.take(actor[leaves], axis=1)
-        low, high = spans_in_box(origin, aim, own, margin)
-        # What several surfaces give together may lie between them: it is brought inside first.
-        at = np.clip(range_m[leaves], np.minimum(low, high), high)
-        wide = np.maximum(sigma[leaves].astype(np.float64), 1e-9)
-        kept = truncated_noise(
-            noise[leaves],
-            np.minimum((low - at) / wide, 0),
-            np.maximum((high - at) / wide, 0),
-        )
-        measured[leaves] = np.where(sigma[leaves] > 0, at + wide * kept, at)
-        beside = hit[leaves[low > high]]
-        detections.actor[beside], detections.semantic[beside] = -1, OUTLIER
-    detections.range_m[hit] = model.quantised(measured)
-    return detections
-
-
-def spans_in_box(
-    origin: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    boxes: NDArray[np.float64],
-    margin: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where rays enter and leave their own boxes grown by ``margin``, metres.
-
-    Args:
-        origin: (3, M) where the rays leave.
-        directions: (3, M) unit vectors.
-        boxes: (7, M) a box for each ray.
-        margin: metres.
-    """
-    start = _turned(origin - boxes[:3], boxes[6])
-    along = _turned(directions, boxes[6])
-    half = boxes[3:6] / 2 + margin
-    # A ray along a face never meets the other two of its kind: infinitely far is right there.
-    along[along == 0] = 1e-300
-    one, other = (-half - start) / along, (half - start) / along
-    return np.minimum(one, other).max(axis=0), np.maximum(one, other).min(axis=0)
-
-
-def _turned(vectors: NDArray[np.floating], yaw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return vectors (3, M) in frames turned by yaw (M,)."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    x, y, z = vectors
-    return np.stack([x * c + y * s, y * c - x * s, z])
+    far = 0.0
+    if aside:
+        row = touching.row[detections.actor[touching.row] >= 0]
+        far = float(detections.range_m[row].max(initial=0.0))
+    margin = max(0.0, BOX_MARGIN_M - step_m / 2 - aside * far)
+    leaves, low, high = keep_inside(
+        detections, touching, draws, model.step_m, actors.paths, firing, standing, margin
+    )
+    if not len(leaves):
+        return
+    row, sigma = touching.row[leaves], touching.sigma[leaves]
+    # What several surfaces give together may lie between them: it is brought inside first.
+    at = np.clip(detections.range_m[row], np.minimum(low, high), high)
+    wide = np.maximum(sigma.astype(np.float64), 1e-9)
+    beam = detections.beam[row]
+    noise = np.where(detections.echo[row] == 0, draws.first.noise[beam], draws.second.noise[beam])
+    kept = truncated_noise(
+        noise, np.minimum((low - at) / wide, 0), np.maximum((high - at) / wide, 0)
+    )
+    inside = np.where(sigma > 0, at + wide * kept, at).astype(np.float32)
+    detections.range_m[row] = model.quantised(inside)
+    beside = row[low > high]
+    detections.actor[beside], detections.semantic[beside] = -1, OUTLIER

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.casting.tracer import Layers
+from urbantwin.lidar.compiled.alone import answer_alone
 from urbantwin.lidar.compiled.echoes import (
-    BESIDE,
     ActorLayers,
     AloneEchoes,
     BeamEchoes,
     combine,
 )
 from urbantwin.lidar.compiled.order import chained
-from urbantwin.lidar.compiled.return_mode import choose
+from urbantwin.lidar.compiled.return_mode import MODES, choose
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import ReturnMode
 from urbantwin.lidar.shapes import PresentActors
@@ -27,8 +27,6 @@ __all__ = ["PULSE_M", "Alone", "Answers", "Echoes", "combined", "static_echoes"]
 #: Surfaces nearer to each other than this along a beam come back as one echo, metres: half the
 #: way that light goes in a pulse of 5 ns, the usual length.
 PULSE_M = 0.75
-#: As ``compiled.return_mode`` counts them.
-_MODES = ("strongest", "last", "dual", "first")
 
 
 class Answers(NamedTuple):
@@ -110,10 +108,11 @@ def static_echoes(
     """
     beams = np.arange(len(static.start) - 1, dtype=np.int32)
     last = np.full(len(beams), -1, np.int32)
+    place = beams.copy()
     # Of the types that materials give in `combined`: what combines them is compiled once.
     whole, range_m, mask = np.zeros(0, np.int32), np.zeros(0, np.float32), np.zeros(0, np.uint8)
     nothing = ActorLayers(last, whole, whole, range_m, np.zeros(0), np.zeros(0), mask)
-    return _echoes(beams, static, nothing, share, model, returns)[0]
+    return _echoes(place, beams, static, nothing, share, model, returns)[0]
 
 
 def combined(
@@ -134,31 +133,21 @@ def combined(
         model: what the sensor makes of echoes.
         returns: which of them it reports.
     """
-    last = np.full(len(static.start) - 1, -1, np.int32)
+    place = np.full(len(static.start) - 1, -1, np.int32)
     before = np.empty(len(met.ray), np.int32)
-    touched = chained(met.ray, last, before)
+    touched, last = chained(met.ray, place, before)
     material = actors.material(met.actor, met.face)
-    moving = ActorLayers(
-        last,
-        before,
-        met.actor,
-        met.range_m,
-        model.scatter.backscatter(material, met.cosine)
-        * model.scatter.actor_grain(met.ray, met.face, material),
-        model.scatter.transmission(material, met.cosine),
-        met.mask,
-    )
-    echoes, alone = _echoes(touched, static, moving, share, model, returns)
-    level = model.answers(alone.amplitude, alone.range_m)[0]
-    beam = touched.take(alone.beam)
-    # A thin ray meets what is in front or what is behind, and both only through a pane.
-    if len(share) == 1 and not model.scatter.through.any():
-        return echoes, Alone(beam, alone.actor, level)
-    own = ~_is_from_behind(echoes, alone.beam, alone.actor, alone.range_m, returns)
-    return echoes, Alone(beam[own], alone.actor[own], level[own])
+    back, through = model.scatter.of_actors(met.ray, met.face, material, met.cosine)
+    moving = ActorLayers(last, before, met.actor, met.range_m, back, through, met.mask)
+    echoes, lone = _echoes(place, touched, static, moving, share, model, returns)
+    room = len(lone.beam)
+    alone = Alone(np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32))
+    kept = answer_alone(model.response, lone, echoes, returns == "dual", alone)
+    return echoes, Alone._make(values[:kept] for values in alone)
 
 
 def _echoes(
+    place: NDArray[np.int32],
     touched: NDArray[np.int32],
     static: StaticLayers,
     moving: ActorLayers,
@@ -166,7 +155,10 @@ def _echoes(
     model: ReturnModel,
     returns: ReturnMode,
 ) -> tuple[Echoes, AloneEchoes]:
-    """Return the echoes of some beams, and what actors alone would give."""
+    """Return the echoes of some beams (M,), and what actors alone would give.
+
+    ``place`` is the number (N,) of every beam among them, -1 for none.
+    """
     layers = len(moving.before)
     most = 2 * len(touched) + layers + 16
     while True:
@@ -175,6 +167,7 @@ def _echoes(
             np.empty(most, np.float32),
             np.empty(most, np.float32),
             np.empty(most, np.int32),
+            np.empty(most, np.float32),
         )
         alone = AloneEchoes(
             np.empty(layers, np.int32),
@@ -186,46 +179,19 @@ def _echoes(
         if used <= most:
             break
         most = used
-    start = echoes.start
     range_m, amplitude = echoes.range_m[:used], echoes.amplitude[:used]
-    owner = echoes.owner[:used]
-    peak = np.ones(used, np.float32)
-    if len(static.cosine) and model.divergence_rad > 0:
-        row = np.flatnonzero(owner < 0)
-        layer = -1 - owner[row]
-        peak[row] = model.peak_left(static.range_m[layer], static.cosine[layer])
-    level, sigma, intensity = model.answers(amplitude, range_m, peak=peak)
-    strength = model.strength(amplitude, range_m) * peak
-    first, second = choose(start, strength, level, _MODES.index(returns))
-    place = np.full(len(static.start) - 1, -1, np.int32)
-    place[touched] = np.arange(len(touched), dtype=np.int32)
+    level, sigma, intensity, strength = model.answers(amplitude, range_m, peak=echoes.peak[:used])
+    first, second = choose(echoes.start, strength, level, MODES.index(returns))
     return Echoes(
         place,
         touched,
-        start,
+        echoes.start,
         range_m,
         amplitude,
-        owner,
+        echoes.owner[:used],
         level,
         sigma,
         intensity,
         first,
         second,
     ), AloneEchoes._make(values[:lone] for values in alone)
-
-
-def _is_from_behind(
-    echoes: Echoes,
-    beam: NDArray[np.int32],
-    actor: NDArray[np.int32],
-    range_m: NDArray[np.float32],
-    returns: ReturnMode,
-) -> NDArray[np.bool_]:
-    """Return whether beams (L,) report what is behind actors (L,) that they meet at ranges (L,)."""
-    first, second = echoes.first[beam], echoes.second[beam]
-    mine = np.zeros(len(beam), np.bool_)
-    # A second echo is reported by dual returns, too; else it only stands in for a missed one.
-    for one in (first, second) if returns == "dual" else (first,):
-        mine |= (one >= 0) & (echoes.owner[one] % BESIDE == actor) & (echoes.owner[one] >= 0)
-    behind = (first >= 0) & (echoes.range_m[first] > range_m)
-    return np.asarray(behind & ~mine)

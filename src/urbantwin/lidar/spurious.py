@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.compiled.report import merge
-from urbantwin.lidar.detections import Detections
+from urbantwin.lidar.compiled.return_mode import MODES, settle
+from urbantwin.lidar.detections import Detections, Slots, Touching
 from urbantwin.lidar.echoes import Echoes
 from urbantwin.lidar.returns import Purpose, ReturnModel, draw, standard_noise
-from urbantwin.lidar.returns.added import inserted, strongest_of
+from urbantwin.lidar.returns.added import strongest_of
 from urbantwin.lidar.returns.strays import (
     Source,
     Spill,
@@ -23,12 +23,8 @@ from urbantwin.lidar.returns.strays import (
 )
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.static_view import StaticView
-from urbantwin.taxonomy import semantic_id
 
 __all__ = ["Spurious"]
-
-#: SemanticKITTI's class of points that belong to no object: rain, snow, fog, stray light.
-_CLASS = semantic_id("outlier")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,38 +49,50 @@ class Spurious:
     key: tuple[int, int, int, int]
     dead: NDArray[np.bool_]
 
-    def among(self, detections: Detections) -> Detections:
-        """Return the detections of surfaces with these among them, where they win."""
-        strays = [*self._air(), *self._stray_light()]
-        strays = [self._working(one) for one in strays]
+    def added(self) -> tuple[Stray, NDArray[np.float32]]:
+        """Return the strongest echo of each beam that has any (A,), by beam, and how strong."""
+        strays = [self._working(one) for one in (*self._air(), *self._stray_light())]
         if not sum(len(one.beam) for one in strays):
-            return detections
-        strength = [self.model.strength(one.amplitude, one.range_m) for one in strays]
-        added, strong = strongest_of(strays, strength)
-        placed = inserted(
-            detections.beam,
-            detections.range_m,
-            lambda rows: self._strength_of(detections, rows),
-            added,
-            strong,
-            self.mounted.returns,
+            nothing = np.zeros(0, np.float32)
+            return Stray(np.zeros(0, np.int32), nothing, nothing), nothing
+        return strongest_of(
+            strays, [self.model.strength(one.amplitude, one.range_m) for one in strays]
         )
-        _, sigma, intensity = self.model.answers(added.amplitude, added.range_m)
+
+    def settle(
+        self,
+        added: Stray,
+        strength: NDArray[np.float32],
+        detections: Detections,
+        touching: Touching,
+        slots: Slots,
+    ) -> None:
+        """Put them among the detections of surfaces where they win.
+
+        Args:
+            added: what is put there.
+            strength: (A,) of that.
+            detections: of surfaces, to be written.
+            touching: which of them are of beams that touch actors.
+            slots: where each may go.
+        """
+        if not len(added.beam):
+            return
+        _, sigma, intensity, _ = self.model.answers(added.amplitude, added.range_m)
         noise = standard_noise(draw(*self.key[:3], len(added.beam), Purpose.ADDED).noise)
-        count = len(added.beam)
-        none = np.full(count, -1, np.int32)
-        spurious = Detections(
-            added.beam,
-            np.zeros(count, np.uint8),
-            none,
-            np.full(count, _CLASS, np.uint16),
+        reported = np.zeros(len(added.beam), np.float32)
+        met = np.flatnonzero(slots.had)
+        reported[met] = self._strength_of(detections, touching, slots.row[met])
+        settle(
+            detections,
+            slots,
+            added.range_m,
+            strength,
             self.model.quantised(added.range_m + sigma * noise),
             intensity,
-            none,
+            reported,
+            MODES.index(self.mounted.returns),
         )
-        together = Detections.room(len(detections.beam) + int(placed.fresh.sum()))
-        merge(detections, spurious, placed, together)
-        return together
 
     def _air(self) -> list[Stray]:
         clutter = self.model.clutter
@@ -155,9 +163,13 @@ class Spurious:
             return stray
         return stray.only(~self.dead[stray.beam])
 
-    def _strength_of(self, detections: Detections, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+    def _strength_of(
+        self, detections: Detections, touching: Touching, rows: NDArray[np.int32]
+    ) -> NDArray[np.float32]:
         """Return the strengths (K,) of what is reported in some rows (K,)."""
         amplitude = self.view.amplitude.take(detections.beam[rows])
-        source = detections.source[rows]
-        amplitude[source >= 0] = self.echoes.amplitude[source[source >= 0]]
+        at = np.searchsorted(touching.row, rows)
+        touches = at < len(touching.row)
+        touches[touches] = touching.row[at[touches]] == rows[touches]
+        amplitude[touches] = touching.amplitude[at[touches]]
         return self.model.strength(amplitude, detections.range_m[rows])

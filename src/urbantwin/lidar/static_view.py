@@ -150,7 +150,7 @@ class StaticView:
         poses = SensorPoses(*(np.array(part, order="C") for part in path.true_poses(times)))
         # A sensor that stands still looks once and for all, so it can look well.
         kept = path.is_fixed and beams.rings is not None
-        layers = world.layers(beams, sweep, poses, model.scatter, thorough=kept)
+        layers = world.layers(beams, sweep, poses, model, thorough=kept)
         measured = mounted.measured if kept else None
         several = None
         share = beams.footprint.share

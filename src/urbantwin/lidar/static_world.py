@@ -13,7 +13,7 @@ from urbantwin.lidar.casting.cast import cast_world
 from urbantwin.lidar.casting.tracer import Firing, RayTracer, SensorPoses
 from urbantwin.lidar.compiled.order import by_ray
 from urbantwin.lidar.compiled.view import places_along
-from urbantwin.lidar.returns import Scatter
+from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.shapes import ActorShape, Shapes
 from urbantwin.lidar.sweep import Sweep
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
@@ -31,7 +31,7 @@ class StaticLayers(NamedTuple):
         through: (L,) float64, share of the light that passes, to and fro.
         mask: (L,) uint8, which of the beam's rays meet it.
         semantic: (L,) uint16.
-        cosine: (L,) float32, of the angles of incidence; (0,): all are faced squarely.
+        peak: (L,) float32, what is left of the peak of pulses from it, see ``returns.stretch``.
     """
 
     start: NDArray[np.int64]
@@ -40,7 +40,7 @@ class StaticLayers(NamedTuple):
     through: NDArray[np.floating]
     mask: NDArray[np.uint8]
     semantic: NDArray[np.uint16]
-    cosine: NDArray[np.float32] = np.zeros(0, np.float32)
+    peak: NDArray[np.float32]
 
     @property
     def beam(self) -> NDArray[np.int64]:
@@ -70,9 +70,6 @@ class StaticLayers(NamedTuple):
         order = np.argsort(number, kind="stable")
         start = np.zeros(len(self.start), np.int64)
         np.cumsum(np.bincount(number, minlength=len(start) - 1), out=start[1:])
-        cosine = self.cosine
-        if len(cosine):
-            cosine = np.concatenate([cosine[kept], np.ones(len(beam), np.float32)])[order]
         full = np.full(len(beam), (1 << rays) - 1, np.uint8)
         return StaticLayers(
             start,
@@ -81,7 +78,7 @@ class StaticLayers(NamedTuple):
             np.concatenate([self.through[kept], np.zeros(len(beam), np.float32)])[order],
             np.concatenate([self.mask[kept], full])[order],
             np.concatenate([self.semantic[kept], semantic])[order],
-            cosine,
+            np.concatenate([self.peak[kept], np.ones(len(beam), np.float32)])[order],
         )
 
 
@@ -119,7 +116,7 @@ class World:
         self._ground = np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
 
     def layers(
-        self, beams: Beams, sweep: Sweep, poses: SensorPoses, scatter: Scatter, *, thorough: bool
+        self, beams: Beams, sweep: Sweep, poses: SensorPoses, model: ReturnModel, *, thorough: bool
     ) -> StaticLayers:
         """Return what beams meet.
 
@@ -127,9 +124,10 @@ class World:
             beams: of the sensor.
             sweep: when they fire.
             poses: where the sensor is, site frame.
-            scatter: what materials send back.
+            model: what the sensor makes of echoes.
             thorough: see `casting.cast.cast_world`.
         """
+        scatter = model.scatter
         here = SensorPoses(poses.rotation, poses.translation - self._origin)
         met = cast_world(
             self._tracer,
@@ -158,7 +156,7 @@ class World:
             scatter.transmission(material, cosine),
             met.mask.take(order),
             self._mesh.semantic.take(face),
-            cosine,
+            model.peak_left(range_m, cosine),
         )
 
 

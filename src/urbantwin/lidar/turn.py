@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from urbantwin.lidar.casting.known_layers import KnownLayers
 from urbantwin.lidar.casting.tracer import Firing, Layers
+from urbantwin.lidar.compiled.alone import count_returns
 from urbantwin.lidar.compiled.report import write_points
 from urbantwin.lidar.detections import Detections, detected, within_boxes
-from urbantwin.lidar.echoes import Alone, combined
+from urbantwin.lidar.echoes import combined
 from urbantwin.lidar.returns import (
     LEVELS,
     Draws,
@@ -157,20 +158,24 @@ def observe(
     echoes, alone = combined(view.layers, actors, met, share, model, mounted.returns)
     view.as_measured(echoes)
     # Echoes that the sensor notices are detections: noisy, quantised, those of actors in their box.
-    found = detected(view, echoes, draws, model, dual=mounted.returns == "dual")
-    found = within_boxes(found, echoes, draws, view, firing, actors, standing, model)
     # Drops, flakes, fog and stray light are detected where they win.
     spurious = Spurious(mounted, model, view, echoes, turn.sweep.ring_time_s, key, draws.dead)
-    found = spurious.among(found)
+    added, strength = spurious.added()
+    dual = mounted.returns == "dual"
+    found, touching, slots = detected(view, echoes, draws, model, added.beam, dual=dual)
+    within_boxes(found, touching, draws, view, firing, actors, standing, model)
+    spurious.settle(added, strength, found, touching, slots)
     if model.offset_m:
         found = found._replace(range_m=np.maximum(found.range_m + model.offset_m, np.float32(0)))
+    returns_alone = np.zeros(len(actors.shape), np.int64)
+    count_returns(alone, draws, returns_alone)
     return Observation(
         turn.number,
         _points(turn, view, found),
         found.actor,
         found.semantic,
         found.echo,
-        _returns_alone(alone, draws, len(actors.shape)),
+        returns_alone,
     )
 
 
@@ -192,14 +197,6 @@ def _points(turn: Turn, view: StaticView, found: Detections) -> Points:
         points,
     )
     return points
-
-
-def _returns_alone(alone: Alone, draws: TurnDraws, actors: int) -> NDArray[np.int64]:
-    """Return how many returns each actor (A,) would give if it were alone in the world."""
-    returns = draws.first.detection[alone.beam] < alone.level
-    if len(draws.dead):
-        returns &= ~draws.dead[alone.beam]
-    return np.bincount(alone.actor[returns], minlength=actors)
 
 
 @lru_cache(maxsize=8)

@@ -73,7 +73,7 @@ class BeamView:
         """
         model = ReturnModel(mounted, self.conditions)
         times = _factors(mounted)[self.material[beams]]
-        level, sigma, intensity = model.answers(
+        level, sigma, intensity, _ = model.answers(
             (self.amplitude[beams] * times).astype(np.float32),
             self.range_m[beams],
             peak=self.peak[beams],

@@ -31,27 +31,31 @@ def by_ray(ray, rays):
 
 
 @per_block
-def chained(ray, head, before):
-    """Chain the entries of each ray, and return the rays that have any (M,) int32, ascending.
+def chained(ray, place, before):
+    """Chain the entries of each ray.
 
     Args:
         ray: (L,) int32, the ray of each entry.
-        head: (N,) int32, all -1; the last entry of each ray, to write.
+        place: (N,) int32, all -1; the number of each ray among those that have any, to write.
         before: (L,) int32, the entry before along the same ray or -1, to write.
+
+    Returns:
+        The M rays that have any, (M,) int32, ascending, and the last entry of each (M,) int32.
     """
     count = 0
     for n in range(len(ray)):
-        if head[ray[n]] < 0:
+        if place[ray[n]] < 0:
             count += 1
-        before[n] = head[ray[n]]
-        head[ray[n]] = n
-    touched = np.empty(count, np.int32)
+        before[n] = place[ray[n]]
+        place[ray[n]] = n
+    touched, last = np.empty(count, np.int32), np.empty(count, np.int32)
     used = 0
-    for n in range(len(head)):
-        if head[n] >= 0:
-            touched[used] = n
+    for n in range(len(place)):
+        if place[n] >= 0:
+            touched[used], last[used] = n, place[n]
+            place[n] = used
             used += 1
-    return touched
+    return touched, last
 
 
 @per_block

@@ -10,15 +10,18 @@ from urbantwin.geometry.compiled import per_ray
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.taxonomy import semantic_id
 
-__all__ = ["OUTLIER", "detect", "merge", "write_points"]
+__all__ = ["OUTLIER", "detect", "quantised", "write_points"]
 
-#: Class of a point between an actor and what is behind it, which belongs to neither.
+#: SemanticKITTI's class of points that belong to no object: rain, snow, fog, stray light, and what
+#: lies between an actor and what is behind it.
 OUTLIER = np.uint16(semantic_id("outlier"))
 
 
 @per_ray
-def detect(answers, echoes, layer_class, draws, step_m, both, out):
-    """Return how many detections there are, in the order of beams, and write them.
+def detect(answers, echoes, layer_class, draws, step_m, both, out, touching, slots):
+    """Write the detections in the order of beams, and which are of beams that touch actors.
+
+    Where a spurious echo has room among those of its beam, a row is left out for it.
 
     Args:
         answers: `static_view.StaticAnswers`: what each of N beams would report if it touched no
@@ -30,122 +33,92 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out):
         both: whether the second echo is reported too, or only where the first is missed.
         out: `detections.Detections` to write, (2 N,) or (N,): ranges with noise (but not those of
             actors).
+        touching: `detections.Touching` to write, (2 M,) or (M,).
+        slots: `detections.Slots`: beams of spurious echoes, and what is to be written of them.
+
+    Returns:
+        How many detections there are, and how many of beams that touch actors.
     """
     alone, other, also = answers.first, answers.other, answers.second
-    place, first_of, second_of, owner = echoes.place, echoes.first, echoes.second, echoes.owner
+    touched, owner = echoes.beam, echoes.owner
     detection, noise = draws.first.detection, draws.first.noise
     detection_2, noise_2 = draws.second.detection, draws.second.noise
     dead, quantiles = draws.dead, draws.quantiles
-    count = 0
-    for beam in range(len(place)):
-        if len(dead) and dead[beam]:
-            continue
-        touched = place[beam]
-        if touched < 0 and not both:
-            # Most beams: they touch no actor, and report one echo.
-            drawn, jitter = detection[beam], noise[beam]
-            if drawn < alone.level[beam]:
-                at = _measured(alone, beam, quantiles[jitter], step_m)
-                _write(out, count, beam, 0, -1, alone.semantic[beam], alone.intensity[beam], -1, at)
-                count += 1
-            elif other[beam] >= 0 and drawn < also.level[other[beam]]:
-                n = other[beam]
-                at = _measured(also, n, quantiles[jitter], step_m)
-                _write(out, count, beam, 0, -1, also.semantic[n], also.intensity[n], -1, at)
-                count += 1
-            continue
-        reported = 0
-        for turn in range(2):
-            if turn == 1 and reported == 1 and not both:
-                break
-            if turn == 1 and both:
-                drawn, jitter = detection_2[beam], noise_2[beam]
+    # Of an index with a sign numba asks whether it counts from the end, which costs a third.
+    count, begin, end = np.uint64(0), np.uint64(0), np.uint64(len(detection))
+    used, m, k = 0, 0, 0
+    while begin < end:
+        touch = np.uint64(touched[m]) if m < len(touched) else end
+        stray = np.uint64(slots.beam[k]) if k < len(slots.beam) else end
+        if touch > stray:  # That comes first, along a beam that touches nothing.
+            touch = end
+        for beam in range(begin, min(touch, stray + np.uint64(1), end)):
+            if len(dead) and dead[beam]:
+                continue
+            seen = detection[beam] < alone.level[beam]
+            if seen:
+                at = _measured(alone, beam, quantiles[noise[beam]], step_m)
+                _write(out, count, beam, 0, alone.semantic[beam], alone.intensity[beam], -1, at)
+                count += np.uint64(1)
+            if len(also.level) and other[beam] >= 0 and (both or not seen):
+                n = np.uint64(other[beam])
+                if detection_2[beam] < also.level[n]:
+                    at = _measured(also, n, quantiles[noise_2[beam]], step_m)
+                    bright = also.intensity[n]
+                    _write(out, count, beam, np.int64(seen), also.semantic[n], bright, -1, at)
+                    count += np.uint64(1)
+        begin = min(touch, stray) + np.uint64(1)
+        turns, reported = 0, 0
+        if touch < end:
+            m += 1
+            turns = 0 if len(dead) and dead[touch] else 2
+        for turn in range(turns):
+            source = echoes.first[m - 1] if turn == 0 else echoes.second[m - 1]
+            drawn = detection[touch] if turn == 0 else detection_2[touch]
+            if source < 0 or drawn >= echoes.level[source] or (reported and not both):
+                continue
+            kind, actor, at = np.uint16(0), -1, echoes.range_m[source]
+            if 0 <= owner[source] < BESIDE:
+                actor = owner[source]
             else:
-                drawn, jitter = detection[beam], noise[beam]
-            if touched < 0:
-                report, n = alone, np.int64(beam)
-                if turn == 1:
-                    report, n = also, np.int64(other[beam])
-                if n < 0 or drawn >= report.level[n]:
-                    continue
-                at = _measured(report, n, quantiles[jitter], step_m)
-                kind, bright = report.semantic[n], report.intensity[n]
-                _write(out, count, beam, reported, -1, kind, bright, -1, at)
-            else:
-                source = first_of[touched] if turn == 0 else second_of[touched]
-                if source < 0 or drawn >= echoes.level[source]:
-                    continue
-                kind, actor, at = np.uint16(0), -1, echoes.range_m[source]
-                if owner[source] >= 0 and owner[source] < BESIDE:
-                    actor = owner[source]
-                else:
-                    kind = OUTLIER if owner[source] >= 0 else layer_class[-1 - owner[source]]
-                    at = _measured(echoes, source, quantiles[jitter], step_m)
-                bright = echoes.intensity[source]
-                _write(out, count, beam, reported, source, kind, bright, actor, at)
+                kind = OUTLIER if owner[source] >= 0 else layer_class[-1 - owner[source]]
+                jitter = noise[touch] if turn == 0 else noise_2[touch]
+                at = _measured(echoes, source, quantiles[jitter], step_m)
+            _write(out, count, touch, reported, kind, echoes.intensity[source], actor, at)
+            touching.row[used], touching.sigma[used] = count, echoes.sigma[source]
+            touching.amplitude[used] = echoes.amplitude[source]
+            used += 1
             reported += 1
-            count += 1
-    return count
+            count += np.uint64(1)
+        if stray < min(begin, end):
+            had = 0
+            while had < count and out.beam[count - np.uint64(had + 1)] == stray:
+                had += 1
+            slots.row[k], slots.had[k] = count - np.uint64(had), had
+            if had < (2 if both else 1):
+                out.beam[count] = stray
+                count += np.uint64(1)
+            k += 1
+    return count, used
 
 
 @per_ray
 def _measured(echoes, n, jitter, step_m):
     """Return the range of an echo with noise, in the sensor's steps."""
-    at = echoes.range_m[n] + echoes.sigma[n] * jitter
-    if step_m > 0:
-        at = np.float32(np.rint(at / step_m)) * step_m
-    return at
+    return quantised(echoes.range_m[n] + echoes.sigma[n] * jitter, step_m)
 
 
 @per_ray
-def _write(out, count, beam, echo, source, kind, bright, actor, at):
+def quantised(range_m, step_m):
+    """Return a range (float32) in the sensor's steps; as it is where these are 0."""
+    return np.float32(np.rint(range_m / step_m)) * step_m if step_m > 0 else range_m
+
+
+@per_ray
+def _write(out, count, beam, echo, kind, bright, actor, at):
     """Write a detection."""
-    out.beam[count], out.echo[count], out.source[count] = beam, echo, source
-    out.semantic[count], out.intensity[count], out.actor[count] = kind, bright, actor
-    out.range_m[count] = at
-
-
-@per_ray
-def merge(detections, added, inserted, out):
-    """Write detections with some of A more among them.
-
-    Args:
-        detections: `detections.Detections`, M.
-        added: A more.
-        inserted: `returns.added.Inserted`: which, and where they go.
-        out: `detections.Detections` to write, (M',).
-    """
-    number, row, fresh = inserted
-    first, at = 0, 0
-    for k in range(len(number)):
-        _copy(detections, first, row[k], out, at)
-        at += row[k] - first
-        _copy(added, number[k], number[k] + 1, out, at)
-        at += 1
-        first = row[k] if fresh[k] else row[k] + 1
-    _copy(detections, first, len(detections.beam), out, at)
-    beam, echo = out.beam, out.echo
-    for n in range(len(beam)):
-        echo[n] = 1 if n > 0 and beam[n] == beam[n - 1] else 0
-
-
-@per_ray
-def _copy(given, first, until, out, at):
-    """Copy rows of detections, but for their numbers among those of their beams."""
-    _copy_column(given.beam, first, until, out.beam, at)
-    _copy_column(given.source, first, until, out.source, at)
-    _copy_column(given.actor, first, until, out.actor, at)
-    _copy_column(given.semantic, first, until, out.semantic, at)
-    _copy_column(given.range_m, first, until, out.range_m, at)
-    _copy_column(given.intensity, first, until, out.intensity, at)
-
-
-@per_ray
-def _copy_column(given, first, until, out, at):
-    """Copy a part of an array; numba sees that the parts' indices are not negative."""
-    here, there = given[first:until], out[at : at + until - first]
-    for n in range(len(here)):
-        there[n] = here[n]
+    out.beam[count], out.echo[count], out.actor[count] = beam, echo, actor
+    out.semantic[count], out.intensity[count], out.range_m[count] = kind, bright, at
 
 
 @per_ray
@@ -162,16 +135,16 @@ def write_points(detections, directions, origin, column_s, ring_s, out):
     """
     beam, range_m, intensity = detections.beam, detections.range_m, detections.intensity
     points, rings, columns, times = out
-    count = len(column_s)
+    count = np.uint64(len(column_s))
     moving = origin.shape[1] > 1
-    ring, first = 0, 0
+    ring, first = np.uint64(0), np.uint64(0)
     for m in range(len(beam)):
-        n = beam[m]
+        n = np.uint64(beam[m])
         if not first <= n < first + count:
             ring = n // count
             first = ring * count
         column = n - first
-        k = column if moving else 0
+        k = column if moving else np.uint64(0)
         for axis in range(3):
             points[m, axis] = directions[axis, n] * range_m[m] + origin[axis, k]
         points[m, 3] = intensity[m]

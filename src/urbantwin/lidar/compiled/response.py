@@ -15,6 +15,7 @@ __all__ = [
     "level_of",
     "probabilities",
     "probability_of",
+    "shown_of",
     "sigma_of",
     "strength_of",
     "strengths",
@@ -136,21 +137,28 @@ def intensity_of(r, amplitude, range_m):
 
 
 @per_ray
-def answers(r, amplitude, range_m, light, peak, level, sigma, intensity):
-    """Fill level, sigma and intensity (N,) of echoes (N,).
+def shown_of(r, amplitude, strength):
+    """Return the strength that decides whether an echo of that strength is detected."""
+    # However near, a faint surface is no easier to detect than this.
+    most = r.half * amplitude / r.faintest
+    if 0.0 < most < 8.0 * strength:
+        return strength / np.sqrt(np.sqrt(1.0 + (strength / most) ** 4))
+    return strength
+
+
+@per_ray
+def answers(r, amplitude, range_m, light, peak, level, sigma, intensity, strength):
+    """Fill level, sigma, intensity and strength (N,) of echoes (N,).
 
     Light on the targets, and what is left of the pulses' peaks, are (N,) or (1,) for all.
     """
     for i in range(len(amplitude)):
-        strength = strength_of(r, amplitude[i], range_m[i], light[i if len(light) > 1 else 0])
-        strength *= peak[i if len(peak) > 1 else 0]
-        # However near, a faint surface is no easier to detect than this.
-        most = r.half * amplitude[i] / r.faintest
-        shown = strength
-        if 0.0 < most < 8.0 * strength:
-            shown = strength / np.sqrt(np.sqrt(1.0 + (strength / most) ** 4))
-        level[i] = level_of(r, shown, range_m[i])
-        sigma[i] = sigma_of(r, strength)
+        left = peak[i if len(peak) > 1 else 0]
+        one = strength_of(r, amplitude[i], range_m[i], light[i if len(light) > 1 else 0])
+        strength[i] = np.float32(one) * left
+        one *= left
+        level[i] = level_of(r, shown_of(r, amplitude[i], one), range_m[i])
+        sigma[i] = sigma_of(r, one)
         intensity[i] = intensity_of(r, amplitude[i], range_m[i])
 
 

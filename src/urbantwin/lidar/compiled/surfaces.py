@@ -4,7 +4,7 @@ import numpy as np
 
 from urbantwin.geometry.compiled import per_ray
 
-__all__ = ["mix", "read_curves"]
+__all__ = ["mix", "read_actors", "read_curves"]
 
 
 @per_ray
@@ -17,14 +17,20 @@ def read_curves(curves, material, cosine, out):
         cosine: (N,) float32.
         out: to write.
     """
-    steps = np.int32(curves.shape[1] - 1)
     for n in range(len(material)):
-        faced = min(max(cosine[n], np.float32(0.0)), np.float32(1.0))
-        place = faced * np.float32(steps)
-        low = min(np.int32(place), steps - 1)
-        first = curves[material[n], low]
-        step = np.float32(curves[material[n], low + 1] - first)
-        out[n] = np.float64(first) + np.float64(step) * (np.float64(place) - low)
+        out[n] = _read(curves, material[n], cosine[n])
+
+
+@per_ray
+def _read(curves, kind, cosine):
+    """Return the value of a material's curve at one cosine."""
+    steps = np.int32(curves.shape[1] - 1)
+    faced = min(max(cosine, np.float32(0.0)), np.float32(1.0))
+    place = faced * np.float32(steps)
+    low = min(np.int32(place), steps - 1)
+    first = curves[kind, low]
+    step = np.float32(curves[kind, low + 1] - first)
+    return np.float64(first) + np.float64(step) * (np.float64(place) - low)
 
 
 @per_ray
@@ -34,6 +40,40 @@ def mix(beam, face, out):
     Steele, Lea and Flood 2014, OOPSLA: the mixing function of SplitMix64.
     """
     for n in range(len(beam)):
-        mixed = np.uint64(beam[n]) << np.uint64(32) | np.uint64(face[n])
-        mixed = (mixed ^ mixed >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
-        out[n] = (mixed ^ mixed >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
+        out[n] = _mixed(beam[n], face[n])
+
+
+@per_ray
+def _mixed(beam, face):
+    """Return random bits of a beam that meets a triangle."""
+    mixed = np.uint64(beam) << np.uint64(32) | np.uint64(face)
+    mixed = (mixed ^ mixed >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
+    return (mixed ^ mixed >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
+
+
+@per_ray
+def read_actors(curves, passes, beam, face, material, cosine, losses, backscatter, through):
+    """Write what actors send back of beams (N,), and what passes through them.
+
+    Args:
+        curves: (M, S) float32, backscatter of each material, see `read_curves`.
+        passes: (M, S) float32, share of the light that passes through it to and fro.
+        beam: (N,) int32.
+        face: (N,) int32, the triangle that it meets.
+        material: (N,) uint8, of it.
+        cosine: (N,) float32.
+        losses: `returns.swallowed.Losses`.
+        backscatter: (N,) float64, to write.
+        through: (N,) float64, to write.
+    """
+    swallowed, left, panes, dirt = losses
+    for n in range(len(beam)):
+        kind = material[n]
+        through[n] = _read(passes, kind, cosine[n])
+        drawn = np.int64(_mixed(beam[n], face[n]) >> np.uint64(48))
+        grain = np.float32(1.0)
+        if panes[kind]:
+            grain = dirt[drawn]
+        elif drawn < swallowed[kind]:
+            grain = left
+        backscatter[n] = _read(curves, kind, cosine[n]) * np.float64(grain)

@@ -123,8 +123,8 @@ class ReturnModel:
         range_m: Floats,
         light: Floats | None = None,
         peak: Floats | None = None,
-    ) -> tuple[NDArray[np.int32], Floats, Floats]:
-        """Return detection level, sigma and intensity in one pass, each (N,).
+    ) -> tuple[NDArray[np.int32], Floats, Floats, Floats]:
+        """Return detection level, sigma, intensity and strength in one pass, each (N,).
 
         ``peak`` is what is left (N,) of the pulses' peaks, 1 if not given.
         """
@@ -132,9 +132,10 @@ class ReturnModel:
         count = len(amplitude)
         level = np.empty(count, np.int32)
         sigma, intensity = np.empty(count, np.float32), np.empty(count, np.float32)
+        strength = np.empty(count, np.float32)
         light = self._light(light)
-        answers(self.response, amplitude, range_m, light, peak, level, sigma, intensity)
-        return level, sigma, intensity
+        answers(self.response, amplitude, range_m, light, peak, level, sigma, intensity, strength)
+        return level, sigma, intensity, strength
 
     def detection_level(
         self, amplitude: Floats, range_m: Floats, light: Floats | None = None

@@ -48,10 +48,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.compiled.patches import add_patches
-from urbantwin.lidar.compiled.surfaces import mix, read_curves
+from urbantwin.lidar.compiled.surfaces import mix, read_actors, read_curves
 from urbantwin.lidar.returns.draws import standard_quantiles
 from urbantwin.lidar.returns.fresnel import pane
-from urbantwin.lidar.returns.swallowed import actor_grain, thrown_on
+from urbantwin.lidar.returns.swallowed import losses, thrown_on
 from urbantwin.lidar.returns.wet import WET_BEADS, film_passes, wet_reflectivity
 from urbantwin.taxonomy import material_id, materials
 
@@ -109,16 +109,25 @@ class Scatter:
         drawn = standard_quantiles().take((_mixed(beam, face) >> np.uint64(48)).astype(np.int64))
         return np.asarray(np.exp(self.texture * drawn - self.texture**2 / 2), np.float32)
 
-    def actor_grain(
+    def of_actors(
         self,
-        beam: NDArray[np.integer],
-        face: NDArray[np.integer],
+        beam: NDArray[np.int32],
+        face: NDArray[np.int32],
         material: NDArray[np.uint8],
-    ) -> Floats:
-        """Return what is left (N,) of the backscatter of actors' triangles: see `swallowed`."""
-        if not self.swallows:
-            return np.ones(len(beam), np.float32)
-        return actor_grain(_mixed(beam, face), material)
+        cosine: Floats,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what actors' triangles send back of beams (N,) and let through to and fro.
+
+        Args:
+            beam: (N,) their numbers.
+            face: (N,) the triangles that they meet: see `swallowed`.
+            material: (N,) of these.
+            cosine: (N,) of the angles of incidence.
+        """
+        back, through = np.empty(len(beam)), np.empty(len(beam))
+        lost = losses(swallows=self.swallows)
+        read_actors(self.curve, self.passes, beam, face, material, cosine, lost, back, through)
+        return back, through
 
     def patches(self, places: NDArray[np.float64]) -> Floats:
         """Return what patches make of the backscatter of ground at places (N, 3), site frame."""

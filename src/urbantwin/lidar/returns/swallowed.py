@@ -25,6 +25,7 @@ at panes as the VLP-32C, so that is what is believed of others.
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ from urbantwin.lidar.compiled.patches import add_patches
 from urbantwin.lidar.returns.draws import LEVELS, standard_quantiles
 from urbantwin.taxonomy import materials
 
-__all__ = ["DIRT", "FAINTEST", "GLANCING", "SWALLOWED", "actor_grain", "thrown_on"]
+__all__ = ["DIRT", "FAINTEST", "GLANCING", "SWALLOWED", "Losses", "losses", "thrown_on"]
 
 #: Share of white of which half is missed next to a sensor of which it was not measured.
 FAINTEST = 0.001
@@ -55,19 +56,20 @@ _PLACES = 101
 _LEFT = np.float32(1e-4)
 
 
-def actor_grain(mixed: NDArray[np.uint64], material: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return what is left (N,) of the backscatter of materials (N,) that beams meet on actors.
+class Losses(NamedTuple):
+    """What is lost on M materials of actors, by draws of 65,536.
 
-    Args:
-        mixed: (N,) random bits of the beams and the triangles.
-        material: (N,) numbers of the materials.
+    Attributes:
+        swallowed: (M,) int64, level below which a draw is swallowed.
+        left: what a beam that is swallowed sends back of what it would.
+        panes: (M,) which are panes of cars.
+        dirt: (65536,) float32, what dirt makes of the backscatter of panes, by draw.
     """
-    drawn = (mixed >> np.uint64(48)).astype(np.int64)
-    swallowed, panes = _tables()
-    left = np.where(drawn < swallowed[material], _LEFT, np.float32(1.0))
-    dirty = np.flatnonzero(panes[material])
-    left[dirty] = np.exp(DIRT * standard_quantiles().take(drawn[dirty]))
-    return left
+
+    swallowed: NDArray[np.int64]
+    left: np.float32
+    panes: NDArray[np.bool_]
+    dirt: NDArray[np.float32]
 
 
 def thrown_on(places: NDArray[np.float64], cosine: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -90,8 +92,13 @@ def thrown_on(places: NDArray[np.float64], cosine: NDArray[np.floating]) -> NDAr
 
 
 @cache
-def _tables() -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the level of 65,536 below which a draw is swallowed, and what are panes of cars."""
-    share = [SWALLOWED.get(name, 0.0) for name in materials()]
-    panes = [name.startswith("glass-") for name in materials()]
-    return np.rint(np.array(share) * LEVELS).astype(np.int64), np.array(panes)
+def losses(*, swallows: bool) -> Losses:
+    """Return what of actors is lost; where nothing is swallowed, nothing."""
+    share = [SWALLOWED.get(name, 0.0) if swallows else 0.0 for name in materials()]
+    panes = [swallows and name.startswith("glass-") for name in materials()]
+    return Losses(
+        np.rint(np.array(share) * LEVELS).astype(np.int64),
+        _LEFT,
+        np.array(panes),
+        np.exp(DIRT * standard_quantiles()),
+    )

@@ -204,7 +204,7 @@ class Caster:
 
     def _static(self, beams: Beams, poses: SensorPoses, answers: ReturnModel) -> StaticLayers:
         sweep = Sweep.snapshot(beams.columns, beams.channels)
-        return self._world.layers(beams, sweep, poses, answers.scatter, thorough=True)
+        return self._world.layers(beams, sweep, poses, answers, thorough=True)
 
     def _add(
         self,
