@@ -8,7 +8,6 @@ from scipy.optimize import brentq
 from scipy.stats import kstest, truncnorm
 
 from urbantwin.lidar.catalogue import sensor, sensor_names
-from urbantwin.lidar.compiled.philox import fill_words
 from urbantwin.lidar.returns import (
     ReturnModel,
     draw,
@@ -255,10 +254,3 @@ def test_codes_are_not_rounded_without_quantisation(os1):
     scatter = np.linspace(0, 1, 99).astype(np.float32)
     plain = ReturnModel(replace(os1, effects=Effects(quantisation=False)))
     np.testing.assert_allclose(plain.intensity(scatter) * 255, scatter * 100, rtol=1e-5)
-
-
-def test_random_words_are_those_of_numpys_philox():
-    key, words = np.array([2**64 - 7, 3 << 48 | 11], np.uint64), np.empty(40, np.uint64)
-    fill_words(key, np.uint64(5), words)
-    expected = np.random.Philox(key=key, counter=np.array([0, 0, 0, 5], np.uint64))
-    np.testing.assert_array_equal(words, expected.random_raw(40))

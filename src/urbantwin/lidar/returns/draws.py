@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from urbantwin.lidar.compiled.philox import fill_words
-
 __all__ = [
     "LEVELS",
     "Draws",
@@ -79,8 +77,8 @@ def draw(
 ) -> Draws:
     """Return the draws of one sensor in one frame for one purpose."""
     key = np.array([seed % 2**64, (sensor << 48) | frame], np.uint64)
-    words = np.empty(4 * -(-rays // 8), np.uint64)
-    fill_words(key, np.uint64(purpose), words)
+    counter = np.array([0, 0, 0, int(purpose)], np.uint64)
+    words = np.random.Philox(key=key, counter=counter).random_raw((rays + 1) // 2)
     levels = words.astype("<u8", copy=False).view("<u2")
     return Draws(levels[:rays], levels[rays : 2 * rays])
 
