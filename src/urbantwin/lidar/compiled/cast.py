@@ -226,9 +226,8 @@ def _find_layers(address, firing, targets, blocks, block, casting, room, layers,
             ex, ey = 0.0, 1.0
             if flat > 1e-9:
                 ex, ey = -by / flat, bx / flat
-            cx, cy, cz = turned(pose, ex, ey, 0.0)
-            ux, uy, uz = turned(pose, -bz * ey, bz * ex, flat)
-            wait_around(trace, room.share, ox, oy, oz, ax, ay, az, cx, cy, cz, ux, uy, uz)
+            across, up = turned(pose, ex, ey, 0.0), turned(pose, -bz * ey, bz * ex, flat)
+            wait_around(trace, room.share, (ox, oy, oz), (ax, ay, az), across, up)
             cast_waiting(address, targets, actor, trace, len(footprint) - 1)
         for sample in range(0 if met else (len(footprint) if edge else 1)):
             if sample > 0:

@@ -75,24 +75,26 @@ def wait(room, lane, ox, oy, oz, dx, dy, dz):
 
 
 @per_ray
-def wait_around(room, share, ox, oy, oz, ax, ay, az, bx, by, bz, cx, cy, cz):
+def wait_around(room, share, origin, axis, across, up):
     """Put rays around the axis of a beam into all lanes.
 
     Args:
         room: `TraceRoom`.
-        share: (3, 8) float64, of the ray in each lane: how much it has of a, b and c.
-        ox, oy, oz: where all leave.
-        ax, ay, az: unit vector of the axis; b is across it, c up from it.
+        share: (3, 8) float64, of the ray in each lane: how much it has of the three vectors.
+        origin: (3,) where all leave.
+        axis: (3,) unit vector of the beam.
+        across: (3,) unit vector across it.
+        up: (3,) unit vector across both.
     """
-    ray, one = room.waiting.ray, room.packet[0]
+    ray = room.waiting.ray
     # Loops without branches over one kind of array each: they become vector instructions.
     for lane in range(_LANES):
-        ray[0, lane], ray[1, lane], ray[2, lane] = ox, oy, oz
+        ray[0, lane], ray[1, lane], ray[2, lane] = origin
     for lane in range(_LANES):
         k, m, n = share[0, lane], share[1, lane], share[2, lane]
-        ray[3, lane] = k * ax + m * bx + n * cx
-        ray[4, lane] = k * ay + m * by + n * cy
-        ray[5, lane] = k * az + m * bz + n * cz
+        ray[3, lane] = k * axis[0] + m * across[0] + n * up[0]
+        ray[4, lane] = k * axis[1] + m * across[1] + n * up[1]
+        ray[5, lane] = k * axis[2] + m * across[2] + n * up[2]
     _aim_all(room.packet, ray)
 
 
