@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from urbantwin.geometry import Pose
-from urbantwin.lidar.compiled.pose import rotation_vectors
 
 __all__ = ["ActorPath", "Paths", "PosedActor"]
 
@@ -129,5 +128,10 @@ class Paths(NamedTuple):
 
 def _turns(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return rotation vectors (A, T - 1, 3) from each knot's rotation to the next's."""
+    count, knots = rotation.shape[:2]
     step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
-    return np.asarray(rotation_vectors(step.reshape(-1, 3, 3)).reshape(*step.shape[:2], 3))
+    still = (np.abs(step - np.eye(3)) < 1e-15).all(axis=(2, 3))
+    turn = np.zeros((count, knots - 1, 3))
+    if not still.all():
+        turn[~still] = Rotation.from_matrix(step[~still]).as_rotvec()
+    return turn

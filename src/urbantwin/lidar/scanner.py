@@ -186,8 +186,8 @@ class Scanner:
         )
 
     def _present(self, actors: Sequence[PosedActor]) -> PresentActors:
-        """Return actors, sorted by track, with their shapes, made when they are first met."""
-        for actor in (*actors[:1], *actors[-1:]):  # they are sorted
+        """Return actors with their shapes, which are made when they are first met."""
+        for actor in actors:
             if not 0 < actor.track <= LAST_TRACK:
                 raise InputError(
                     f"track {actor.track} does not fit a label", expected=f"1 to {LAST_TRACK}"

@@ -11,7 +11,7 @@ from numba.extending import intrinsic
 
 from urbantwin.geometry.compiled import per_block, per_ray
 
-__all__ = ["LANES", "aim", "aim_all", "cast", "cast_beside", "met_by", "new_packet"]
+__all__ = ["LANES", "cast", "cast_beside", "met_by", "new_packet"]
 
 #: Rays in a packet.
 LANES = 8
@@ -59,19 +59,18 @@ def new_packet():
 
 
 @per_ray
-def aim(packet, lane, ox, oy, oz, dx, dy, dz):
-    """Make a lane's ray leave at o along the unit vector d."""
-    floats, words = packet[0], packet[1]
-    floats[lane], floats[8 + lane], floats[16 + lane] = ox, oy, oz
-    floats[32 + lane], floats[40 + lane], floats[48 + lane] = dx, dy, dz
-    floats[64 + lane] = np.inf
-    words[144 + lane] = 0xFFFFFFFF
+def cast(address, scene, packet, rays, count):
+    """Cast the rays of the first lanes.
 
-
-@per_ray
-def aim_all(packet, rays):
-    """Make the rays of all lanes leave: (6, 8), origins and unit vectors."""
-    floats, words = packet[0], packet[1]
+    Args:
+        address: of ``rtcIntersect8``.
+        scene: Embree's, or 0 for an empty one.
+        packet: from `new_packet`.
+        rays: (6, 8), origins and unit vectors; what lanes hold that are not cast does not matter.
+        count: how many lanes.
+    """
+    floats, words, valid = packet[0], packet[1], packet[2]
+    # Without branches over lanes: they become vector instructions.
     for lane in range(LANES):
         floats[lane] = rays[0, lane]
         floats[8 + lane] = rays[1, lane]
@@ -81,12 +80,6 @@ def aim_all(packet, rays):
         floats[48 + lane] = rays[5, lane]
     floats[64 : 64 + LANES] = np.inf
     words[144 : 144 + LANES] = 0xFFFFFFFF
-
-
-@per_ray
-def cast(address, scene, packet, count):
-    """Cast the rays of the first lanes; ``address`` is that of ``rtcIntersect8``."""
-    valid = packet[2]
     for lane in range(LANES):
         valid[lane] = -1 if lane < count else 0
     if scene != 0:
@@ -105,21 +98,13 @@ def met_by(packet, lane):
 @per_block
 def cast_beside(address, scene, origins, directions, hits):
     """Write the first `embree.Hits` of rays from origins (N, 3) float32, neighbours in packets."""
-    packet = new_packet()
+    packet, rays = new_packet(), np.zeros((6, LANES), np.float32)
     for start in range(0, len(directions), LANES):
         count = min(LANES, len(directions) - start)
         for lane in range(count):
-            n = start + lane
-            aim(
-                packet,
-                lane,
-                origins[n, 0],
-                origins[n, 1],
-                origins[n, 2],
-                directions[n, 0],
-                directions[n, 1],
-                directions[n, 2],
-            )
-        cast(address, scene, packet, count)
+            for axis in range(3):
+                rays[axis, lane] = origins[start + lane, axis]
+                rays[3 + axis, lane] = directions[start + lane, axis]
+        cast(address, scene, packet, rays, count)
         for lane in range(count):
             hits.range_m[start + lane], hits.face[start + lane] = met_by(packet, lane)

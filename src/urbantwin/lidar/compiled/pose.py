@@ -4,14 +4,12 @@ import numpy as np
 
 from urbantwin.geometry.compiled import per_block, per_ray
 
-__all__ = ["APART_S", "LATER_S", "actor_from_sensor", "poses_at", "rotation_vectors", "set_pose"]
+__all__ = ["APART_S", "LATER_S", "actor_from_sensor", "poses_at", "set_pose"]
 
 #: How much later an actor is looked at again, to tell how fast the sensor goes past it, seconds.
 LATER_S = 1e-3
 #: Columns that fire farther apart than this do not follow each other, seconds.
 APART_S = 0.05
-#: A rotation whose elements are this near to those of none is none.
-_NO_TURN = 1e-15
 
 
 @per_ray
@@ -89,37 +87,3 @@ def poses_at(time, paths):
     for a in range(len(time)):
         set_pose(time[a], a, paths, turned[a], moved[a])
     return turned, moved
-
-
-@per_block
-def rotation_vectors(rotation):
-    """Return the rotation vectors (N, 3) of rotations (N, 3, 3).
-
-    To the last digit what scipy's ``Rotation`` says, which takes ten times as long for few.
-    """
-    vectors = np.zeros((len(rotation), 3))
-    w = np.empty(4)
-    for n in range(len(rotation)):
-        r = rotation[n]
-        if np.abs(r - np.eye(3)).max() < _NO_TURN:
-            continue
-        # The quaternion x, y, z, w from its greatest part.
-        trace = r[0, 0] + r[1, 1] + r[2, 2]
-        i = 1 if r[1, 1] > r[0, 0] else 0
-        i = 2 if r[2, 2] > r[i, i] else i
-        j, k = (i + 1) % 3, (i + 2) % 3
-        if trace > r[i, i]:
-            w[i], w[j], w[k] = r[k, j] - r[j, k], r[i, k] - r[k, i], r[j, i] - r[i, j]
-            w[3] = 1.0 + trace
-        else:
-            w[i], w[j], w[k] = 1.0 - trace + 2.0 * r[i, i], r[j, i] + r[i, j], r[k, i] + r[i, k]
-            w[3] = r[k, j] - r[j, k]
-        w /= np.copysign(np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2 + w[3] ** 2), w[3])
-        angle = 2.0 * np.arctan2(np.sqrt(w[0] ** 2 + w[1] ** 2 + w[2] ** 2), w[3])
-        if angle > 1e-3:
-            scale = angle / np.sin(angle / 2.0)
-        else:  # its series
-            scale = 2.0 + angle**2 / 12.0 + 7.0 * angle**2 * angle**2 / 2880.0
-        for axis in range(3):
-            vectors[n, axis] = scale * w[axis]
-    return vectors

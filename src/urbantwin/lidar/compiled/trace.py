@@ -16,9 +16,7 @@ from urbantwin.lidar.compiled.edges import slant
 __all__ = ["TraceRoom", "cast_waiting", "first_of", "trace_room", "wait", "wait_around"]
 
 _LANES = packet.LANES
-_aim, _aim_all, _cast, _met_by, _new_packet = (
-    packet.aim, packet.aim_all, packet.cast, packet.met_by, packet.new_packet
-)  # fmt: skip
+_cast, _met_by, _new_packet = packet.cast, packet.met_by, packet.new_packet
 
 
 class _Waiting(NamedTuple):
@@ -59,7 +57,7 @@ def trace_room():
         _new_packet(),
         _Waiting(
             np.empty(_LANES, np.int64),
-            np.empty((6, _LANES)),
+            np.zeros((6, _LANES)),
             Hits(np.empty(_LANES, np.float32), np.empty(_LANES, np.int32)),
         ),
     )
@@ -71,7 +69,6 @@ def wait(room, lane, ox, oy, oz, dx, dy, dz):
     ray = room.waiting.ray
     ray[0, lane], ray[1, lane], ray[2, lane] = ox, oy, oz
     ray[3, lane], ray[4, lane], ray[5, lane] = dx, dy, dz
-    _aim(room.packet, lane, ox, oy, oz, dx, dy, dz)
 
 
 @per_ray
@@ -95,7 +92,6 @@ def wait_around(room, share, origin, axis, across, up):
         ray[3, lane] = k * axis[0] + m * across[0] + n * up[0]
         ray[4, lane] = k * axis[1] + m * across[1] + n * up[1]
         ray[5, lane] = k * axis[2] + m * across[2] + n * up[2]
-    _aim_all(room.packet, ray)
 
 
 @per_ray
@@ -112,7 +108,7 @@ def cast_waiting(address, targets, actor, room, count):
     ray, met = room.waiting.ray, room.waiting.hits
     scene, planes = targets.scene[actor], targets.triangles.planes
     base = targets.first_face[actor]
-    _cast(address[1], scene, room.packet, count)
+    _cast(address[1], scene, room.packet, ray, count)
     for lane in range(count):
         met.range_m[lane], met.face[lane] = _met_by(room.packet, lane)
         # Rays meet triangles all over a mesh: their planes come from far off, while the next rays

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.compiled.sectors import in_sectors
 from urbantwin.lidar.pattern import beam_directions, pattern_directions
 from urbantwin.lidar.rig import MountedSensor
 
@@ -45,12 +44,11 @@ class FieldOfView:
         range_max_m: float,
     ) -> None:
         self.range_m = (range_min_m, range_max_m)
-        sectors = int(np.clip(per_turn // _RAYS_PER_SECTOR, 8, _MOST_SECTORS))
+        self._sectors = int(np.clip(per_turn // _RAYS_PER_SECTOR, 8, _MOST_SECTORS))
         elevation = np.arcsin(np.clip(beams[:, 2].astype(np.float64), -1.0, 1.0))
-        azimuth = np.arctan2(beams[:, 1], beams[:, 0]).astype(np.float64)
-        share = (azimuth / (2 * np.pi) + 0.5) * sectors
-        sector = np.clip(share.astype(np.int64), 0, sectors - 1)
-        self._low, self._high = np.full(sectors, np.inf), np.full(sectors, -np.inf)
+        sector = self._sector(np.arctan2(beams[:, 1], beams[:, 0]).astype(np.float64))
+        self._low = np.full(self._sectors, np.inf)
+        self._high = np.full(self._sectors, -np.inf)
         np.minimum.at(self._low, sector, elevation)
         np.maximum.at(self._high, sector, elevation)
         levels = np.unique(np.round(elevation, 5))
@@ -84,8 +82,19 @@ class FieldOfView:
         return cls(beams, columns, sensor.assumed_range_min_m, sensor.assumed_range_max_m)
 
     def sees(
-        self, directions: NDArray[np.float64], range_m: NDArray[np.float64]
+        self, directions: NDArray[np.floating], range_m: NDArray[np.floating]
     ) -> NDArray[np.bool_]:
         """Return which places (N,) are seen, given by unit vectors (N, 3) and distances (N,)."""
-        seen = in_sectors(directions, range_m, self._low, self._high, *self.range_m)
-        return np.asarray(seen)
+        elevation = np.arcsin(np.clip(directions[:, 2].astype(np.float64), -1.0, 1.0))
+        sector = self._sector(np.arctan2(directions[:, 1], directions[:, 0]).astype(np.float64))
+        near, far = self.range_m
+        return np.asarray(
+            (elevation >= self._low[sector])
+            & (elevation <= self._high[sector])
+            & (range_m >= near)
+            & (range_m <= far)
+        )
+
+    def _sector(self, azimuth: NDArray[np.float64]) -> NDArray[np.int64]:
+        share = (azimuth / (2 * np.pi) + 0.5) * self._sectors
+        return np.clip(share.astype(np.int64), 0, self._sectors - 1)

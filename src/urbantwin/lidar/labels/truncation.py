@@ -83,7 +83,10 @@ def truncations(
         return np.zeros(0), np.zeros(0, np.bool_)
     rotation, origin = site_SE3_sensor.rotation, site_SE3_sensor.translation
     whole, beyond = in_field(
-        *actors[:4],
+        actors.low,
+        actors.high,
+        actors.rotation,
+        actors.place,
         np.array(rotation[None], order="C"),
         np.array(origin[None]),
         field.all_around,
