@@ -29,9 +29,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.embree import EmbreeScene, Hits
+from urbantwin.geometry.rays import RayScene, Hits
 from urbantwin.lidar.actor_path import Paths
-from urbantwin.lidar.casting.embree import EmbreeTracer
+from urbantwin.lidar.casting.processor import ProcessorTracer
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Spread
 from urbantwin.lidar.shapes import ActorShape, PresentActors, Shapes
 
@@ -43,7 +43,7 @@ Cast = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Hits]
 
 
 def embree(vertices, faces, origins, directions):
-    return EmbreeScene(vertices, faces).cast(origins, directions)
+    return RayScene(vertices, faces).cast(origins, directions)
 
 
 def warp(vertices, faces, origins, directions):
@@ -55,7 +55,7 @@ def warp(vertices, faces, origins, directions):
 
 def packets(vertices, faces, origins, directions):
     """Cast eight at a time, as Embree casts whole turns at the street."""
-    return thin_rays(EmbreeTracer(), vertices, faces, origins, directions, around=True)
+    return thin_rays(ProcessorTracer(), vertices, faces, origins, directions, around=True)
 
 
 def thin_rays(tracer, vertices, faces, origins, directions, *, around=False):

@@ -62,7 +62,7 @@ def intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz):
 
 @per_block
 def cast_rays(address, scene, origins, directions, hits):
-    """Write the first `embree.Hits` of rays from origins (N, 3) float32."""
+    """Write the first `rays.Hits` of rays from origins (N, 3) float32."""
     ray = new_ray()
     for n in range(len(directions)):
         hits.range_m[n], hits.face[n] = intersect(

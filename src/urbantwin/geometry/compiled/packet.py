@@ -97,7 +97,7 @@ def met_by(packet, lane):
 
 @per_block
 def cast_beside(address, scene, origins, directions, hits):
-    """Write the first `embree.Hits` of rays from origins (N, 3) float32, neighbours in packets."""
+    """Write the first `rays.Hits` of rays from origins (N, 3) float32, neighbours in packets."""
     packet, rays = new_packet(), np.zeros((6, LANES), np.float32)
     for start in range(0, len(directions), LANES):
         count = min(LANES, len(directions) - start)

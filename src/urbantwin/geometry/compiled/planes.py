@@ -108,7 +108,7 @@ def first_met(address, scene, ray, vertices, faces, near, ox, oy, oz, dx, dy, dz
 
 @per_block
 def cast_rays(address, scene, vertices, faces, origins, directions, hits):
-    """Write the first `embree.Hits` of rays from origins (N, 3) float64."""
+    """Write the first `rays.Hits` of rays from origins (N, 3) float64."""
     ray = new_ray()
     for n in range(len(directions)):
         hits.range_m[n], hits.face[n] = first_met(
