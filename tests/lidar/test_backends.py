@@ -29,7 +29,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.rays import RayScene, Hits
+from urbantwin.geometry.rays import Hits, RayScene
 from urbantwin.lidar.actor_path import Paths
 from urbantwin.lidar.casting.processor import ProcessorTracer
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Spread

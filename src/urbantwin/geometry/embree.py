@@ -1,4 +1,4 @@
-"""Embree 4 through its C interface: the one place that knows of it. A `rays.RayLibrary`.
+"""Embree 4 through its C interface: the one place that knows of it.
 
 The library is the one that the ``embreex`` wheel carries. ``embreex`` itself takes arrays of rays
 only; a frame's rays at its actors depend on each other (what a beam's edge meets, what stands
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
 
-__all__ = ["build", "intersect_address", "is_installed", "packet_address"]
+__all__ = ["Scene", "intersect_address", "packet_address", "why_missing"]
 
 _TRIANGLES, _INDEX, _VERTEX = 0, 0, 1
 _UINT3, _FLOAT3 = 0x5003, 0x9003
@@ -49,17 +49,15 @@ _FUNCTIONS: dict[str, tuple[Any, list[Any]]] = {
 }
 
 
-def is_installed() -> bool:
-    """Return whether the ``embreex`` package is; there are wheels for x86-64 alone."""
-    return find_spec("embreex") is not None
-
-
 @cache
 def _library() -> Any:  # noqa: ANN401 - ctypes has no type for it
     """Return the library that lies beside the ``embreex`` package."""
-    spec = find_spec("embreex")
+    try:
+        spec = find_spec("embreex")
+    except ImportError:
+        spec = None
     if spec is None or spec.origin is None:
-        raise StageError("the embreex package is not installed; install it from PyPI")
+        raise StageError("the package embreex is not installed")
     package = Path(spec.origin).parent
     folders = (package.with_name("embreex.libs"), package / ".dylibs", package)
     found = [path for folder in folders for path in sorted(folder.glob("*embree4*"))]
@@ -72,7 +70,7 @@ def _library() -> Any:  # noqa: ANN401 - ctypes has no type for it
             function = getattr(library, name)
             function.restype, function.argtypes = result, arguments
         return library
-    raise StageError("the embreex package carries no Embree 4 library; install it from PyPI")
+    raise StageError("the package embreex carries no Embree 4 library that this system can load")
 
 
 @cache
@@ -81,6 +79,16 @@ def _device() -> int:
     if not device:
         raise StageError("Embree does not start on this processor")
     return device
+
+
+@cache
+def why_missing() -> str:
+    """Return why Embree cannot cast rays here; an empty text where it can."""
+    try:
+        _device()
+    except StageError as error:
+        return str(error)
+    return ""
 
 
 @cache
@@ -95,8 +103,13 @@ def packet_address() -> int:
     return int(ctypes.cast(_library().rtcIntersect8, ctypes.c_void_p).value or 0)
 
 
-class _Scene:
-    """A scene of Embree's, which is released with this object.
+class Scene:
+    """Triangles as a scene of Embree's in its robust mode; it is released with this object.
+
+    Args:
+        vertices: (V, 3) metres.
+        faces: (F, 3) indices of vertices.
+        many_rays: take longer over the tree, which pays off for millions of rays.
 
     Attributes:
         address: of the scene.
@@ -128,14 +141,3 @@ class _Scene:
             raise StageError("Embree cannot build its tree of the triangles")
         weakref.finalize(self, library.rtcReleaseScene, scene).atexit = False
         self.address = scene
-
-
-def build(
-    vertices: NDArray[np.float32], faces: NDArray[np.int32], *, many_rays: bool
-) -> _Scene:
-    """Return Embree's tree of triangles, see `rays.RayLibrary`.
-
-    Raises:
-        StageError: there is no memory for it, or Embree does not start.
-    """
-    return _Scene(vertices, faces, many_rays=many_rays)

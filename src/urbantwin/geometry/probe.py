@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.geometry.rays import RayScene
 from urbantwin.geometry.mesh import LabelledMesh
+from urbantwin.geometry.rays import RayScene
 
 __all__ = ["DownwardProbe"]
 

@@ -1,107 +1,101 @@
-"""Rays cast at triangles on the processor, by one of two libraries.
+"""Rays cast at triangles on the processor, by Embree or by the built-in tracer.
 
 - ``embree``: Embree 4, of the ``embreex`` wheel, which exists for x86-64 alone (`geometry.embree`);
-- ``bvh``: the built-in one, which numba compiles for any processor (`geometry.bvh`).
+- ``bvh``: the built-in tracer, which numba compiles for any processor (`compiled.bvh`).
 
-Both offer two C functions with the same arguments, for one ray and for eight. Whatever casts rays
-calls them by their address, so nothing else differs between the two. Embree is used wherever it is
-installed. numba is loaded, and compiles, when the first ray is cast.
+Both are two C functions with the same arguments, for one ray and for eight. Compiled code that
+casts rays calls them by their address, so nothing else differs between the two. Embree is used
+wherever it is installed. numba is loaded, and compiles, when the first ray is cast.
 """
 
 from __future__ import annotations
 
 import platform
-from functools import cache
-from importlib import import_module
 from threading import Lock
-from typing import Any, NamedTuple, Protocol, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.geometry.embree import is_installed
+from urbantwin.geometry import embree
 
 __all__ = [
     "LIBRARIES",
     "Hits",
-    "RayLibrary",
     "RayScene",
-    "default_library",
+    "cast_addresses",
     "library_named",
     "missing_embree",
 ]
 
-#: Names of the libraries.
+#: Names of the two.
 LIBRARIES = ("embree", "bvh")
-#: How much longer the built-in library takes to record a dataset, see docs/ray_tracers.md.
+#: How many times as long a recording takes with the built-in tracer, see docs/ray_tracers.md.
 _TIMES_SLOWER = 2
 
 
-class Tree(Protocol):
-    """Triangles as a library casts rays at them; they are freed with it.
+def library_named(name: str | None = None) -> str:
+    """Return the name of what casts rays; if none is given, ``embree`` or, without it, ``bvh``.
 
-    Attributes:
-        address: what the library's functions take for it.
+    Raises:
+        InputError: Embree is named and missing.
     """
-
-    address: int
-
-
-class RayLibrary(Protocol):
-    """What `geometry.embree` and `geometry.bvh` have."""
-
-    def intersect_address(self) -> int:
-        """Return the address of the function for one ray, see `compiled.intersect`."""
-        ...
-
-    def packet_address(self) -> int:
-        """Return the address of the function for eight rays, see `compiled.packet`."""
-        ...
-
-    def build(
-        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], *, many_rays: bool
-    ) -> Tree:
-        """Return a tree of triangles.
-
-        Args:
-            vertices: (V, 3) metres.
-            faces: (F, 3) indices of vertices, at least one face.
-            many_rays: take longer over the tree, which pays off for millions of rays.
-        """
-        ...
-
-
-@cache
-def default_library() -> str:
-    """Return the name of the library that casts rays here: Embree's where it is installed."""
-    return "embree" if is_installed() else "bvh"
+    why = embree.why_missing() if name in {None, "embree"} else ""
+    if name and why:
+        raise InputError(
+            f"no backend embree: {why}", expected="pip install embreex (x86-64), or the backend bvh"
+        )
+    return name or ("bvh" if why else "embree")
 
 
 def missing_embree() -> str:
-    """Return a line for a person where Embree is not installed, an empty text where it is."""
-    if is_installed():
+    """Return a line that says what casts rays in place of Embree; empty where Embree does."""
+    why = embree.why_missing()
+    if not why:
         return ""
     return (
-        f"Embree is not installed (embreex has no wheel for every system; this is "
-        f"{platform.system()} {platform.machine()}): the built-in ray tracer casts the rays, "
-        f"to the same points, in about {_TIMES_SLOWER} times as long"
+        f"no Embree on this {platform.system()} {platform.machine()} ({why}): the built-in ray "
+        f"tracer bvh takes over: the same points, recording takes about {_TIMES_SLOWER} times as "
+        "long"
     )
 
 
-@cache
-def library_named(name: str) -> RayLibrary:
-    """Return a library.
+def cast_addresses(library: str) -> tuple[int, int]:
+    """Return the addresses of the functions for one ray and for eight.
 
-    Raises:
-        InputError: Embree is asked for and not installed.
+    `compiled.intersect` and `compiled.packet` call them.
     """
-    if name == "embree" and not is_installed():
-        raise InputError(
-            "the backend embree needs the package embreex, which is not installed",
-            expected="pip install embreex (x86-64 only), or the backend bvh",
-        )
-    return cast(RayLibrary, import_module(f"urbantwin.geometry.{name}"))
+    if library == "embree":
+        return embree.intersect_address(), embree.packet_address()
+    from urbantwin.geometry.compiled.bvh import intersect1, intersect8
+
+    return int(intersect1.address or 0), int(intersect8.address or 0)
+
+
+class _Tree(NamedTuple):
+    """Triangles as a library casts rays at them.
+
+    Attributes:
+        address: what the library's functions take.
+        owner: what frees them when it goes.
+    """
+
+    address: int
+    owner: object
+
+
+def _built(
+    library: str, vertices: NDArray[np.float32], faces: NDArray[np.int32], *, many_rays: bool
+) -> _Tree:
+    """Return the tree of F > 0 triangles; see `RayScene` for the arguments."""
+    if library == "embree":
+        scene = embree.Scene(vertices, faces, many_rays=many_rays)
+        return _Tree(scene.address, scene)
+    from urbantwin.geometry.compiled.bvh import build_tree
+
+    words = build_tree(vertices, faces)
+    return _Tree(words.ctypes.data, words)
 
 
 class Hits(NamedTuple):
@@ -126,7 +120,7 @@ class RayScene:
         vertices: (V, 3) metres.
         faces: (F, 3) indices of vertices.
         many_rays: take longer over the tree, which pays off for millions of rays.
-        library: which library casts; `default_library` if not given.
+        library: ``embree`` or ``bvh``; see `library_named` if not given.
 
     Attributes:
         vertices: (V, 3) float64, as given.
@@ -143,29 +137,32 @@ class RayScene:
     ) -> None:
         self.vertices = np.ascontiguousarray(vertices, np.float64)
         self.faces = np.ascontiguousarray(faces, np.int32)
-        self._many_rays, self._library = many_rays, library
-        self._trees: dict[str, Tree] = {}
+        self._many_rays = many_rays
+        self._library = library
+        self._trees: dict[str, _Tree] = {}
         self._lock = Lock()
 
     def tree(self, library: str | None = None) -> int:
         """Return the address of the triangles' tree; 0 where there are no triangles.
 
-        A tree is built when it is first asked for.
+        A tree is built when it is first needed.
 
         Args:
-            library: which library is to cast at it; `default_library` if not given.
+            library: which library casts at it; the scene's own if not given.
 
         Raises:
+            InputError: Embree is named and not installed.
             StageError: there is no memory for it.
         """
         if not len(self.faces):
             return 0
-        name = library or default_library()
+        name = library_named(library or self._library)
         if name not in self._trees:
             with self._lock:
                 if name not in self._trees:
-                    self._trees[name] = library_named(name).build(
-                        np.asarray(self.vertices, np.float32), self.faces, many_rays=self._many_rays
+                    vertices = np.ascontiguousarray(self.vertices, np.float32)
+                    self._trees[name] = _built(
+                        name, vertices, self.faces, many_rays=self._many_rays
                     )
         return self._trees[name].address
 
@@ -184,7 +181,7 @@ class RayScene:
     def cast_single(
         self, origins: NDArray[Any], directions: NDArray[Any], *, beside: bool = False
     ) -> Hits:
-        """Return the first hit of each ray as the library finds it, in single precision.
+        """Return the first hit of each ray as the tracer finds it, in single precision.
 
         Args:
             origins: (N, 3) where the rays leave, metres.
@@ -211,10 +208,10 @@ class RayScene:
     ) -> Hits:
         count = len(directions)
         hits = Hits(np.full(count, np.inf, np.float32), np.full(count, -1, np.int32))
-        tree = self.tree(self._library)
+        tree = self.tree()
         if tree and count:
-            library = library_named(self._library or default_library())
-            address = library.packet_address() if packets else library.intersect_address()
+            one_ray, eight_rays = cast_addresses(library_named(self._library))
+            address = eight_rays if packets else one_ray
             aims = np.ascontiguousarray(directions, np.float32)
             cast_rays(address, tree, *triangles, origins, aims, hits)
         return hits

@@ -54,11 +54,13 @@ class ActorShape:
         material: (F,) uint8.
     """
 
-    def __init__(self, mesh: LabelledMesh, *, with_hull: bool = True) -> None:
+    def __init__(
+        self, mesh: LabelledMesh, *, with_hull: bool = True, library: str | None = None
+    ) -> None:
         used = np.zeros((3, 1))
         if len(mesh.faces):
             used = mesh.vertices.T[:, np.flatnonzero(np.bincount(mesh.faces.ravel()))]
-        self.scene = RayScene(mesh.vertices, mesh.faces, many_rays=True)
+        self.scene = RayScene(mesh.vertices, mesh.faces, many_rays=True, library=library)
         self.low, self.high = used.min(axis=1), used.max(axis=1)
         self.hull = _outer_vertices(used) if with_hull else np.stack([self.low, self.high], axis=1)
         self.material = mesh.material
@@ -250,10 +252,12 @@ class ShapeTable:
 
     Args:
         meshes: gives the mesh of an asset.
+        library: what casts rays at the shapes, see `RayScene`.
     """
 
-    def __init__(self, meshes: MeshSource) -> None:
+    def __init__(self, meshes: MeshSource, library: str | None = None) -> None:
         self._meshes = meshes
+        self._library = library
         self._number: dict[tuple[str, int], int] = {}
         self._shapes: list[ActorShape] = []
         self._rows = _Rows()
@@ -266,7 +270,7 @@ class ShapeTable:
         if key not in self._number:
             with self._lock:  # Frames may be scanned by several threads.
                 if key not in self._number:
-                    shape = ActorShape(self._meshes(asset, phase))
+                    shape = ActorShape(self._meshes(asset, phase), library=self._library)
                     self._shapes.append(shape)
                     self._rows.append(shape)
                     self._arrays = None

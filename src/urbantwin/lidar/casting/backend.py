@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 from urbantwin.errors import InputError
-from urbantwin.geometry.rays import LIBRARIES, default_library
+from urbantwin.geometry.rays import LIBRARIES, library_named
 from urbantwin.lidar.casting.tracer import RayTracer
 
-__all__ = ["backend_name", "tracer_on"]
-
-
-def backend_name(backend: str | None = None) -> str:
-    """Return the name of a backend; if none is given, ``embree`` where installed, else ``bvh``."""
-    return default_library() if backend is None else backend
+__all__ = ["tracer_on"]
 
 
 def tracer_on(backend: str | None = None) -> RayTracer:
@@ -19,19 +14,17 @@ def tracer_on(backend: str | None = None) -> RayTracer:
 
     Args:
         backend: ``embree``; ``bvh``, the built-in one; ``warp`` (the first CUDA device, else the
-            processor), or Warp with a device: ``warp:cpu``, ``warp:cuda:1``. See `backend_name`
-            if not given.
+            processor), or Warp with a device: ``warp:cpu``, ``warp:cuda:1``. Embree, or ``bvh``
+            where Embree is missing, if not given.
 
     Raises:
-        InputError: no such backend, its package is not installed, or this machine has no such
-            device.
+        InputError: no such backend, its package is missing, or this machine has no such device.
     """
-    backend = backend_name(backend)
-    name, _, device = backend.partition(":")
-    if backend in LIBRARIES:
+    name, _, device = (backend or "").partition(":")
+    if backend is None or backend in LIBRARIES:
         from urbantwin.lidar.casting.processor import ProcessorTracer
 
-        return ProcessorTracer(backend)
+        return ProcessorTracer(library_named(backend))
     if name == "warp" and (device or backend == "warp"):
         from urbantwin.lidar.casting.warp import WarpTracer
 

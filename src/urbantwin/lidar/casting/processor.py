@@ -1,4 +1,4 @@
-"""Casting on the processor, from compiled code, by either library of `geometry.rays`."""
+"""Casting on the processor, from compiled code, by Embree or by the built-in tracer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry.rays import default_library, library_named
+from urbantwin.geometry.rays import cast_addresses
 from urbantwin.lidar.actor_path import Paths
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Layers
 from urbantwin.lidar.compiled.cast import cast_blocks
@@ -40,15 +40,11 @@ class ProcessorTracer:
     """Casts on the processor; see `tracer.RayTracer`.
 
     Args:
-        library: ``embree`` or ``bvh``; `rays.default_library` if not given.
-
-    Raises:
-        InputError: Embree is asked for and not installed.
+        library: ``embree`` or ``bvh``, see `geometry.rays`.
     """
 
-    def __init__(self, library: str | None = None) -> None:
-        self._name = library or default_library()
-        self._library = library_named(self._name)
+    def __init__(self, library: str) -> None:
+        self._library = library
 
     def layers(
         self, firing: Firing, actors: PresentActors, blocks: Blocks, casting: Casting
@@ -58,7 +54,7 @@ class ProcessorTracer:
         trees = [0] * len(shape)
         numbers = shape.tolist()
         for actor in set(blocks.actor.tolist()):  # only shapes that rays are cast at need a tree
-            trees[actor] = shapes.scenes[numbers[actor]].tree(self._name)
+            trees[actor] = shapes.scenes[numbers[actor]].tree(self._library)
         targets = Targets(
             np.array(trees, np.uint64),
             shapes.first_face[shape],
@@ -67,7 +63,7 @@ class ProcessorTracer:
             shapes.triangles,
             actors.paths,
         )
-        address = (self._library.intersect_address(), self._library.packet_address())
+        address = cast_addresses(self._library)
         room = len(blocks.ray) + len(blocks.ray) // 2 + 1024
         while True:
             layers = Layers.room(room, len(shape))

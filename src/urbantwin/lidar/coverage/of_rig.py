@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
-from urbantwin.geometry.rays import RayScene, Hits
+from urbantwin.geometry.rays import Hits, RayScene
 from urbantwin.lidar.coverage.cells import Cells, cells_over, is_ground
 from urbantwin.lidar.coverage.traverse import BAND_M, STEP_M, traverse
 from urbantwin.lidar.outage import dead_beams

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.rays import RayScene, Hits
+from urbantwin.geometry.rays import Hits, RayScene
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["Surroundings"]
