@@ -1,4 +1,4 @@
-"""Embree 4 through its C interface: the one place that knows of it.
+"""Embree 4 through its C interface: the one place that knows it.
 
 The library is the one that the ``embreex`` wheel carries. ``embreex`` itself takes arrays of rays
 only; a frame's rays at its actors depend on each other (what a beam's edge meets, what stands

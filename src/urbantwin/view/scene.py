@@ -1,6 +1,6 @@
 """A perspective picture of the twin: ray-cast mesh with sun, shadow and ambient light.
 
-No window and no graphics card: Embree casts one ray per sub-pixel, from what it hit one more
+No window and no graphics card: `RayScene` casts one ray per sub-pixel, from what it hit one more
 towards the sun, and one into the open, at random about the surface's normal: the share of those
 that meet nothing near, over the neighbourhood, is the ambient light. Seeds are fixed.
 """

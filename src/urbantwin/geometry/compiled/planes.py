@@ -1,4 +1,6 @@
-"""First hits whose triangle Embree finds in single precision, confirmed in double precision.
+"""First hits whose triangle a ray tracer finds, confirmed in double precision.
+
+Embree, and the built-in tracer's tree, hold triangles in single precision.
 
 Where a ray grazes a surface, a rounding of the surface's place by some micrometres moves the hit
 by millimetres to metres; on the triangle's plane in double precision it stays. Where a ray runs

@@ -3,6 +3,8 @@
 A beam is cast as one ray along its axis and, where its neighbours meet something else, as rays
 spread over its footprint as well. A surface that several of a beam's rays meet is one layer: it
 says which of the rays (bits of a mask), and the range at which the beam's axis meets its plane.
+
+Embree or the built-in tracer finds what rays meet, see `trace`.
 """
 
 from typing import NamedTuple

@@ -1,4 +1,7 @@
-"""Rays at actors and at the street: eight neighbours at a time."""
+"""Rays at actors and at the street: eight neighbours at a time.
+
+Embree or the built-in tracer finds what they meet, see `geometry.rays`.
+"""
 
 from typing import NamedTuple
 
