@@ -15,7 +15,7 @@ from typing import Any
 from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 
-__all__ = ["ShowProgress", "shown_stage", "tell_line", "tell_result"]
+__all__ = ["ShowProgress", "shown_stage", "tell_line", "tell_ray_tracer", "tell_result"]
 
 #: What every function takes as ``progress``: whether to show it, or what is called with the share
 #: that is done (0..1, of each stage) and what is being done.
@@ -23,7 +23,8 @@ ShowProgress = bool | Progress
 
 #: Stages that cast rays: which ray tracer casts them is said at the first one of a run.
 _CASTS_RAYS = frozenset(
-    "align background coverage film init place record traffic tune twin".split()
+    "align background calibrate coverage film init place record replay study suite traffic tune "
+    "twin".split()
 )
 #: Nobody waits longer than this for a line, seconds.
 _LONGEST_S = 10.0
@@ -51,7 +52,7 @@ def shown_stage(
         yield progress
     else:
         if title in _CASTS_RAYS:
-            _tell_ray_tracer()
+            tell_ray_tracer()
         display = _notebook_bar if _in_notebook() else _bar if sys.stderr.isatty() else _lines
         with display(title, brief=brief) as callback:
             yield callback
@@ -87,8 +88,8 @@ def tell_line(text: str, progress: ShowProgress = True) -> None:
 
 
 @cache
-def _tell_ray_tracer() -> None:
-    """Print once a process that Embree is missing, if it is."""
+def tell_ray_tracer() -> None:
+    """Print on stderr, once a process, that Embree is missing, if it is."""
     from urbantwin.geometry.rays import missing_embree
 
     if text := missing_embree():
