@@ -11,7 +11,7 @@ from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar import Rig
 from urbantwin.lidar.beams import Beams
-from urbantwin.lidar.casting.processor import ProcessorTracer
+from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.returns import LEVELS, ReturnModel
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.static_view import StaticView
@@ -106,7 +106,7 @@ def beam_view(
         plain,
         beams,
         model,
-        World(mesh, place.translation, surface, ProcessorTracer()),
+        World(mesh, place.translation, surface, tracer_on()),
         replace(plain, sway=None).path(0, seed),
         Sweep.snapshot(plain.columns, plain.sensor.channels),
         rig.dataset_SE3_site,
