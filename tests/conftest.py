@@ -182,7 +182,7 @@ def planned_once(
 
     def planned(twin: "Twin", *, duration_s: float, seed: int, scratch: Path | None = None) -> Any:
         def make(folder: Path) -> None:
-            found = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
+            found = demand_of(twin, duration_s=duration_s, seed=seed)
             (folder / "demand.pickle").write_bytes(pickle.dumps(found))
 
         key = f"demand-{twin.sha256}-{duration_s}-{seed}"
