@@ -32,7 +32,7 @@ DEVELOPMENT := $(VENV)/.development-installed
 # What the wheels of SUMO link to and do not carry (README, "Debian packages").
 DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
 
-.PHONY: demo test thorough web webtest compiled compiled-rays fuzz kills lint bench judges docs lock clean help
+.PHONY: demo test thorough web webtest compiled compiled-rays fuzz kills lint bench judges docs lock release clean help
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
@@ -46,6 +46,7 @@ help:
 	@echo "make judges  create .venv-judges with what judges exported OpenDRIVE (300 MB)"
 	@echo "make docs    the documentation as a site, with its gallery (writes site/)"
 	@echo "make lock    resolve the dependencies anew into the lock files"
+	@echo "make release build, check and tag a release; pushes and uploads nothing"
 	@echo "make clean   remove .venv, caches and the demo's output"
 
 demo: $(RUNTIME) $(PAGE)
@@ -155,6 +156,10 @@ lock:
 	printf 'hatchling\neditables\n' | $(UV_COMPILE) --extra demo --extra dev \
 	  --constraint requirements.lock -o requirements-dev.lock
 
+release: $(PAGE)
+	@.ci/release $(BIN)/python
+
 clean:
+	rm -rf build/release-tools dist
 	rm -rf web/node_modules src/urbantwin/web/page
 	rm -rf $(VENV) $(JUDGES) .mypy_cache .ruff_cache .pytest_cache .hypothesis urbantwin-demo site build/gallery
