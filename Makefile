@@ -84,13 +84,18 @@ bench: $(DEVELOPMENT)
 kills: $(DEVELOPMENT)
 	$(BIN)/pytest -m kills -s tests/reliability
 
-# The gallery takes minutes, so it is made once: `make clean` removes it.
-docs: build/gallery
+# The gallery and the pictures take minutes, so they are made once: `make clean` removes them.
+docs: build/gallery build/pictures
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "read site/index.html"
 
 build/gallery: | $(DEVELOPMENT)
 	$(BIN)/python docs/site_build/gallery.py -o $@
+
+# The README's pictures, of a demo of their own, into docs/assets: once, too.
+build/pictures: | $(DEVELOPMENT)
+	$(BIN)/python docs/site_build/pictures.py
+	@mkdir -p $@
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
@@ -160,6 +165,6 @@ release: $(PAGE)
 	@.ci/release $(BIN)/python
 
 clean:
-	rm -rf build/release-tools dist
+	rm -rf build/release-tools build/pictures dist
 	rm -rf web/node_modules src/urbantwin/web/page
 	rm -rf $(VENV) $(JUDGES) .mypy_cache .ruff_cache .pytest_cache .hypothesis urbantwin-demo site build/gallery
