@@ -163,3 +163,36 @@ def test_a_release_refuses_versions_that_differ(
 def test_a_release_refuses_a_tag_that_exists(checkout: Path) -> None:
     git(checkout, "tag", f"v{urbantwin.__version__}")
     assert "exists" in refused(checkout)
+
+
+@pytest.mark.thorough
+def test_a_release_is_built_checked_and_tagged(checkout: Path) -> None:
+    """Of a small package: what it is made with comes from the package index."""
+    (checkout / "README.md").write_text("# A package\n")
+    (checkout / ".gitignore").write_text("build/\ndist/\n")
+    (checkout / "pyproject.toml").write_text(
+        '[build-system]\nrequires = ["hatchling"]\nbuild-backend = "hatchling.build"\n'
+        '[project]\nname = "urbantwin"\ndynamic = ["version"]\nreadme = "README.md"\n'
+        'requires-python = ">=3.11"\n'
+        '[tool.hatch.version]\npath = "src/urbantwin/__init__.py"\n'
+    )
+    commit(checkout)
+    done = subprocess.run(
+        [checkout / ".ci/release", sys.executable], check=False, capture_output=True, text=True,
+        env=os.environ | IDENTITY,
+    )  # fmt: skip
+    if "No matching distribution" in done.stderr or "Could not find a version" in done.stderr:
+        pytest.skip("the package index cannot be reached")
+    assert done.returncode == 0, done.stdout + done.stderr
+    version = urbantwin.__version__
+    made = {path.name for path in (checkout / "dist").iterdir()}
+    assert made == {f"urbantwin-{version}.tar.gz", f"urbantwin-{version}-py3-none-any.whl"}
+    assert git(checkout, "cat-file", "-t", f"v{version}").strip() == "tag"
+    assert f"git push origin v{version}" in done.stdout
+    assert git(checkout, "status", "--porcelain") == ""
+    again = subprocess.run(
+        [checkout / ".ci/release"], check=False, capture_output=True, text=True,
+        env=os.environ | IDENTITY,
+    )  # fmt: skip
+    assert again.returncode == 2
+    assert "exists" in again.stderr
