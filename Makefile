@@ -32,7 +32,7 @@ DEVELOPMENT := $(VENV)/.development-installed
 # What the wheels of SUMO link to and do not carry (README, "Debian packages").
 DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
 
-.PHONY: demo test thorough web webtest compiled compiled-rays fuzz kills lint bench judges docs lock release clean help
+.PHONY: demo test thorough web webtest compiled compiled-rays fuzz kills lint bench judges docs lock clean help
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
@@ -84,6 +84,15 @@ bench: $(DEVELOPMENT)
 kills: $(DEVELOPMENT)
 	$(BIN)/pytest -m kills -s tests/reliability
 
+.PHONY: release
+release: $(PAGE)
+	@tools/release.sh $(BIN)/python
+
+# The README's pictures, of a demo that is run for them, go into docs/assets.
+build/pictures: | $(DEVELOPMENT)
+	$(BIN)/python docs/site_build/pictures.py
+	@mkdir -p $@
+
 # The gallery and the pictures take minutes, so they are made once: `make clean` removes them.
 docs: build/gallery build/pictures
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
@@ -91,11 +100,6 @@ docs: build/gallery build/pictures
 
 build/gallery: | $(DEVELOPMENT)
 	$(BIN)/python docs/site_build/gallery.py -o $@
-
-# The README's pictures, of a demo of their own, into docs/assets: once, too.
-build/pictures: | $(DEVELOPMENT)
-	$(BIN)/python docs/site_build/pictures.py
-	@mkdir -p $@
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
@@ -160,9 +164,6 @@ lock:
 	printf 'hatchling\neditables\n' | $(UV_COMPILE) --extra demo -o requirements.lock
 	printf 'hatchling\neditables\n' | $(UV_COMPILE) --extra demo --extra dev \
 	  --constraint requirements.lock -o requirements-dev.lock
-
-release: $(PAGE)
-	@.ci/release $(BIN)/python
 
 clean:
 	rm -rf build/release-tools build/pictures dist

@@ -16,7 +16,7 @@ import yaml
 import urbantwin
 
 ROOT = Path(__file__).parents[1]
-COPIED = (".ci/release", "CHANGELOG.md", "CITATION.cff", "src/urbantwin/__init__.py")
+COPIED = ("tools/release.sh", "CHANGELOG.md", "CITATION.cff", "src/urbantwin/__init__.py")
 IDENTITY = {
     f"GIT_{role}_{name}": value
     for role in ("AUTHOR", "COMMITTER")
@@ -123,7 +123,7 @@ def refused(root: Path) -> str:
     """Return the one line with which a release is refused; nothing is built or tagged."""
     tags = git(root, "tag")
     done = subprocess.run(
-        [root / ".ci/release", sys.executable], check=False, capture_output=True, text=True,
+        [root / "tools/release.sh", sys.executable], check=False, capture_output=True, text=True,
         env=os.environ | IDENTITY,
     )  # fmt: skip
     assert done.returncode == 2, done.stdout + done.stderr
@@ -178,7 +178,7 @@ def test_a_release_is_built_checked_and_tagged(checkout: Path) -> None:
     )
     commit(checkout)
     done = subprocess.run(
-        [checkout / ".ci/release", sys.executable], check=False, capture_output=True, text=True,
+        [checkout / "tools/release.sh", sys.executable], check=False, capture_output=True, text=True,
         env=os.environ | IDENTITY,
     )  # fmt: skip
     if "No matching distribution" in done.stderr or "Could not find a version" in done.stderr:
@@ -191,7 +191,7 @@ def test_a_release_is_built_checked_and_tagged(checkout: Path) -> None:
     assert f"git push origin v{version}" in done.stdout
     assert git(checkout, "status", "--porcelain") == ""
     again = subprocess.run(
-        [checkout / ".ci/release"], check=False, capture_output=True, text=True,
+        [checkout / "tools/release.sh"], check=False, capture_output=True, text=True,
         env=os.environ | IDENTITY,
     )  # fmt: skip
     assert again.returncode == 2
