@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pyproj import CRS
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
 from urbantwin.reconstruct.formats.las import bounds_in
@@ -129,14 +130,9 @@ def read_e57(
 
 
 def _library(path: Path) -> Any:  # noqa: ANN401 - it has no types
-    try:
-        from pye57 import libe57
-    except ImportError:
-        raise InputError(
-            "is E57, and pye57, which reads it, is not installed",
-            file=path,
-            expected="pip install pye57, or LAS, LAZ or PTS",
-        ) from None
+    check_extra("e57", "reading E57", file=path)
+    from pye57 import libe57
+
     return libe57
 
 
