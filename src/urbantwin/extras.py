@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Sequence
 from pathlib import Path
 
 from urbantwin.errors import InputError
@@ -33,20 +34,26 @@ def how_to_install(extra: str) -> str:
 
 
 def check_extra(
-    extra: str, use: str, *, file: str | Path | None = None, place: str | None = None
+    extra: str,
+    use: str,
+    *,
+    modules: Sequence[str] = (),
+    file: str | Path | None = None,
+    place: str | None = None,
 ) -> None:
     """Refuse a task whose optional packages are not installed; nothing is imported.
 
     Args:
         extra: a key of `EXTRAS`.
         use: what needs it, the subject of the message: "reading E57".
+        modules: those of the extra that this task needs; all of them if empty.
         file: the file that asks for it, for the message.
         place: the option or field that asks for it, for the message.
 
     Raises:
         InputError: a package is missing; the message has the command that installs it.
     """
-    missing = [module for module in EXTRAS[extra] if not _is_installed(module)]
+    missing = [module for module in modules or EXTRAS[extra] if not _is_installed(module)]
     if missing:
         raise InputError(
             f"{use} needs {', '.join(missing)}, not installed",

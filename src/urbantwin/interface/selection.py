@@ -244,7 +244,7 @@ class Frames(Sequence["Frame"]):
             >>> samples = dataset.where(split="train", classes=["car"]).torch()
             >>> loader = samples.loader(batch_size=4, workers=2, shuffle=True)
         """
-        check_extra("detector", "a dataset of PyTorch")
+        check_extra("detector", "a dataset of PyTorch", modules=("torch",))
         from urbantwin.learn.frame_dataset import FrameDataset
 
         return FrameDataset(

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.artefact.document import read_bytes
-from urbantwin.errors import InputError, StageError
+from urbantwin.errors import StageError
 from urbantwin.exports.carla.frame import carla_points, pose_of_carla
 from urbantwin.exports.carla.package_documents import read_plan
 from urbantwin.exports.carla.rig import SEMANTIC

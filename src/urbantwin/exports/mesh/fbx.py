@@ -6,6 +6,7 @@ import ctypes
 import importlib.util
 import os
 import struct
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -104,7 +105,9 @@ def _convert(source: Path, made: Path) -> None:
 @cache
 def _assimp() -> ctypes.CDLL:
     """Load the library from its wheel, which keeps it beside the package ``cmeel``."""
-    check_extra("fbx", "writing FBX")
+    if sys.platform == "win32":
+        raise InputError("FBX is not written on Windows", place="--to", expected="another format")
+    check_extra("fbx", "writing FBX", modules=("cmeel",))
     found = importlib.util.find_spec("cmeel")
     assert found is not None
     assert found.origin is not None
@@ -112,7 +115,8 @@ def _assimp() -> ctypes.CDLL:
     try:
         for compression in sorted(prefix.glob("lib*/libz.so.1")):  # no path leads it there
             ctypes.CDLL(str(compression), ctypes.RTLD_GLOBAL)
-        library = ctypes.CDLL(str(prefix / "lib" / "libassimp.so"))
+        ending = "dylib" if sys.platform == "darwin" else "so"
+        library = ctypes.CDLL(str(prefix / "lib" / f"libassimp.{ending}"))
     except OSError as error:
         raise InputError(
             f"Assimp does not load ({error})", expected=how_to_install("fbx")

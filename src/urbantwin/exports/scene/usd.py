@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from urbantwin.errors import InputError
 from urbantwin.exports.mesh import Look, MeshObject
 from urbantwin.extras import check_extra
 

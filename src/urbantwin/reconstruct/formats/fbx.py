@@ -42,7 +42,7 @@ def read_fbx(path: Path) -> ImportedModel:
     Raises:
         InputError: it cannot be read, holds nothing, or ufbx is not installed.
     """
-    check_extra("fbx", "reading FBX", file=path)
+    check_extra("fbx", "reading FBX", modules=("ufbx",), file=path)
     with passing_folder("urbantwin-fbx") as folder:
         command = [sys.executable, "-P", str(_PROGRAM), str(path.resolve()), str(folder)]
         try:
