@@ -1,6 +1,5 @@
 """Frames that Warp cast are those that Embree cast, but for which of two triangles in one place."""
 
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -134,16 +133,6 @@ def test_backends_that_are_not_here(backend, words):
         tracer_on(backend)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_without_the_extra(monkeypatch):
-    from urbantwin.lidar.casting.warp_device import warp_device
-
-    warp_device.cache_clear()
-    monkeypatch.setitem(sys.modules, "warp", None)
-    with pytest.raises(InputError, match=r"warp-lang; expected pip install 'urbantwin\[warp\]'"):
-        tracer_on("warp")
-    warp_device.cache_clear()
 
 
 def test_kernels_compile_for_cuda(tmp_path):
