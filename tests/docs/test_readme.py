@@ -4,6 +4,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -195,3 +196,15 @@ def test_near_points_hide_far_ones_and_boxes_are_outlined(pictures: ModuleType) 
     np.testing.assert_allclose(lengths, [1.5] * 4 + [2.0] * 4 + [4.0] * 4)
     drawn = pictures.draw_points(view, np.zeros((0, 3)), np.zeros((0, 3)), [(corners, "car")])
     assert (np.asarray(drawn) == pictures.class_colour("car")).all(axis=2).sum() > 20
+
+
+def test_the_page_of_extras_names_all_of_them() -> None:
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    page = (ROOT / "docs" / "optional_packages.md").read_text()
+    ours = {"all", "bench", "dev", "docs"}
+    named = set(re.findall(r"`([a-z0-9]+)`", page))
+    assert declared["optional-dependencies"].keys() - ours <= named
+    for text in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
+        for extras in re.findall(r"(?:urbantwin|\.whl)\[([\w,]+)\]", text.read_text()):
+            for extra in extras.split(","):
+                assert extra == "NAME" or extra in declared["optional-dependencies"], text.name
