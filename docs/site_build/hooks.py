@@ -29,7 +29,10 @@ OUTSIDE = re.compile(r"\]\(\.\./([^)#\s]+)(#[^)\s]*)?\)")
 #: Where the gallery shows a picture or a saved page: the comment is invisible anywhere else.
 SHOWN = re.compile(r"<!-- shown: (\S+) \| (.+?) -->")
 #: Of the repository's own pages, which the site has whether a page links to them or not.
-OWN = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+OWN = (
+    *("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md"),
+    *("LICENSE", "NOTICE", "CITATION.cff"),
+)
 #: GitHub nests in an item by the width of its mark, Python-Markdown by four blanks.
 NESTED = re.compile(r"^(?=(?: {3}| {5})\S)", re.MULTILINE)
 #: A paragraph of an item and the next item: Python-Markdown wants a blank line between them.
@@ -45,7 +48,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         for file in files.documentation_pages()
         for match in OUTSIDE.finditer(file.content_string)
     }
-    for path in sorted({*OWN, "LICENSE"} | linked):
+    for path in sorted({*OWN} | linked):
         if not (ROOT / path).is_file():
             raise PluginError(f"a page links to {path}, which is not in the repository")
         files.append(File.generated(config, _page_of(path), content=_shown_file(path)))

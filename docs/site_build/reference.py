@@ -43,7 +43,10 @@ def command_page() -> str:
     """Return the help of every command."""
     group = typer.main.get_command(app)
     with click.Context(group, info_name="urbantwin") as context:
-        parts = ["# Commands\n\nWhat `urbantwin COMMAND --help` prints."]
+        parts = [
+            "# Help of each command\n\nWhat `urbantwin COMMAND --help` prints; "
+            "[a table](../commands.md) says what each is for."
+        ]
         for name in group.list_commands(context):
             command = group.get_command(context, name)
             with click.Context(command, info_name=f"urbantwin {name}", terminal_width=100) as own:

@@ -75,7 +75,7 @@ if TYPE_CHECKING:
     from urbantwin.result_warning import ResultWarning
     from urbantwin.site.rig import RigSpec
 
-__version__ = "0.1.0"
+__version__ = "0.9.0"
 
 __all__ = [
     "ActorCatalogue",

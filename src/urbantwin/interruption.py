@@ -31,7 +31,9 @@ __all__ = [
 
 #: As shells have it: 128 + SIGINT.
 EXIT_CODE = 130
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_SIGNALS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
+if hasattr(signal, "SIGHUP"):  # not on Windows
+    _SIGNALS += (signal.SIGHUP,)
 #: When a signal comes again that came where nothing can be raised.
 _SOON_S = 0.01
 
@@ -179,7 +181,10 @@ def _again_soon(number: int) -> None:
 
     main = threading.main_thread().ident
     assert main is not None
-    timer = threading.Timer(_SOON_S, signal.pthread_kill, (main, number))
+    again: tuple[Callable[..., object], tuple[int, ...]] = signal.raise_signal, (number,)
+    if hasattr(signal, "pthread_kill"):  # not on Windows
+        again = signal.pthread_kill, (main, number)
+    timer = threading.Timer(_SOON_S, *again)
     timer.daemon = True
     timer.start()
 

@@ -1,6 +1,9 @@
 """The demo's place, and what is said where its map is missing."""
 
-import importlib.util
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +12,7 @@ import numpy as np
 import osmium
 import pytest
 
+import urbantwin
 from urbantwin.geometry import SiteFrame
 from urbantwin.interface.whole_line import LATITUDE, LONGITUDE, helsinki_extract
 from urbantwin.twin import load_twin
@@ -38,13 +42,28 @@ def test_the_place_has_mapped_signals_and_the_twin_has_them_too(
     assert (np.linalg.norm(places, axis=1) < 50.0).sum() >= 3
 
 
-def test_a_missing_map_is_one_line(
-    run_here: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    outcome = run_here("demo", "-o", tmp_path / "demo")
-    assert outcome.code == 2
-    assert outcome.err == (
-        "error: the map of Helsinki is not installed; expected pip install 'urbantwin[demo]'\n"
+def test_the_map_says_whose_it_is() -> None:
+    attribution = helsinki_extract().with_name("ATTRIBUTION.md").read_text()
+    assert "© OpenStreetMap contributors" in attribution
+    assert "Open Database License" in attribution
+
+
+def test_a_missing_map_is_one_line(tmp_path: Path) -> None:
+    """A copy of the package without the map, as in a checkout where nothing was made."""
+    package = tmp_path / "src" / "urbantwin"
+    shutil.copytree(
+        Path(urbantwin.__file__).parent, package, ignore=shutil.ignore_patterns("*.pbf", "page")
     )
-    assert not list(tmp_path.iterdir())
+    outcome = subprocess.run(
+        [sys.executable, "-m", "urbantwin", "demo", "-o", tmp_path / "demo"],
+        env={**os.environ, "PYTHONPATH": str(package.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert outcome.returncode == 2
+    assert outcome.stderr == (
+        "error: demo: the map of Helsinki is not made in this checkout; expected"
+        " first: python hatch_build.py\n"
+    )
+    assert not (tmp_path / "demo").exists()

@@ -1,6 +1,5 @@
 """Joining a cluster: what is no address, and what nobody answers at."""
 
-import builtins
 import socket
 import threading
 
@@ -57,19 +56,6 @@ def test_where_nobody_listens_is_said_at_once():
 def test_what_is_no_cluster_is_said(listener):
     pytest.importorskip("ray")
     assert "is no cluster's head" in refused(f"127.0.0.1:{listener}")
-
-
-def test_without_ray_the_extra_is_named(monkeypatch):
-    imported = builtins.__import__
-
-    def without(name, *rest, **named):
-        if name == "ray":
-            raise ImportError(name)
-        return imported(name, *rest, **named)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r"Ray is not installed.*urbantwin\[ray\]"), connected("x"):
-        pass
 
 
 def test_another_version_on_a_node_is_named():

@@ -219,8 +219,11 @@ def test_a_broken_link_breaks_the_build(tmp_path: Path, more: str, told: tuple[s
     """With the same rules and hooks, on one page."""
     shutil.copytree(DOCS / "site_build", tmp_path / "docs" / "site_build")
     shutil.copytree(DOCS / "assets", tmp_path / "docs" / "assets")
-    for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "LICENSE"):
-        (tmp_path / name).write_text("# Text\n")
+    for path in (
+        *ROOT.glob("*.md"),
+        *(ROOT / name for name in ("LICENSE", "NOTICE", "CITATION.cff")),
+    ):
+        (tmp_path / path.name).write_text("# Text\n")
     (tmp_path / "src").symlink_to(ROOT / "src")
     (tmp_path / "docs" / "index.md").write_text(f"# Start\n\n{more}\n")
     rules = (ROOT / "mkdocs.yml").read_text()

@@ -328,14 +328,6 @@ def test_fbx_names_are_in_any_script_and_faces_have_their_own_material(tmp_path)
     assert np.bincount(mesh.object).tolist() == [1] * 6
 
 
-def test_assimp_that_is_not_there_is_told(two_avenues_twin, tmp_path, monkeypatch):
-    fbx._assimp.cache_clear()
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match="pip install cmeel-assimp"):
-        export_twin(two_avenues_twin, "fbx", tmp_path / "s.fbx")
-    assert not list(tmp_path.iterdir())
-
-
 def test_assimp_that_fails_is_told(tmp_path):
     (tmp_path / "broken.glb").write_bytes(b"glTF and nothing more")
     with pytest.raises(StageError, match="Assimp failed"):

@@ -13,18 +13,18 @@ from .conftest import Line
 
 _BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 #: Blocks of a document that another test runs: the notebook builds, drives, records and compares.
-_ELSEWHERE = {"python.md": 1, "sequences.md": 0}
+_ELSEWHERE = {"docs/python.md": 1, "docs/sequences.md": 0, "README.md": 0}
 
 
 def blocks_of(document: str) -> list[str]:
-    return _BLOCK.findall((ROOT / "docs" / document).read_text())
+    return _BLOCK.findall((ROOT / document).read_text())
 
 
 @pytest.mark.parametrize("document", _ELSEWHERE)
 def test_the_examples_run(
     line: Line, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, document: str
 ) -> None:
-    if document == "python.md":
+    if document == "docs/python.md":
         torch = pytest.importorskip("torch")
         torch.set_num_threads(1)
     monkeypatch.chdir(tmp_path)
@@ -33,11 +33,13 @@ def test_the_examples_run(
     names: dict[str, Any] = {}
     exec("import urbantwin as ut", names)
     blocks = blocks_of(document)[_ELSEWHERE[document] :]
-    assert len(blocks) >= 3
+    assert len(blocks) >= (1 if document == "README.md" else 3)
     for number, block in enumerate(blocks):
         exec(compile(block, f"{document}, block {number}", "exec"), names)
-    if document == "sequences.md":
+    if document == "docs/sequences.md":
         stored = names["made"].flow(names["frame"].name)
         np.testing.assert_array_equal(stored, names["frame"].flow())
+    elif document == "README.md":
+        assert names["near"][0].box_array.shape == (len(names["near"][0].boxes), 7)
     else:
         assert len(names["batch"]["points"]) == len(names["batch"]["point_frame"]) > 0

@@ -9,7 +9,7 @@ import pytest
 import urbantwin as ut
 
 torch = pytest.importorskip(
-    "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
+    "torch", reason="torch is not installed: pip install 'urbantwin[detector]'"
 )
 
 from urbantwin.learn.frame_dataset import FIELDS, collated  # noqa: E402
@@ -109,14 +109,3 @@ def test_it_goes_to_another_process_by_pickle(line: Line) -> None:
 def test_a_field_that_points_do_not_have(line: Line) -> None:
     with pytest.raises(ut.InputError, match=r"no field 'colour'; expected x, y, z"):
         line.dataset.torch(("x", "colour"))
-
-
-def test_without_torch_one_line_says_what_to_install(
-    line: Line, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import sys
-
-    monkeypatch.delitem(sys.modules, "urbantwin.learn.frame_dataset", raising=False)
-    monkeypatch.setitem(sys.modules, "torch", None)
-    with pytest.raises(ut.InputError, match=r"PyTorch is missing.*pip install"):
-        line.dataset.torch()

@@ -16,7 +16,7 @@ from ..reliability.small_site import bytes_of
 from .conftest import Line
 
 torch = pytest.importorskip(
-    "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
+    "torch", reason="torch is not installed: pip install 'urbantwin[detector]'"
 )
 
 from urbantwin.learn.model import Design, Model, new_network, write_model  # noqa: E402

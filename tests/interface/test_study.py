@@ -165,7 +165,7 @@ def test_a_detector_that_cannot_judge_is_told_before_anything_is_driven(
     grid: Path, tmp_path: Path, fields: dict[str, object], said: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    pytest.importorskip("torch", reason="torch is not installed: pip install 'urbantwin[learn]'")
+    pytest.importorskip("torch", reason="torch is not installed: pip install 'urbantwin[detector]'")
     from urbantwin.learn.model import Design, Model, new_network, write_model
 
     (tmp_path / "twin").mkdir()

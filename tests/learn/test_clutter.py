@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-pytest.importorskip("torch", reason="torch is not installed: pip install 'urbantwin[learn]'")
+pytest.importorskip("torch", reason="torch is not installed: pip install 'urbantwin[detector]'")
 
 from urbantwin.learn.augmentation import Obstacles, cluttered, with_obstacles
 from urbantwin.learn.frames import LevelFrame

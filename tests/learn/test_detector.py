@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import urbantwin as ut
 
 torch = pytest.importorskip(
-    "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
+    "torch", reason="torch is not installed: pip install 'urbantwin[detector]'"
 )
 
 from urbantwin.artefact import write_inventory  # noqa: E402

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import urbantwin as ut
 
 torch = pytest.importorskip(
-    "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
+    "torch", reason="torch is not installed: pip install 'urbantwin[detector]'"
 )
 
 from urbantwin.learn import (  # noqa: E402

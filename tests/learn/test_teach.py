@@ -15,7 +15,7 @@ from urbantwin.learn.lessons import lessons_of, moved_rig
 from urbantwin.site import load_site
 
 torch = pytest.importorskip(
-    "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
+    "torch", reason="torch is not installed: pip install 'urbantwin[detector]'"
 )
 pytestmark = pytest.mark.xdist_group("learn")
 

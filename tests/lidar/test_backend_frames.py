@@ -1,6 +1,5 @@
 """Frames of every backend are Embree's, but for which of two triangles in one place is met."""
 
-import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -145,17 +144,6 @@ def test_backends_that_are_not_here(backend, words):
         tracer_on(backend)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_without_the_extra(monkeypatch):
-    need_warp()
-    from urbantwin.lidar.casting.warp_device import warp_device
-
-    warp_device.cache_clear()
-    monkeypatch.setitem(sys.modules, "warp", None)
-    with pytest.raises(InputError, match=r"warp-lang; expected pip install 'urbantwin\[warp\]'"):
-        tracer_on("warp")
-    warp_device.cache_clear()
 
 
 def test_kernels_compile_for_cuda(tmp_path):

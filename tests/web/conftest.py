@@ -1,7 +1,6 @@
 """A small place to look at: twin, motion and a dataset of 55 frames, one in a folder."""
 
 import json
-import os
 import shutil
 import struct
 from collections.abc import Callable
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 from urbantwin.dataset import record
-from urbantwin.web import page_document
 
 from ..dataset.conftest import motion_of, rig, rig_spec, twin
 
@@ -79,12 +77,3 @@ def unpacked() -> Callable[[bytes], tuple[dict[str, Any], dict[str, np.ndarray]]
         return header, arrays
 
     return read
-
-
-@pytest.fixture(scope="session")
-def built_page() -> None:
-    """The page's bundle, which `make web` builds."""
-    if not (Path(page_document.__file__).parent / "page" / "page.js").is_file():
-        if os.environ.get("CI"):
-            pytest.fail("the page is not built: make web")
-        pytest.skip("the page is not built (make web)")

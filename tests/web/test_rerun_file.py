@@ -1,13 +1,10 @@
 """A recording for rerun, read again by rerun's own reader."""
 
-import importlib.util
-
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 import urbantwin as ut
-from urbantwin.errors import InputError
 
 
 def test_it_holds_the_points_and_boxes_of_every_frame(dataset, tmp_path):
@@ -36,13 +33,3 @@ def test_it_holds_the_points_and_boxes_of_every_frame(dataset, tmp_path):
         mine = [row for row in rows if row["frame"] == f"{frame:06d}"]
         sizes = [[row["length"] / 2, row["width"] / 2, row["height"] / 2] for row in mine]
         assert np.allclose(found["boxes", frame], sizes, atol=1e-4)
-
-
-def test_without_rerun_it_is_one_line(dataset, tmp_path, monkeypatch):
-    find = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *more: None if name == "rerun" else find(name)
-    )
-    with pytest.raises(InputError, match=r"pip install 'urbantwin\[rerun\]'"):
-        ut.look(dataset, rerun=tmp_path / "frames.rrd", progress=False)
-    assert not list(tmp_path.iterdir())

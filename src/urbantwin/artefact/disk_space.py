@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import re
-import resource
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -87,6 +86,8 @@ def _reason(error: BaseException, scratch: Path) -> tuple[str | None, str | None
         if f"Errno {number}]" in said or (number == errno.EFBIG and "SIGXFSZ" in said):
             return why, None
     if _CUT.search(said):
+        import resource  # not on Windows, where nothing is written
+
         limited = resource.getrlimit(resource.RLIMIT_FSIZE)[0] != resource.RLIM_INFINITY
         return _FULL[errno.EFBIG if limited else errno.ENOSPC], None
     if scratch.exists() and shutil.disk_usage(scratch).free < _NOTHING:

@@ -4,14 +4,15 @@
 what a run can go on from, and ``.NAME.PROCESS.urbantwin-old`` what has just been replaced. A run
 holds a lock (``flock``) on its own folder; the kernel takes the lock from a process that dies, so
 nothing stays locked, and the next run on the same output recognises dead scratch and removes it.
+Windows has no such locks: nothing is written there.
 """
 
 from __future__ import annotations
 
 import ctypes
 import errno
-import fcntl
 import hashlib
+import importlib.util
 import os
 import re
 import shutil
@@ -74,9 +75,10 @@ def claimed(target: Path, *, key: str | None = None) -> Iterator[Scratch]:
         key: 16 hexadecimal digits that say what is made.
 
     Raises:
-        InputError: another run is writing it, or is not writable.
+        InputError: another run is writing it, it is not writable, or this is Windows.
     """
     target = Path(os.path.realpath(target))
+    _refuse_windows(target)
     lock: int | None = None
     folder: Path | None = None
     with new_folder(target.parent):
@@ -110,8 +112,9 @@ def refuse_if_written(target: Path) -> None:
         target: the output, without symbolic links.
 
     Raises:
-        InputError: one is.
+        InputError: one is, or this is Windows.
     """
+    _refuse_windows(target)
     for left, process, _ in _left(target):
         if not _is_dead(left, process):
             raise InputError(
@@ -201,6 +204,13 @@ def remove_dead(folder: Path, name: str | None = None) -> None:
                 _remove(entry)
 
 
+def _refuse_windows(target: Path) -> None:
+    if importlib.util.find_spec("fcntl") is None:
+        raise InputError(
+            "UrbanTwin writes nothing on Windows", file=target, expected="Linux, macOS, or WSL"
+        )
+
+
 def _clear(target: Path) -> None:
     """Put back and remove what dead runs left, but for what a run can go on from."""
     for left, _, its_key in _left(target):
@@ -252,6 +262,8 @@ def _hidden(folder: Path) -> list[Path]:
 
 def _is_dead(left: Path, process: int) -> bool:
     """Return whether the run that a scratch belongs to is over."""
+    import fcntl
+
     try:
         lock = os.open(left, os.O_RDONLY | os.O_NOFOLLOW)
     except OSError:  # It is gone, or none of ours.
@@ -275,6 +287,8 @@ def _is_dead(left: Path, process: int) -> bool:
 
 
 def _lock(folder: Path) -> int:
+    import fcntl
+
     lock = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX)  # it waits for those who look, which is a moment
@@ -300,6 +314,8 @@ def _identity(descriptor: int) -> tuple[int, int]:
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
     """Let runs look at what is in a folder one after the other."""
+    import fcntl
+
     lock = os.open(folder, os.O_RDONLY)
     try:
         if _identity(lock) not in _held:  # a scratch of our own is private

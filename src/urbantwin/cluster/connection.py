@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from urbantwin.cluster.on_node import Agreed, answer, difference, told_here
 from urbantwin.cluster.workers import ClusterWorkers, processors, working_nodes
 from urbantwin.errors import InputError, StageError
+from urbantwin.extras import check_extra
 from urbantwin.processes import usable_processors
 
 __all__ = ["Cluster", "connected"]
@@ -147,15 +148,12 @@ def connected(
             versions, or a node has other versions of what decides the bytes.
         StageError: a node does not answer.
     """
-    try:
-        # No word to its makers of who uses it; nothing of it is shown but what we say.
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-        import ray
-    except ImportError:
-        raise InputError(
-            "Ray is not installed", place="--ray", expected="pip install 'urbantwin[ray]'"
-        ) from None
+    check_extra("ray", "working on a cluster", place="--ray")
+    # No word to its makers of who uses it; nothing of it is shown but what we say.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    import ray
+
     if ray.is_initialized():  # who calls us has joined one
         yield Cluster(address, agreed, workers)
         return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -181,6 +180,8 @@ def check_seen(files: Sequence[Path]) -> None:
 
 def _processor_s() -> float:
     """Return the time of processors that this process and its children took, seconds."""
+    import resource  # not on Windows
+
     return sum(
         used.ru_utime + used.ru_stime
         for used in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 from urbantwin.interface.box_filter import BoxFilter, FrameFilter
 
 if TYPE_CHECKING:
@@ -226,7 +227,7 @@ class Frames(Sequence["Frame"]):
     ) -> FrameDataset:
         """Return the frames as a PyTorch ``Dataset`` of tensors.
 
-        Needs PyTorch: ``pip install urbantwin[learn]``.
+        Needs PyTorch: ``pip install 'urbantwin[detector]'``.
 
         Args:
             fields: columns of ``points``, by name; any of `Frame.cloud`.
@@ -243,14 +244,9 @@ class Frames(Sequence["Frame"]):
             >>> samples = dataset.where(split="train", classes=["car"]).torch()
             >>> loader = samples.loader(batch_size=4, workers=2, shuffle=True)
         """
-        try:
-            from urbantwin.learn.frame_dataset import FrameDataset
-        except ModuleNotFoundError as error:
-            if error.name != "torch":
-                raise
-            raise InputError(
-                "PyTorch is missing", expected="pip install urbantwin[learn]"
-            ) from None
+        check_extra("detector", "a dataset of PyTorch", modules=("torch",))
+        from urbantwin.learn.frame_dataset import FrameDataset
+
         return FrameDataset(
             self,
             classes=tuple(sorted({name for one in self.datasets for name in one.box_classes})),

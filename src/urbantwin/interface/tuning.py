@@ -126,8 +126,10 @@ def tune(  # noqa: PLR0913 - the options of the command
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
-        InputError: too few frames, a rig that rides, or ``out`` holds other files.
+        InputError: too few frames, a rig that rides, ``out`` holds other files, or the extra
+            ``tune`` is not installed.
     """
+    from urbantwin.extras import check_extra
     from urbantwin.fidelity.tuning import Tuning as Wish
     from urbantwin.fidelity.tuning import groups_of
     from urbantwin.fidelity.tuning import tune as tune_rig
@@ -136,6 +138,7 @@ def tune(  # noqa: PLR0913 - the options of the command
     from urbantwin.interface.twin import Twin
     from urbantwin.processes import usable_processors
 
+    check_extra("tune", "fitting a rig")
     wish = Wish(
         fit=groups_of(fit),
         held_out=held_out,

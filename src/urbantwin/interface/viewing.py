@@ -99,7 +99,10 @@ class View:
             over.put(None)
 
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # no SIGHUP on Windows
+                number = getattr(signal, name, None)
+                if number is None:
+                    continue
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
                     before[number] = signal.signal(number, end)
         try:

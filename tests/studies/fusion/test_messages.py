@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-pytest.importorskip("torch", reason="torch is not installed: pip install 'urbantwin[learn]'")
+pytest.importorskip("torch", reason="torch is not installed: pip install 'urbantwin[detector]'")
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose

@@ -13,6 +13,7 @@ from io import BytesIO
 from pathlib import Path
 
 from urbantwin.artefact.arrays import may_unpack
+from urbantwin.extras import check_extra
 from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["Told", "told_in"]
@@ -67,6 +68,8 @@ def _told(name: str, data: bytes, depth: int) -> Iterator[Told]:
     if ending in ("label",):  # numbers of classes and tracks
         return
     reader = _READERS.get(ending) or _by_first_bytes(data)
+    if reader is _mcap:
+        check_extra("bags", "searching MCAP", file=name)
     if reader is not None:
         try:
             with warnings.catch_warnings():

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.artefact.document import read_bytes
-from urbantwin.errors import InputError, StageError
+from urbantwin.errors import StageError
 from urbantwin.exports.carla.frame import carla_points, pose_of_carla
 from urbantwin.exports.carla.package_documents import read_plan
 from urbantwin.exports.carla.rig import SEMANTIC
+from urbantwin.extras import check_extra
 from urbantwin.progress import Progress, untold
 
 __all__ = ["chosen_blueprints", "drive", "site_points"]
@@ -114,12 +115,8 @@ def drive(
 
 
 def _carla() -> Any:  # noqa: ANN401 - carla has no types
-    try:
-        return importlib.import_module("carla")
-    except ImportError:
-        raise InputError(
-            "CARLA's Python package is not installed", expected="pip install 'urbantwin[carla]'"
-        ) from None
+    check_extra("carla", "a live server")
+    return importlib.import_module("carla")
 
 
 def _load_map(client: Any, package: Path, plan: Mapping[str, Any]) -> bool:  # noqa: ANN401

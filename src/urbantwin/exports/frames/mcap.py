@@ -21,6 +21,7 @@ from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.exports.frames.box_rows import BOX_KEYS, box_rows
 from urbantwin.exports.frames.pcd import point_record
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.extras import check_extra
 from urbantwin.fidelity.readers.label_rows import LABELS
 from urbantwin.geometry import Pose
 from urbantwin.progress import Progress
@@ -69,6 +70,7 @@ _LABELS_SCHEMA = {
 
 def write_mcap(source: FrameSource, file: Path, tell: Progress) -> list[str]:
     """Write all frames to one file, chunk by chunk, compressed by zstd."""
+    check_extra("bags", "writing MCAP", place="--to mcap")
     from mcap.writer import Writer
     from rosbags.typesys import Stores, get_typestore
 

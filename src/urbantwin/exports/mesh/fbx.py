@@ -6,6 +6,7 @@ import ctypes
 import importlib.util
 import os
 import struct
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -18,6 +19,7 @@ from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
 from urbantwin.exports.mesh.gltf import write_glb
 from urbantwin.exports.mesh.mesh_object import Look, MeshObject
+from urbantwin.extras import check_extra, how_to_install
 
 __all__ = ["write_fbx"]
 
@@ -30,7 +32,6 @@ _AXES = {"UpAxis": 2, "FrontAxis": 1, "FrontAxisSign": -1, "OriginalUpAxis": 2}
 _DATE = {"Year": 1970, "Month": 1, "Day": 1, "Hour": 0, "Minute": 0, "Second": 0}
 #: ``aiProcess_JoinIdenticalVertices``: corners of one place become one vertex in the file.
 _JOIN_IDENTICAL_VERTICES = 0x2
-_HOW_TO_GET_IT = "pip install cmeel-assimp"
 
 
 def write_fbx(objects: Sequence[MeshObject], path: Path, looks: Mapping[str, Look]) -> None:
@@ -104,16 +105,22 @@ def _convert(source: Path, made: Path) -> None:
 @cache
 def _assimp() -> ctypes.CDLL:
     """Load the library from its wheel, which keeps it beside the package ``cmeel``."""
+    if sys.platform == "win32":
+        raise InputError("FBX is not written on Windows", place="--to", expected="another format")
+    check_extra("fbx", "writing FBX", modules=("cmeel",))
     found = importlib.util.find_spec("cmeel")
-    if found is None or found.origin is None:
-        raise InputError("Assimp, which writes FBX, is not installed", expected=_HOW_TO_GET_IT)
+    assert found is not None
+    assert found.origin is not None
     prefix = Path(found.origin).parent.parent / "cmeel.prefix"
     try:
         for compression in sorted(prefix.glob("lib*/libz.so.1")):  # no path leads it there
             ctypes.CDLL(str(compression), ctypes.RTLD_GLOBAL)
-        library = ctypes.CDLL(str(prefix / "lib" / "libassimp.so"))
+        ending = "dylib" if sys.platform == "darwin" else "so"
+        library = ctypes.CDLL(str(prefix / "lib" / f"libassimp.{ending}"))
     except OSError as error:
-        raise InputError(f"Assimp does not load ({error})", expected=_HOW_TO_GET_IT) from None
+        raise InputError(
+            f"Assimp does not load ({error})", expected=how_to_install("fbx")
+        ) from None
     library.aiImportFile.argtypes = [ctypes.c_char_p, ctypes.c_uint]
     library.aiImportFile.restype = ctypes.c_void_p
     library.aiExportScene.argtypes = [

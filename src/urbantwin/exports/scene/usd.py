@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from urbantwin.errors import InputError
 from urbantwin.exports.mesh import Look, MeshObject
+from urbantwin.extras import check_extra
 
-__all__ = ["HOW_TO_GET_USD", "write_usd"]
+__all__ = ["write_usd"]
 
 #: Of Pixar's library, an optional extra.
 _MODULES = ("Gf", "Sdf", "Usd", "UsdGeom", "UsdShade", "Vt")
-HOW_TO_GET_USD = "pip install 'urbantwin[usd]', then export again"
 
 
 def write_usd(
@@ -40,8 +39,7 @@ def write_usd(
     Raises:
         InputError: USD is not installed.
     """
-    if importlib.util.find_spec("pxr") is None:
-        raise InputError("USD is not installed", place="--to usd", expected=HOW_TO_GET_USD)
+    check_extra("usd", "writing USD", place="--to usd")
     pixar = [importlib.import_module(f"pxr.{name}") for name in _MODULES]
     Gf, Sdf, Usd, UsdGeom, UsdShade, Vt = pixar
     stage = Usd.Stage.CreateNew(str(path))

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 
 __all__ = [
     "PACKET_BYTES",
@@ -89,6 +90,7 @@ class Velodyne:
         Raises:
             InputError: a model whose beams the packets do not determine.
         """
+        check_extra("bags", "reading Velodyne packets", file=file)
         self.model = model
         self.notes: tuple[str, ...] = ()
         self._file = file

@@ -5,14 +5,17 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
 
 import numpy as np
-import optuna
 from scipy.optimize import minimize
 
 from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.fidelity.tuning.knobs import Knob
 from urbantwin.fidelity.tuning.loss import Loss
+
+if TYPE_CHECKING:
+    import optuna
 
 __all__ = ["Term", "search"]
 
@@ -81,6 +84,8 @@ def search(  # noqa: PLR0913 - every one is a choice of its own
         if tell is not None:
             tell(len(history))
 
+    import optuna
+
     polish = int(_POLISH * trials)
     with warnings.catch_warnings(), ThreadPoolExecutor(workers) as pool:
         warnings.simplefilter("ignore")  # Samplers that optuna calls experimental.
@@ -128,6 +133,8 @@ def search(  # noqa: PLR0913 - every one is a choice of its own
 def _sampler(
     knobs: Sequence[Knob], first: Sequence[float], seed: int, spread: float
 ) -> optuna.samplers.BaseSampler:
+    import optuna
+
     if len(knobs) == 1:
         return optuna.samplers.TPESampler(seed=seed, n_startup_trials=8)
     return optuna.samplers.CmaEsSampler(

@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 
 __all__ = ["warp_device"]
 
@@ -20,13 +21,9 @@ def warp_device(name: str | None = None) -> Any:  # noqa: ANN401 - Warp is an ex
     Raises:
         InputError: Warp is not installed, or this machine has no such device.
     """
-    try:
-        import warp as wp
-    except ImportError:
-        raise InputError(
-            "casting on a device needs the package warp-lang",
-            expected="pip install 'urbantwin[warp]'",
-        ) from None
+    check_extra("warp", "casting on a device")
+    import warp as wp
+
     # Warp greets at its first call; what goes wrong it says at any level.
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     wp.init()

@@ -13,6 +13,7 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError, ProjError
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.airborne.vector_file import check_vector_file
 
@@ -97,6 +98,7 @@ def read_footprints(
 
 def _polygons(path: Path, told: list[str]) -> tuple[str, NDArray[Any], str | None]:
     """Return the layer's name, its polygons (as shapely geometries) and its CRS."""
+    check_extra("airborne", "reading outlines of buildings", file=path)
     import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError
 

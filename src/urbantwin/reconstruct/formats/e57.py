@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pyproj import CRS
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
 from urbantwin.reconstruct.formats.las import bounds_in
@@ -71,10 +72,13 @@ def read_e57(
         crop: whether its coordinates lie in that system.
 
     Raises:
-        InputError: it is not E57, is damaged, has no point there or too many.
+        InputError: it is not E57, is damaged, has no point there or too many; or pye57 is not
+            installed.
     """
+    check_extra("e57", "reading E57", file=path)
+    from pye57 import libe57 as library
+
     _check_header(path)
-    library = _library(path)
 
     def guarded(doing: Callable[[], Any]) -> Any:  # noqa: ANN401 - of the library
         try:
@@ -126,18 +130,6 @@ def read_e57(
         notes={**notes, "points": kept},
         files=content_of(path),
     )
-
-
-def _library(path: Path) -> Any:  # noqa: ANN401 - it has no types
-    try:
-        from pye57 import libe57
-    except ImportError:
-        raise InputError(
-            "is E57, and pye57, which reads it, is not installed",
-            file=path,
-            expected="pip install pye57, or LAS, LAZ or PTS",
-        ) from None
-    return libe57
 
 
 def _check_header(path: Path) -> None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 from urbantwin.reconstruct.formats.texture import beside, picture_of, texture_colours
 from urbantwin.reconstruct.formats.triangulation import triangulated
 from urbantwin.reconstruct.formats.validity import (
@@ -39,8 +40,9 @@ def read_fbx(path: Path) -> ImportedModel:
     are the material's diffuse picture or colour.
 
     Raises:
-        InputError: it cannot be read, or holds nothing.
+        InputError: it cannot be read, holds nothing, or ufbx is not installed.
     """
+    check_extra("fbx", "reading FBX", modules=("ufbx",), file=path)
     with passing_folder("urbantwin-fbx") as folder:
         command = [sys.executable, "-P", str(_PROGRAM), str(path.resolve()), str(folder)]
         try:

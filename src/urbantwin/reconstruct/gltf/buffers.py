@@ -8,8 +8,7 @@ from collections.abc import Callable
 from typing import Any
 from urllib.parse import unquote_to_bytes
 
-from meshopt import decode_gltf_buffer
-
+from urbantwin.extras import check_extra
 from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, items, table, text, whole
 
 __all__ = ["Buffers", "data_uri"]
@@ -113,6 +112,9 @@ class Buffers:
         count, stride = whole(spec, "count"), whole(spec, "byteStride")
         if count * stride > _LARGEST_VIEW or not 1 <= stride <= 256:
             raise MalformedError(f"a packed view claims {count} rows of {stride} bytes")
+        check_extra("gltf", "reading meshes packed by meshopt")
+        from meshopt import decode_gltf_buffer
+
         try:
             rows = decode_gltf_buffer(
                 bytes(data), count, stride, text(spec, "mode"), text(spec, "filter", "NONE")

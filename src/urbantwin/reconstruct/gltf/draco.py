@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.extras import check_extra
 from urbantwin.reconstruct.gltf.accessors import LARGEST_COUNT
 from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 
@@ -22,6 +23,7 @@ def unpack_draco(data: bytes) -> tuple[dict[int, NDArray[Any]], NDArray[np.int64
     Raises:
         MalformedError: it is not Draco, it is broken, or it claims more than any tile holds.
     """
+    check_extra("gltf", "reading meshes packed by Draco")
     import DracoPy
 
     for claimed in _claimed_counts(data):

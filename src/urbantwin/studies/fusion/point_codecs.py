@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 from urbantwin.reconstruct.gltf.draco import unpack_draco
 from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.studies.fusion.message import Head, Message
@@ -281,6 +282,7 @@ def _of_occupancies(plain: bytes, count: int, depth: int) -> NDArray[np.int64]:
 
 
 def _draco(place: NDArray[np.float64], told: NDArray[np.uint8] | None, codec: PointCodec) -> bytes:
+    check_extra("gltf", "packing points with Draco")
     import DracoPy
 
     if not len(place):

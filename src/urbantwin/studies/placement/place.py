@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 from urbantwin.lidar import Rig
 from urbantwin.lidar.siting.junction import Junction
 from urbantwin.progress import Progress, untold
@@ -135,8 +136,10 @@ def ask(
 
     Raises:
         InputError: an unknown model, no place to hang a sensor, one inside something, a budget
-            that no layout meets, or a motion without actors or of another twin.
+            that no layout meets, a motion without actors or of another twin, or the extra
+            ``tune`` is not installed.
     """
+    check_extra("tune", "a search for layouts")
     if motion.manifest["twin_sha256"] != twin.sha256:
         raise InputError("the motion was made on another twin", expected="a motion on this twin")
     spec.sensors_of_models(file)

@@ -7,13 +7,16 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
-import optuna
 
 from urbantwin.studies.placement.judge import Verdict
 from urbantwin.studies.placement.measure import MEASURES
 from urbantwin.studies.placement.view import Layout, Views
+
+if TYPE_CHECKING:
+    import optuna
 
 __all__ = ["Found", "pareto_front", "possible_layouts", "search"]
 
@@ -61,6 +64,8 @@ def search(
         first: layouts to begin with.
         tell: called with the number of layouts that are judged.
     """
+    import optuna
+
     spec = views.spec
     names = spec.objectives
     known: dict[Layout, Verdict] = {}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from urbantwin.errors import InputError, StageError
+from urbantwin.extras import how_to_install
 from urbantwin.progress import Progress, untold
 
 __all__ = ["check_video_file", "write_video"]
@@ -40,7 +41,7 @@ def check_video_file(path: Path) -> None:
         raise InputError(
             "needs ffmpeg, which is not installed",
             file=path,
-            expected="pip install 'urbantwin[film]', an ffmpeg on the PATH, or a name in .gif",
+            expected=f"{how_to_install('film')}, an ffmpeg on the PATH, or a name in .gif",
         )
 
 

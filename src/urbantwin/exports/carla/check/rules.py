@@ -10,6 +10,7 @@ from pathlib import Path
 from urbantwin.exports.carla.check import import_rules, road_rules, walking_rules
 from urbantwin.exports.carla.check.finding import Finding, NoCarlaError, Problems
 from urbantwin.exports.carla.check.read import Package, read_package
+from urbantwin.extras import how_to_install
 
 __all__ = ["NOT_PROVEN", "check_package", "findings"]
 
@@ -37,7 +38,6 @@ NOT_PROVEN = (
     "the import in the Unreal editor, tags and materials there, the navigation that RecastBuilder "
     "makes, traffic, signals and sensors on a live server"
 )
-_HOW_TO_GET_CARLA = "pip install 'urbantwin[carla]'"
 
 
 def check_package(folder: Path, *, python: str = sys.executable) -> tuple[Finding, ...]:
@@ -62,7 +62,7 @@ def findings(package: Package) -> tuple[Finding, ...]:
             said = tuple(apply(package))
         except NoCarlaError:
             if not told:
-                found.append(Finding(rule, reader, missing=_HOW_TO_GET_CARLA))
+                found.append(Finding(rule, reader, missing=how_to_install("carla")))
             continue
         except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
             said = (f"it cannot be read ({type(error).__name__}: {error})",)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.errors import InputError
+from urbantwin.extras import check_extra
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.bags import mcap_file, ros1, sqlite
@@ -79,6 +80,7 @@ def open_bag(path: Path, layout: str) -> Recording:
     Raises:
         InputError: there is no such topic, or several; or a file is missing or damaged.
     """
+    check_extra("bags", "reading ROS bags and MCAP", file=path)
     place, choice = file_and_choice(path)
     files = [_opened(one) for one in _files_of_one(place)]
     topic, model = _topic(place, files, choice)

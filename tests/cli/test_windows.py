@@ -1,0 +1,97 @@
+"""On Windows the package imports, every command has its help, and writing is refused.
+
+A process is made like Windows: what Python lacks there is missing for the package's own modules.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from urbantwin.cli.app import app
+
+LIKE_WINDOWS = """
+import builtins, importlib.util, signal
+
+MISSING = {"fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty"}
+really_import, really_find = builtins.__import__, importlib.util.find_spec
+
+
+def lacking(name, globals=None, locals=None, fromlist=(), level=0):
+    ours = (globals or {}).get("__name__", "").partition(".")[0] == "urbantwin"
+    if ours and name.partition(".")[0] in MISSING:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+    return really_import(name, globals, locals, fromlist, level)
+
+
+builtins.__import__ = lacking
+importlib.util.find_spec = lambda name, package=None: (
+    None if name in MISSING else really_find(name, package)
+)
+for name in ("SIGHUP", "pthread_kill", "pthread_sigmask"):
+    delattr(signal, name)
+"""
+EVERY_MODULE = """
+import importlib, pkgutil, urbantwin
+
+def of_this(name):
+    raise
+
+names = [one.name for one in pkgutil.walk_packages(urbantwin.__path__, "urbantwin.", of_this)]
+# Programs that run by themselves; modules beside SUMO's worker, which import one another by path.
+scripts = ("urbantwin.__main__", "urbantwin.traffic.sumo.worker")
+for name in names:
+    if name not in scripts:
+        importlib.import_module(name)
+print(len(names))
+"""
+COMMANDS = sorted(one.callback.__name__ for one in app.registered_commands if one.callback)
+
+
+def run(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "ignore", "-c", LIKE_WINDOWS + program, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def urbantwin(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return run("import sys; from urbantwin.cli import main; sys.exit(main())", *arguments)
+
+
+def test_the_process_lacks_what_windows_lacks() -> None:
+    done = run("exec('import fcntl', {'__name__': 'urbantwin.artefact'})")
+    assert "No module named 'fcntl'" in done.stderr
+
+
+def test_every_module_imports() -> None:
+    done = run(EVERY_MODULE)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout.split()[-1]) > 500
+
+
+def test_every_command_has_its_help() -> None:
+    done = run(
+        "import sys; from urbantwin.cli import main; sys.exit(max("
+        "main([*one.split(','), '--help']) for one in sys.argv[1:]))",
+        *COMMANDS,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("Usage: urbantwin") >= len(COMMANDS)
+
+
+def test_a_command_that_only_reads_runs() -> None:
+    done = urbantwin("sensors")
+    assert done.returncode == 0, done.stderr
+    assert "OS1" in done.stdout
+
+
+@pytest.mark.parametrize("command", ["build", "run"])
+def test_writing_is_refused_in_one_line(command: str, tmp_path: Path) -> None:
+    site = Path(__file__).parents[2] / "examples" / "two-avenues" / "site.yaml"
+    done = urbantwin(command, str(site), "-o", str(tmp_path / "out"))
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert "Windows" in done.stderr
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,162 @@
+"""A task whose optional packages are missing is refused in one line that says how to install them.
+
+The packages are really missing: the program runs in a process that cannot import them.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import DracoPy
+import laspy
+import meshopt
+import numpy as np
+import pytest
+from pyproj import Transformer
+
+from urbantwin.extras import EXTRAS
+from urbantwin.traffic.motion import MOTION_VERSION
+
+from .dataset.conftest import dataset, motion, motion_of, rig, twin
+from .reconstruct.tile_bytes import Gltf
+from .thorough import further
+
+if TYPE_CHECKING:
+    from urbantwin.traffic import Motion
+    from urbantwin.twin import Twin
+
+__all__ = ["dataset", "motion", "motion_of", "rig", "twin"]
+
+WITHOUT = """
+import sys
+for name in sys.argv.pop(1).split(","):
+    sys.modules[name] = None
+from urbantwin.cli import main
+sys.exit(main())
+"""
+#: Extra, the module that is missing, and a command that needs it.
+COMMANDS = [
+    ("bags", "rosbags", "compare drive.bag dataset -o out"),
+    ("detector", "torch", "train dataset -o out"),
+    ("fbx", "cmeel", "export twin --to fbx -o out.fbx"),
+    ("film", "imageio_ffmpeg", "film motion -o out.mp4"),
+    ("ray", "ray", "record twin motion --ray 127.0.0.1:9 -o out"),
+    ("rerun", "rerun", "view dataset --rerun out.rrd"),
+    ("tune", "optuna", "tune dataset twin -o out"),
+    ("tune", "cmaes", "place twin motion -o out"),
+    ("usd", "pxr", "export twin --to usd -o out.usdc"),
+    ("warp", "warp", "record twin motion --backend warp -o out"),
+]
+MORE_COMMANDS = [
+    ("bags", "mcap", "view drive.mcap --save out.html"),
+    ("bags", "mcap", "export dataset --to mcap -o out.mcap"),
+    ("bags", "velodyne_decoder", "view drive.bag --save out.html"),
+    ("detector", "safetensors", "detect model dataset -o out"),
+    ("detector", "torch", "label model dataset -o out"),
+]
+
+
+def run(folder: Path, without: str, arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "ignore", "-c", WITHOUT, without, *arguments.split()]
+    environment = {**os.environ, "PATH": "/nonexistent"}  # no ffmpeg
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+
+
+def is_refused(done: subprocess.CompletedProcess[str], extra: str, module: str) -> None:
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert module.removeprefix("imageio_") in done.stderr
+    assert f"pip install 'urbantwin[{extra}]'" in done.stderr
+    assert done.stdout == ""
+
+
+@pytest.fixture(scope="module")
+def inputs(
+    two_avenues_twin: "Twin",
+    dataset: Path,
+    motion_of: Callable[..., "Motion"],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    """A folder with a twin, a motion on it, a dataset, and recordings that hold nothing."""
+    folder = tmp_path_factory.mktemp("inputs")
+    (folder / "twin").symlink_to(two_avenues_twin.folder)
+    (folder / "dataset").symlink_to(dataset)
+    car = {"track": 1, "class": "car", "asset": "car-sedan", "x": 5.0}
+    driven = motion_of(two_avenues_twin, [car])
+    driven.manifest.update(kind="motion", version=MOTION_VERSION)
+    driven.save(folder / "motion")
+    for name in ("drive.bag", "drive.mcap"):
+        (folder / name).touch()
+    return folder
+
+
+@pytest.mark.parametrize(("extra", "module", "command"), [*COMMANDS, *further(*MORE_COMMANDS)])
+def test_a_command(inputs: Path, extra: str, module: str, command: str) -> None:
+    is_refused(run(inputs, module, command), extra, module)
+    assert not list(inputs.glob("out*"))
+
+
+def packed_mesh(packing: str) -> bytes:
+    """A triangle in a GLB, packed by Draco or meshopt."""
+    corners, faces = np.eye(3, dtype="<f4"), np.array([[0, 1, 2]], "<u4")
+    gltf = Gltf()
+    primitive: dict[str, Any] = {"attributes": {"POSITION": 0}}
+    if packing == "draco":
+        gltf.add("accessors", {"componentType": 5126, "count": 3, "type": "VEC3"})
+        view = gltf.view(DracoPy.encode(corners, faces))
+        spec = {"bufferView": view, "attributes": {"POSITION": 0}}
+        primitive["extensions"] = {"KHR_draco_mesh_compression": spec}
+    else:
+        view = gltf.view(bytes(meshopt.encode_gltf_buffer(corners, "ATTRIBUTES")))
+        spec = gltf.document["bufferViews"][view]
+        whole = {"byteStride": 12, "count": 3, "mode": "ATTRIBUTES"}
+        where = {key: spec[key] for key in ("buffer", "byteOffset", "byteLength")}
+        spec["extensions"] = {"EXT_meshopt_compression": {**where, **whole}}
+        accessor = {"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3"}
+        gltf.add("accessors", accessor)
+    gltf.add("meshes", {"primitives": [primitive]})
+    return gltf.scene({"mesh": 0}).glb()
+
+
+@pytest.mark.parametrize(
+    ("extra", "module", "name"),
+    [
+        ("airborne", "pyogrio", "survey.laz"),
+        ("e57", "pye57", "survey.e57"),
+        ("fbx", "ufbx", "model.fbx"),
+        ("gltf", "DracoPy", "draco.glb"),
+        ("gltf", "meshopt", "meshopt.glb"),
+    ],
+)
+def test_a_file_of_a_site(tmp_path: Path, extra: str, module: str, name: str) -> None:
+    example = Path(__file__).parents[1] / "examples" / "two-avenues"
+    shutil.copytree(example, tmp_path, dirs_exist_ok=True)
+    geometry = f"geometry:\n  - file: {name}\n    licence: CC0-1.0\n    attribution: nobody\n"
+    if name.endswith(".glb"):
+        (tmp_path / name).write_bytes(packed_mesh(name.removesuffix(".glb")))
+    elif name.endswith(".laz"):
+        cloud = laspy.create()
+        east, north = Transformer.from_crs(4326, 32632, always_xy=True).transform(9.18, 48.7)
+        cloud.x, cloud.y, cloud.z = east + np.arange(9.0), np.full(9, north), np.zeros(9)
+        cloud.write(tmp_path / name)
+        (tmp_path / "outlines.gpkg").write_bytes(b"SQLite format 3\0")
+        geometry += "    footprints: outlines.gpkg\n    crs: EPSG:32632\n"
+    else:
+        (tmp_path / name).write_bytes(b"anything")
+    site = tmp_path / "site.yaml"
+    site.write_text(f"{site.read_text()}\n{geometry}")
+    is_refused(run(tmp_path, module, "build site.yaml -o out"), extra, module)
+    assert not (tmp_path / "out").exists()
+
+
+def test_every_extra_is_refused_somewhere() -> None:
+    refused = {extra for extra, _, _ in COMMANDS}
+    refused |= {"airborne", "e57", "fbx", "gltf"}  # of files
+    assert refused | {"carla"} == set(EXTRAS)
