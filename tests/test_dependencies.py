@@ -1,5 +1,6 @@
 """What the package imports is what it declares, and the lock files hold all of it."""
 
+import importlib.util
 import re
 import sys
 import tomllib
@@ -98,3 +99,17 @@ def test_all_brings_the_optional_formats_and_engines() -> None:
     assert extras - {"urbantwin"} == {
         *("airborne", "bags", "detector", "e57", "fbx", "film", "gltf", "ray", "tune")
     }
+
+
+def test_a_lock_file_without_some_hashes_is_whole() -> None:
+    """SUMO's larger wheels are left out by `tools/lighter_sumo.py`, wherever their hashes stand."""
+    spec = importlib.util.spec_from_file_location("tool", ROOT / "tools" / "lighter_sumo.py")
+    assert spec is not None
+    assert spec.loader is not None
+    tool = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tool)
+    hashes = [digit * 64 for digit in "abcd"]
+    lock = "".join(f" \\\n    --hash=sha256:{one}" for one in hashes)
+    left = tool.without(f"libsumo==1.28.0{lock}\nlxml==6.1.3\n", {hashes[0], hashes[3]})
+    kept = "".join(f" \\\n    --hash=sha256:{one}" for one in hashes[1:3])
+    assert left == f"libsumo==1.28.0{kept}\nlxml==6.1.3\n"

@@ -61,7 +61,7 @@ MORE_COMMANDS = [
 
 
 def run(folder: Path, without: str, arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-W", "ignore", "-c", WITHOUT, without, *arguments.split()]
+    command = [sys.executable, "-W", "ignore", "-c", WITHOUT, without, *arguments.split(), "-q"]
     environment = {**os.environ, "PATH": "/nonexistent"}  # no ffmpeg
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, check=False

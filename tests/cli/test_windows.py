@@ -88,7 +88,7 @@ def test_a_command_that_only_reads_runs() -> None:
 @pytest.mark.parametrize("command", ["build", "run"])
 def test_writing_is_refused_in_one_line(command: str, tmp_path: Path) -> None:
     site = Path(__file__).parents[2] / "examples" / "two-avenues" / "site.yaml"
-    done = urbantwin(command, str(site), "-o", str(tmp_path / "out"))
+    done = urbantwin(command, str(site), "-o", str(tmp_path / "out"), "-q")
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.startswith("error: ")

@@ -148,13 +148,6 @@ def test_usd_is_a_sound_stage_with_names_and_classes(files, two_avenues_twin):
     assert stage.GetPrimAtPath("/World/building_1").GetDisplayName() == "building 1"
 
 
-def test_usd_that_is_not_installed_is_told(two_avenues_twin, tmp_path, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"urbantwin\[usd\]"):
-        export_twin(two_avenues_twin, "usd", tmp_path / "s.usd")
-    assert not list(tmp_path.iterdir())
-
-
 def test_cityjson_holds_every_wall_and_roof_where_it_stands(files, two_avenues_twin):
     document = json.loads(files["cityjson"].read_text())
     assert (document["type"], document["version"]) == ("CityJSON", "2.0")
