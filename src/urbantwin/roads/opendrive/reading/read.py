@@ -12,6 +12,7 @@ import numpy as np
 from lxml import etree
 
 from urbantwin.errors import InputError
+from urbantwin.number_text import whole_number
 from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad
 from urbantwin.roads.opendrive.reading.file import top_elements
 from urbantwin.roads.opendrive.reading.header import Header, read_header
@@ -179,7 +180,7 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
         id=len(content.roads) + 1,
         name=item.get("name") or "",
         kind=notes.get("class") or CLASS_OF_TYPE.get(kinds[0] if kinds else "", ""),
-        ways=tuple(way for way in map(id_number, ways) if way is not None),
+        ways=tuple(way for way in map(whole_number, ways) if way is not None),
         junction=-1,
         curve=curve,
         offset=offset,
