@@ -126,10 +126,6 @@ def _lanes(
             first = next(k for k, lane in enumerate(lanes) if lane.kind == "bus")
             lanes[first] = replace(lanes[first], kind="driving", allowed=permission.motor)
         return lanes
-    if open_to_cars and found.buses >= found.motor:
-        # The street is open to cars: `lanes` does not count its bus lanes.
-        outer = replace(lanes[-1], width=0.0, turns=(), listed=False)
-        lanes += [outer] * found.buses
     for k in range(len(lanes) - found.buses, len(lanes)):
         lanes[k] = replace(lanes[k], kind="bus", allowed=permission.bus_lane)
     return lanes
