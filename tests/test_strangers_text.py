@@ -4,7 +4,7 @@ import json
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from urbantwin.errors import InputError, StageError, readable
@@ -19,10 +19,20 @@ def test_every_finite_number_comes_back(value):
 
 
 @given(st.integers(-(2**63), 2**63 - 1))
-def test_every_whole_number_comes_back(value):
+@example(2**63 - 1)
+@example(-(2**63))
+@example(2**53 + 1)
+def test_every_whole_number_of_64_bits_comes_back(value):
     assert parse_json(str(value).encode()) == value
     assert isinstance(parse_json(str(value)), int)
-    assert whole_number(str(value)) == (value if abs(value) < 10**18 else None)
+    assert whole_number(str(value)) == value
+    assert whole_number(f"{'-' if value < 0 else ''}000{abs(value)}") == value
+
+
+@pytest.mark.parametrize("value", [2**63, -(2**63) - 1, 10**19, -(10**40), 10**4000])
+def test_whole_numbers_of_more_bits_are_none(value):
+    text = f"{value:d}"
+    assert whole_number(text) is None
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,8 @@ __all__ = ["finite_number", "leading_numbers", "plain_number", "whole_number"]
 
 #: Longer texts are no number of anything.
 _LONGEST = 400
+#: Whole numbers of more digits, leading zeros included, are not read.
+_MOST_DIGITS = 40
 
 
 def plain_number(text: str) -> float:
@@ -41,14 +43,15 @@ def finite_number(text: str | None) -> float | None:
 
 
 def whole_number(text: str | None) -> int | None:
-    """Return the whole number of at most 18 digits that a text says; ``None`` for all else."""
+    """Return the whole number of 64 bits with a sign that a text says; ``None`` for all else."""
     digits = (text or "").strip().lstrip("+-")
-    if len(digits) > 18 or not (digits.isascii() and digits.isdecimal()):
+    if len(digits) > _MOST_DIGITS or not (digits.isascii() and digits.isdecimal()):
         return None
     try:
-        return int(text or "")
+        number = int(text or "")
     except ValueError:  # more than one sign
         return None
+    return number if -(2**63) <= number < 2**63 else None
 
 
 def leading_numbers(text: bytes) -> NDArray[np.float64]:

@@ -44,7 +44,7 @@ def test_anchors_are_medians_and_strides_divide_the_range(tmp_path: Path) -> Non
         bottom = np.median((rows["z"] - rows["height"] / 2)[mine])
         assert anchor["anchor_bottom_heights"] == pytest.approx([bottom], abs=0.006)
     data = config["DATA_CONFIG"]
-    known = {"car": "Car", "pedestrian": "Pedestrian", "bus": "Truck", "DontCare": "DontCare"}
+    known = {"car": "Car", "pedestrian": "Pedestrian", "bus": "DontCare", "DontCare": "DontCare"}
     assert data["MAP_CLASS_TO_KITTI"] == known
     reach = np.array(data["POINT_CLOUD_RANGE"])
     edge = data["DATA_PROCESSOR"][-1]["VOXEL_SIZE"]

@@ -166,6 +166,21 @@ def test_an_organised_pcd_with_rings_has_columns_where_a_row_is_a_ring(tmp_path)
         written(1e-40 * ring)
 
 
+@pytest.mark.parametrize("count", [1, 4, 400])
+def test_a_compressed_pcd_whose_block_is_stored_as_it_is(tmp_path, count):
+    """So writes pypcd4 what LZF makes no smaller: both sizes are equal."""
+    points = np.random.default_rng(count).normal(0, 30, (count, 3)).astype("<f4")
+    head = (
+        f"VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {count}\n"
+        f"HEIGHT 1\nPOINTS {count}\nDATA binary_compressed\n"
+    )
+    body = points.T.tobytes()
+    sizes = np.array([len(body)] * 2, "<u4").tobytes()
+    path = tmp_path / "a.pcd"
+    path.write_bytes(head.encode() + sizes + body)
+    np.testing.assert_array_equal(read_cloud(path).points.astype("<f4"), points)
+
+
 def test_compressed_pcd_of_repeating_values(tmp_path):
     # Long copies, some overlapping what they write: the codes that random values never give.
     table = np.repeat(np.arange(20, dtype=np.float32), 60).reshape(-1, 3) + 1

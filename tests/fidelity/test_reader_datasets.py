@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.readers.kitti import read_calibration
 from urbantwin.fidelity.readers.labels import actor_class
 
 rng = np.random.default_rng(7)
@@ -131,6 +132,68 @@ def test_kitti(tmp_path):
     label.write_text("Car 0 0\n")
     with pytest.raises(InputError, match=r"000007\.txt: line 1"):
         recording.read(0)
+
+
+def as_text(rows, colon):
+    return "".join(f"{k}{colon} {' '.join(map(str, np.ravel(v)))}\n" for k, v in rows.items())
+
+
+@pytest.mark.parametrize("colon", [":", "", " :"])
+@pytest.mark.parametrize(
+    "names",
+    [
+        {"rectify": "R0_rect", "place": "Tr_velo_to_cam", "seen": "P2"},  # objects
+        {"rectify": "R_rect", "place": "Tr_velo_cam", "seen": "P2"},  # tracking
+        {"rectify": None, "place": "Tr", "seen": "P2"},  # odometry
+        "raw velo",
+        "raw cam",
+    ],
+)
+def test_calibrations_of_all_of_kittis_benchmarks(tmp_path, names, colon):
+    turn = Rotation.from_euler("zyx", [-1.57, 0.01, -1.56]).as_matrix()
+    rectify = Rotation.from_euler("xyz", [0.004, -0.006, 0.009]).as_matrix()
+    place, seen = np.array([0.05, -0.08, -0.27]), np.arange(12.0).reshape(3, 4)
+    moved = np.column_stack([turn, place])
+    if isinstance(names, str):
+        date = "calib_time: 15-Mar-2012 11:37:16\n"
+        velo, cam = tmp_path / "calib_velo_to_cam.txt", tmp_path / "calib_cam_to_cam.txt"
+        velo.write_text(date + as_text({"R": turn, "T": place, "delta_f": [0, 0]}, colon))
+        cam.write_text(
+            date + as_text({"R_00": np.eye(3), "T_00": [0, 0, 0], "R_rect_00": rectify,
+                            "P_rect_00": seen + 1, "P_rect_02": seen}, colon)
+        )  # fmt: skip
+        file = velo if names == "raw velo" else cam
+    else:
+        rows = {"P0": seen + 1, names["seen"]: seen, names["place"]: moved}
+        if names["rectify"]:
+            rows[names["rectify"]] = rectify
+        file = tmp_path / "000000.txt"
+        file.write_text(as_text({**rows, "Tr_imu_velo": np.eye(3, 4)}, colon))
+    found = read_calibration(file)
+    turned = np.eye(3) if isinstance(names, dict) and not names["rectify"] else rectify
+    np.testing.assert_allclose(found.camera_SE3_lidar.rotation, turned @ turn, atol=1e-9)
+    np.testing.assert_allclose(found.camera_SE3_lidar.translation, turned @ place, atol=1e-9)
+    np.testing.assert_array_equal(found.projection, seen)
+
+
+@pytest.mark.parametrize("name", ["calib_imu_to_velo.txt", "calib_cam_to_cam.txt", "000000.txt"])
+def test_a_calibration_without_the_sensors_place_is_named_as_what_it_is(tmp_path, name):
+    rows = {"R": np.eye(3), "T": [0, 0, 0]}
+    rows = rows if "imu" in name else {"R_rect_00": np.eye(3), "P_rect_02": np.eye(3, 4)}
+    (tmp_path / name).write_text(as_text(rows, ":"))
+    with pytest.raises(InputError, match=f"{name}: has no place of the sensor, but R"):
+        read_calibration(tmp_path / name)
+
+
+@pytest.mark.parametrize("line", ["Tr: {}\n", "Tr {}\n", "P0: 1 2 3\nTr: {}\nTr_x: 1\n"])
+def test_poses_of_odometry_need_no_colon(tmp_path, line):
+    sequence = tmp_path / "sequences" / "08"
+    write_bin(sequence / "velodyne/000000.bin")
+    matrix = " ".join(map(str, np.eye(3, 4).ravel()))
+    (sequence / "calib.txt").write_text(line.format(matrix))
+    (sequence / "poses.txt").write_text(matrix + "\n")
+    frame = open_recording(sequence).read(0)
+    np.testing.assert_allclose(frame.world_SE3_frame.translation, 0, atol=1e-12)
 
 
 def test_semantic_kitti(tmp_path):

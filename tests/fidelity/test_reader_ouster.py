@@ -111,14 +111,14 @@ def ip_packets(payload, identity, mtu):
     return parts
 
 
-def write_capture(path, payloads, *, mtu=1500, order="<", link=1, shuffled=None, vlan=False):
+def write_capture(path, payloads, *, mtu=1500, order="<", link=1, shuffled=None, vlan=b""):
     frames = []
     for identity, payload in enumerate(payloads):
         parts = ip_packets(payload, identity & 0xFFFF, mtu)
         if shuffled:
             shuffled.shuffle(parts)
         frames += parts
-    ether = bytes(12) + (b"\x81\x00\x00\x05" if vlan else b"") + b"\x08\x00"
+    ether = bytes(12) + vlan + b"\x08\x00"
     head = {1: ether, 101: b""}[link]
     with path.open("wb") as stream:
         stream.write(struct.pack(order + "IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, link))
@@ -135,7 +135,9 @@ def write_metadata(path, metadata, kind):
 @pytest.mark.parametrize(
     ("kind", "options"),
     [
-        ("LEGACY", {"mtu": 1500, "vlan": True}),
+        ("LEGACY", {"mtu": 1500, "vlan": b"\x81\x00\x00\x05"}),
+        ("LEGACY", {"mtu": 1500, "vlan": b"\x88\xa8\x00\x64\x81\x00\x00\x05"}),
+        ("LEGACY", {"mtu": 1500, "vlan": b"\x91\x00\x00\x64\x88\xa8\x00\x02\x81\x00\x00\x05"}),
         ("RNG19_RFL8_SIG16_NIR16_DUAL", {"mtu": 9000, "order": ">", "link": 101}),
     ],
 )

@@ -158,6 +158,44 @@ def test_bus_lanes():
     assert kinds(found.forward) == ["driving", "driving", "bus"]
     assert set(found.forward[2].allowed) == {"bus", "bicycle"}
     assert kinds(section({"lanes": "4", "busway:right": "lane"}).forward) == ["driving", "bus"]
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize(
+    ("tags", "forward", "backward"),
+    [
+        ({"lanes": "2", "busway": "lane"}, ["driving", "bus"], ["driving", "bus"]),
+        ({"lanes": "2", "lanes:bus": "2"}, ["driving", "bus"], ["driving", "bus"]),
+        ({"lanes": "4", "busway": "lane"}, ["driving", "bus"], ["driving", "bus"]),
+        ({"lanes": "2", "busway:SIDE": "lane"}, ["driving", "bus"], ["driving"]),
+        ({"lanes": "1", "oneway": "yes", "busway": "lane"}, ["driving", "bus"], []),
+        ({"lanes": "1", "oneway": "-1", "lanes:psv": "1"}, [], ["driving", "bus"]),
+        ({"lanes": "2", "bus:lanes:forward": "designated"}, ["driving"], ["driving"]),
+        (
+            {"lanes": "3", "lanes:forward": "2", "bus:lanes:forward": "designated|designated"},
+            ["driving", "bus"],
+            ["driving"],
+        ),
+        # Closed to cars, by tags of the street or of its lanes: buses alone.
+        ({"lanes": "2", "busway": "lane", "motor_vehicle": "no", "bus": "yes"}, ["bus"], ["bus"]),
+        (
+            {"lanes": "2", "bus:lanes:forward": "designated", "vehicle:lanes:forward": "no"},
+            ["bus"],
+            ["driving"],
+        ),
+        ({"lanes": "2", "busway": "lane", "motor_vehicle:forward": "no"}, ["bus"],
+         ["driving", "bus"]),
+        ({"oneway": "yes", "lanes": "2", "busway": "opposite_lane"}, ["driving"], ["bus"]),
+    ],
+)  # fmt: skip
+def test_bus_lanes_shut_no_cars_out_of_a_street_that_is_open_to_them(tags, forward, backward, side):
+    tags = {key.replace("SIDE", side): value for key, value in tags.items()}
+    found = section(tags, side)
+    assert (kinds(found.forward), kinds(found.backward)) == (forward, backward)
+    for lane in (*found.forward, *found.backward):
+        assert ("car" in lane.allowed) == (lane.kind == "driving")
+        assert "bus" in lane.allowed
+        assert lane.width > 2
     assert kinds(section({"lanes": "4", "lanes:psv:backward": "1"}).backward)[-1] == "bus"
     assert kinds(section({"oneway": "yes", "lanes": "2", "psv:lanes": "designated|"}).forward) == [
         "bus",

@@ -209,3 +209,47 @@ def test_mapped_crossings_of_real_places_are_there_and_no_others(name, least, re
     assert np.mean(there) >= 0.95
     for line in lines:
         assert min(line.distance(item) for item in walked) < 8.0
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("lanes", [("4", "1"), ("1", "4"), ("2", "2")])
+def test_a_crossing_leads_over_both_directions_of_a_street_of_unequal_ones(build, lanes, side):
+    """The line that a street is mapped as may lie far from where its directions meet."""
+    forward, backward = lanes
+    street = {
+        **STREET,
+        "lanes": str(int(forward) + int(backward)),
+        "lanes:forward": forward,
+        "lanes:backward": backward,
+        "placement:forward": "left_of:1",
+    }
+    nodes = {1: (-100, 0, {}), 2: (0, 0, {"highway": "traffic_signals"}), 3: (100, 0, {})}
+    nodes |= {4: (0, 100, {}), 5: (0, -100, {}), 6: (-12, 0, LIT), 7: (-12, 20, {})}
+    nodes |= {8: (-12, -20, {})}
+    ring = {**CROSSING_WAY, "crossing": "traffic_signals", "crossing:markings": "lines"}
+    ways = {10: ([1, 6, 2], street), 11: ([2, 3], STREET), 12: ([4, 2, 5], STREET)}
+    ways |= {13: ([7, 6, 8], ring)}
+    built, _ = build(nodes, ways, side=side)
+    (found,) = crossings(built)
+    kerbs = int(forward) + int(backward)
+    assert line_of(found).length > 3.0 * kerbs
+
+
+def test_a_ring_of_footways_round_signals_has_all_its_crossings(shared_data, tmp_path):
+    """Seven carriageways of four arms, each with a node and the ring that leads over it."""
+    frame = SiteFrame(33.4219352, -111.9400089)
+    built = build_roads(
+        read_extract(shared_data / "osm" / "tempe_split.osm"),
+        frame,
+        shapely.Point(0, 0).buffer(100),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "n.net.xml",
+    )
+    found = crossings(built)
+    # Six of one direction each, and the western arm, which is mapped as one line, whole.
+    assert len(found) == 7
+    assert max(line_of(lane).length for lane in found) > 20
+    for angle in range(0, 360, 90):
+        way = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+        assert any(lane.centre[:, :2].mean(axis=0) @ way > 10 for lane in found), angle

@@ -12,6 +12,7 @@ import sumolib
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map
+from urbantwin.roads.imported.read import read_map
 from urbantwin.roads.imported.sumo import sumo_network_of_model
 from urbantwin.roads.model import RoadLink
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment
@@ -255,3 +256,28 @@ def test_the_same_map_gives_the_same_bytes(tmp_path):
     for name in ("a", "b"):
         built(tee(signals=True), tmp_path / f"{name}.net.xml")
     assert (tmp_path / "a.net.xml").read_bytes() == (tmp_path / "b.net.xml").read_bytes()
+
+
+def crossings_by_node(out):
+    edges = ElementTree.parse(out).getroot().iter("edge")
+    names = [e.get("id") for e in edges if e.get("function") == "crossing"]
+    return {name[1:].rsplit("_", 1)[0] for name in names}
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_without_mapped_crosswalks_they_lie_at_junctions_alone(side, tmp_path):
+    """Where a turn lane opens, or a street follows another, nobody crosses."""
+    model = tee(side)
+    model = dataclasses.replace(model, areas=())
+    built(model, tmp_path / "network.net.xml")
+    assert crossings_by_node(tmp_path / "network.net.xml") == {f"J{JUNCTION}"}
+
+
+@pytest.mark.parametrize("name", ["map.xodr", "map_with_pockets.xodr"])
+def test_a_ring_of_roads_without_a_junction_has_no_crossings(shared_data, tmp_path, name):
+    path = shared_data / "faults" / "05-ring-road-crossings-at-joints" / name
+    prepared = prepared_map(read_map(path, FRAME, (0.0, 0.0)), EVERYTHING, None)
+    build_imported_roads(prepared, FRAME, out=tmp_path / "network.net.xml")
+    assert crossings_by_node(tmp_path / "network.net.xml") == set()
+    areas = ElementTree.parse(tmp_path / "network.net.xml").getroot().iter("edge")
+    assert any(e.get("function") == "walkingarea" for e in areas), "people walk on over joints"

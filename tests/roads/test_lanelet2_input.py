@@ -4,12 +4,15 @@ import math
 import runpy
 from pathlib import Path
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.lanelet2 import anchor_of, is_lanelet2, read_lanelet2
+from urbantwin.roads.model import LaneModel
+from urbantwin.roads.opendrive import read_opendrive, write_opendrive
 
 DRAW = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("lanelet_town.py"))))
 FRAME = SiteFrame(*DRAW.ANCHOR)
@@ -47,6 +50,30 @@ def test_the_street_itself_is_right(tmp_path):
     model, notes = read_lanelet2(street().write(tmp_path / "map.osm"), FRAME)
     assert len(model.roads) == 1
     assert notes["lanelets"] == 1
+
+
+@pytest.mark.parametrize("first", [1048750101261440000, 2**63 - 100, -(2**63), -9, 2**53 + 1])
+def test_ids_of_64_bits_with_a_sign_survive_every_file(tmp_path, first):
+    """Lanelet2's ids are int64; the format's own example map has 19 digits."""
+    path = street().write(tmp_path / "map.osm")
+    tree = ElementTree.parse(path)
+    texts = [e.get(key) for e in tree.iter() for key in ("id", "ref") if e.get(key)]
+    new = {old: str(first + k) for k, old in enumerate(dict.fromkeys(texts))}
+    for item in tree.iter():
+        for key in ("id", "ref"):
+            if item.get(key):
+                item.set(key, new[item.get(key)])
+    tree.write(path)
+    (lanelet,) = (int(e.get("id")) for e in tree.iter("relation"))
+    model, _ = read_lanelet2(path, FRAME)
+    model.save(tmp_path / "lane_model.json")
+    write_opendrive(model, FRAME, tmp_path / "map.xodr", name="ids")
+    for found in (
+        model,
+        LaneModel.load(tmp_path / "lane_model.json"),
+        read_opendrive(tmp_path / "map.xodr").model,
+    ):
+        assert [road.ways for road in found.roads] == [(lanelet,)]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Paint on roads: areas and places worked out by hand."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from urbantwin.roads.model import (
     Curve,
     LaneModel,
     LaneSection,
+    ModelJunction,
     ModelRoad,
     Piece,
     Profile,
+    RoadLink,
     RoadSignal,
     SectionLane,
 )
@@ -66,6 +69,45 @@ def test_teeth_of_a_give_way_line_point_at_who_waits(kind, orientation):
         assert np.abs(middle - (60.0 if orientation == "+" else 0.0)) == pytest.approx(0.6)
     for one, other in itertools.combinations(found, 2):
         assert shapely.Polygon(one[:3]).intersection(shapely.Polygon(other[:3])).area < 1e-9
+
+
+@pytest.mark.parametrize("orientation", ["+", "-"])
+@pytest.mark.parametrize("s", [0.5, 10.0, 19.5])
+def test_teeth_of_a_sign_within_a_junction_lie_at_the_mouth_of_the_street_before_it(orientation, s):
+    """Two roads fork from one street and each has the sign: traffic waits once, before them."""
+    one = street([lane(1, successor=7), lane(-1, successor=-1)]).roads[0]
+    one = replace(one, successor=RoadLink("junction", 90))
+    along = orientation == "+"
+    ways = []
+    for number, bend in ((2, 0.02), (3, -0.02)):
+        x, heading = (60.0, 0.0) if along else (80.0, np.pi)
+        curve = Curve((Piece(x, 0.0, heading, 20.0, bend),))
+        inner = (
+            SectionLane(-1, "driving", Profile.constant(3.0), True, predecessor=-1)
+            if along
+            else SectionLane(1, "driving", Profile.constant(3.0), False, successor=-1)
+        )
+        link = RoadLink("road", 1, "end")
+        ends = {"predecessor": link} if along else {"successor": link}
+        section = (LaneSection(0.0, (inner,)),)
+        ways.append(
+            ModelRoad(number, "", "", (), 90, curve, ZERO, ZERO, ZERO, ZERO, section, **ends)
+        )
+    signs = tuple(replace(sign("205", orientation), id=k, road=k, s=s) for k in (2, 3))
+    model = LaneModel("right", (one, *ways), (ModelJunction(90, "", ()),), (), signs, ())
+    found = quads(model, "teeth")
+    assert len(found) == 4
+    assert (found[..., 1] < 0).all()
+    assert found[..., 0].max() == pytest.approx(59.4)
+
+
+def test_a_sign_within_a_junction_that_no_street_leads_to_has_no_teeth():
+    alone = replace(street([lane(-1)]).roads[0], junction=90)
+    junction = ModelJunction(90, "", ())
+    for link in (None, RoadLink("junction", 91), RoadLink("road", 1, "end")):
+        road = replace(alone, predecessor=link)
+        model = LaneModel("right", (road,), (junction,), (), (sign("205"),), ())
+        assert len(quads(model, "teeth")) == 0
 
 
 def test_other_signs_and_lanes_have_no_teeth():

@@ -7,6 +7,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.roads.model.consistency import check_model
 from urbantwin.roads.opendrive import placed, read_opendrive
 
 LINE = '<geometry s="0" x="0" y="0" hdg="0" length="100"><line/></geometry>'
@@ -52,6 +53,9 @@ JUNCTION = (
 )
 PIECE = 's="0" x="0" y="0" hdg="0" length="100"'
 SECOND = 's="50" x="{}" y="0" hdg="0" length="50"'
+
+#: A road that nothing is wrong with, far from the others.
+SOUND = road("50", plan=LINE.replace('y="0"', 'y="900"'))
 
 #: What is wrong -> (the file, what the line says)
 BAD = {
@@ -153,7 +157,7 @@ BAD = {
         )
         + road("13", plan=LINE.replace('x="0"', 'x="100"'))
         + END,
-        "road 12, lane -1: has the successor lane -4, which does not exist",
+        "road 12, lane section at s = 0, lane -1: has the successor lane -4, which does not exist",
     ),
     "lane of the next section that is not there": (
         HEAD
@@ -162,7 +166,7 @@ BAD = {
             + SECTION.replace('s="0"', 's="40"', 1)
         )
         + END,
-        "road 12, lane -1: has the successor lane -2, which does not exist",
+        "road 12, lane section at s = 0, lane -1: has the successor lane -2, which does not exist",
     ),
     "junction of roads that are not there": (
         HEAD + road() + JUNCTION.format(12, 77, -1) + END,
@@ -211,7 +215,48 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
+#: Of these the map goes on without what is wrong: a road to drive on remains.
+DROPPED = (
+    *("width that becomes negative", "width that dips", "lane twice", "section beyond the end"),
+    *("superelevation in degrees", "road that is not there", "junction that is not there"),
+    *("within a junction that is not there", "itself", "road twice", "junction twice"),
+    *("lane that is not there", "lane of the next section that is not there"),
+    *("junction of roads that are not there", "junction of a road with itself"),
+    *("junction of lanes that are not there", "signal of a controller that is not there"),
+    *("speed in knots", "rule"),
+)
+#: Of these nothing can be read, whatever else the file holds.
+UNREADABLE = (
+    *("not XML", "empty", "another language", "cut off", "no roads", "version 2"),
+    *("deeply nested", "document type", "external entity", "entity without a document type"),
+    "billion laughs",
+)
+
+
+def has_a_lane_to_drive_on(model):
+    return any(
+        lane.kind == "driving" and lane.width.at([0.0])[0] > 1.0
+        for road in model.roads
+        for section in road.sections
+        for lane in section.lanes
+    )
+
+
+@pytest.mark.parametrize("name", [name for name in BAD if name not in UNREADABLE])
+def test_a_fault_costs_a_map_no_more_than_what_holds_it(tmp_path, name):
+    text, expected = BAD[name]
+    path = tmp_path / "map.xodr"
+    text = text if name in DROPPED else text.replace(END, SOUND + END)
+    path.write_text(text, encoding="utf-8")
+    model, _, notes = read_opendrive(path)
+    assert has_a_lane_to_drive_on(model)
+    said = [line for line in notes["dropped"] if re.search(expected, line)]
+    assert len(said) == 1, notes["dropped"]
+    assert len(set(notes["dropped"])) == len(notes["dropped"])
+    check_model(model, path)
+
+
+@pytest.mark.parametrize("name", [name for name in BAD if name not in DROPPED])
 def test_one_line_says_what_is_wrong(tmp_path, name):
     text, expected = BAD[name]
     path = tmp_path / "map.xodr"

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from pyproj import Transformer
 from scipy.special import fresnel
 
-from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import Curve
+from urbantwin.roads.model.consistency import check_model
 from urbantwin.roads.opendrive import placed, read_opendrive, write_opendrive
 from urbantwin.roads.opendrive.reading.clothoid import polynomial_pieces, spiral_pieces
 from urbantwin.roads.signals import pose_of
@@ -455,8 +455,8 @@ def test_maps_of_carla_and_roadrunner(read):
 
     both = '<link><predecessor id="-2"/><successor id="-1"/></link>'
     lanes = (
-        section(0, vector(-1, "forward"), vector(-2, "forward", link("successor", -1)))
-        + section(50, vector(-1, "forward", both))
+        section(0, vector(-1, "forward"), vector(-2, "backward", link("successor", -1)))
+        + section(50, vector(-1, "backward", both))
         + section(50.0001, vector(-1, "backward", link("predecessor", -1)))
     )
     header = (
@@ -550,5 +550,111 @@ def test_a_way_through_a_junction_that_leads_nowhere(town, tmp_path):
     for piece in way.iter("geometry"):
         piece.set("x", str(float(piece.get("x")) + 30))
     tree.write(tmp_path / "b.xodr")
-    with pytest.raises(InputError, match="road 12: leads through a junction, but has no successor"):
-        read_opendrive(tmp_path / "b.xodr")
+    model, _, notes = read_opendrive(tmp_path / "b.xodr")
+    assert notes["dropped"][0] == "road 12: leads through a junction, but has no successor"
+    assert 12 not in model.road_by_id
+    named = {(e.incoming, e.connecting) for j in model.junctions for e in j.connections}
+    assert named
+    assert not any(12 in pair for pair in named)
+    assert not any(signal.road == 12 for signal in model.signals)
+    check_model(model, tmp_path)
+
+
+def linked_lane(number, predecessor=None, successor=None, kind="driving"):
+    links = "".join(
+        f'<{tag} id="{other}"/>'
+        for tag, other in (("predecessor", predecessor), ("successor", successor))
+        if other is not None
+    )
+    return lane(number, kind).replace("<width", f"<link>{links}</link><width", 1)
+
+
+def section_of(s, right, left=""):
+    sides = f"<left>{left}</left>" if left else ""
+    return f'<laneSection s="{s}">{sides}{CENTRE}<right>{right}</right></laneSection>'
+
+
+FIRST = section_of(0, linked_lane(-1, successor=-1))
+LAST = section_of(40, linked_lane(-1, predecessor=-1))
+
+
+@pytest.mark.parametrize(
+    "between",
+    [
+        section_of(40, linked_lane(-1, -1, -1)),
+        section_of(40, linked_lane(-1, -1, -1)) * 3,
+        section_of(40, linked_lane(-1)),
+        '<laneSection s="40"/>',
+        section_of(40, lane(-1, inner='<width sOffset="0" a="-3" b="0" c="0" d="0"/>')),
+        section_of("nan", linked_lane(-1, -1, -1)),
+        section_of("", linked_lane(-1, -1, -1)),
+        section_of(40.0000001, linked_lane(-1, -1, -1)),
+    ],
+)
+@pytest.mark.parametrize("after", [True, False])
+def test_of_lane_sections_at_one_station_one_is_used(read, between, after):
+    """The others are dropped, each with its road and station, and lanes go on across them."""
+    lanes = FIRST + (LAST + between if after else between + LAST)
+    model, _, notes = read(road(lanes=lanes))
+    first, second = model.roads[0].sections
+    assert (first.s, second.s) == (0.0, pytest.approx(40.0, abs=1e-6))
+    assert [one.id for one in second.lanes] == [-1]
+    assert first.by_id[-1].successor == -1
+    assert second.by_id[-1].predecessor == -1
+    assert len(notes["dropped"]) == len(set(notes["dropped"])) >= 1
+    assert all(line.startswith("road 1") for line in notes["dropped"])
+
+
+def test_lane_sections_at_the_start_and_at_the_end_of_a_road_of_no_length(read):
+    lanes = "".join(section_of(s, linked_lane(-1, -1, -1)) for s in (0, 0, 60, 100, 100))
+    model, _, notes = read(road(lanes=lanes))
+    first, second = model.roads[0].sections
+    assert (first.s, second.s) == (0.0, 60.0)
+    assert first.by_id[-1].successor == second.by_id[-1].predecessor == -1
+    assert len(notes["dropped"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "kinds"),
+    [
+        ({-2: 2}, ("driving", "shoulder")),
+        ({-1: 1}, ("driving", "shoulder")),
+        ({-1: 9, -2: 2}, ("driving", "driving")),
+        ({-1: "x"}, ("driving", "driving")),
+        ({-2: "1e3"}, ("driving", "driving")),
+    ],
+)
+def test_a_wrong_link_of_a_lane_is_dropped_alone(read, wrong, kinds):
+    """The rest of the map is as without the fault; driven lanes go on where they meet."""
+
+    def lanes(wrong):
+        after = [linked_lane(k, wrong.get(k, k), None, kinds[-k - 1]) for k in (-1, -2)]
+        before = [linked_lane(k, None, k, kinds[-k - 1]) for k in (-1, -2)]
+        oncoming = linked_lane(1, None, 1), linked_lane(1, 1)
+        return section_of(0, "".join(before), oncoming[0]) + section_of(
+            50, "".join(after), oncoming[1]
+        )
+
+    right = read(road(lanes=lanes({}))).model
+    model, _, notes = read(road(lanes=lanes(wrong)))
+    assert len(notes["dropped"]) == len(wrong)
+    for number, line in zip(wrong, notes["dropped"], strict=True):
+        assert line.startswith(f"road 1, lane section at s = 50, lane {number}: ")
+    ours, theirs = model.roads[0].sections[1], right.roads[0].sections[1]
+    for number, kind in zip((-1, -2), kinds, strict=True):
+        if kind == "driving":
+            assert ours.by_id[number].predecessor == theirs.by_id[number].predecessor
+    assert ours.by_id[1].predecessor == 1
+
+
+def test_a_road_whose_links_are_all_wrong_is_still_there(read):
+    bad = section_of(0, linked_lane(-1, successor=5)) + section_of(50, linked_lane(-1, 8, 9))
+    link = (
+        '<link><predecessor elementType="road" elementId="77" contactPoint="end"/>'
+        '<successor elementType="junction" elementId="78"/></link>'
+    )
+    model, _, notes = read(road(lanes=bad, link=link, values='junction="79"'))
+    assert len(notes["dropped"]) == 5
+    (only,) = model.roads
+    assert (only.junction, only.predecessor, only.successor) == (-1, None, None)
+    assert only.sections[0].by_id[-1].successor == only.sections[1].by_id[-1].predecessor == -1

@@ -140,7 +140,11 @@ def _ascii(
 
 
 def _decompressed(path: Path, body: bytes, size: int) -> bytes:
-    """Return the bytes of a compressed body: its two sizes, then LZF data."""
+    """Return the bytes of a compressed body: its two sizes, then LZF data.
+
+    Where both sizes are equal the points may be stored as they are: so writes pypcd4 what LZF
+    makes no smaller.
+    """
     if len(body) < 8:
         raise InputError("is truncated", file=path, expected="compressed points")
     packed, unpacked = (int(value) for value in np.frombuffer(body, "<u4", count=2))
@@ -152,4 +156,6 @@ def _decompressed(path: Path, body: bytes, size: int) -> bytes:
     try:
         return lzf_decompress(body[8 : 8 + packed], unpacked)
     except ValueError as error:
+        if packed == unpacked:
+            return body[8 : 8 + packed]
         raise InputError(f"its compressed points are damaged ({error})", file=path) from None

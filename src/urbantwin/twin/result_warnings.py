@@ -59,6 +59,14 @@ def warnings_of_build(
             "set traffic.time_of_day; conditions other than weekdays and hours are not read",
         )
     yield from roads.warnings
+    dropped: Any = roads.notes.get("map", {}).get("dropped", [])  # type: ignore[attr-defined]
+    if dropped:
+        yield ResultWarning(
+            "map",
+            f"{len(dropped)} of its elements {'is' if len(dropped) == 1 else 'are'} dropped",
+            f"{dropped[0]:.160}",
+            "urbantwin inspect TWIN lists " + ("it" if len(dropped) == 1 else "all"),
+        )
     left_out: Any = roads.notes.get("left_out", [])
     parts = [part for part in left_out if part["metres"] >= LONG_M]
     for kind, counts in mapped.items():

@@ -16,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from urbantwin.artefact import sha256_of, write_json
+from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.nuscenes_names import scene_names
 from urbantwin.exports.frames.nuscenes_points import LabelledPoints, unnumbered_objects
 from urbantwin.exports.frames.nuscenes_tables import (
@@ -27,6 +28,7 @@ from urbantwin.exports.frames.nuscenes_tables import (
 from urbantwin.exports.frames.scenes import scenes_of
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
 from urbantwin.progress import Progress, each
+from urbantwin.taxonomy import classes_in
 
 __all__ = ["losses_nuscenes", "write_nuscenes"]
 
@@ -37,6 +39,29 @@ INTENSITY = 255
 #: Parts of the split as ``splits.json`` calls them: the devkit's own names mean its own scenes.
 CUSTOM_SPLIT = "urbantwin_{}"
 _MASK_PIXELS = 1000
+#: Classes of the detection task and how far away their objects count, metres
+#: (``detection_cvpr_2019.json``); the classes of categories (``category_to_detection_name``).
+_RANGES_M = {
+    **dict.fromkeys(("car", "truck", "bus", "trailer", "construction_vehicle"), 50.0),
+    **dict.fromkeys(("pedestrian", "motorcycle", "bicycle"), 40.0),
+    **dict.fromkeys(("traffic_cone", "barrier"), 30.0),
+}
+_DETECTED = {
+    "human.pedestrian.adult": "pedestrian",
+    "human.pedestrian.child": "pedestrian",
+    "human.pedestrian.construction_worker": "pedestrian",
+    "human.pedestrian.police_officer": "pedestrian",
+    "movable_object.barrier": "barrier",
+    "movable_object.trafficcone": "traffic_cone",
+    "vehicle.bicycle": "bicycle",
+    "vehicle.bus.bendy": "bus",
+    "vehicle.bus.rigid": "bus",
+    "vehicle.car": "car",
+    "vehicle.construction": "construction_vehicle",
+    "vehicle.motorcycle": "motorcycle",
+    "vehicle.trailer": "trailer",
+    "vehicle.truck": "truck",
+}
 #: What labels points, and the ending of its files.
 _OF_POINTS = {"lidarseg": "bin", "panoptic": "npz"}
 
@@ -72,6 +97,7 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
     scenes = dict(zip(scene_names([scene.part for scene in found]), found, strict=True))
     tables = TablesOfFrames(source, sha256_of(source.folder / "dataset.json"), scenes)
     points = LabelledPoints()
+    in_range: set[str] = set()
     with ExitStack() as opened:
         for table in STREAMED:
             path = folder / VERSION / f"{table}.json"
@@ -85,6 +111,7 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
             tables.add(frame, files)
             cloud, lidarseg, panoptic = (folder / file for file in files.values())
             _write_cloud(cloud, frame)
+            in_range |= _detected_classes(frame)
             points.write(frame, tables.scene_of(number), lidarseg, panoptic)
     for table, rows in tables.small_tables().items():
         write_json(folder / VERSION / f"{table}.json", rows)
@@ -98,6 +125,33 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
     return [
         f"every frame is a key frame ({source.rate_hz:g} a second): there are no sweeps between",
         f"scenes of each split ({VERSION}/splits.json): {parts}",
+        *_ceiling(in_range),
+    ]
+
+
+def _detected_classes(frame: SourceFrame) -> set[str]:
+    """Return the classes of the detection task that have an object in range in a frame."""
+    boxes = frame.boxes
+    categories = classes_in("nuscenes")
+    sensor = next(iter(frame.site_SE3_sensors.values())).translation
+    away = np.linalg.norm((site_boxes(frame)[0] - sensor)[:, :2], axis=1)
+    found = set()
+    for name in set(boxes.class_name.tolist()):
+        detected = _DETECTED.get(categories.get(name) or "")
+        mine = (boxes.class_name == name) & (boxes.num_points > 0)
+        if detected is not None and (away[mine] <= _RANGES_M[detected]).any():
+            found.add(detected)
+    return found
+
+
+def _ceiling(found: set[str]) -> list[str]:
+    """Return what the detection task's mean over its classes can reach with these alone."""
+    if len(found) == len(_RANGES_M):
+        return []
+    return [
+        f"of the detection task's {len(_RANGES_M)} classes {len(found)} have an object with points "
+        f"in range ({', '.join(sorted(found)) or 'none'}): a perfect detector has mAP "
+        f"{len(found) / len(_RANGES_M):.1f}, as a class without objects counts 0"
     ]
 
 

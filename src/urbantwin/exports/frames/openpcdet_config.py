@@ -64,9 +64,11 @@ def openpcdet_config(learned: LearnedClasses, data_path: str, model: str = "poin
 
 def _data(learned: LearnedClasses, data_path: str) -> dict[str, Any]:
     low, high = learned.range_m[2], learned.range_m[5]
-    # Its evaluation looks every labelled name up, also of classes that are not learned.
+    # Its evaluation looks up every labelled name. What is not learned counts neither as found
+    # nor as missed.
     in_kitti = {
-        name: _evaluated_as(name) for name in dict.fromkeys((*learned.names, *learned.labelled))
+        name: _evaluated_as(name) if name in learned.names else DONT_CARE
+        for name in dict.fromkeys((*learned.names, *learned.labelled))
     }
     return {
         "DATASET": "CustomDataset",

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from urbantwin.dataset.fleet import FleetFiles
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.box_poses import site_boxes
+from urbantwin.exports.frames.opencood_config import CONFIG_FILE, ReachOfBoxes, opencood_config
 from urbantwin.exports.frames.point_files import record_of, write_pcd_file
 from urbantwin.exports.frames.scenes import LONGEST_GAP_S, scenes_of
 from urbantwin.exports.frames.source import FrameSource, SourceFrame
@@ -136,7 +137,7 @@ def losses_opv2v(source: FrameSource) -> list[str]:
 
 
 def write_opv2v(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
-    """Write ``PART/SCENARIO/AGENT/NAME.pcd`` and ``.yaml``, and ``data_protocol.yaml``.
+    """Write ``PART/SCENARIO/AGENT/NAME.pcd`` and ``.yaml``, ``data_protocol.yaml`` and a config.
 
     Args:
         source: the dataset; each of its sensors is an agent.
@@ -233,18 +234,50 @@ def _write_scenes(
             },
         )
         frames += [(scenario, scene, name) for name in scene.times_s]
+    reach = ReachOfBoxes()
     for number in each(range(len(frames)), tell, "frames"):
         scenario, scene, name = frames[number]
         read: dict[Path, SourceFrame] = {}
+        seen: set[int] = set()
         for agent in scene.agents:
             source = agent.source
             if source.folder not in read:
                 read[source.folder] = source[source.names.index(name)]
-            _write_agent(scenario, agent, read[source.folder])
-    return [f"agents: {', '.join(f'{number} {name}' for number, name in every.items())}"]
+            seen |= _write_agent(scenario, agent, read[source.folder])
+        for agent in scene.agents:
+            # An agent learns of what any of them sees.
+            _add_reach(reach, read[agent.source.folder], agent, seen)
+    notes = [f"agents: {', '.join(f'{number} {name}' for number, name in every.items())}"]
+    if np.isfinite(reach.low).all():
+        (folder / CONFIG_FILE).write_text(opencood_config(reach), encoding="utf-8")
+        notes.append(reach.note)
+    else:
+        notes.append("no config: no sensor sees a vehicle")
+    return notes
 
 
-def _write_agent(scenario: Path, agent: _Agent, frame: SourceFrame) -> None:
+def _add_reach(reach: ReachOfBoxes, frame: SourceFrame, agent: _Agent, seen: set[int]) -> None:
+    """Add the vehicles among the objects that are seen, in the frame of an agent."""
+    boxes = frame.boxes
+    theirs = classes_in("opv2v")
+    mine = np.array(
+        [
+            track in seen and theirs[kind] is not None and kind not in _ON_FOOT
+            for track, kind in zip(boxes.track.tolist(), boxes.class_name.tolist(), strict=True)
+        ],
+        bool,
+    )
+    agent_SE3_site = _pose_of(frame, agent).inverse()
+    middles, rotations = site_boxes(frame)
+    reach.add(
+        agent_SE3_site.apply(middles[mine]),
+        agent_SE3_site.rotation @ rotations[mine],
+        boxes.box[mine, 3:6],
+    )
+
+
+def _write_agent(scenario: Path, agent: _Agent, frame: SourceFrame) -> set[int]:
+    """Write an agent's cloud and yaml of a frame; return the tracks that it sees."""
     stem = scenario / str(agent.number) / frame.name
     site_SE3_agent = _pose_of(frame, agent)
     mine = _points_of(frame, agent)
@@ -257,6 +290,7 @@ def _write_agent(scenario: Path, agent: _Agent, frame: SourceFrame) -> None:
         believed = state.reported @ state.true.inverse() @ site_SE3_agent
         told["predicted_ego_pos"] = _carla_pose(believed)
     _write_yaml(stem.with_suffix(".yaml"), told)
+    return set(told["vehicles"])
 
 
 def _pose_of(frame: SourceFrame, agent: _Agent) -> Pose:

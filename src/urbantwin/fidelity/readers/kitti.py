@@ -42,6 +42,14 @@ __all__ = [
 
 #: Folder of labels of what is on all sides.
 ALL_AROUND = "label_all"
+_CALIBRATION = "a calibration of KITTI"
+#: Names of the transform from the sensor to the camera, of the turn that rectifies, and of the
+#: left colour camera's projection, in the benchmarks of objects, tracking, odometry and raw data.
+_FROM_LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam", "Tr_velo2cam", "Tr")
+_RECTIFIED = ("R0_rect", "R_rect", "R_rect_00")
+_PROJECTIONS = ("P2", "P_rect_02")
+#: Files of a raw recording; its ``calib_imu_to_velo.txt`` is of another sensor.
+_RAW = ("calib_velo_to_cam.txt", "calib_cam_to_cam.txt")
 _VALUES = 15  # a detection's line has its score as the sixteenth
 _NOTE = "Only objects that the camera saw are labelled."
 #: Levels of occlusion (none, partly, largely) as shares: the middles of docs/labels.md's levels.
@@ -53,7 +61,7 @@ class Calibration:
     """Where the sensor is in the rectified camera, and how the left colour camera sees.
 
     Attributes:
-        camera_SE3_lidar: R0_rect times Tr_velo_to_cam.
+        camera_SE3_lidar: from the sensor into the rectified camera.
         projection: (3, 4) P2, pixels; None where the file has none.
     """
 
@@ -94,22 +102,46 @@ def open_kitti(path: Path, columns: int | None) -> Recording:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read the calibration of a frame.
+    """Read a calibration of any of KITTI's benchmarks.
+
+    These are those of objects (``R0_rect:``, ``Tr_velo_to_cam:``), of tracking (``R_rect`` and
+    ``Tr_velo_cam`` without colons), of odometry (``Tr:``, into the rectified camera) and of the raw
+    recordings: ``calib_velo_to_cam.txt`` (``R:``, ``T:``) and ``calib_cam_to_cam.txt``
+    (``R_rect_00:``, ``P_rect_02:``) beside each other, of which either may be named.
 
     Raises:
-        InputError: missing, or not laid out as KITTI's.
+        InputError: missing, not laid out as KITTI's, or without the sensor's place.
     """
-    with laid_out(path, "a calibration of KITTI"):
-        rows = {}
-        for line in read_lines(path, "a calibration of KITTI"):
-            name, colon, values = line.partition(":")
-            if colon:
-                rows[name.strip()] = np.array(finite_numbers(values.split()))
-        rectify = rows["R0_rect" if "R0_rect" in rows else "R_rect"].reshape(3, 3)
-        found = rows["Tr_velo_to_cam" if "Tr_velo_to_cam" in rows else "Tr_velo_cam"]
-        matrix = rectify @ found.reshape(3, 4)
-        projection = rows["P2"].reshape(3, 4) if "P2" in rows else None
+    with laid_out(path, _CALIBRATION):
+        rows = _calibration_rows(path)
+        if path.name in _RAW:
+            for name in _RAW:
+                if (path.parent / name).is_file():
+                    rows = _calibration_rows(path.parent / name) | rows
+        if "R" in rows and "T" in rows and path.name in _RAW:
+            rows["Tr_velo_to_cam"] = np.column_stack([rows["R"].reshape(3, 3), rows["T"]])
+        placed = next((rows[name] for name in _FROM_LIDAR if name in rows), None)
+        if placed is None:
+            raise InputError(
+                f"has no place of the sensor, but {', '.join(rows)[:80] or 'nothing'}",
+                file=path,
+                expected=f"one of {', '.join(_FROM_LIDAR)}, or {_RAW[0]} beside {_RAW[1]}",
+            )
+        turned = next((rows[name] for name in _RECTIFIED if name in rows), np.eye(3))
+        matrix = turned.reshape(3, 3) @ placed.reshape(3, 4)
+        seen = next((rows[name] for name in _PROJECTIONS if name in rows), None)
+        projection = None if seen is None else seen.reshape(3, 4)
         return Calibration(checked_pose(matrix[:, :3], matrix[:, 3]), projection)
+
+
+def _calibration_rows(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Return the numbers of each line by its name, with or without a colon after it."""
+    rows = {}
+    for line in read_lines(path, _CALIBRATION):
+        name, _, values = line.replace(":", " ", 1).strip().partition(" ")
+        if name and name != "calib_time":
+            rows[name] = np.array(finite_numbers(values.split()))
+    return rows
 
 
 def _read_boxes(path: Path, camera_SE3_lidar: Pose) -> Boxes:

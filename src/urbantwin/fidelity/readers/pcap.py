@@ -61,7 +61,10 @@ _LINKS: dict[int, tuple[int, int | None]] = {
     228: (0, None),
     276: (20, 0),
 }
-_IPV4, _VLAN, _UDP = 0x0800, 0x8100, 17
+_IPV4, _UDP = 0x0800, 17
+#: Protocols that are a tag of 4 bytes before the next protocol (IEEE 802.1Q, 802.1ad, and what
+#: switches sent before it); a frame may have several.
+_VLAN = (0x8100, 0x88A8, 0x9100, 0x9200)
 _UDP_HEADER = 8
 #: Datagrams whose fragments are waited for at a time; of older ones some were lost.
 _MOST_OPEN = 256
@@ -195,7 +198,7 @@ def _network(data: memoryview, begin: int, end: int, link: int) -> tuple[int, in
         return None
     if protocol_at is not None:
         protocol = struct.unpack_from(">H", data, begin + protocol_at)[0]
-        if protocol == _VLAN and start + 24 <= end:
+        while protocol in _VLAN and start + 24 <= end:
             protocol = struct.unpack_from(">H", data, start + 2)[0]
             start += 4
         if protocol != _IPV4:

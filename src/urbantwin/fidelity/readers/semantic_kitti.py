@@ -18,6 +18,7 @@ from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
 from urbantwin.fidelity.readers.frame_assembly import frame_of
+from urbantwin.fidelity.readers.kitti import read_calibration
 from urbantwin.fidelity.readers.labels import checked_pose
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
@@ -89,13 +90,7 @@ def _poses(path: Path) -> list[Pose]:
     file, calibration = path / "poses.txt", path / "calib.txt"
     if not (file.is_file() and calibration.is_file()):
         return []
-    with laid_out(calibration, "a line Tr: of 12 values"):
-        lines = dict(
-            line.split(":", 1)
-            for line in read_lines(calibration, "a line Tr: of 12 values")
-            if line
-        )
-        camera_SE3_lidar = _pose(lines["Tr"])
+    camera_SE3_lidar = read_calibration(calibration).camera_SE3_lidar
     with laid_out(file, "12 values a line"):
         cameras = [_pose(line) for line in read_lines(file, "12 values a line") if line.split()]
     lidar_SE3_camera = camera_SE3_lidar.inverse()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from urbantwin.roads.cross_section.defaults import default_lanes
 from urbantwin.roads.cross_section.lane_tags import count, lane_list
+from urbantwin.site.access import permission_of
 
 __all__ = ["DirectionTags", "direction_tags", "one_way"]
 
@@ -82,6 +83,7 @@ def direction_tags(
         wanted = max(1, total - contraflow)
     lists = _lists(tags, way) or _lists(tags, "")
     main = _fitted(tags, way, wanted, lists, ("left", "right"))
+    main = _with_lanes_for_cars(main, tags, way, driving_side)
     other = DirectionTags(contraflow, contraflow, {}, contraflow) if contraflow else None
     return (main, other, 0) if way == "forward" else (other, main, 0)
 
@@ -110,8 +112,30 @@ def _two_way(
     _share_whole_lists(tags, lists, wanted, driving_side)
     other_side = "left" if driving_side == "right" else "right"
     sides = {"forward": (driving_side,), "backward": (other_side,)}
-    forward, backward = (_fitted(tags, n, wanted[n], lists[n], sides[n]) for n in lists)
+    forward, backward = (
+        _with_lanes_for_cars(_fitted(tags, n, wanted[n], lists[n], sides[n]), tags, n, driving_side)
+        for n in lists
+    )
     return forward, backward, shared
+
+
+def _with_lanes_for_cars(
+    found: DirectionTags, tags: Mapping[str, str], name: str, driving_side: str
+) -> DirectionTags:
+    """Return a direction whose bus lanes come on top where they would leave none for cars.
+
+    A street that is open to cars has a lane for them: ``lanes`` does not count its bus lanes.
+    """
+    listed = {"bus:lanes", "psv:lanes"} & found.lists.keys()
+    cars = permission_of(tags, walkers_on_lanes=False, direction=name).cars
+    if found.buses < found.motor or listed or not cars:
+        return found
+    more = [""] * found.buses
+    lists = {
+        key: [*row, *more] if driving_side == "right" else [*more, *row]
+        for key, row in found.lists.items()
+    }
+    return DirectionTags(found.slots + found.buses, found.motor + found.buses, lists, found.buses)
 
 
 def _lists(tags: Mapping[str, str], direction: str) -> dict[str, list[str]]:

@@ -28,6 +28,8 @@ __all__ = ["cross_section"]
 NARROWEST_M, WIDEST_M = 2.0, 8.0
 #: Half of a road with one lane for both directions, metres.
 HALF_LANE_M = 2.25
+#: Lists that say whether motor traffic may use a lane, the narrowest first.
+_ACCESS = ("motor_vehicle:lanes", "vehicle:lanes", "access:lanes")
 ARROWS = frozenset(
     "left slight_left sharp_left through right slight_right sharp_right reverse merge_to_left "
     "merge_to_right".split()
@@ -116,16 +118,22 @@ def _lanes(
         lanes.append(CarriagewayLane(kind, min(width, WIDEST_M), speed, allowed, turns))
     if driving_side == "left":
         lanes.reverse()
-    if not any(lane.kind == "bus" for lane in lanes):
-        for k in range(len(lanes) - found.buses, len(lanes)):
-            lanes[k] = replace(lanes[k], kind="bus", allowed=permission.bus_lane)
+    open_to_cars = permission.cars and one_way(tags) in ("both", name)
+    if any(lane.kind == "bus" for lane in lanes):
+        closed = any(found.value(key, k) in CLOSED for key in _ACCESS for k in range(found.slots))
+        if open_to_cars and not closed and not any("car" in lane.allowed for lane in lanes):
+            # Nothing closes the street to cars: they share the bus lane next to its middle.
+            first = next(k for k, lane in enumerate(lanes) if lane.kind == "bus")
+            lanes[first] = replace(lanes[first], kind="driving", allowed=permission.motor)
+        return lanes
+    for k in range(len(lanes) - found.buses, len(lanes)):
+        lanes[k] = replace(lanes[k], kind="bus", allowed=permission.bus_lane)
     return lanes
 
 
 def _use(found: DirectionTags, slot: int, permission: Permission) -> tuple[str, tuple[str, ...]]:
     """Return the kind of a lane and who may use it."""
-    keys = ("motor_vehicle:lanes", "vehicle:lanes", "access:lanes")
-    access = next((v for key in keys if (v := found.value(key, slot))), "")
+    access = next((v for key in _ACCESS if (v := found.value(key, slot))), "")
     bus = {found.value("bus:lanes", slot), found.value("psv:lanes", slot)}
     bicycle = found.value("bicycle:lanes", slot)
     closed = access in CLOSED

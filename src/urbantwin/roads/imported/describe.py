@@ -8,7 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads.imported.read import anchor_of, is_placed, map_format, read_map
+from urbantwin.roads.imported.read import (
+    anchor_of,
+    is_placed,
+    map_format,
+    placed_map,
+    read_map,
+)
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.reading.read import read_opendrive
 
@@ -27,8 +33,11 @@ def describe_map(path: Path) -> dict[str, object]:
         model, notes = imported.model, dict(imported.notes)
         where = "none" if place is None else f"latitude {place[0]:.6f}, longitude {place[1]:.6f}"
     else:
-        model, projection, found = read_opendrive(path)
-        notes, where = {"format": "OpenDRIVE", **found}, projection or "none"
+        read = read_opendrive(path)
+        # Where it lies matters to none of the counts.
+        imported = placed_map(path, read._replace(projection=None), SiteFrame(0.0, 0.0))
+        model, notes = read.model, dict(imported.notes)
+        where = read.projection or "none"
     return {**notes, "georeference": where, **_counted(model)}
 
 

@@ -175,8 +175,23 @@ def _through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
                     yield LaneLink(start, end)
                 continue
             path, last = _path(road, connection.contact, second)
-            for end in _ends(lanes, road, connection.contact, path, last):
+            contact, seen = connection.contact, {road.id}
+            while path and (onward := _onward(lanes.model, road, contact)):
+                road, contact = onward
+                more, last = _path(road, contact, last) if last is not None else ([], None)
+                path = path + more if more and road.id not in seen else []
+                seen.add(road.id)
+            for end in _ends(lanes, road, contact, path, last):
                 yield LaneLink(start, end, tuple(path))
+
+
+def _onward(model: LaneModel, road: ModelRoad, contact: str) -> tuple[ModelRoad, str] | None:
+    """Return the road through the same junction that a connecting road leads on to, and its end."""
+    link = road.successor if contact == "start" else road.predecessor
+    if link is None or link.element != "road":
+        return None
+    other = model.road_by_id.get(link.id)
+    return (other, link.contact) if other and other.junction == road.junction else None
 
 
 def _end_at(incoming: ModelRoad, road: ModelRoad, contact: str, junction: int) -> str:

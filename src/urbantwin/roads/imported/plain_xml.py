@@ -39,6 +39,8 @@ BORDER_M = 0.1
 MEET_M = 2.0
 #: Acceleration to the side that drivers accept in turns, m/s^2 (netconvert's own default).
 TURN_MS2 = 5.5
+#: Fewer streets only follow each other.
+JUNCTION_ARMS = 3
 #: Largest distance of a chord from a lane's middle, metres, and step where it is curved.
 CHORD_M, STEP_M = 0.01, 0.5
 
@@ -293,7 +295,23 @@ def _connections(plain: PlainNetwork) -> etree._Element:
         )
         if crosswalk.marking:
             etree.SubElement(item, "param", key="marking", value=crosswalk.marking)
+    crossed = {crosswalk.node for crosswalk in plain.crosswalks}
+    for node in _joints(plain):
+        if node not in crossed:
+            # Without this, netconvert guesses crossings where one road follows another.
+            etree.SubElement(root, "crossing", {"node": node, "discard": "true"})
     return root
+
+
+def _joints(plain: PlainNetwork) -> list[str]:
+    """Return nodes without a traffic light where fewer than three streets meet: no junctions."""
+    arms: dict[str, set[tuple[int, str]]] = defaultdict(set)
+    found = {node for edge in plain.edges for node in plain.nodes.of_edge(edge)}
+    roads = {edge.road.id for edge in plain.edges}
+    for (road, end), node in plain.nodes.of_end.items():
+        if road in roads:
+            arms[node].add((road, end))
+    return sorted(n for n in found if len(arms[n]) < JUNCTION_ARMS and n not in plain.lights)
 
 
 def _border_line(start: Edge, i: int, end: Edge, j: int) -> NDArray[np.float64] | None:

@@ -14,6 +14,7 @@ import shapely
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import argoverse, lanelet2
+from urbantwin.roads.imported.streets_between import with_streets_between
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.reading.placement import placed, shifted
 from urbantwin.roads.opendrive.reading.read import ReadMap, read_opendrive
@@ -119,14 +120,18 @@ def placed_map(
 ) -> ImportedMap:
     """Return an OpenDRIVE map that was read, in the site frame; see ``read_map``."""
     notes: dict[str, object] = {"format": "OpenDRIVE", **read.notes}
+    model, between, unfollowed = with_streets_between(read.model)
+    if between:
+        notes["junctions_joined_directly"] = between
+    notes["dropped"] = [*read.notes["dropped"], *unfollowed]  # type: ignore[misc]
     if read.projection is not None:
         if anchor_m is not None:
             raise _placed_twice(path)
         with naming_file(path):
-            return ImportedMap(path, placed(read.model, read.projection, frame), notes)
+            return ImportedMap(path, placed(model, read.projection, frame), notes)
     x, y = anchor_m or (0.0, 0.0)
     notes["georeference"] = f"none in the map: x east, y north, and {x:g}, {y:g} is the anchor"
-    return ImportedMap(path, shifted(read.model, (-x, -y, 0.0, 0.0)), notes)
+    return ImportedMap(path, shifted(model, (-x, -y, 0.0, 0.0)), notes)
 
 
 @contextmanager

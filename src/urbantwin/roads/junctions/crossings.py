@@ -44,6 +44,8 @@ BEYOND_M = 20.0
 ON_NODE_M = 3.0
 #: How far off a strip a crossing of it may be mapped, metres, and how skew to the street.
 OFF_M, SKEW = 2.0, np.radians(40.0)
+#: The same for a strip of the street that the crossing is mapped on, metres.
+ASIDE_M = 20.0
 #: From a stop line to the crossing, and from it to where the exit begins, metres (RiLSA 2015, 4.1:
 #: 1 m; US MUTCD 3B.16: 4 ft).
 BEFORE_M, BEHIND_M = 1.2, 0.3
@@ -213,7 +215,9 @@ def _hits(crossing: MappedCrossing, strips: Sequence[Strip]) -> list[_Hit]:
         gap = crossing.xy - [x, y]
         aside = float(step[0] * gap[1] - step[1] * gap[0])
         low, high = strip.driven()
-        if np.linalg.norm(gap) - abs(aside) > 1.0 or not low - OFF_M < aside < high + OFF_M:
+        # A crossing of a street crosses both its directions, wherever their middle is drawn.
+        off = ASIDE_M if _pieces(strip.edge) & crossing.pieces else OFF_M
+        if np.linalg.norm(gap) - abs(aside) > 1.0 or not low - off < aside < high + off:
             continue
         # The strip's middle is as long as its shape but for bends.
         scale = strip.edge.line.length / max(strip.middle.length, 1e-9)

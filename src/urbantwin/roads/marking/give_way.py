@@ -25,19 +25,65 @@ BAY_ALONG_M, BAY_ACROSS_M, NARROWEST_M = 6.0, 2.5, 1.6
 
 
 def teeth(model: LaneModel) -> Iterator[tuple[int, list[NDArray[np.float64]]]]:
-    """Yield level and triangles (4, 2) of every give-way line, pointing at the waiting traffic."""
+    """Yield level and triangles (4, 2) of every give-way line, pointing at the waiting traffic.
+
+    Traffic waits before a junction: the line of a sign on a road through a junction lies at the
+    end of the street that leads to that road.
+    """
+    drawn: set[tuple[int, bool, int]] = set()
     for sign in model.signals:
         road = model.road_by_id.get(sign.road)
-        if sign.dynamic or sign.type not in GIVE_WAY or road is None or road.length < 4 * LONG_M:
+        if sign.dynamic or sign.type not in GIVE_WAY or road is None:
             continue
         forward = sign.orientation != "-"
+        section = road.section_at(sign.s if road.junction >= 0 else road.length * forward)
+        lanes = {
+            lane.id
+            for lane in section.lanes
+            if lane.kind in MOTOR
+            and lane.forward == forward
+            and (not sign.lanes or lane.id in sign.lanes)
+        }
+        street = _street_before(model, road, lanes, forward=forward)
+        if street is None:
+            continue
+        road, lanes, forward = street
         ahead = 1.0 if forward else -1.0
         base = road.length - BEFORE_M if forward else BEFORE_M
         section = road.section_at(base)
         for lane in section.lanes:
-            asked = not sign.lanes or lane.id in sign.lanes
-            if asked and lane.kind in MOTOR and lane.forward == forward:
+            key = (road.id, forward, lane.id)
+            asked = lane.id in lanes and lane.kind in MOTOR and lane.forward == forward
+            if asked and key not in drawn and road.length >= 4 * LONG_M:
+                drawn.add(key)
                 yield road.level, _row(road, section, lane, base, ahead)
+
+
+def _street_before(
+    model: LaneModel, road: ModelRoad, lanes: set[int], *, forward: bool
+) -> tuple[ModelRoad, set[int], bool] | None:
+    """Return the street whose traffic comes onto lanes of a road, its lanes and their direction.
+
+    A street is returned as it is. From a road through a junction the way is followed back, against
+    the traffic; ``None`` where it comes from no street.
+    """
+    seen: set[int] = set()
+    while road.junction >= 0:
+        link = road.predecessor if forward else road.successor
+        first = road.sections[0 if forward else -1]
+        back = {
+            lane.predecessor if forward else lane.successor
+            for lane in first.lanes
+            if lane.id in lanes or len(road.sections) > 1
+        }
+        seen.add(road.id)
+        if link is None or link.element != "road" or link.id in seen:
+            return None
+        road, forward = model.road_by_id[link.id], link.contact == "end"
+        last = road.sections[-1 if forward else 0]
+        lanes = {number for number in back if number is not None and number in last.by_id}
+        lanes = lanes or {lane.id for lane in last.lanes if lane.forward == forward}
+    return road, lanes, forward
 
 
 def _row(

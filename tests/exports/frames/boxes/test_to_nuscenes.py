@@ -51,6 +51,35 @@ def are_the_same_labels(frame, labels, told):
     assert not numbered[~known].any()
 
 
+def test_it_says_what_mean_a_perfect_detector_can_reach(any_dataset, tmp_path):
+    """The devkit averages over ten classes, counts what is near the ego, and 0 for a class of none.
+
+    Its rules, by the tables alone: an annotation with points, within the range of its class.
+    """
+    out, _, notes = exported(any_dataset, tmp_path)
+    rows = {
+        name: json.loads((out / "v1.0-trainval" / f"{name}.json").read_text())
+        for name in ("category", "instance", "sample_data", "ego_pose", "sample_annotation")
+    }
+    by_token = {row["token"]: row for table in rows.values() for row in table}
+    ego = {
+        row["sample_token"]: by_token[row["ego_pose_token"]]["translation"]
+        for row in rows["sample_data"]
+    }
+    reach = dict.fromkeys(("vehicle.car", "vehicle.truck", "vehicle.bus"), 50)
+    reach |= dict.fromkeys(("human.pedestrian", "vehicle.motorcycle", "vehicle.bicycle"), 40)
+    there = set()
+    for row in rows["sample_annotation"]:
+        category = by_token[by_token[row["instance_token"]]["category_token"]]["name"]
+        kind = next((one for one in reach if category.startswith(one)), None)
+        away = np.linalg.norm(np.subtract(row["translation"], ego[row["sample_token"]])[:2])
+        if kind and row["num_lidar_pts"] and away <= reach[kind]:
+            there.add(kind)
+    (said,) = [note for note in notes if "mAP" in note]
+    assert f"{len(there)} have an object" in said
+    assert f"mAP {len(there) / 10:.1f}" in said
+
+
 def test_its_devkit_reads_all_that_is_held(any_dataset, held, parts, judge, tmp_path):
     out, _, _ = exported(any_dataset, tmp_path)
     (tmp_path / "clouds").mkdir()

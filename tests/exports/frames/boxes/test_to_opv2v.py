@@ -94,6 +94,46 @@ def frames_in(out, name):
     return {file.parent.name: file for file in sorted(out.glob(f"*/*/*/{name}.yaml"))}
 
 
+def test_its_config_has_a_range_that_holds_every_vehicle(any_dataset, tmp_path):
+    """OpenCOOD keeps what has all its corners in the range: with its own, a pole's has few."""
+    out, _, notes = exported(any_dataset, tmp_path)
+    every = [yaml.load(f.read_text(), yaml.Loader) for f in out.glob("*/*/*/[0-9]*.yaml")]
+    if not any(told["vehicles"] for told in every):
+        assert "no config: no sensor sees a vehicle" in notes
+        return
+    config = yaml.load((out / "point_pillar_late_fusion.yaml").read_text(), yaml.Loader)
+    bounds = config["preprocess"]["cav_lidar_range"]
+    assert bounds == config["postprocess"]["anchor_args"]["cav_lidar_range"]
+    assert bounds == config["model"]["args"]["lidar_range"]
+    voxel = config["preprocess"]["args"]["voxel_size"]
+    cells = np.subtract(bounds[3:], bounds[:3]) / voxel
+    assert cells == pytest.approx(cells.round(), abs=1e-6)
+    assert cells[2].round() == 1
+    assert not (cells[:2].round() % 8).any()
+    kept = {"ours": 0, "stock": 0, "all": 0}
+    stock = [-70.4, -40, -3, 70.4, 40, 1]
+    sizes = []
+    for name in {file.stem for file in out.glob("*/*/*/[0-9]*.yaml")}:
+        read = {
+            agent: yaml.load(file.read_text(), yaml.Loader)
+            for agent, file in frames_in(out, name).items()
+        }
+        seen = {k: v for told in read.values() for k, v in told["vehicles"].items()}
+        for told in read.values():
+            for found in corners(seen, told["lidar_pose"]).values():
+                kept["all"] += 1
+                for key, limits in (("ours", bounds), ("stock", stock)):
+                    kept[key] += ((found >= limits[:3]) & (found <= limits[3:])).all()
+            sizes += [2 * np.array(one["extent"]) for one in seen.values()]
+    assert kept["ours"] == kept["all"] > 0
+    anchor = config["postprocess"]["anchor_args"]
+    np.testing.assert_allclose(
+        [anchor["l"], anchor["w"], anchor["h"]], np.median(sizes, axis=0), atol=0.006
+    )
+    (said,) = [note for note in notes if "range z" in note]
+    assert f"{kept['stock']} of {kept['all']} boxes remain" in said
+
+
 def test_opencoods_rules_give_boxes_and_points(any_dataset, held, parts, tmp_path):
     out, said, _ = exported(any_dataset, tmp_path)
     theirs = classes_in("opv2v")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 
 from urbantwin.roads.model import ModelRoad, RoadArea, RoadSignal, SignalController
@@ -37,6 +37,8 @@ def with_model_ids(
     programs: Mapping[str, Program],
     junctions: Mapping[str, tuple[int, ...]],
     log: Log,
+    *,
+    gone: Collection[str] = (),
 ) -> tuple[tuple[RoadArea, ...], tuple[RoadSignal, ...], tuple[SignalController, ...]]:
     """Return areas, signals and controllers.
 
@@ -47,10 +49,9 @@ def with_model_ids(
         programs: id in the file -> controller.
         junctions: controller -> the junctions that name it.
         log: the file.
+        gone: ids of signals that were dropped with their roads.
 
-    Raises:
-        InputError: a controller switches a signal that does not exist, or that is there twice; a
-            junction names a controller that does not exist.
+    Signals that a controller switches and that do not exist are dropped from it, and noted.
     """
     ids = _Ids([*(e.id for _, e in signs), *programs, *(e.id for _, e in outlines)])
     number: dict[str, int] = {}
@@ -60,18 +61,23 @@ def with_model_ids(
         spot = log.at(f"road {road}, signal {sign.id}")
         if sign.id in number:
             if sign.id in program_of:
-                raise spot.error("is there twice", expected="each id once")
+                spot.drop("is there twice, and is switched by a controller: the first one is used")
+                continue
             spot.remark("signals of the same id: they are numbered")
         number[sign.id] = ids.give(sign.id)
         values = {**asdict(sign), "id": number[sign.id], "road": roads[road].id}
         del values["turned"]
         signals.append(RoadSignal(**values, program=program_of.get(sign.id, "")))
     controllers: list[SignalController] = []
-    for key, program in programs.items():
+    for key, written in programs.items():
         spot = log.at(f"controller {key}")
-        for signal in program.signals:
-            if signal not in number:
-                raise spot.error(f"switches signal {signal}, which does not exist")
+        for signal in written.signals:
+            if signal not in number and signal not in gone:
+                spot.drop(f"switches signal {signal}, which does not exist")
+        present = tuple(signal for signal in written.signals if signal in number)
+        if written.signals and not present:
+            continue
+        program = replace(written, signals=present)
         known = next((k for k, one in enumerate(controllers) if _same(one, program)), None)
         if known is not None:
             signals_of = {*controllers[known].signals, *(number[s] for s in program.signals)}

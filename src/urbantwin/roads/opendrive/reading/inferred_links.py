@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLink, SectionLane
@@ -36,10 +36,8 @@ def with_inferred_ends(
         by_id: roads by their ids, changed in place.
         junctions: the junctions.
         poses: where roads start and end.
-        spots: roads, for errors.
-
-    Raises:
-        InputError: a road through a junction that traffic drives on leads nowhere.
+        spots: roads, for notes. A road through a junction that traffic drives on and that leads
+            nowhere is dropped.
     """
     _link_streets(by_id, spots)
     ends: dict[int, set[tuple[int, str]]] = {junction.id: set() for junction in junctions}
@@ -58,7 +56,7 @@ def with_inferred_ends(
             near = [
                 (gap, other, contact)
                 for other, contact in ends.get(road.junction, ())
-                if (gap := _gap(mine, by_id[other], contact, poses)) < ROADS_M
+                if other in by_id and (gap := _gap(mine, by_id[other], contact, poses)) < ROADS_M
             ]
             if near:
                 _, other, contact = min(near)
@@ -67,10 +65,10 @@ def with_inferred_ends(
                     "roads through junctions without links: what they meet is taken"
                 )
             elif any(lane.kind in DRIVEN for lane in end_section(road, end).lanes):
-                raise spots[road.id].error(
-                    f"leads through a junction, but has no {tag}", expected="a road at both ends"
-                )
-        if changes:
+                spots[road.id].drop(f"leads through a junction, but has no {tag}")
+                del by_id[road.id]
+                break
+        if changes and road.id in by_id:
             by_id[road.id] = replace(
                 road,
                 predecessor=changes.get("predecessor", road.predecessor),
@@ -100,28 +98,83 @@ def _link_streets(by_id: dict[int, ModelRoad], spots: Mapping[int, Spot]) -> Non
 
 
 def with_inferred_lanes(
-    road: ModelRoad, by_id: Mapping[int, ModelRoad], poses: Poses, spot: Spot
+    road: ModelRoad,
+    by_id: Mapping[int, ModelRoad],
+    poses: Poses,
+    spot: Spot,
+    *,
+    wrong: Collection[tuple[int, str, int]] = (),
 ) -> ModelRoad:
-    """Link continuing lanes that a file leaves unlinked to the lanes whose ends they meet."""
+    """Link continuing lanes that a file leaves unlinked to the lanes whose ends they meet.
+
+    Args:
+        road: the road.
+        by_id: roads by their ids.
+        poses: where roads start and end.
+        spot: the road, for remarks.
+        wrong: number of the section, ``predecessor`` or ``successor``, and lane of links that the
+            file has wrong: these lanes are linked even where others of their section are.
+    """
     sections = list(road.sections)
+
+    def of(k: int, tag: str) -> set[int]:
+        return {lane for number, what, lane in wrong if (number, what) == (k, tag)}
+
     for k in range(len(sections) - 1):
         before = _within(road, sections[k], road.section_ends[k])
         after = _within(road, sections[k + 1], sections[k + 1].s)
-        sections[k] = _found(sections[k], "successor", before, after, spot)
-        sections[k + 1] = _found(sections[k + 1], "predecessor", after, before, spot)
-    for tag, end, k in (("predecessor", "start", 0), ("successor", "end", -1)):
+        sections[k] = _found(sections[k], "successor", before, after, spot, of(k, "successor"))
+        sections[k + 1] = _found(
+            sections[k + 1], "predecessor", after, before, spot, of(k + 1, "predecessor")
+        )
+        sections[k] = _returned(sections[k], "successor", sections[k + 1])
+        sections[k + 1] = _returned(sections[k + 1], "predecessor", sections[k])
+    last = len(sections) - 1
+    for tag, end, k in (("predecessor", "start", 0), ("successor", "end", last)):
         link = getattr(road, tag)
-        if link is None or link.element != "road" or _is_linked(sections[k], tag):
+        if link is None or link.element != "road":
+            continue
+        if _is_linked(sections[k], tag) and not of(k, tag):
             continue
         other = by_id[link.id]
         mine = _at(replace(road, sections=tuple(sections)), end, poses, outwards=end == "end")
         theirs = _at(other, link.contact, poses, outwards=link.contact == "start")
-        sections[k] = _found(sections[k], tag, mine, theirs, spot)
+        sections[k] = _found(sections[k], tag, mine, theirs, spot, of(k, tag))
     return replace(road, sections=tuple(sections))
 
 
 def _is_linked(section: LaneSection, tag: str) -> bool:
     return any(getattr(lane, tag) is not None for lane in section.lanes)
+
+
+def _returned(section: LaneSection, tag: str, other: LaneSection) -> LaneSection:
+    """Return a section whose unlinked driven lanes are linked to lanes that are linked to them."""
+    back = "successor" if tag == "predecessor" else "predecessor"
+    links = {getattr(lane, back): lane for lane in reversed(other.lanes) if lane.kind in DRIVEN}
+    found = {
+        lane.id: links[lane.id].id
+        for lane in section.lanes
+        if lane.kind in DRIVEN
+        and getattr(lane, tag) is None
+        and lane.id in links
+        and links[lane.id].forward == lane.forward
+    }
+    return _with_links(section, tag, found)
+
+
+def _with_links(section: LaneSection, tag: str, links: Mapping[int, int]) -> LaneSection:
+    """Return a section with links of lanes, by their ids; other lanes keep theirs."""
+    lanes = tuple(
+        replace(
+            lane,
+            predecessor=links.get(lane.id, lane.predecessor)
+            if tag == "predecessor"
+            else lane.predecessor,
+            successor=links.get(lane.id, lane.successor) if tag == "successor" else lane.successor,
+        )
+        for lane in section.lanes
+    )
+    return replace(section, lanes=lanes)
 
 
 def _within(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]:
@@ -167,24 +220,23 @@ def _found(
     mine: Mapping[int, _Lane],
     theirs: Mapping[int, _Lane],
     spot: Spot,
+    wrong: Collection[int],
 ) -> LaneSection:
-    """Return a section whose lanes are linked to those that they meet, if none is linked."""
-    if _is_linked(section, tag) or not mine or not theirs:
+    """Return a section whose lanes are linked to those that they meet.
+
+    These are all if none is linked, else those whose own links are ``wrong``.
+    """
+    linked = _is_linked(section, tag)
+    if not theirs:
         return section
     links: dict[int, int] = {}
     for identity, (_, place) in mine.items():
+        if linked and identity not in wrong:
+            continue
         gap, other = min((math.dist(place, there), key) for key, (_, there) in theirs.items())
         if gap < LANES_M:
             links[identity] = other
     if not links:
         return section
     spot.remark("lanes without links: they go on as the lanes that they meet")
-    lanes = tuple(
-        replace(
-            lane,
-            predecessor=links.get(lane.id) if tag == "predecessor" else lane.predecessor,
-            successor=links.get(lane.id) if tag == "successor" else lane.successor,
-        )
-        for lane in section.lanes
-    )
-    return replace(section, lanes=lanes)
+    return _with_links(section, tag, links)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from lxml import etree
@@ -48,6 +48,8 @@ def read_connections(
     by_id: dict[int, ModelRoad],
     poses: Poses,
     log: Log,
+    *,
+    gone: Collection[str] = (),
 ) -> tuple[Connection, ...]:
     """Return the connections of a junction.
 
@@ -62,9 +64,7 @@ def read_connections(
         by_id: id in the model -> road.
         poses: where roads start and end.
         log: the file.
-
-    Raises:
-        InputError: a road or a lane that is joined does not exist, or a road is joined to itself.
+        gone: ids of roads that were dropped, and their connections with them.
     """
     spot = log.at(f"junction {node.id}")
     direct = node.kind == "direct"
@@ -73,7 +73,9 @@ def read_connections(
     found = []
     for item in node.connections:
         here = spot.within(f"connection {item.get('id', '')}")
-        names = _names(item, roads, here, direct=direct)
+        names = _names(item, roads, here, gone, direct=direct)
+        if names is None:
+            continue
         incoming, connecting = (by_id[roads[name].id] for name in names)
         contact = item.get("contactPoint", "")
         if contact not in ("start", "end"):
@@ -162,18 +164,26 @@ def _at_other_end(road: ModelRoad, lane: int, end: str) -> SectionLane | None:
 
 
 def _names(
-    item: etree._Element, roads: Mapping[str, ModelRoad], spot: Spot, *, direct: bool
-) -> tuple[str, str]:
-    """Return the roads that a connection joins, by their ids in the file."""
-    found = []
-    for key in ("incomingRoad", "linkedRoad" if direct else "connectingRoad"):
-        name = item.get(key)
-        if name is None or name not in roads:
-            raise spot.error(f"has the {key} {name}, which does not exist")
-        found.append(name)
-    if found[0] == found[1]:
-        raise spot.error(f"joins road {found[0]} to itself", expected="two roads")
-    return found[0], found[1]
+    item: etree._Element,
+    roads: Mapping[str, ModelRoad],
+    spot: Spot,
+    gone: Collection[str],
+    *,
+    direct: bool,
+) -> tuple[str, str] | None:
+    """Return the roads that a connection joins, by their ids in the file; None if it is wrong."""
+    keys = ("incomingRoad", "linkedRoad" if direct else "connectingRoad")
+    first, second = (item.get(key, "") for key in keys)
+    if first in gone or second in gone:
+        return None
+    for key, name in zip(keys, (first, second), strict=True):
+        if name not in roads:
+            spot.drop(f"has the {key} {name}, which does not exist")
+            return None
+    if first == second:
+        spot.drop(f"joins road {first} to itself")
+        return None
+    return first, second
 
 
 def _end_of_incoming(
@@ -209,13 +219,14 @@ def _lane_links(
 ) -> list[tuple[int, int]]:
     found = []
     for lane_link in item.findall("laneLink"):
-        pair = spot.whole(lane_link, "from"), spot.whole(lane_link, "to")
-        if 0 in pair:
-            continue  # some tools link the centre lane too
-        for lane, section, name in zip(pair, sections, names, strict=True):
-            if lane not in section.by_id:
-                raise spot.error(f"links lane {lane} of road {name}, which does not exist")
-        found.append(pair)
+        with spot.dropping():
+            pair = spot.whole(lane_link, "from"), spot.whole(lane_link, "to")
+            if 0 in pair:
+                continue  # some tools link the centre lane too
+            for lane, section, name in zip(pair, sections, names, strict=True):
+                if lane not in section.by_id:
+                    raise spot.error(f"links lane {lane} of road {name}, which does not exist")
+            found.append(pair)
     return found
 
 

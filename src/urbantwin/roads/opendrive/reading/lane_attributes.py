@@ -142,10 +142,14 @@ def lane_direction(item: etree._Element, identity: int, rule: str, spot: Spot) -
 
 def lane_speed(item: etree._Element, street: Street, s: float, spot: Spot) -> float:
     """Return the speed limit of a lane, m/s: its own, else the road's, else 50 km/h."""
-    speeds = sorted(item.findall("speed"), key=lambda e: spot.number(e, "sOffset", 0.0))
+    speeds: list[tuple[float, float | None]] = []
+    for each in item.findall("speed"):
+        with spot.dropping():
+            speeds.append((spot.number(each, "sOffset", 0.0), speed_of(each, spot)))
     if speeds:
-        limit = speed_of(speeds[0], spot)
-        if len(speeds) > 1 and any(speed_of(e, spot) != limit for e in speeds):
+        speeds.sort(key=lambda row: row[0])
+        limit = speeds[0][1]
+        if any(other != limit for _, other in speeds):
             spot.remark("speed limits that change within a lane section: the first is taken")
         if limit is not None:
             return limit

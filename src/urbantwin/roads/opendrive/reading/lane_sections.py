@@ -30,6 +30,10 @@ __all__ = ["reach_of", "read_sections"]
 SLIVER_M = 1e-3
 #: A lane may be this much narrower than nothing: rounding of the file, metres.
 NEGATIVE_M = 0.01
+#: Widths below nothing are drawn as none, at stations this far apart, metres.
+CLIPPED_STEP_M = 0.5
+#: The most lanes on a side of a road.
+MOST_LANES = 200
 
 
 def read_sections(
@@ -44,32 +48,38 @@ def read_sections(
         spot: the road, for errors.
 
     Raises:
-        InputError: there are no sections, lanes are numbered twice, a lane has a negative width, or
-            a number is invalid.
+        InputError: there are no sections, or the first one begins too late.
     """
-    items = road.findall("lanes/laneSection")
+    items = []
+    for item in road.findall("lanes/laneSection"):
+        with spot.dropping():
+            start = spot.number(item, "s")
+            if start > length + 0.1:
+                raise spot.error(
+                    f"has a lane section at s = {start:g}, beyond its end at {length:.3f}"
+                )
+            # Of several at one station the last is used; sections without lanes come before it.
+            items.append((start, _has_lanes(item), item))
     if not items:
         raise spot.error("has no lanes", expected="<lanes> with <laneSection>")
-    items.sort(key=lambda item: spot.number(item, "s"))
-    starts = [spot.number(item, "s") for item in items]
-    if starts[-1] > length + 0.1:
-        raise spot.error(
-            f"has a lane section at s = {starts[-1]:g}, beyond its end at {length:.3f}"
-        )
+    items.sort(key=lambda row: row[:2])
+    starts = [start for start, _, _ in items]
     if starts[0] > 0.1:
         raise spot.error(
             f"has no lanes before s = {starts[0]:g}", expected="a lane section at s = 0"
         )
-    if len(set(starts)) < len(starts):
-        raise spot.error("has two lane sections at one station", expected="ascending stations")
     starts[0] = 0.0
     ends = [*starts[1:], length]
     offset = spot.profile(road.findall("lanes/laneOffset"))
     sections = [
         _section(item, start, end, offset, street, spot.within(f"lane section at s = {start:g}"))
-        for item, start, end in zip(items, starts, ends, strict=True)
+        for (_, _, item), start, end in zip(items, starts, ends, strict=True)
     ]
-    return tuple(_without_slivers(sections, length))
+    return tuple(_without_slivers(sections, length, spot))
+
+
+def _has_lanes(item: etree._Element) -> bool:
+    return item.find("left/lane") is not None or item.find("right/lane") is not None
 
 
 def _section(
@@ -80,21 +90,22 @@ def _section(
     found: dict[int, etree._Element] = {}
     for side, sign in (("left", 1), ("right", -1)):
         for child in item.findall(f"{side}/lane"):
-            identity = spot.whole(child, "id")
-            if identity * sign <= 0:
-                raise spot.error(
-                    f"has lane {identity} on the {side}",
-                    expected="positive ids on the left, negative ones on the right",
-                )
-            if identity in found:
-                raise spot.error(f"has lane {identity} twice", expected="each id once")
-            found[identity] = child
+            with spot.dropping():
+                identity = spot.whole(child, "id")
+                if identity * sign <= 0:
+                    raise spot.error(
+                        f"has lane {identity} on the {side}",
+                        expected="positive ids on the left, negative ones on the right",
+                    )
+                if abs(identity) > MOST_LANES:
+                    raise spot.error(f"has lane {identity}", expected="fewer than 200 on a side")
+                if identity in found:
+                    raise spot.error(f"has lane {identity} twice", expected="each id once")
+                found[identity] = child
     bordered = any(lane.find("border") is not None for lane in found.values())
     lanes: list[SectionLane] = []
     for sign in (1, -1):
         ids = sorted((k for k in found if k * sign > 0), key=abs)
-        if ids and abs(ids[-1]) > 200:
-            raise spot.error(f"has lane {ids[-1]}", expected="fewer than 200 lanes on a side")
         border = Profile.constant(0.0)
         for number in range(1, abs(ids[-1]) + 1 if ids else 1):
             identity = sign * number
@@ -105,7 +116,7 @@ def _section(
                 continue
             lane_spot = spot.within(f"lane {identity}")
             width = _width(found[identity], sign, end - start, border, lane_spot)
-            _check_width(width, start, end - start, lane_spot)
+            width = _not_negative(width, start, end - start, lane_spot)
             if bordered:
                 border = added([(1.0, border), (1.0, width)], end - start)
             lanes.append(_lane(found[identity], identity, width, street, start, lane_spot))
@@ -137,15 +148,24 @@ def _trimmed(width: Profile, length: float) -> Profile:
     return Profile(width.start[keep], width.abcd[keep])
 
 
-def _check_width(width: Profile, start: float, length: float, spot: Spot) -> None:
+def _not_negative(width: Profile, start: float, length: float, spot: Spot) -> Profile:
+    """Return a width without the stretches where the file has it below zero."""
     if len(width.start) == 1 and not width.abcd[0, 1:].any():
         least, at = float(width.abcd[0, 0]), 0.0
     else:
         least, at = lowest(width, length)
     if least < -NEGATIVE_M:
-        raise spot.error(f"is {least:.3g} m wide at s = {start + at:.3f}", expected="0 m or more")
+        spot.drop(f"is {least:.3g} m wide at s = {start + at:.3f}")
+        if length <= SLIVER_M:
+            return Profile.constant(0.0)
+        grid = np.linspace(0.0, length, 2 + int(length / CLIPPED_STEP_M))
+        metres = np.maximum(width.at(grid), 0.0)
+        rows = np.zeros((len(grid) - 1, 4))
+        rows[:, 0], rows[:, 1] = metres[:-1], np.diff(metres) / np.diff(grid)
+        return Profile(grid[:-1], rows)
     if least < -1e-6:
         spot.remark("lanes up to 1 cm narrower than nothing")
+    return width
 
 
 def _lane(
@@ -182,8 +202,9 @@ def _link(item: etree._Element, tag: str, spot: Spot) -> int | None:
         return None
     if len(links) > 1:
         spot.remark("lanes that go on as several: the first is taken")
-    identity = spot.whole(links[0], "id")
-    return identity or None
+    with spot.dropping():
+        return spot.whole(links[0], "id") or None
+    return None
 
 
 def reach_of(
@@ -206,12 +227,15 @@ def reach_of(
     return left, right
 
 
-def _without_slivers(sections: Sequence[LaneSection], length: float) -> list[LaneSection]:
+def _without_slivers(
+    sections: Sequence[LaneSection], length: float, spot: Spot
+) -> list[LaneSection]:
     """Return lane sections without the shortest ones; lanes go on over them.
 
     Args:
         sections: lane sections in order, links as written.
         length: length of the road.
+        spot: the road, for what is dropped.
     """
     kept = list(sections)
     k = 0
@@ -221,6 +245,8 @@ def _without_slivers(sections: Sequence[LaneSection], length: float) -> list[Lan
             k += 1
             continue
         sliver = kept.pop(k)
+        within = spot.within(f"lane section at s = {sliver.s:g}")
+        within.drop(f"is {max(end - sliver.s, 0.0) * 1e3:.3g} mm long")
         if k > 0:
             kept[k - 1] = _relinked(kept[k - 1], "successor", sliver)
         if k < len(kept):
@@ -233,6 +259,8 @@ def _without_slivers(sections: Sequence[LaneSection], length: float) -> list[Lan
 def _relinked(section: LaneSection, tag: str, sliver: LaneSection) -> LaneSection:
     """Return a section whose links lead to what the lanes of a sliver lead to."""
     through = {lane.id: getattr(lane, tag) for lane in sliver.lanes}
+    if not any(through.values()):
+        through = {}  # without links of its own, lanes go on under their ids
     lanes = tuple(
         replace(
             lane,

@@ -36,9 +36,8 @@ def read_heights(
     bank = spot.profile(road.findall("lateralProfile/superelevation"))
     crown = Profile.constant(0.0)
     if np.abs(bank.at(np.linspace(0, length, 9))).max() > 1.0:
-        raise spot.error(
-            "has a superelevation of more than 1 radian", expected="radians, not degrees or percent"
-        )
+        spot.drop("has a superelevation of more than 1 radian")
+        bank = Profile.constant(0.0)
     crossfall = road.findall("lateralProfile/crossfall")
     if crossfall:
         left, right = (

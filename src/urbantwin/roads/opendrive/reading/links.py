@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 from lxml import etree
 
-from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLink
+from urbantwin.errors import InputError
+from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLink, SectionLane
 from urbantwin.roads.opendrive.reading.inferred_links import with_inferred_ends, with_inferred_lanes
 from urbantwin.roads.opendrive.reading.junctions import Node, read_connections
 from urbantwin.roads.opendrive.reading.parsing import Log, Spot, id_number
 from urbantwin.roads.opendrive.reading.road_ends import Poses, end_section, middles
+from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["Joined", "Link", "joined", "read_links"]
 
@@ -50,29 +52,29 @@ class Joined:
 
 
 def read_links(road: etree._Element, spot: Spot) -> dict[str, Link]:
-    """Return ``predecessor`` and ``successor`` of a road as written.
-
-    Raises:
-        InputError: a link leads to nothing that roads are linked to.
-    """
+    """Return ``predecessor`` and ``successor`` of a road as written."""
     found = {}
     for tag in _END:
         item = road.find(f"link/{tag}")
-        if item is None:
-            continue
-        element, identity = item.get("elementType", "road"), item.get("elementId")
-        if element not in ("road", "junction"):
-            raise spot.error(
-                f"has a {tag} of the type {element[:20]!r}", expected="road or junction"
-            )
-        if not identity:
-            raise spot.error(f"has a {tag} without elementId", expected="an id")
-        if identity == "-1":
-            spot.remark("links to -1, which lead nowhere")
-            continue
-        midway = item.get("elementS") is not None
-        found[tag] = Link(element, identity, item.get("contactPoint", ""), midway)
+        if item is not None:
+            with spot.dropping():
+                link = _read_link(item, tag, spot)
+                if link is not None:
+                    found[tag] = link
     return found
+
+
+def _read_link(item: etree._Element, tag: str, spot: Spot) -> Link | None:
+    element, identity = item.get("elementType", "road"), item.get("elementId")
+    if element not in ("road", "junction"):
+        raise spot.error(f"has a {tag} of the type {element[:20]!r}", expected="road or junction")
+    if not identity:
+        raise spot.error(f"has a {tag} without elementId", expected="an id")
+    if identity == "-1":
+        spot.remark("links to -1, which lead nowhere")
+        return None
+    midway = item.get("elementS") is not None
+    return Link(element, identity, item.get("contactPoint", ""), midway)
 
 
 def joined(
@@ -81,8 +83,10 @@ def joined(
     inside: Mapping[str, str],
     nodes: Mapping[str, Node],
     log: Log,
+    *,
+    gone: Collection[str] = (),
 ) -> Joined:
-    """Join roads and junctions.
+    """Join roads and junctions; links to what does not exist are dropped, and noted.
 
     Args:
         roads: id in the file -> road, with its id in the model, links of lanes as written.
@@ -90,9 +94,7 @@ def joined(
         inside: id in the file -> the junction that the road leads through, as written.
         nodes: id in the file -> junction as written.
         log: the file.
-
-    Raises:
-        InputError: something that is linked does not exist, or a road is linked to itself.
+        gone: ids of roads that were dropped: links to them are dropped without another note.
     """
     number = _numbers(nodes)
     poses = Poses()
@@ -106,15 +108,17 @@ def joined(
         spot = log.at(f"road {key}")
         junction = inside[key]
         if junction != "-1" and junction not in nodes:
-            raise spot.error(f"leads through junction {junction}, which does not exist")
-        ends = {
-            tag: (
-                _junction_link(tag, link, nodes, number, spot)
-                if link.element == "junction"
-                else _road_link(tag, link, key, roads, poses, spot)
-            )
-            for tag, link in links[key].items()
-        }
+            spot.drop(f"leads through junction {junction}, which does not exist")
+        ends: dict[str, RoadLink | None] = {}
+        for tag, link in links[key].items():
+            if link.element == "road" and link.id in gone:
+                continue
+            with spot.dropping():
+                ends[tag] = (
+                    _junction_link(tag, link, nodes, number, spot)
+                    if link.element == "junction"
+                    else _road_link(tag, link, key, roads, poses, spot)
+                )
         through = junction in nodes and not nodes[junction].is_midway
         found[key] = replace(
             road,
@@ -129,10 +133,12 @@ def joined(
         for controller in node.controllers:
             programs.setdefault(controller, []).append(number[key])
         if not node.is_midway:
-            connections = read_connections(node, number[key], found, by_id, poses, log)
+            connections = read_connections(node, number[key], found, by_id, poses, log, gone=gone)
             junctions.append(ModelJunction(number[key], node.name, connections))
     spots = {road.id: log.at(f"road {key}") for key, road in found.items()}
     with_inferred_ends(by_id, junctions, poses, spots)
+    junctions = [_of_roads(junction, by_id) for junction in junctions]
+    by_id = {key: _linked_to(road, by_id) for key, road in by_id.items()}
     final = [_linked_lanes(road, by_id, poses, spots[road.id]) for road in by_id.values()]
     switched = {key: tuple(where) for key, where in programs.items()}
     return Joined(tuple(final), tuple(junctions), switched)
@@ -191,19 +197,29 @@ def _linked_lanes(
 ) -> ModelRoad:
     """Return a road whose links of lanes lead to lanes that exist, or nowhere at a junction."""
     sections = []
+    wrong: set[tuple[int, str, int]] = set()
     for k, section in enumerate(road.sections):
-        before = _beyond(road, k, by_id, ahead=False)
-        after = _beyond(road, k, by_id, ahead=True)
-        lanes = tuple(
-            replace(
-                lane,
-                predecessor=_checked(lane.id, "predecessor", lane.predecessor, before, spot),
-                successor=_checked(lane.id, "successor", lane.successor, after, spot),
+        here = spot.within(f"lane section at s = {section.s:g}")
+        beyond = {
+            "predecessor": _beyond(road, k, by_id, ahead=False),
+            "successor": _beyond(road, k, by_id, ahead=True),
+        }
+        lanes = []
+        for lane in section.lanes:
+            found: dict[str, int | None] = {}
+            for tag, (next_section, same) in beyond.items():
+                try:
+                    found[tag] = _checked(lane, tag, next_section, here, same=same)
+                except InputError as error:
+                    spot.log.dropped.append(error)
+                    found[tag] = None
+                    wrong.add((k, tag, lane.id))
+            lanes.append(
+                replace(lane, predecessor=found["predecessor"], successor=found["successor"])
             )
-            for lane in section.lanes
-        )
-        sections.append(replace(section, lanes=lanes))
-    linked = with_inferred_lanes(replace(road, sections=tuple(sections)), by_id, poses, spot)
+        sections.append(replace(section, lanes=tuple(lanes)))
+    linked = replace(road, sections=tuple(sections))
+    linked = with_inferred_lanes(linked, by_id, poses, spot, wrong=wrong)
     for end, link in (("start", road.predecessor), ("end", road.successor)):
         if link is not None and link.element == "road":
             there = by_id[link.id]
@@ -227,21 +243,48 @@ def _apart(road: ModelRoad, end: str, other: ModelRoad, contact: str, poses: Pos
 
 def _beyond(
     road: ModelRoad, k: int, by_id: Mapping[int, ModelRoad], *, ahead: bool
-) -> LaneSection | None:
+) -> tuple[LaneSection | None, bool]:
+    """Return the lane section before or after one, and whether its stations run the same way."""
     inner = k + (1 if ahead else -1)
     if 0 <= inner < len(road.sections):
-        return road.sections[inner]
+        return road.sections[inner], True
     link = road.successor if ahead else road.predecessor
     if link is None or link.element != "road":
-        return None
-    return end_section(by_id[link.id], link.contact)
+        return None, True
+    return end_section(by_id[link.id], link.contact), (link.contact == "start") == ahead
 
 
 def _checked(
-    lane: int, tag: str, other: int | None, beyond: LaneSection | None, spot: Spot
+    lane: SectionLane, tag: str, beyond: LaneSection | None, spot: Spot, *, same: bool
 ) -> int | None:
+    """Return the lane that a lane is linked to.
+
+    Raises:
+        InputError: it does not exist, or traffic on it runs the other way.
+    """
+    other: int | None = getattr(lane, tag)
     if other is None or beyond is None:
         return None
+    here = spot.within(f"lane {lane.id}")
     if other not in beyond.by_id:
-        raise spot.within(f"lane {lane}").error(f"has the {tag} lane {other}, which does not exist")
+        raise here.error(f"has the {tag} lane {other}, which does not exist")
+    there = beyond.by_id[other]
+    driven = lane.kind in DRIVEN and there.kind in DRIVEN
+    if driven and (lane.forward == there.forward) != same:
+        raise here.error(f"has the {tag} lane {other}, on which traffic runs the other way")
     return other
+
+
+def _linked_to(road: ModelRoad, by_id: Mapping[int, ModelRoad]) -> ModelRoad:
+    """Return a road without links to roads that were dropped."""
+    before, after = (
+        None if link is not None and link.element == "road" and link.id not in by_id else link
+        for link in (road.predecessor, road.successor)
+    )
+    return replace(road, predecessor=before, successor=after)
+
+
+def _of_roads(junction: ModelJunction, by_id: Mapping[int, ModelRoad]) -> ModelJunction:
+    """Return a junction without connections of roads that were dropped."""
+    kept = tuple(e for e in junction.connections if e.incoming in by_id and e.connecting in by_id)
+    return replace(junction, connections=kept)

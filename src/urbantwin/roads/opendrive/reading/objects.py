@@ -53,19 +53,20 @@ def read_outlines(
             )
             continue
         here = spot.within(f"object {item.get('id', '')}")
-        s = here.number(item, "s")
-        if not -BEYOND_M <= s <= curve.length + BEYOND_M:
-            here.remark("objects and signals beyond their road: they are put at its end")
-        s = min(max(s, 0.0), curve.length)
-        if item.find("repeat") is not None:
-            here.remark("objects that repeat: only the first is read")
-        corners = _corners(item, s, curve, elevation, here)
-        if len(corners) < 3:
-            here.remark("areas without an outline that are not read")
-            continue
-        height = max(here.number(item, "height", 0.0), 0.0) if kind == "trafficIsland" else 0.0
-        marking = _marking(item, here) if kind == "crosswalk" else ""
-        yield Outline(item.get("id", ""), kind, name, s, corners, height, marking)
+        with here.dropping():
+            s = here.number(item, "s")
+            if not -BEYOND_M <= s <= curve.length + BEYOND_M:
+                here.remark("objects and signals beyond their road: they are put at its end")
+            s = min(max(s, 0.0), curve.length)
+            if item.find("repeat") is not None:
+                here.remark("objects that repeat: only the first is read")
+            corners = _corners(item, s, curve, elevation, here)
+            if len(corners) < 3:
+                here.remark("areas without an outline that are not read")
+                continue
+            height = max(here.number(item, "height", 0.0), 0.0) if kind == "trafficIsland" else 0.0
+            marking = _marking(item, here) if kind == "crosswalk" else ""
+            yield Outline(item.get("id", ""), kind, name, s, corners, height, marking)
 
 
 def _kind(item: etree._Element) -> tuple[str, str]:

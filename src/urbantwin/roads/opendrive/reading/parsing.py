@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,10 +30,12 @@ class Log:
     Attributes:
         path: the file.
         remarks: what was assumed or left out -> where.
+        dropped: errors of the elements that are not used, in the order of reading.
     """
 
     path: Path
     remarks: dict[str, list[str]] = field(default_factory=dict)
+    dropped: list[InputError] = field(default_factory=list)
 
     def at(self, place: str) -> Spot:
         """Return a spot in the file, for errors and remarks."""
@@ -48,6 +51,10 @@ class Log:
                 listed += f" and {len(unique) - LISTED} more"
             found.append(f"{text} ({listed})" if listed else text)
         return found
+
+    def dropped_lines(self) -> list[str]:
+        """Return what is not used, each with its id and its place in the map."""
+        return list(dict.fromkeys(f"{error.place}: {error.problem}" for error in self.dropped))
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,18 @@ class Spot:
     def remark(self, text: str) -> None:
         """Note what the user of the map should know."""
         self.log.remarks.setdefault(text, []).append(self.place.partition(",")[0])
+
+    def drop(self, problem: str) -> None:
+        """Note that what is at this spot is not used, and why."""
+        self.log.dropped.append(self.error(problem))
+
+    @contextmanager
+    def dropping(self) -> Iterator[None]:
+        """Drop an element whose reading raises `InputError`: it is noted, the rest is read."""
+        try:
+            yield
+        except InputError as error:
+            self.log.dropped.append(error)
 
     def number(self, item: etree._Element, key: str, default: float | None = None) -> float:
         """Return an attribute as a number.
@@ -114,8 +133,13 @@ class Spot:
             except (TypeError, ValueError):
                 row = [math.nan]
             if not all(-LARGEST <= value <= LARGEST for value in row):
-                row = [self.number(item, k) for k in (key, *"abcd")]
+                with self.dropping():
+                    row = [self.number(item, k) for k in (key, *"abcd")]
+                    rows[row[0]] = row[1:]
+                continue
             rows[row[0]] = row[1:]
+        if not rows:
+            return Profile.constant(0.0)
         starts = np.array(sorted(rows))
         table = np.array([rows[s] for s in starts])
         if starts[0] > 1e-6 and key != "t":

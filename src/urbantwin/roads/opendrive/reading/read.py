@@ -8,8 +8,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from lxml import etree
 
+from urbantwin.errors import InputError
+from urbantwin.number_text import whole_number
 from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad
 from urbantwin.roads.opendrive.reading.file import top_elements
 from urbantwin.roads.opendrive.reading.header import Header, read_header
@@ -29,6 +32,7 @@ from urbantwin.roads.opendrive.reading.signal_references import (
     resolve_references,
 )
 from urbantwin.roads.opendrive.reading.signals import Program, Sign, read_program, read_signs
+from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["ReadMap", "read_opendrive"]
 
@@ -78,6 +82,13 @@ class _Content:
     signs: list[tuple[str, Sign]] = field(default_factory=list)
     references: list[tuple[str, Reference]] = field(default_factory=list)
     has_heights: bool = False
+    gone: set[str] = field(default_factory=set)
+    signals_gone: set[str] = field(default_factory=set)
+
+    def drop_road(self, item: etree._Element) -> None:
+        """Note the id of a road that is not used, and its signals'."""
+        self.gone.add(item.get("id", ""))
+        self.signals_gone |= {e.get("id", "") for e in item.iterfind("signals/signal")}
 
 
 def read_opendrive(path: Path) -> ReadMap:
@@ -86,11 +97,15 @@ def read_opendrive(path: Path) -> ReadMap:
     Ids are the file's where they are whole numbers, else they are numbered. Coordinates are moved
     by the header's ``<offset>`` where the file has a georeference.
 
+    The smallest element that holds a fault is dropped: a link, a lane, a signal, a road. In the
+    notes, ``dropped`` lists each with its id and its place.
+
     Args:
         path: the ``.xodr``.
 
     Raises:
-        InputError: the file cannot be read, is not OpenDRIVE, or is wrong; the line says where.
+        InputError: the file cannot be read, is not OpenDRIVE, or holds faults and no road to drive
+            on besides; the line says where.
     """
     log = Log(path)
     content = _Content()
@@ -100,19 +115,40 @@ def read_opendrive(path: Path) -> ReadMap:
         if item.tag == "header":
             content.header = read_header(item, log)
         elif item.tag == "road":
-            _once(identity, content.roads, spot)
-            _road(item, identity, content, spot)
+            with spot.dropping():
+                _once(identity, content.roads, spot)
+                try:
+                    _road(item, identity, content, spot)
+                except InputError:
+                    content.drop_road(item)
+                    raise
         elif item.tag == "junction":
-            _once(identity, content.nodes, spot)
-            content.nodes[identity] = read_node(item)
+            with spot.dropping():
+                _once(identity, content.nodes, spot)
+                content.nodes[identity] = read_node(item)
         elif item.tag == "controller":
-            _once(identity, content.programs, spot)
-            content.programs[identity] = read_program(item, spot)
+            with spot.dropping():
+                _once(identity, content.programs, spot)
+                content.programs[identity] = read_program(item, spot)
         else:
             log.at("").remark(f"<{item.tag}> that is not read")
-    if not content.roads:
+    content.gone -= content.roads.keys()
+    found = _assembled(content, log) if content.roads else None
+    if log.dropped and (found is None or not _is_driven(found.model)):
+        raise log.dropped[0]
+    if found is None:
         raise log.at("").error("has no roads", expected="<road>")
-    return _assembled(content, log)
+    return found
+
+
+def _is_driven(model: LaneModel) -> bool:
+    """Return whether a model has a lane of some width that traffic drives on."""
+    return any(
+        lane.kind in DRIVEN and float(lane.width.at(np.linspace(0.0, end - section.s, 5)).max()) > 0
+        for road in model.roads
+        for section, end in zip(road.sections, road.section_ends, strict=True)
+        for lane in section.lanes
+    )
 
 
 def _once(identity: str, known: Container[str], spot: Spot) -> None:
@@ -125,7 +161,8 @@ def _once(identity: str, known: Container[str], spot: Spot) -> None:
 def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) -> None:
     rule = item.get("rule") or "RHT"
     if rule not in ("RHT", "LHT"):
-        raise spot.error(f"has the rule {rule[:20]!r}", expected="RHT or LHT")
+        spot.drop(f"has the rule {rule[:20]!r}: RHT is taken")
+        rule = "RHT"
     curve = read_curve(item, spot)
     street = Street(rule, tuple(_speeds(item, spot)))
     sections = read_sections(item, curve.length, street, spot)
@@ -143,7 +180,7 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
         id=len(content.roads) + 1,
         name=item.get("name") or "",
         kind=notes.get("class") or CLASS_OF_TYPE.get(kinds[0] if kinds else "", ""),
-        ways=tuple(way for way in map(id_number, ways) if way is not None),
+        ways=tuple(way for way in map(whole_number, ways) if way is not None),
         junction=-1,
         curve=curve,
         offset=offset,
@@ -155,6 +192,7 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
     )
     if item.find("railroad/switch") is not None:
         spot.remark("railway switches that are not read")
+    # From here on nothing is wrong with the road as a whole: what is wrong of it is dropped.
     content.roads[identity] = road
     content.rules[rule] += 1
     content.links[identity] = read_links(item, spot)
@@ -168,9 +206,10 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
 def _speeds(item: etree._Element, spot: Spot) -> Iterator[tuple[float, float]]:
     for kind in item.findall("type"):
         for speed in kind.findall("speed"):
-            limit = speed_of(speed, spot)
-            if limit is not None:
-                yield spot.number(kind, "s", 0.0), limit
+            with spot.dropping():
+                limit = speed_of(speed, spot)
+                if limit is not None:
+                    yield spot.number(kind, "s", 0.0), limit
 
 
 def _assembled(content: _Content, log: Log) -> ReadMap:
@@ -187,10 +226,25 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
         content.roads = {key: replace(e, id=ids[key] or 0) for key, e in content.roads.items()}
     else:
         log.at("").remark("ids of roads that are not whole numbers: roads are numbered")
-    found = joined(content.roads, content.links, content.inside, content.nodes, log)
+    found = joined(
+        content.roads, content.links, content.inside, content.nodes, log, gone=content.gone
+    )
+    kept = {road.id for road in found.roads}
+    gone = {key for key, road in content.roads.items() if road.id not in kept}
+    content.roads = {key: e for key, e in content.roads.items() if key not in gone}
+    content.signals_gone |= {sign.id for key, sign in content.signs if key in gone}
+    content.outlines = [row for row in content.outlines if row[0] not in gone]
+    content.signs = [row for row in content.signs if row[0] not in gone]
+    content.references = [row for row in content.references if row[0] not in gone]
     signs = resolve_references(content.roads, content.signs, content.references, log)
     areas, signals, controllers = with_model_ids(
-        content.roads, content.outlines, signs, content.programs, found.programs, log
+        content.roads,
+        content.outlines,
+        signs,
+        content.programs,
+        found.programs,
+        log,
+        gone=content.signals_gone - {sign.id for _, sign in signs},
     )
     model = LaneModel(
         "left" if left else "right", found.roads, found.junctions, areas, signals, controllers
@@ -208,6 +262,7 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
         "map_signals": len(signals),
         "map_areas": len(areas),
         "remarks": log.lines(),
+        "dropped": log.dropped_lines(),
     }
     return ReadMap(model, header.projection, notes)
 

@@ -42,15 +42,16 @@ def read_references(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterat
     """
     for reference in item.findall("signals/signalReference"):
         here = spot.within(f"signalReference {reference.get('id', '')}")
-        s = min(max(here.number(reference, "s"), 0.0), road.length)
-        orientation = reference.get("orientation", "none")
-        yield Reference(
-            reference.get("id", ""),
-            s,
-            here.number(reference, "t"),
-            orientation if orientation in ("+", "-") else "none",
-            read_validity(reference, road, s, here),
-        )
+        with here.dropping():
+            s = min(max(here.number(reference, "s"), 0.0), road.length)
+            orientation = reference.get("orientation", "none")
+            yield Reference(
+                reference.get("id", ""),
+                s,
+                here.number(reference, "t"),
+                orientation if orientation in ("+", "-") else "none",
+                read_validity(reference, road, s, here),
+            )
 
 
 def resolve_references(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from lxml import etree
 
-from urbantwin.number_text import whole_number
+from urbantwin.number_text import finite_number, whole_number
 from urbantwin.roads.model import ModelRoad
 from urbantwin.roads.opendrive.reading.parsing import Spot
 
@@ -69,34 +69,35 @@ def read_signs(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterator[Si
     """
     for signal in item.findall("signals/signal"):
         here = spot.within(f"signal {signal.get('id', '')}")
-        s = here.number(signal, "s")
-        if not -BEYOND_M <= s <= road.length + BEYOND_M:
-            here.remark("objects and signals beyond their road: they are put at its end")
-        s = min(max(s, 0.0), road.length)
-        height = here.number(signal, "height", 0.0)
-        height = height if height > 0 else HEIGHT_M
-        width = here.number(signal, "width", 0.0)
-        orientation = signal.get("orientation", "none")
-        yield Sign(
-            id=signal.get("id", ""),
-            name=signal.get("name") or "",
-            dynamic=signal.get("dynamic") == "yes",
-            country=signal.get("country") or "OpenDRIVE",
-            type=signal.get("type") or "-1",
-            subtype=signal.get("subtype") or "-1",
-            value=_value(signal),
-            unit=signal.get("unit") if signal.get("unit") in _UNITS else "",
-            s=s,
-            t=here.number(signal, "t"),
-            z=here.number(signal, "zOffset", 0.0) + height / 2,
-            orientation=orientation if orientation in ("+", "-") else "none",
-            lanes=read_validity(signal, road, s, here),
-            links=tuple(_numbers(_note(signal, "links"))),
-            height=height,
-            width=width if width > 0 else WIDTH_M,
-            pose=_pose(signal, height, here),
-            turned=here.number(signal, "hOffset", 0.0),
-        )
+        with here.dropping():
+            s = here.number(signal, "s")
+            if not -BEYOND_M <= s <= road.length + BEYOND_M:
+                here.remark("objects and signals beyond their road: they are put at its end")
+            s = min(max(s, 0.0), road.length)
+            height = here.number(signal, "height", 0.0)
+            height = height if height > 0 else HEIGHT_M
+            width = here.number(signal, "width", 0.0)
+            orientation = signal.get("orientation", "none")
+            yield Sign(
+                id=signal.get("id", ""),
+                name=signal.get("name") or "",
+                dynamic=signal.get("dynamic") == "yes",
+                country=signal.get("country") or "OpenDRIVE",
+                type=signal.get("type") or "-1",
+                subtype=signal.get("subtype") or "-1",
+                value=_value(signal),
+                unit=signal.get("unit") if signal.get("unit") in _UNITS else "",
+                s=s,
+                t=here.number(signal, "t"),
+                z=here.number(signal, "zOffset", 0.0) + height / 2,
+                orientation=orientation if orientation in ("+", "-") else "none",
+                lanes=read_validity(signal, road, s, here),
+                links=tuple(_numbers(_note(signal, "links"))),
+                height=height,
+                width=width if width > 0 else WIDTH_M,
+                pose=_pose(signal, height, here),
+                turned=here.number(signal, "hOffset", 0.0),
+            )
 
 
 def _pose(signal: etree._Element, height: float, spot: Spot) -> tuple[float, ...]:
@@ -139,18 +140,12 @@ def read_program(item: etree._Element, spot: Spot) -> Program:
     phases = []
     for text in filter(None, _note(item, "phases").split(", ")):
         seconds, _, state = text.partition(" ")
-        try:
-            duration = float(seconds)
-        except ValueError:
-            duration = math.nan
-        if not (math.isfinite(duration) and duration > 0 and state):
+        duration = finite_number(seconds)
+        if duration is None or duration <= 0 or not state:
             raise spot.error(f"has the phase {text[:40]!r}", expected="seconds, a space, a state")
         phases.append((duration, state))
-    try:
-        offset = float(_note(item, "offset") or 0)
-    except ValueError:
-        offset = math.nan
-    if not math.isfinite(offset):
+    offset = finite_number(_note(item, "offset") or "0")
+    if offset is None:
         raise spot.error("has an offset that is not a number", expected="seconds")
     return Program(
         item.get("id", ""),

@@ -1,0 +1,189 @@
+"""A configuration of OpenCOOD for a dataset: PointPillar, each agent by itself (late fusion).
+
+Source: OpenCOOD, ``hypes_yaml/point_pillar_late_fusion.yaml``, and the rule of
+``mask_boxes_outside_range_numpy``: of a box, all eight corners must lie within the range, in the
+frame of the agent that learns. Its own range, -3 to 1 m about the LiDAR, is that of a car's roof.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+__all__ = ["CONFIG_FILE", "ReachOfBoxes", "opencood_config"]
+
+#: Name of the file, beside the parts of the split.
+CONFIG_FILE = "point_pillar_late_fusion.yaml"
+#: The range that OpenCOOD's configurations have: least x, y, z and greatest x, y, z, metres.
+STOCK_RANGE_M = (-70.4, -40.0, -3.0, 70.4, 40.0, 1.0)
+#: Edge of a pillar, metres; their number along an edge is a multiple of this (three strides of 2).
+PILLAR_M, MULTIPLE = 0.4, 8
+#: Boxes farther away than this along an axis are left out, metres, as in OpenCOOD's evaluation.
+FARTHEST_M = 140.8
+#: What the range holds beyond the boxes, metres.
+MARGIN_M = 0.3
+#: Objects of a frame that OpenCOOD has room for by default.
+ROOM = 100
+_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2.0
+
+
+@dataclass
+class ReachOfBoxes:
+    """How far boxes reach in the frames of the agents.
+
+    Attributes:
+        low, high: (3,) least and greatest place of a corner, metres.
+        sizes: length, width, height of each box, metres.
+        boxes: how many boxes agents have, each counted for each agent and frame.
+        in_stock: how many of these OpenCOOD keeps with its own range.
+        most: how many a frame has at most.
+    """
+
+    low: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.inf))
+    high: NDArray[np.float64] = field(default_factory=lambda: np.full(3, -np.inf))
+    sizes: list[tuple[float, float, float]] = field(default_factory=list)
+    boxes: int = 0
+    in_stock: int = 0
+    most: int = 0
+
+    def add(
+        self,
+        middles: NDArray[np.float64],
+        rotations: NDArray[np.float64],
+        sizes: NDArray[np.float64],
+    ) -> None:
+        """Add the boxes of a frame in the frame of an agent.
+
+        Args:
+            middles: (B, 3).
+            rotations: (B, 3, 3).
+            sizes: (B, 3) length, width, height, metres.
+        """
+        if not len(middles):
+            return
+        corners = middles[:, None] + np.einsum("bij,bkj->bki", rotations, _CORNERS * sizes[:, None])
+        near = (np.abs(corners[:, :, :2]) <= FARTHEST_M - MARGIN_M).all(axis=(1, 2))
+        stock = np.array(STOCK_RANGE_M)
+        kept = ((corners >= stock[:3]) & (corners <= stock[3:])).all(axis=(1, 2))
+        self.boxes += len(middles)
+        self.in_stock += int(kept.sum())
+        self.most = max(self.most, len(middles))
+        self.sizes += [(float(a), float(b), float(c)) for a, b, c in sizes]
+        if near.any():
+            self.low = np.minimum(self.low, corners[near].min(axis=(0, 1)))
+            self.high = np.maximum(self.high, corners[near].max(axis=(0, 1)))
+
+    @property
+    def range_m(self) -> tuple[float, float, float, float, float, float]:
+        """Least x, y, z and greatest x, y, z of a range of whole pillars that holds the boxes."""
+        step = PILLAR_M * MULTIPLE / 2
+        reach = np.maximum(np.abs(self.low), np.abs(self.high))[:2] + MARGIN_M
+        x, y = (math.ceil(float(one) / step) * step for one in reach)
+        low = math.floor((float(self.low[2]) - MARGIN_M) * 10) / 10
+        high = math.ceil((float(self.high[2]) + MARGIN_M) * 10) / 10
+        bounds = (-x, -y, low, x, y, high)
+        a, b, c, d, e, f = (round(one, 1) for one in bounds)
+        return a, b, c, d, e, f
+
+    @property
+    def note(self) -> str:
+        """What a person should know of the range."""
+        low, high = self.range_m[2], self.range_m[5]
+        return (
+            f"{CONFIG_FILE} has the range z [{low:g}, {high:g}] m about the sensor; with "
+            f"OpenCOOD's own, z [-3, 1], {self.in_stock} of {self.boxes} boxes remain"
+        )
+
+
+def opencood_config(reach: ReachOfBoxes) -> str:
+    """Return a configuration as YAML.
+
+    Args:
+        reach: how far the boxes reach; of one at least.
+    """
+    bounds = list(reach.range_m)
+    voxel = [PILLAR_M, PILLAR_M, round(bounds[5] - bounds[2], 1)]
+    length, width, height = (round(float(one), 2) for one in np.median(reach.sizes, axis=0))
+    config: dict[str, Any] = {
+        "name": "urbantwin_point_pillar_late_fusion",
+        "root_dir": "train",
+        "validate_dir": "validate",
+        "yaml_parser": "load_point_pillar_params",
+        "train_params": {"batch_size": 4, "epoches": 30, "eval_freq": 1, "save_freq": 1},
+        "fusion": {"core_method": "LateFusionDataset", "args": []},
+        "preprocess": {
+            "core_method": "SpVoxelPreprocessor",
+            "args": {
+                "voxel_size": voxel,
+                "max_points_per_voxel": 32,
+                "max_voxel_train": 32000,
+                "max_voxel_test": 70000,
+            },
+            "cav_lidar_range": bounds,
+        },
+        "data_augment": [
+            {"NAME": "random_world_flip", "ALONG_AXIS_LIST": ["x"]},
+            {"NAME": "random_world_rotation", "WORLD_ROT_ANGLE": [-0.78539816, 0.78539816]},
+            {"NAME": "random_world_scaling", "WORLD_SCALE_RANGE": [0.95, 1.05]},
+        ],
+        "postprocess": {
+            "core_method": "VoxelPostprocessor",
+            "anchor_args": {
+                "cav_lidar_range": bounds,
+                **{"l": length, "w": width, "h": height},
+                "r": [0, 90],
+                "num": 2,
+            },
+            "target_args": {"pos_threshold": 0.6, "neg_threshold": 0.45, "score_threshold": 0.1},
+            "order": "hwl",
+            "max_num": max(ROOM, 2 * reach.most),
+            "nms_thresh": 0.15,
+        },
+        "model": {
+            "core_method": "point_pillar",
+            "args": {
+                "voxel_size": voxel,
+                "lidar_range": bounds,
+                "anchor_number": 2,
+                "pillar_vfe": {
+                    "use_norm": True,
+                    "with_distance": False,
+                    "use_absolute_xyz": True,
+                    "num_filters": [64],
+                },
+                "point_pillar_scatter": {"num_features": 64},
+                "base_bev_backbone": {
+                    "layer_nums": [3, 5, 8],
+                    "layer_strides": [2, 2, 2],
+                    "num_filters": [64, 128, 256],
+                    "upsample_strides": [1, 2, 4],
+                    "num_upsample_filter": [128, 128, 128],
+                },
+                "anchor_num": 2,
+            },
+        },
+        "loss": {"core_method": "point_pillar_loss", "args": {"cls_weight": 1.0, "reg": 2.0}},
+        "optimizer": {
+            "core_method": "Adam",
+            "lr": 0.002,
+            "args": {"eps": 1.0e-10, "weight_decay": 1.0e-4},
+        },
+        "lr_scheduler": {"core_method": "multistep", "gamma": 0.1, "step_size": [15, 30]},
+    }
+    return (
+        "# In OpenCOOD's folder, with root_dir and validate_dir below set to these folders:\n"
+        f"# python opencood/tools/train.py --hypes_yaml {CONFIG_FILE}\n"
+        + yaml.dump(config, Dumper=_PlainDumper, sort_keys=False)
+    )
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Writes every list in full: OpenCOOD's parser changes lists in place, shared ones twice."""
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ANN401
+        return True
