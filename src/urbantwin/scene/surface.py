@@ -233,9 +233,8 @@ def _triangulated(
         pythoncdt.IntersectingConstraintEdges.TRY_RESOLVE,
         GRID_M / 100,
     )
-    # numpy arrays are buffers; the stubs' Buffer is Python 3.12's, which mypy does not see here.
-    mesh.insert_vertices(np.ascontiguousarray(xy))  # type: ignore[call-overload]
-    mesh.insert_edges(kept.astype(np.uint32))  # type: ignore[call-overload]
+    mesh.insert_vertices(np.ascontiguousarray(xy).data)
+    mesh.insert_edges(kept.astype(np.uint32).data)
     mesh.erase_super_triangle()
     corners = mesh.vertices_array()
     triangles = mesh.triangles_array()["vertices"].astype(np.int64)

@@ -323,9 +323,8 @@ def fill(
     triangulation = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
-    # numpy arrays are buffers; the stubs' Buffer is Python 3.12's, which mypy does not see here.
-    triangulation.insert_vertices(np.ascontiguousarray(points))  # type: ignore[call-overload]
-    triangulation.insert_edges(edges.astype(np.uint32))  # type: ignore[call-overload]
+    triangulation.insert_vertices(np.ascontiguousarray(points).data)
+    triangulation.insert_edges(edges.astype(np.uint32, order="C").data)
     triangulation.erase_outer_triangles_and_holes()
     triangles = triangulation.triangles_array()["vertices"].astype(np.int32)
     extra = np.concatenate([corners, inner])

@@ -241,9 +241,8 @@ def _side(
     triangulation = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
-    # The stubs want a buffer, which arrays are, but say so only from Python 3.12 on.
-    triangulation.insert_vertices(flat)  # type: ignore[call-overload]
-    triangulation.insert_edges(np.concatenate(edges).astype(np.uint32))  # type: ignore[call-overload]
+    triangulation.insert_vertices(flat.data)
+    triangulation.insert_edges(np.concatenate(edges).astype(np.uint32).data)
     triangulation.erase_outer_triangles()
     faces = triangulation.triangles_array()["vertices"].astype(np.int64)
     middles = shapely.points(flat[faces].mean(axis=1))
