@@ -87,6 +87,9 @@ lint: $(DEVELOPMENT)
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
+test-bare:
+	tools/test_bare.sh
+
 bench: $(DEVELOPMENT)
 	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
 

@@ -106,6 +106,19 @@ def judge() -> Callable[..., Any]:
     return answer
 
 
+@pytest.fixture(scope="session")
+def chromium() -> Path:
+    """Return the path of a browser that starts; `make test` installs one where that can be done."""
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        path = shutil.which(name)
+        if (
+            path
+            and not subprocess.run([path, "--version"], capture_output=True, check=False).returncode
+        ):
+            return Path(path)
+    pytest.skip("no Chromium here; on Debian: apt-get install chromium")
+
+
 def _changes(folder: Path) -> dict[Path, tuple[int, int]]:
     """Return the size of every file of a folder and when it was last written."""
     return {
