@@ -46,12 +46,13 @@ def write_cityjson(twin: Twin, path: Path) -> list[str]:
     code = utm_code(twin.frame.latitude, twin.frame.longitude)
     base = twin.anchor_height_m
     points = _projected(buildings.vertices, twin.frame, code, base or 0.0)
-    translate: NDArray[np.float64] = np.floor(points.min(axis=0))
+    translate = np.floor(points.min(axis=0))
     whole, index = np.unique(
         np.round((points - translate) / _SCALE).astype(np.int64), axis=0, return_inverse=True
     )
     faces = index.ravel()[buildings.faces]
-    objects = _objects(buildings, whole * _SCALE, faces)
+    vertices: NDArray[np.float64] = whole * _SCALE
+    objects = _objects(buildings, vertices, faces)
     low, high = whole.min(axis=0) * _SCALE + translate, whole.max(axis=0) * _SCALE + translate
     datum = "the DEM's heights" if base is not None else "heights above the anchor's ground"
     document: dict[str, Any] = {
