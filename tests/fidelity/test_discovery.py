@@ -60,6 +60,7 @@ def test_two_tilted_sensors_are_found(fused, found):
         assert one.sigma_tilt_deg < 0.2
 
 
+@pytest.mark.thorough
 def test_a_sensor_that_was_missed_is_found_in_what_the_others_leave(fused):
     """The search among all points is made to miss one of two."""
     (_, place, *_), *_ = fused[0][1:]
