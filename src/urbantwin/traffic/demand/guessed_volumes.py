@@ -28,7 +28,9 @@ __all__ = ["bounded_by_signals", "share_of_motor"]
 
 #: Lanes carry at most this share of what they could: beyond it queues grow from cycle to cycle now
 #: and then (HCM 2016, 19; RiLSA 2015: 0.85 to 0.9).
-FULL = 0.85
+import os
+
+FULL = float(os.environ.get("BFULL", "0.85"))
 #: Multiples of the traffic that are tried in steps of this, and what a lane may leave over of what
 #: comes.
 STEP, LEFT_OVER = 0.02, 0.05
