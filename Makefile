@@ -10,10 +10,11 @@ BIN    := $(VENV)/bin
 JUDGES := .venv-judges
 
 # Tests that call nearly all that numba compiles and keeps, which takes two minutes: they run first,
-# one half beginning with what traffic calls, the other with what is called for every ray.
+# one half beginning with what traffic calls, the other with what is called for every ray. They take
+# about as long as mypy, which runs beside them.
 LINE := tests/interface/test_same_as_commands.py
 RAYS := tests/lidar/test_scanner.py tests/lidar/test_coverage.py tests/fidelity/test_measures.py \
-  tests/fidelity/test_background_estimation.py
+  tests/fidelity/test_background_estimation.py tests/fidelity/test_alignment.py
 
 UV := uv==0.13.9
 
