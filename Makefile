@@ -22,7 +22,8 @@ UV := uv==0.13.9
 install = { $(BIN)/uv pip install --quiet --python $(1)/bin/python $(2) 2>/dev/null \
   || $(1)/bin/python -m pip install --quiet --disable-pip-version-check $(2); }
 
-# PyTorch and what models are written with: by pip, as it is set up to find a build for a processor.
+# PyTorch and what models are written with: by pip, as it is set up to find a build for a processor
+# (PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu: 0.2 GB, else 3 GB with CUDA).
 TORCH := torch==2.13.0
 cpu_torch = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH) safetensors==0.8.0 onnx==1.23.2 onnxruntime==1.32.0
 
