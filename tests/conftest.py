@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 SHARED_DATA = ROOT.parent / "shared" / "data"
+#: Judges without a wheel from this Python on (requirements-judges.in).
+JUDGES_END = {"av2": (3, 13), "carla": (3, 13), "pyclothoids": (3, 12)}
 JUDGES = Path(os.environ.get("URBANTWIN_JUDGES", ROOT / ".venv-judges" / "bin" / "python"))
 
 # Hundreds of processes import the same modules: Python compiles them once, whatever it was told.
@@ -95,10 +97,26 @@ def judge() -> Callable[..., Any]:
             [JUDGES, ROOT / "tests" / "judges" / f"{script}.py", *arguments],
             input=json.dumps(job), capture_output=True, text=True, check=False,
         )  # fmt: skip
+        for module, version in JUDGES_END.items():
+            if sys.version_info >= version and f"No module named '{module}'" in done.stderr:
+                pytest.skip(f"{module} has no wheel for Python 3.{sys.version_info[1]}")
         assert done.returncode == 0, done.stderr[-2000:]
         return json.loads(done.stdout.splitlines()[-1])
 
     return answer
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Path:
+    """Return the path of a browser that starts; `make test` installs one where that can be done."""
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        path = shutil.which(name)
+        if (
+            path
+            and not subprocess.run([path, "--version"], capture_output=True, check=False).returncode
+        ):
+            return Path(path)
+    pytest.skip("no Chromium here; on Debian: apt-get install chromium")
 
 
 def _changes(folder: Path) -> dict[Path, tuple[int, int]]:

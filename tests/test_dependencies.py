@@ -75,8 +75,9 @@ def in_dev() -> list[str]:
     [("requirements.lock", ()), ("requirements-dev.lock", (*in_dev(), "dev"))],
 )
 def test_the_lock_files_hold_every_dependency(lock: str, extras: tuple[str, ...]) -> None:
-    lines = (ROOT / lock).read_text().splitlines()
-    assert all(re.match(r"^[a-z0-9.-]+==[^ ]+( ; .+)?$", line) for line in lines)
+    lines = (ROOT / lock).read_text().replace("\\\n", "").splitlines()
+    pinned = r"^[a-z0-9.-]+==[^ ]+( ; .+?)?( +--hash=sha256:[0-9a-f]{64})+$"
+    assert all(re.match(pinned, line) for line in lines)
     wanted = named(PROJECT["dependencies"])
     for extra in extras:
         wanted |= named(PROJECT["optional-dependencies"][extra])

@@ -190,15 +190,10 @@ def test_every_command_is_in_the_reference(site: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_search_works_from_disk(site: Path, tmp_path: Path) -> None:
+def test_search_works_from_disk(site: Path, tmp_path: Path, chromium: Path) -> None:
     """In real Chromium, without a server: a page says what it found, and logs no error."""
-    browser = shutil.which("chromium")
-    if browser is None:
-        if os.environ.get("CI"):
-            pytest.fail("Chromium is missing")
-        pytest.skip("Chromium is not here: apt-get install chromium")
     done = subprocess.run(
-        [browser, "--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000",
+        [chromium, "--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000",
          f"--user-data-dir={tmp_path}", "--enable-logging=stderr", "--dump-dom",
          f"{(site / 'index.html').as_uri()}?q=Webster"],
         capture_output=True, text=True, check=True, timeout=120,

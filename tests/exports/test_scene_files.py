@@ -1,5 +1,6 @@
 """The scene as other programs read it: trimesh, Open3D, ufbx, USD."""
 
+import functools
 import json
 import struct
 from collections import defaultdict
@@ -258,9 +259,15 @@ def test_fbx_has_the_glb_s_objects_in_centimetres(files, two_avenues_twin):
     assert dict(zip(model.mesh.names, found, strict=True)) == pytest.approx(wanted, rel=1e-3)
 
 
+@functools.cache
+def read_once(path):
+    """Return the bytes and the JSON of a file that has hundreds of primitives."""
+    return path.read_bytes(), gltf(path)
+
+
 def trimesh_of(path, primitive):
     """A primitive of a glTF, read by hand."""
-    data, document = path.read_bytes(), gltf(path)
+    data, document = read_once(path)
     start = 28 + struct.unpack("<I", data[12:16])[0]
 
     def rows(number, kind, width):

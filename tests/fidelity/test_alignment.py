@@ -43,6 +43,7 @@ from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.twin import build_twin
 
 from ..real_files import argoverse_log
+from ..thorough import further
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -187,6 +188,7 @@ def by_the_command(frames, twin, guess, folder, capsys):
     return Pose.from_ypr(place, *np.radians(angles)), told
 
 
+@pytest.mark.thorough
 def test_standing_proud_of_what_is_there_moves_no_sensor(points):
     """Every house and pole 0.3 m too wide in the twin, as outlines with eaves are."""
     narrow, wide = street(), street()
@@ -427,7 +429,7 @@ def test_what_cannot_be_aligned_is_said_in_one_line_and_nothing_written(
     assert not out.parent.exists()
 
 
-@pytest.mark.parametrize(("off_m", "within_m"), [(0.998, 1.0), (1.6, 1.0)])
+@pytest.mark.parametrize(("off_m", "within_m"), [*further((0.998, 1.0)), (1.6, 1.0)])
 def test_a_span_bounds_the_pose_and_holds_to_its_very_edge(points, off_m, within_m):
     guess = Guess(2.0 - off_m, -3.0, 63.0, within_m, within_deg=5.0)
     if off_m > within_m:
@@ -439,6 +441,7 @@ def test_a_span_bounds_the_pose_and_holds_to_its_very_edge(points, off_m, within
     assert found.translation[0] - guess.east_m <= within_m + 1e-9
 
 
+@pytest.mark.thorough
 def test_a_street_that_repeats_is_not_believed_where_a_guess_leaves_out_the_right_place(points):
     """Everything stands there once more 4 m on; the truth lies 1 m beyond the span."""
     here = street()
@@ -450,6 +453,7 @@ def test_a_street_that_repeats_is_not_believed_where_a_guess_leaves_out_the_righ
         align(Frame(points), world, guess=Guess(6.0, -3.0, 63.0, within_m=3.0, within_deg=8.0))
 
 
+@pytest.mark.thorough
 def test_poles_alone_hold_a_place_and_those_of_elsewhere_do_not():
     """Houses stand in the street that the map has not; its ground is bare."""
     places = np.array([[5, 8], [-7, -9], [13, -6], [-3, 11], [9, -13], [-12, 2], [16, 4], [2, -16]])
@@ -512,6 +516,7 @@ def test_a_low_post_far_off_is_found_and_one_beside_a_wall_is_none():
     np.testing.assert_allclose(found.axis[:, :2], [[45.0, 3.0]], atol=0.05)
 
 
+@pytest.mark.thorough
 def test_narrow_spans_need_less_evidence_and_posts_of_elsewhere_have_not_even_that():
     """In 0.5 m and 2 degrees 3 x 3 places half a metre apart differ, and 2 to 3 headings."""
     spans = [SearchSpan(np.zeros(2), m, 0.0, np.radians(deg)) for m, deg in ((0.5, 2), (3, 15))]

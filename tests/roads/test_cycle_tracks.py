@@ -18,6 +18,7 @@ from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.roads.signals.controlled_links import signalised_junctions
 from urbantwin.site.sketch import read_sketch
 
+from ..thorough import further
 from .test_drawn_turns import feature, mirrored, written
 
 FRAME = SiteFrame(52.5, 13.4)
@@ -137,7 +138,7 @@ def test_opendrive_has_lanes_for_biking(tmp_path):
         assert not {"driving", "bus", "sidewalk"} & set(kinds)
 
 
-@pytest.mark.parametrize("version", ["1.8", "1.4"])
+@pytest.mark.parametrize("version", ["1.4", *further("1.8")])
 def test_asams_checker_reports_no_issue(tmp_path, judge, version):
     """Roads of biking lanes alone, and ways through a junction for them."""
     roads = built(tmp_path, crossed_street())

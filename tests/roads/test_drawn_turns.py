@@ -13,6 +13,7 @@ from urbantwin.roads import build_roads
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.site.sketch import read_sketch
 
+from ..thorough import further
 from .conftest import Road
 
 FRAME = SiteFrame(52.5, 13.4)
@@ -132,7 +133,7 @@ def test_ways_run_beside_the_line_in_every_format(tmp_path, side, crossing):
             assert off.max() < 0.75
 
 
-@pytest.mark.parametrize("version", ["1.8", "1.4"])
+@pytest.mark.parametrize("version", ["1.4", *further("1.8")])
 def test_asams_checker_reports_no_issue(tmp_path, judge, version):
     roads = built(tmp_path, features(crossing=True))
     write_opendrive(roads.model, FRAME, tmp_path / "n.xodr", version=version, name="n")

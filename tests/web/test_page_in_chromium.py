@@ -1,17 +1,14 @@
 """The page in a real browser: Chromium, headless, by Playwright; drawn by the processor."""
 
 import json
-import os
 import shutil
 import time
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 
 import urbantwin as ut
 
-CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = [
     "--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--disable-background-networking",
@@ -20,14 +17,10 @@ FLAGS = [
 
 
 @pytest.fixture(scope="module")
-def browser(built_page):
-    if not CHROMIUM.exists():
-        if os.environ.get("CI"):
-            pytest.fail(f"{CHROMIUM} is missing")
-        pytest.skip("Chromium is not here; on Debian: apt-get install chromium")
+def browser(built_page, chromium):
     sync_api = pytest.importorskip("playwright.sync_api")
     with sync_api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        opened = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         yield opened
         opened.close()
 

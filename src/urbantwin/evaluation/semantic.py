@@ -89,7 +89,7 @@ def judged_semantic(
     return {
         "frames": frames,
         "mean_iou": float(np.mean([one["iou"] for one in classes.values()] or [0.0])),
-        "right": float(right.sum() / max(confusion.sum(), 1)),
+        "right": float(right.sum() / max(int(confusion.sum()), 1)),
         "looked_at": float(confusion.sum() / max(points, 1)),
         "classes": classes,
     }

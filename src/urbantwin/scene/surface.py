@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pythoncdt
@@ -17,6 +18,9 @@ from urbantwin.progress import Progress, between, each, untold
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.zones import Zone
 from urbantwin.taxonomy import material_id, semantic_id
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
 
 __all__ = ["PARTS", "Spacing", "surface_mesh"]
 
@@ -233,9 +237,8 @@ def _triangulated(
         pythoncdt.IntersectingConstraintEdges.TRY_RESOLVE,
         GRID_M / 100,
     )
-    # numpy arrays are buffers; the stubs' Buffer is Python 3.12's, which mypy does not see here.
-    mesh.insert_vertices(np.ascontiguousarray(xy))  # type: ignore[call-overload]
-    mesh.insert_edges(kept.astype(np.uint32))  # type: ignore[call-overload]
+    mesh.insert_vertices(cast("Buffer", np.ascontiguousarray(xy)))
+    mesh.insert_edges(cast("Buffer", kept.astype(np.uint32)))
     mesh.erase_super_triangle()
     corners = mesh.vertices_array()
     triangles = mesh.triangles_array()["vertices"].astype(np.int64)

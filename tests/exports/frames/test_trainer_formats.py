@@ -4,6 +4,7 @@ import ast
 import hashlib
 import pickle
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,7 @@ def test_openpcdet_reads_what_its_rules_make(trained_on, written, judge):
     }
     found = judge("openpcdet_rules", folder, job=job)
     assert found["wrong"] == []
-    assert found["numpy"].startswith("1.")
+    assert found["numpy"].startswith("1." if sys.version_info < (3, 13) else "2.")
     for part in SPLIT:
         learned = {name: len(rows) for name, rows in found["learned"][part].items()}
         assert learned == counted(trained_on, part) != {}
@@ -142,7 +143,7 @@ def test_liguard_reads_openpcdets_labels(written, judge):
 def test_mmengine_reads_the_config_and_numpy_1_the_infos(trained_on, written, judge):
     folder, _ = written("mmdet3d")
     found = judge("mmengine_reads", folder)
-    assert found["numpy"].startswith("1.")
+    assert found["numpy"].startswith("1." if sys.version_info < (3, 13) else "2.")
     config = found["configs"]["pointpillars"]
     names = config["class_names"]
     assert names == ["car", "pedestrian"]

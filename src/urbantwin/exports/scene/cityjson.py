@@ -51,7 +51,7 @@ def write_cityjson(twin: Twin, path: Path) -> list[str]:
         np.round((points - translate) / _SCALE).astype(np.int64), axis=0, return_inverse=True
     )
     faces = index.ravel()[buildings.faces]
-    objects = _objects(buildings, whole * _SCALE, faces)
+    objects = _objects(buildings, np.asarray(whole * _SCALE, np.float64), faces)
     low, high = whole.min(axis=0) * _SCALE + translate, whole.max(axis=0) * _SCALE + translate
     datum = "the DEM's heights" if base is not None else "heights above the anchor's ground"
     document: dict[str, Any] = {

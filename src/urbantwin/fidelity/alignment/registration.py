@@ -222,4 +222,4 @@ def _explained(
     close = (residuals.kind == RAISED) & (np.abs(residuals.error) < EXPLAINED_M)
     on[residuals.number[close]] = True
     on |= np.isin(features.post, residuals.number[_on_posts(residuals, EXPLAINED_M)])
-    return float((on & off).sum() / max(off.sum(), 1))
+    return float((on & off).sum() / max(int(off.sum()), 1))

@@ -113,8 +113,8 @@ class HesaiForm:
 
     def firings(self, packets: Sequence[bytes]) -> Returns:
         """Return the first return of every firing in packets, one row each."""
-        table = np.frombuffer(b"".join(one[: self.size] for one in packets), np.uint8)
-        table = table.reshape(len(packets), self.size)
+        joined = b"".join(one[: self.size] for one in packets)
+        table = np.frombuffer(joined, np.uint8).reshape(len(packets), self.size)
         body = table[:, self.body : self.body + self.blocks * self.stride]
         block = body.reshape(-1, self.stride)
         unit = block[:, 2 : 2 + self.lasers * self.unit].reshape(len(block), self.lasers, self.unit)

@@ -83,7 +83,8 @@ def _averaged(points: NDArray[np.float64], size: float) -> NDArray[np.float64]:
     )
     number = number.ravel()
     sums = [np.bincount(number, weights=points[:, axis]) for axis in range(3)]
-    return np.column_stack(sums) / count[:, None]
+    mean: NDArray[np.float64] = np.column_stack(sums) / count[:, None]
+    return mean
 
 
 def _spacing(points: NDArray[np.float64]) -> float:

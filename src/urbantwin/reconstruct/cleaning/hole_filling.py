@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pythoncdt
@@ -14,6 +15,9 @@ from scipy.spatial import cKDTree
 
 from urbantwin.reconstruct.cleaning.height_grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
 
 __all__ = ["Ground", "Outline", "fill", "outline_of"]
 
@@ -323,9 +327,8 @@ def fill(
     triangulation = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
-    # numpy arrays are buffers; the stubs' Buffer is Python 3.12's, which mypy does not see here.
-    triangulation.insert_vertices(np.ascontiguousarray(points))  # type: ignore[call-overload]
-    triangulation.insert_edges(edges.astype(np.uint32))  # type: ignore[call-overload]
+    triangulation.insert_vertices(cast("Buffer", np.ascontiguousarray(points)))
+    triangulation.insert_edges(cast("Buffer", edges.astype(np.uint32)))
     triangulation.erase_outer_triangles_and_holes()
     triangles = triangulation.triangles_array()["vertices"].astype(np.int32)
     extra = np.concatenate([corners, inner])

@@ -9,6 +9,8 @@ road is in a shadow if the ground beside it is dark too, and of dark asphalt if 
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt, label, uniform_filter
@@ -18,6 +20,8 @@ from urbantwin.scene.ground_material.visible_ground import CARRIAGEWAY, FOOTWAY,
 from urbantwin.taxonomy import material_id
 
 __all__ = ["COVERS", "covers_in_picture", "means"]
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 #: Classes of cover; all else keeps its own material.
 COVERS = ("grass", "soil", "concrete", "asphalt", "asphalt-dark", "asphalt-light")
@@ -51,7 +55,7 @@ def means(
     return out, count * 2 > factor**2
 
 
-def _blocks(values: NDArray[np.generic], factor: int) -> NDArray[np.generic]:
+def _blocks(values: NDArray[_Scalar], factor: int) -> NDArray[_Scalar]:
     ny, nx = (n // factor for n in values.shape)
     return values[: ny * factor, : nx * factor].reshape(ny, factor, nx, factor)
 

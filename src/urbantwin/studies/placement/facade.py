@@ -78,9 +78,9 @@ def facade_places(
         same = (np.abs(offset - offset[one]) < 0.05) & (normals @ normals[one] > 0.999)
         for k in np.flatnonzero(fits).tolist():
             here = same & (low <= at[k]) & (high >= at[k])
-            base, top = corners[here, :, 2].min(), corners[here, :, 2].max()
+            base, top = float(corners[here, :, 2].min()), float(corners[here, :, 2].max())
             if top - base >= _LOWEST_M:
-                found.append((FacadePlace(feet[k], normals[one], float(top) - 0.5), float(base)))
+                found.append((FacadePlace(feet[k], normals[one], top - 0.5), base))
     found.sort(key=lambda one: round(float(np.linalg.norm(one[0].foot - middle)), 6))
     kept: list[FacadePlace] = []
     for place, base in found:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pythoncdt
@@ -18,6 +19,9 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.traffic.assets.solid import Solid
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
 
 __all__ = ["Outline", "Panel", "Section", "arched_outline", "shell"]
 
@@ -241,9 +245,8 @@ def _side(
     triangulation = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
-    # The stubs want a buffer, which arrays are, but say so only from Python 3.12 on.
-    triangulation.insert_vertices(flat)  # type: ignore[call-overload]
-    triangulation.insert_edges(np.concatenate(edges).astype(np.uint32))  # type: ignore[call-overload]
+    triangulation.insert_vertices(cast("Buffer", flat))
+    triangulation.insert_edges(cast("Buffer", np.concatenate(edges).astype(np.uint32)))
     triangulation.erase_outer_triangles()
     faces = triangulation.triangles_array()["vertices"].astype(np.int64)
     middles = shapely.points(flat[faces].mean(axis=1))

@@ -74,7 +74,7 @@ def crowd_walked(
     place, come = np.zeros((len(step), 3)), row.astype(np.float64)
     held, let = np.zeros((2, len(step)), np.int64)
     place[:, :2] = xy
-    begin = step.min()
+    begin = int(step.min())
     if left is not None:
         begin = left.step
         rows, done = left.rows_among(columns, people)
