@@ -165,8 +165,8 @@ UV_COMPILE = $(BIN)/uv pip compile --universal --python-version 3.11 --generate-
   --no-header --no-annotate --no-emit-index-url --quiet $(UPGRADE)
 
 lock: | $(BIN)/python
-	printf 'hatchling\neditables\n' | $(UV_COMPILE) pyproject.toml - --extra demo -o requirements.lock
-	printf 'hatchling\neditables\n' | $(UV_COMPILE) pyproject.toml - --extra demo --extra dev \
+	printf 'hatchling\neditables\n' | $(UV_COMPILE) pyproject.toml - -o requirements.lock
+	printf 'hatchling\neditables\n' | $(UV_COMPILE) pyproject.toml - --extra dev \
 	  --constraint requirements.lock -o requirements-dev.lock
 	$(UV_COMPILE) --no-deps requirements-judges.in -o requirements-judges.lock
 
