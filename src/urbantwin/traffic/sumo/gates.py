@@ -23,8 +23,8 @@ import numpy as np
 #: Admissions that a gate saves up at most while no vehicle waits at it: during the warm-up, and
 #: after it. The saved admissions let a gate make up for gaps in its arrivals.
 MAX_SAVED_IN_WARMUP, MAX_SAVED = 50.0, 3.0
-#: Near the end of the warm-up, this long before it, s, every gate gets the admissions of 45 s at
-#: once: vehicles for the queue from which later gaps are filled.
+#: Near the end of the warm-up, this long before it, s, every gate without a queue gets the
+#: admissions of 45 s at once: vehicles for the queue from which later gaps are filled.
 TOP_UP_BEFORE_S, TOP_UP_S = 20.0, 45.0
 #: The time between two admissions is uniform within 1 +- this, times the mean.
 IRREGULARITY = 0.5
@@ -211,7 +211,8 @@ class Gates:
             most = MAX_SAVED_IN_WARMUP if warming_up else MAX_SAVED
             gate.saved = float(np.clip(gate.saved + gate.per_second * passed_s, -most, most))
             if gate.holds:
-                gate.saved += gate.per_second * TOP_UP_S * top_up
+                if top_up and not gate.held:
+                    gate.saved += gate.per_second * TOP_UP_S
                 gate.meter(now_s, full=full, spare=self._too_few(holds=True))
             else:
                 gate.count()
