@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 __all__ = [
+    "AllowKey",
     "AsJson",
+    "KeyEnv",
     "Layout",
     "Out",
     "OutOrUrl",
@@ -55,6 +57,19 @@ Layout = Annotated[
 ]
 RowWidth = Annotated[
     int | None, typer.Option(min=3, help="Values per row of .bin files: 4 if not given.")
+]
+KeyEnv = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME", help="Let the site's file name this environment variable as a key."
+    ),
+]
+AllowKey = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=ORIGIN",
+        help="Let the key in this variable go to this server: TILES_KEY=https://tiles.example.org.",
+    ),
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 AsJson = Annotated[

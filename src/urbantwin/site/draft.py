@@ -274,7 +274,7 @@ def _beside(folder: Path, draft: SiteDraft, force: bool) -> str:
 #   - file: ortho.tif               # GeoTIFF of red, green and blue
 #   - xyz: "https://host/tiles/{z}/{x}/{y}.png"
 #     zoom: 19
-#     key_env: TILES_KEY            # the environment variable that holds the address's key
+#     key_env: URBANTWIN_TILES_KEY  # the environment variable that holds the address's key
 #     origins: ["https://host2"]    # who else than the address's own host may be asked
 """
     return (
