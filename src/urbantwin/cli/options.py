@@ -14,6 +14,7 @@ __all__ = [
     "Layout",
     "Out",
     "OutOrUrl",
+    "Overwrite",
     "PartOfSplit",
     "Pictures",
     "Quiet",
@@ -89,6 +90,13 @@ Seed = Annotated[
 Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Processes to work with; every number gives the same bytes."),
+]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite",
+        help="Replace a file that urbantwin did not write, or that was changed or made read-only.",
+    ),
 ]
 PartOfSplit = Annotated[
     str,

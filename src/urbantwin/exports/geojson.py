@@ -61,7 +61,7 @@ def write_geojson(twin: Twin, path: Path) -> None:
     name = str(twin.manifest["name"])
     if path.suffix.lower() in ENDINGS:
         everything = [feature for features in layers.values() for feature in features]
-        with replaced_file(path, inputs=[twin.folder]) as scratch:
+        with replaced_file(path, kind="geojson", inputs=[twin.folder]) as scratch:
             _write(scratch, name, everything)
         return
     if path.is_file():

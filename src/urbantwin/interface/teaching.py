@@ -134,7 +134,7 @@ def teach(  # noqa: PLR0913, PLR0915 - the options of the command, step by step
 
     check_torch(device)
     from urbantwin import __version__
-    from urbantwin.artefact import replaced_file, sha256_of
+    from urbantwin.artefact import check_file, replaced_file, sha256_of
     from urbantwin.download import keys_allowed
     from urbantwin.learn import digest_of, read_model
     from urbantwin.learn.lessons import lessons_of, moved_rig
@@ -143,6 +143,7 @@ def teach(  # noqa: PLR0913, PLR0915 - the options of the command, step by step
     _check(drives, judging, seconds, within, background)
     checked = site_with_known_sensors(Path(site))
     target = beside(Path(site), "detector") if out is None else Path(out)
+    check_file(target / "card.md", kind="card")
     judges = _named(real)
     lessons = lessons_of(drives, judging, seed)
     frames = int((seconds - _START_S) / every) + 1
@@ -214,7 +215,7 @@ def teach(  # noqa: PLR0913, PLR0915 - the options of the command, step by step
         reports[name] = Evaluation(report)
     trained = read_model(model).trained
     card = _card(checked.name, twin, lessons, trained, reports, list(held))
-    with replaced_file(target / "card.md") as file:
+    with replaced_file(target / "card.md", kind="card") as file:
         file.write_text(card)
     return Taught(target, reports, reckoned)
 

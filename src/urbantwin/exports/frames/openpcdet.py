@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from urbantwin.artefact import replaced_file
+from urbantwin.artefact import check_file, replaced_file
 from urbantwin.dataset.frame_files import stored_frames
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
 from urbantwin.exports.frames.learned_classes import LearnedClasses, learned_classes
@@ -91,8 +91,9 @@ def write_openpcdet_config(dataset: Path, file: Path) -> list[str]:
     Raises:
         InputError: it is no dataset of ours, or no class has enough boxes.
     """
+    check_file(file, kind="openpcdet", inputs=[dataset])
     learned = learned_classes(dataset)
-    with replaced_file(file, inputs=[dataset]) as passing:
+    with replaced_file(file, kind="openpcdet", inputs=[dataset]) as passing:
         passing.write_text(openpcdet_config(learned, str(dataset.resolve())))
     notes = [
         *learned.notes,
