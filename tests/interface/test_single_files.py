@@ -63,7 +63,7 @@ REFUSED: dict[str, tuple[str, Command]] = {
         "discover", line.dataset.folder, "--picture", out, "-o", out.with_name("new.yaml")]),
 }  # fmt: skip
 #: Written into a folder of a run, or by `init`, which has ``--force``; by `suite` see its tests.
-ELSEWHERE = {"site", "site input", "card", "improvement", "suite"}
+ELSEWHERE = {None, "card", "improvement", "suite"}
 
 
 def test_every_single_file_is_among_the_cases() -> None:

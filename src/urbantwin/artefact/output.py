@@ -96,13 +96,17 @@ def check_folder(target: Path, *, kind: str, inputs: Sequence[Path | None] = ())
 
 
 def check_file(
-    target: Path, *, kind: str, inputs: Sequence[Path | None] = (), replaces: Path | None = None
+    target: Path,
+    *,
+    kind: str | None,
+    inputs: Sequence[Path | None] = (),
+    replaces: Path | None = None,
 ) -> None:
     """Refuse an output file that cannot be written, before any work.
 
     Args:
         target: the file to write.
-        kind: of output; an older one of the same kind that we wrote is replaced.
+        kind: of output; an older one of the same kind that we wrote is replaced, of ``None`` none.
         inputs: what it is made from.
         replaces: an input that it may replace.
 
@@ -157,7 +161,11 @@ def replaced_folder(
 
 @contextmanager
 def replaced_file(
-    target: Path, *, kind: str, inputs: Sequence[Path | None] = (), replaces: Path | None = None
+    target: Path,
+    *,
+    kind: str | None,
+    inputs: Sequence[Path | None] = (),
+    replaces: Path | None = None,
 ) -> Iterator[Path]:
     """Yield a path of the same name in a folder of its own; its files then take their places.
 

@@ -43,13 +43,13 @@ def overwriting(allowed: bool) -> Iterator[None]:
         _overwriting.reset(before)
 
 
-def check_replaceable_file(target: Path, real: Path, kind: str) -> None:
+def check_replaceable_file(target: Path, real: Path, kind: str | None) -> None:
     """Refuse an output where something else is than a file that we wrote for the same output.
 
     Args:
         target: the output as the user named it.
         real: without symbolic links.
-        kind: of the output.
+        kind: of the output; ``None`` if no file is replaced without the user's word.
 
     Raises:
         InputError: it is a folder or no regular file; or it is a file of somebody else, changed
@@ -81,20 +81,21 @@ def check_replaceable_file(target: Path, real: Path, kind: str) -> None:
     raise InputError(problem, file=target, expected="another name, or --overwrite")
 
 
-def publish_file(file: Path, real: Path, kind: str, *, target: Path | None = None) -> None:
+def publish_file(file: Path, real: Path, kind: str | None, *, target: Path | None = None) -> None:
     """Give a finished file the name of an output, if what has that name may be replaced.
 
     Args:
         file: the finished file, on the same file system.
         real: the output, without symbolic links.
-        kind: of the output.
+        kind: of the output; ``None`` if it is not noted that we wrote it.
         target: the output as the user named it.
 
     Raises:
         InputError: see `check_replaceable_file`.
     """
     check_replaceable_file(real if target is None else target, real, kind)
-    _note(file, real, kind)
+    if kind is not None:
+        _note(file, real, kind)
     take_mode(file, real)
     file.replace(real)
 

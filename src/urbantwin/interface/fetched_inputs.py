@@ -281,4 +281,4 @@ def _put(scratch: Path, inputs: Sequence[FetchedInput], *, force: bool) -> None:
         assert one.path is not None
         one.path.parent.mkdir(parents=True, exist_ok=True)
         with overwriting(allowed=True):  # it was checked above
-            publish_file(scratch / one.path.name, one.path.resolve(), "fetched input")
+            publish_file(scratch / one.path.name, one.path.resolve(), None)

@@ -155,7 +155,7 @@ def check_target(folder: Path, *, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file", file=folder, expected="a folder")
     with overwriting(allowed=force):
-        check_file(target, kind="site")
+        check_file(target, kind=None)
 
 
 def write_draft(folder: Path, draft: SiteDraft, *, force: bool) -> Path:
@@ -174,7 +174,7 @@ def write_draft(folder: Path, draft: SiteDraft, *, force: bool) -> Path:
     try:
         load_site(scratch)
         with overwriting(allowed=force):
-            publish_file(scratch, Path(os.path.realpath(target)), "site", target=target)
+            publish_file(scratch, Path(os.path.realpath(target)), None, target=target)
     except InputError as error:
         raise InputError(
             error.problem, file=target, place=error.place, expected=error.expected
@@ -196,7 +196,7 @@ def _brought_in(file: Path, folder: Path, force: bool) -> str:
             raise InputError(
                 f"differs from {file}", file=target, expected="a new folder, or --force"
             )
-    with overwriting(allowed=force), replaced_file(target, kind="site input") as scratch:
+    with overwriting(allowed=force), replaced_file(target, kind=None) as scratch:
         shutil.copyfile(file, scratch)
     return file.name
 
