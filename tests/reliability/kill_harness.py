@@ -89,7 +89,7 @@ def killed(
 
 def is_caught(process: int, number: signal.Signals) -> bool:
     """Return whether a process has a handler of its own, from ``/proc``."""
-    status = Path(f"/proc/{process}/status").read_text()
+    status = Path(f"/proc/{process}/status").read_text(encoding="utf-8")
     return bool(int(status.split("SigCgt:")[1].split()[0], 16) >> (number - 1) & 1)
 
 

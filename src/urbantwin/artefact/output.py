@@ -214,6 +214,12 @@ def _real(target: Path) -> Path:
     try:
         real = Path(os.path.realpath(target))
         real.exists()
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"cannot be written: the locale ({error.encoding}) lacks letters of its name",
+            file=target,
+            expected="another name (-o), or a locale of UTF-8 (LC_ALL=C.UTF-8)",
+        ) from None
     except (OSError, ValueError) as error:  # too long, a loop of links, no right to look
         why = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot be written ({why.lower()})", file=target) from None

@@ -60,7 +60,7 @@ from urbantwin.cli import (
     verify,
     view,
 )
-from urbantwin.cli.console import error_line
+from urbantwin.cli.console import error_line, show_any_letter
 from urbantwin.errors import InputError, UrbanTwinError
 from urbantwin.interruption import EXIT_CODE as EXIT_INTERRUPTED
 from urbantwin.interruption import unwinds
@@ -177,6 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 when all went well, 1 when a stage failed, 2 when something given was wrong,
         130 when it was interrupted: by Ctrl-C, SIGTERM or SIGHUP.
     """
+    show_any_letter()
     with unwinds() as interruptions:
         try:
             try:

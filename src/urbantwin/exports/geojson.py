@@ -78,7 +78,9 @@ def write_geojson(twin: Twin, path: Path) -> None:
 
 def _write(path: Path, name: str, features: list[dict[str, Any]]) -> None:
     document = {"type": "FeatureCollection", "name": name, "features": features}
-    path.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    path.write_text(
+        json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+    )
 
 
 def _features(twin: Twin) -> Iterator[Feature]:

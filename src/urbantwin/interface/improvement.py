@@ -197,7 +197,7 @@ def improve(  # noqa: PLR0913 - the options of the command
             reports[when][name] = Evaluation(report)
     made = Improved(target, missed, reports["before"], reports["after"])
     with replaced_file(target / "improvement.md", kind="improvement") as file:
-        file.write_text(_text(made))
+        file.write_text(_text(made), encoding="utf-8")
     return made
 
 
@@ -334,7 +334,7 @@ def _put_in(
         raise StageError(f"none of {len(cases)} who were missed can be put into {folder}")
     replace(motion, manifest={**motion.manifest, "events": rows}).save(folder)
     text = yaml.safe_dump({"events": staged}, sort_keys=False)
-    folder.with_name(f"{folder.name}-scenario.yaml").write_text(text)
+    folder.with_name(f"{folder.name}-scenario.yaml").write_text(text, encoding="utf-8")
 
 
 def _percent(row: Mapping[str, Any] | None, figure: str) -> float | None:

@@ -155,7 +155,7 @@ def suite(
             kept = [row for row in rows if row["state"] != "gone"]
             rows = [row if row["state"] == "failed" else _accepted(row) for row in kept]
         with replaced_file(page, kind="suite") as path:
-            path.write_text(text)
+            path.write_text(text, encoding="utf-8")
     return Suite(described.folder, tuple(rows), tuple(makers), page)
 
 

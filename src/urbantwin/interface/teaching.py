@@ -216,7 +216,7 @@ def teach(  # noqa: PLR0913, PLR0915 - the options of the command, step by step
     trained = read_model(model).trained
     card = _card(checked.name, twin, lessons, trained, reports, list(held))
     with replaced_file(target / "card.md", kind="card") as file:
-        file.write_text(card)
+        file.write_text(card, encoding="utf-8")
     return Taught(target, reports, reckoned)
 
 

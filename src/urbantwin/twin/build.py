@@ -397,4 +397,4 @@ def _driving_side(site: Site, imported: ImportedMap | None) -> str:
 
 
 def _write_yaml(path: Path, value: object) -> None:
-    path.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True))
+    path.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True), encoding="utf-8")

@@ -275,7 +275,7 @@ def _name(document: Any, at: tuple[str | int, ...], path: str) -> None:  # noqa:
 
 
 def _written(file: Path, value: Mapping[str, Any]) -> Path:
-    file.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True))
+    file.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True), encoding="utf-8")
     return file
 
 
