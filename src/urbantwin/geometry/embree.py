@@ -22,12 +22,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.errors import StageError
+from urbantwin.errors import StageError, limit_reached
 
 __all__ = ["EmbreeScene", "Hits", "intersect_address", "packet_address"]
 
 _TRIANGLES, _INDEX, _VERTEX = 0, 0, 1
 _UINT3, _FLOAT3 = 0x5003, 0x9003
+#: RTC_ERROR_OUT_OF_MEMORY
+_OUT_OF_MEMORY = 4
 _ROBUST, _QUALITY_MEDIUM, _QUALITY_HIGH = 1 << 2, 1, 2
 _POINTER = ctypes.c_size_t
 #: Functions of the library that we call: what they return and take.
@@ -137,7 +139,7 @@ class EmbreeScene:
         Its tree is built when it is first asked for.
 
         Raises:
-            StageError: there is no memory for it.
+            LimitError: there is no memory for it.
         """
         if self._scene is None:
             with self._lock:
@@ -159,14 +161,16 @@ class EmbreeScene:
             # Embree's own buffer, which it pads as its vector instructions need.
             target = library.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(values))
             if not target:
-                raise StageError("Embree has no memory for the triangles")
+                raise limit_reached(MemoryError()) or StageError("Embree has no memory")
             ctypes.memmove(target, values.ctypes.data, values.nbytes)
         library.rtcCommitGeometry(geometry)
         library.rtcAttachGeometry(scene, geometry)
         library.rtcReleaseGeometry(geometry)
         library.rtcCommitScene(scene)
-        if library.rtcGetDeviceError(device):
-            raise StageError("Embree cannot build its tree of the triangles")
+        if problem := library.rtcGetDeviceError(device):
+            told = StageError(f"Embree cannot build its tree of the triangles (error {problem})")
+            limit = limit_reached(MemoryError()) if problem == _OUT_OF_MEMORY else None
+            raise limit or told
         weakref.finalize(self, library.rtcReleaseScene, scene).atexit = False
         return scene
 
