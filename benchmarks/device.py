@@ -5,7 +5,7 @@ The street and the actors of `scan.py` around an OS1-128 with 2048 columns. Ever
 With several threads (`--threads`) turns are cast side by side, as many as get done: Embree then
 uses as many processors, and Warp gets the next turn ready while the device works on one.
 
-    python benchmarks/device.py                     # Embree, and Warp on the first CUDA device
+    python benchmarks/device.py                     # Embree, bvh, and Warp on the first CUDA device
     python benchmarks/device.py --backend warp:cpu
     python benchmarks/device.py --threads 1 --threads 4 --threads 16
 """
@@ -117,7 +117,7 @@ def lines(
 def main() -> None:
     """Print a table, or JSON."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("--backend", action="append", help="embree, warp or warp:DEVICE")
+    options.add_argument("--backend", action="append", help="embree, bvh, warp or warp:DEVICE")
     options.add_argument("--actors", type=int, default=50)
     options.add_argument("--seconds", type=float, default=2.0, help="of each measurement")
     options.add_argument("--json", action="store_true")
@@ -126,7 +126,7 @@ def main() -> None:
     mesh = static_world()
     rays = 128 * COLUMNS
     table: dict[str, dict[str, float]] = {}
-    for backend in chosen.backend or ["embree", "warp"]:
+    for backend in chosen.backend or ["embree", "bvh", "warp"]:
         try:
             found = lines(backend, mesh, chosen.actors, chosen.seconds, chosen.threads or [1])
         except InputError as error:

@@ -1,7 +1,7 @@
-"""What a simulated hour of traffic takes: processor time, beside SUMO's own, and memory.
+"""What a simulated hour of traffic takes: seconds of each stage, processor time, and memory.
 
-Processor time, so that whatever else runs on the machine counts little; SUMO runs in processes of
-its own (the pilots that find how many circulate are among them).
+Processor time, so that whatever else runs on the machine counts little; SUMO runs in a process of
+its own.
 
     python benchmarks/hour.py places/munich/twin
     python benchmarks/hour.py places/munich/twin --seconds 900 --seed 3
@@ -60,6 +60,26 @@ class ChildrensMemory(threading.Thread):
                     self.most = max(self.most, int(line.split()[1]) * 1024)
 
 
+class Stages:
+    """The seconds between one stage and the next, as a progress callback sees them.
+
+    Attributes:
+        seconds: stage -> seconds, in the order of the stages.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._stage, self._since = "", time.perf_counter()
+
+    def __call__(self, fraction: float, what: str) -> None:
+        """Count the time since the last call for the stage that was named there."""
+        del fraction
+        now = time.perf_counter()
+        if self._stage:
+            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
+        self._stage, self._since = what, now
+
+
 def main() -> None:
     """Drive a twin and print what it took."""
     parser = argparse.ArgumentParser(
@@ -76,9 +96,15 @@ def main() -> None:
     began = time.perf_counter()
     children = ChildrensMemory()
     children.start()
+    stages = Stages()
     with tempfile.TemporaryDirectory() as folder:
         motion = run_traffic(
-            twin, Path(folder) / "motion", seconds=given.seconds, seed=given.seed, changes=fewer
+            twin,
+            Path(folder) / "motion",
+            seconds=given.seconds,
+            seed=given.seed,
+            changes=fewer,
+            progress=stages,
         )
     took = time.perf_counter() - began
     children.stop()
@@ -88,6 +114,8 @@ def main() -> None:
     ours, theirs = own.ru_utime + own.ru_stime, sumo.ru_utime + sumo.ru_stime
     rows = motion.rows.num_rows
     at_once = rows / motion.manifest["steps"]
+    for stage, seconds in stages.seconds.items():
+        print(f"{seconds:7.1f} s  {stage}")
     print(f"{rows} poses, {at_once:.0f} actors at a time, {took:.0f} s on this machine")
     print(
         f"SUMO {theirs:.0f} s of processor time, the rest {ours:.0f} s: {ours / theirs:.2f} of it"

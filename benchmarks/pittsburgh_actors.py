@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from argoverse_log import SENSORS, ActorBox, Log
 from argoverse_world import TIMES_S, actor_class, mesh_in_box, meshes_of
 from urbantwin.geometry import Pose
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.taxonomy import material_id
 from urbantwin.traffic.assets import COATED_CLASSES
 
@@ -86,7 +86,7 @@ class _Surface:
     """Triangles to cast rays at."""
 
     def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
-        self._scene = EmbreeScene(vertices, faces)
+        self._scene = RayScene(vertices, faces)
 
     def first(
         self, start: NDArray[np.float64], way: NDArray[np.float64]

@@ -24,9 +24,9 @@ def an_hour(twin: Twin, seconds: int = 3600, seed: int = 1) -> dict[str, Any]:
     """Drive a closed loop for an hour after its warm-up; paths are not worked out.
 
     Returns:
-        ``carried``: of what was asked for, as the pilots say, and ``driven``, by the distance
-        travelled in this hour. ``speeds``: mean speeds of vehicles in SUMO's own summary, m/s, by
-        quarters of an hour. ``teleports``, and ``vehicles``: the fewest and most on the road, of
+        ``driven``: share of what was requested, by the distance travelled in this hour, and
+        ``held_up``: where the longest queue begins if that is less than nearly all. ``speeds``:
+        mean speeds of vehicles in SUMO's own summary, m/s, by quarters of an hour. ``teleports``, and ``vehicles``: the fewest and most on the road, of
         the same. ``people``: the fewest and most, and ``planned`` of both. ``longest_halt_s``,
         ``stood``: how many stood for longer than 300 s, and ``where``.
     """
@@ -42,6 +42,7 @@ def an_hour(twin: Twin, seconds: int = 3600, seed: int = 1) -> dict[str, Any]:
             seconds=warmup_s + seconds,
             step_ms=STEP_MS,
             seed=seed,
+            warmup_s=warmup_s,
             trams=tram_conflicts(twin.net_path, twin.roads),
             outputs={"summary-output": summary, "summary-output.period": 1},
         )
@@ -49,7 +50,7 @@ def an_hour(twin: Twin, seconds: int = 3600, seed: int = 1) -> dict[str, Any]:
             {key: float(row.get(key, 0)) for key in ("time", "running", "meanSpeed", "teleports")}
             for row in ElementTree.parse(summary).iter("step")
         ]
-    told = circulation_report(demand, seen.observed, warmup_s)
+    told = circulation_report(demand, seen, warmup_s, twin.roads)
     settled = [row for row in rows if row["time"] >= warmup_s]
     speeds = []
     for first in range(warmup_s, warmup_s + seconds, SLICE_S):
@@ -57,17 +58,10 @@ def an_hour(twin: Twin, seconds: int = 3600, seed: int = 1) -> dict[str, Any]:
         speeds.append(round(sum(part) / max(len(part), 1), 2))
     population = told["population"]
     people = population.get("pedestrian", {"planned": 0, "least": 0, "most": 0})
-    passages = told["passages_per_hour"].items()
-    motor = [row for name, row in passages if name not in ("pedestrian", "bicycle", "tram")]
     return {
-        "carried": round(demand.carried, 3),
-        "driven": round(
-            sum(row["by_distance"] for row in motor)
-            / max(sum(row["asked"] for row in motor), 1e-9),
-            3,
-        ),
+        "driven": told["carried_share_of_motor_traffic"],
         "share_of_guess": round(demand.bound.share, 3),
-        "held_up": demand.held_up,
+        "held_up": told["held_up"],
         "speeds": speeds,
         "teleports": seen.teleports + int(max(row["teleports"] for row in rows)),
         "vehicles": [int(f(row["running"] for row in settled)) for f in (min, max)],

@@ -177,17 +177,17 @@ def open_avenues_twin(made_once: Callable[[str, Callable[[Path], object]], Path]
 def planned_once(
     made_once: Callable[[str, Callable[[Path], object]], Path],
 ) -> Iterator[Callable[..., Any]]:
-    """Plan a twin's traffic once for all exports: in a closed loop that takes pilot simulations."""
+    """Plan a twin's traffic once for all exports: that takes seconds."""
     from urbantwin.traffic.demand.site_demand import demand_of
 
     known: dict[str, Any] = {}
 
-    def planned(twin: "Twin", *, duration_s: float, seed: int, scratch: Path | None = None) -> Any:
+    def planned(twin: "Twin", *, duration_s: float, seed: int, metered: bool) -> Any:
         def make(folder: Path) -> None:
-            found = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
+            found = demand_of(twin, duration_s=duration_s, seed=seed, metered=metered)
             (folder / "demand.pickle").write_bytes(pickle.dumps(found))
 
-        key = f"demand-{twin.sha256}-{duration_s}-{seed}"
+        key = f"demand-{twin.sha256}-{duration_s}-{seed}-{metered}"
         if key not in known:
             known[key] = pickle.loads((made_once(key, make) / "demand.pickle").read_bytes())
         return known[key]

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar.returns import scatter_of_materials
 
 __all__ = ["StaticHits", "cast_static"]
@@ -22,7 +22,7 @@ class StaticHits(NamedTuple):
 
 def cast_static(mesh, origin, directions, *, wavelength_nm=905.0, surface=None):
     """Cast rays (N, 3) from one place (3,), and say what comes back of a laser's light."""
-    found = EmbreeScene(mesh.vertices - origin, mesh.faces).cast(np.zeros(3), directions)
+    found = RayScene(mesh.vertices - origin, mesh.faces).cast(np.zeros(3), directions)
     hit = np.flatnonzero(found.face >= 0)
     face = found.face[hit]
     material = mesh.material[face]

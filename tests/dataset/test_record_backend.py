@@ -1,4 +1,4 @@
-"""Recording with either ray tracer."""
+"""Recording with every ray tracer."""
 
 import json
 from dataclasses import replace
@@ -12,20 +12,22 @@ from urbantwin.errors import InputError
 from urbantwin.traffic.motion import MOTION_VERSION
 
 
-def test_warp_records_what_embree_does(twin, motion, rig, digests, tmp_path):
+@pytest.mark.parametrize("backend", ["bvh", "warp:cpu"])
+def test_a_backend_records_what_embree_does(backend, twin, motion, rig, digests, tmp_path):
     """The same frames to the millimetre, and the same bytes for any number of workers.
 
     A ray in ten thousand may lie where the last digits of its range decide whether it returns.
     """
-    pytest.importorskip("warp", reason="the extra 'warp' is not installed")
+    if backend == "warp:cpu":
+        pytest.importorskip("warp", reason="the extra 'warp' is not installed")
     for workers in (1, 2):
         out = tmp_path / str(workers)
-        record(twin, motion, rig, out, seed=3, stop_s=0.2, workers=workers, backend="warp:cpu")
+        record(twin, motion, rig, out, seed=3, stop_s=0.2, workers=workers, backend=backend)
     assert digests(tmp_path / "1") == digests(tmp_path / "2")
-    record(twin, motion, rig, tmp_path / "embree", seed=3, stop_s=0.2, workers=1)
+    record(twin, motion, rig, tmp_path / "embree", seed=3, stop_s=0.2, workers=1, backend="embree")
     made = json.loads((tmp_path / "1" / "dataset.json").read_text())
-    assert made["backend"] == "warp:cpu"
-    assert "warp-lang" in made["dependencies"]
+    assert made["backend"] == backend
+    assert ("warp-lang" in made["dependencies"]) == (backend == "warp:cpu")
     usual = json.loads((tmp_path / "embree" / "dataset.json").read_text())
     assert usual["backend"] == "embree"
     assert "warp-lang" not in usual["dependencies"]
@@ -45,7 +47,7 @@ def test_warp_records_what_embree_does(twin, motion, rig, digests, tmp_path):
 
 
 def test_a_backend_that_is_not_here_is_refused_before_any_work(twin, motion, rig, tmp_path):
-    with pytest.raises(InputError, match="there is no backend 'optix'; expected embree, warp"):
+    with pytest.raises(InputError, match="there is no backend 'optix'; expected embree, bvh, warp"):
         record(twin, motion, rig, tmp_path / "out", backend="optix")
     assert not list(tmp_path.iterdir())
 

@@ -19,7 +19,7 @@ from urbantwin.fidelity.objects.mending import PassedBy, mended, mended_of
 from urbantwin.fidelity.objects.scan_rays import scan_rays
 from urbantwin.fidelity.readers import Recording
 from urbantwin.geometry import LabelledMesh, Pose
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar import MountedSensor, PosedActor, Rig, Scanner, sensor
 from urbantwin.site.rig import Effects
 from urbantwin.taxonomy import material_id, semantic_id
@@ -130,7 +130,7 @@ def test_rays_that_passed_over_a_roof_mend_its_height() -> None:
     target = np.column_stack([np.full(side.size, 10.0), 10.0 * side.ravel(), up.ravel()])
     aim = (target - origin) / np.linalg.norm(target - origin, axis=1)[:, None]
     local = body.pose.inverse()
-    scene = EmbreeScene(body.mesh.vertices, body.mesh.faces)
+    scene = RayScene(body.mesh.vertices, body.mesh.faces)
     met = scene.cast(local.apply(origin[None])[0], (aim @ local.rotation.T).astype(np.float32))
     range_m = np.where(met.face < 0, 40.0, met.range_m)
     passed = PassedBy.of(slack, origin, aim, range_m)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh, Pose
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 
 TETRAHEDRON = LabelledMesh.build(
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
@@ -69,7 +69,7 @@ def test_the_first_surface_below_counts_and_nothing_above():
 
 @pytest.mark.parametrize("beside", [False, True])
 def test_rays_meet_a_floor_where_geometry_says(beside):
-    floor = EmbreeScene(
+    floor = RayScene(
         np.array([[-1e3, -1e3, 0], [1e3, -1e3, 0], [0, 1e3, 0.0]]), np.array([[0, 1, 2]])
     )
     slope = np.linspace(-1.2, 1.2, 1003)  # not a multiple of a packet's rays; level is missed

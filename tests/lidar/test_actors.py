@@ -9,8 +9,8 @@ from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Scanner, beam_directions
 from urbantwin.lidar.actor_path import ActorPath, Paths, PosedActor
 from urbantwin.lidar.beams import Beams
+from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.casting.cast import cast_actors
-from urbantwin.lidar.casting.embree import EmbreeTracer
 from urbantwin.lidar.casting.tracer import Firing, SensorPoses
 from urbantwin.lidar.compiled.bounds import bounds_of_box
 from urbantwin.lidar.shapes import ActorShape, PresentActors, Shapes
@@ -78,7 +78,7 @@ def test_every_beam_finds_a_moving_box_where_it_is_when_the_beam_fires(  # noqa:
     poses = SensorPoses(sensor_pose.rotation[None], sensor_pose.translation[None])
     actors = PresentActors(Shapes.of([shape]), np.zeros(1, np.int64), Paths.of([way]))
     firing = Firing.of(beams, sweep, poses)
-    met = cast_actors(EmbreeTracer(), beams, firing, actors, 1e6, glass=False)
+    met = cast_actors(tracer_on(), beams, firing, actors, 1e6, glass=False)
     ours = np.full(len(beams.directions), np.inf)
     ours[met.ray] = met.range_m
     assert len(np.unique(met.ray)) == len(met.ray)

@@ -1,4 +1,4 @@
-"""Frames that Warp cast are those that Embree cast, but for which of two triangles in one place."""
+"""Frames of every backend are Embree's, but for which of two triangles in one place is met."""
 
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -10,12 +10,22 @@ from urbantwin.errors import InputError
 from urbantwin.lidar import Scanner
 from urbantwin.lidar.casting.backend import tracer_on
 
-warp = pytest.importorskip("warp", reason="the extra 'warp' is not installed")
-
 MILLIMETRE = 1e-3
 EXACT = dict.fromkeys(
     ["noise", "dropout", "quantisation", "footprint", "glass", "retroreflection", "blooming"], False
 )
+
+
+@pytest.fixture(params=["bvh", "warp:cpu"])
+def backend(request):
+    """Return a backend that is compared with Embree."""
+    if request.param.startswith("warp"):
+        need_warp()
+    return request.param
+
+
+def need_warp():
+    return pytest.importorskip("warp", reason="the extra 'warp' is not installed")
 
 
 def by_beam(frame):
@@ -25,12 +35,9 @@ def by_beam(frame):
     return {key: number for number, key in enumerate(keys)}
 
 
-def frames(street, rig, actors, **more):
-    """Return a frame of both backends."""
-    return [
-        Scanner(street, rig, 5, backend=backend, **more).scan(3, actors)
-        for backend in ("embree", "warp:cpu")
-    ]
+def frames(street, rig, actors, backend):
+    """Return a frame of Embree's and the same of another backend."""
+    return [Scanner(street, rig, 5, backend=name).scan(3, actors) for name in ("embree", backend)]
 
 
 def moving(actors, seed=2):
@@ -47,13 +54,13 @@ def moving(actors, seed=2):
         pytest.param({"model": "VLP-32C", "yaw_deg": 70.0, "pitch_deg": 12.0}, id="VLP-32C"),
     ],
 )
-def test_frames_are_the_same(street, rig_of, crowd, sensor):
+def test_frames_are_the_same(street, rig_of, crowd, sensor, backend):
     rig = rig_of(
         street,
         {"columns": 512, "model": "OS1-128", **sensor}
         | ({"columns": None} if "model" in sensor else {}),
     )
-    ours, other = frames(street, rig, moving(crowd(40, 3)))
+    ours, other = frames(street, rig, moving(crowd(40, 3)), backend)
     mine, theirs = by_beam(ours), by_beam(other)
     assert len(mine) > 5000
     shared = sorted(set(mine) & set(theirs))
@@ -68,10 +75,10 @@ def test_frames_are_the_same(street, rig_of, crowd, sensor):
         assert abs(a.num_points - b.num_points) <= 2 + 0.01 * a.num_points
 
 
-def test_no_hit_of_a_whole_turn_differs(street, rig_of, crowd):
+def test_no_hit_of_a_whole_turn_differs(street, rig_of, crowd, backend):
     """With all effects off a point is where its ray hits: the same, to 1 mm, of every ray."""
     rig = rig_of(street, {"columns": 1024, "effects": False})
-    ours, other = frames(street, rig, crowd(40, 3))
+    ours, other = frames(street, rig, crowd(40, 3), backend)
     assert by_beam(ours).keys() == by_beam(other).keys()
     apart = np.linalg.norm(ours.points[:, :3] - other.points[:, :3], axis=1)
     assert apart.max() <= MILLIMETRE
@@ -79,10 +86,10 @@ def test_no_hit_of_a_whole_turn_differs(street, rig_of, crowd):
     np.testing.assert_array_equal(ours.semantic, other.semantic)
 
 
-def test_a_sensor_that_sways_sees_the_same(street, rig_of, crowd):
+def test_a_sensor_that_sways_sees_the_same(street, rig_of, crowd, backend):
     """Nothing of the static world is kept: every ray is cast at it in every frame."""
     rig = rig_of(street, {"columns": 512, "effects": EXACT}, sway={"rms_m": 0.02})
-    ours, other = frames(street, rig, moving(crowd(10, 4)))
+    ours, other = frames(street, rig, moving(crowd(10, 4)), backend)
     mine, theirs = by_beam(ours), by_beam(other)
     shared = sorted(set(mine) & set(theirs))
     assert len(shared) >= 0.9999 * max(len(mine), len(theirs))
@@ -91,14 +98,14 @@ def test_a_sensor_that_sways_sees_the_same(street, rig_of, crowd):
     assert np.mean(apart <= MILLIMETRE) > 0.9999
 
 
-def test_frames_are_the_same_whatever_came_before(street, rig_of, crowd):
+def test_frames_are_the_same_whatever_came_before(street, rig_of, crowd, backend):
     """Shapes that come later are sent to the device later, and nothing is left of a frame."""
     rig = rig_of(street, {"columns": 512})
-    scanner = Scanner(street, rig, 1, backend="warp:cpu")
+    scanner = Scanner(street, rig, 1, backend=backend)
     scanner.scan(0, crowd(3, 1))
     scanner.scan(1, [])
     after = scanner.scan(2, moving(crowd(25, 9)))
-    fresh = Scanner(street, rig, 1, backend="warp:cpu").scan(2, moving(crowd(25, 9)))
+    fresh = Scanner(street, rig, 1, backend=backend).scan(2, moving(crowd(25, 9)))
     np.testing.assert_array_equal(after.points, fresh.points)
     np.testing.assert_array_equal(after.instance, fresh.instance)
     np.testing.assert_array_equal(
@@ -106,10 +113,10 @@ def test_frames_are_the_same_whatever_came_before(street, rig_of, crowd):
     )
 
 
-def test_threads_cast_side_by_side(street, rig_of, crowd):
+def test_threads_cast_side_by_side(street, rig_of, crowd, backend):
     """Turns of several threads are on the device at once; none sees what another sent."""
     rig = rig_of(street, {"columns": 512})
-    scanner = Scanner(street, rig, 1, backend="warp:cpu")
+    scanner = Scanner(street, rig, 1, backend=backend)
     crowds = [moving(crowd(5 + 4 * number, number)) for number in range(4)]
     alone = [scanner.scan(number, one) for number, one in enumerate(crowds)]
     with ThreadPoolExecutor(4) as pool:
@@ -122,14 +129,18 @@ def test_threads_cast_side_by_side(street, rig_of, crowd):
 @pytest.mark.parametrize(
     ("backend", "words"),
     [
-        ("optix", "embree, warp or warp:DEVICE"),
-        ("warp:", "embree, warp or warp:DEVICE"),
-        ("warpcpu", "embree, warp or warp:DEVICE"),
+        ("optix", "embree, bvh, warp or warp:DEVICE"),
+        ("warp:", "embree, bvh, warp or warp:DEVICE"),
+        ("warpcpu", "embree, bvh, warp or warp:DEVICE"),
+        ("bvh:cpu", "embree, bvh, warp or warp:DEVICE"),
+        ("", "embree, bvh, warp or warp:DEVICE"),
         ("warp:cuda:17", "no device 'cuda:17'; expected cpu"),
         ("warp:toaster", "no device 'toaster'; expected cpu"),
     ],
 )
 def test_backends_that_are_not_here(backend, words):
+    if backend.startswith("warp:") and backend != "warp:":
+        need_warp()
     with pytest.raises(InputError) as caught:
         tracer_on(backend)
     assert words in str(caught.value)
@@ -137,6 +148,7 @@ def test_backends_that_are_not_here(backend, words):
 
 
 def test_without_the_extra(monkeypatch):
+    need_warp()
     from urbantwin.lidar.casting.warp_device import warp_device
 
     warp_device.cache_clear()
@@ -148,6 +160,7 @@ def test_without_the_extra(monkeypatch):
 
 def test_kernels_compile_for_cuda(tmp_path):
     """NVIDIA's compiler comes with Warp and needs no GPU."""
+    warp = need_warp()
     from urbantwin.lidar.casting.device import cast
     from urbantwin.lidar.casting.warp_device import warp_device
 

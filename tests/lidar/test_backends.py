@@ -1,4 +1,4 @@
-"""Every backend finds the same hits: Embree, Warp and Open3D against double precision.
+"""Every backend finds the same hits: Embree, bvh, Warp and Open3D against double precision.
 
 What a backend may answer is defined by moving things. A ray tracer in single precision sees
 every triangle up to `delta` away from where it is, with ``delta = 2^-20`` of the distance from
@@ -29,9 +29,9 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.embree import EmbreeScene, Hits
+from urbantwin.geometry.rays import Hits, RayScene
 from urbantwin.lidar.actor_path import Paths
-from urbantwin.lidar.casting.embree import EmbreeTracer
+from urbantwin.lidar.casting.processor import ProcessorTracer
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Spread
 from urbantwin.lidar.shapes import ActorShape, PresentActors, Shapes
 
@@ -43,7 +43,11 @@ Cast = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Hits]
 
 
 def embree(vertices, faces, origins, directions):
-    return EmbreeScene(vertices, faces).cast(origins, directions)
+    return RayScene(vertices, faces, library="embree").cast(origins, directions)
+
+
+def bvh(vertices, faces, origins, directions):
+    return RayScene(vertices, faces, library="bvh").cast(origins, directions)
 
 
 def warp(vertices, faces, origins, directions):
@@ -55,7 +59,12 @@ def warp(vertices, faces, origins, directions):
 
 def packets(vertices, faces, origins, directions):
     """Cast eight at a time, as Embree casts whole turns at the street."""
-    return thin_rays(EmbreeTracer(), vertices, faces, origins, directions, around=True)
+    tracer = ProcessorTracer("embree")
+    return thin_rays(tracer, vertices, faces, origins, directions, around=True)
+
+
+def bvh_packets(vertices, faces, origins, directions):
+    return thin_rays(ProcessorTracer("bvh"), vertices, faces, origins, directions, around=True)
 
 
 def thin_rays(tracer, vertices, faces, origins, directions, *, around=False):
@@ -205,6 +214,8 @@ def assert_same(vertices, faces, origins, directions):
     ours = {
         "embree": embree(vertices, faces, origins, directions),
         "packets": packets(vertices, faces, origins, directions),
+        "bvh": bvh(vertices, faces, origins, directions),
+        "bvh packets": bvh_packets(vertices, faces, origins, directions),
         "warp": warp(vertices, faces, origins, directions),
     }
     for name, hits in ours.items():
@@ -222,7 +233,8 @@ def assert_same(vertices, faces, origins, directions):
     sure = certain(single)
     # Open3D sees a triangle that a ray runs along metres away from where it is.
     judged = sure & ~runs_along(corners, origins, directions)
-    for hits, chosen in ((ours["packets"], sure), (ours["warp"], sure), (judge, judged)):
+    others = [(hits, sure) for hits in ours.values()]
+    for hits, chosen in [*others, (judge, judged)]:
         one, other = ours["embree"].range_m[chosen], hits.range_m[chosen]
         np.testing.assert_array_equal(np.isinf(one), np.isinf(other))
         hit = np.isfinite(one)
@@ -352,7 +364,7 @@ def test_random_worlds(seed, world, size, kind, anchor):
         assert sure.mean() > 0.95
 
 
-@pytest.mark.parametrize("backend", [embree, packets, warp])
+@pytest.mark.parametrize("backend", [embree, packets, bvh, bvh_packets, warp])
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([0.5, 8.0, 120.0]))
 def test_no_ray_leaves_a_closed_surface(backend, seed, size):
@@ -371,7 +383,7 @@ def test_no_ray_leaves_a_closed_surface(backend, seed, size):
         planes = -(normal @ origin + offset) / (directions.astype(float) @ normal.T)
     expected = np.where(planes > 0, planes, np.inf).min(axis=1)
     hits = backend(hull.points, hull.simplices.astype(np.int32), origin, directions)
-    if backend is not warp:
+    if backend in {embree, packets}:
         # Exactly at a corner, a ray may slip through in Embree, as it does in Open3D.
         away = hull.points[hull.vertices] - origin
         aside = np.linalg.norm(np.cross(away[None], directions[:, None]), axis=2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.taxonomy import material_id, materials, semantic_id
 
 from ..thin_rays import cast_static
@@ -104,7 +104,7 @@ def test_nothing_is_hit_in_an_empty_world():
     hits = cast_static(LabelledMesh.empty(), np.zeros(3), directions)
     assert (hits.face == -1).all()
     assert np.isinf(hits.range_m).all()
-    found = EmbreeScene(np.zeros((0, 3)), np.zeros((0, 3), np.int32)).cast(
+    found = RayScene(np.zeros((0, 3)), np.zeros((0, 3), np.int32)).cast(
         np.zeros(3), directions.astype(np.float32)
     )
     assert (found.face == -1).all()

@@ -5,7 +5,7 @@ import pytest
 
 from urbantwin.geometry import Pose
 from urbantwin.lidar import Scanner
-from urbantwin.lidar.casting.embree import EmbreeTracer
+from urbantwin.lidar.casting.processor import ProcessorTracer
 
 
 def same(one, other):
@@ -23,13 +23,13 @@ def same(one, other):
 def cast_at(monkeypatch):
     """How many actors were cast at, call by call."""
     counts = []
-    layers = EmbreeTracer.layers
+    layers = ProcessorTracer.layers
 
     def counted(self, firing, actors, blocks, casting):
         counts.append(len(actors.shape))
         return layers(self, firing, actors, blocks, casting)
 
-    monkeypatch.setattr(EmbreeTracer, "layers", counted)
+    monkeypatch.setattr(ProcessorTracer, "layers", counted)
     return counts
 
 

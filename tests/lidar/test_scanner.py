@@ -7,7 +7,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose, bounding_box, points_in_box
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar import beam_directions
 from urbantwin.lidar.actor_path import PosedActor
 from urbantwin.lidar.scanner import Scanner
@@ -170,7 +170,7 @@ def test_occlusion_is_the_hidden_share_of_rays(box_mesh, ground_mesh, rig_of):
     mounted = rig.sensors[0]
     aims = beam_directions(mounted.sensor, 2048).reshape(-1, 3).astype(np.float32)
     posed = mesh.transformed(car.site_SE3_asset)
-    alone = EmbreeScene(posed.vertices, posed.faces).cast(np.array([0, 0, 1.0]), aims)
+    alone = RayScene(posed.vertices, posed.faces).cast(np.array([0, 0, 1.0]), aims)
     hit = alone.face >= 0
     assert label.num_points_alone == hit.sum() > 300
     assert label.num_points == (hit & (aims[:, 1] > 0)).sum()

@@ -26,10 +26,9 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.demand.circulation import Circulation
 from urbantwin.traffic.demand.guessed_volumes import bounded_by_signals
-from urbantwin.traffic.flow.flow_calibration import calibrate
 from urbantwin.traffic.sumo.simulation import observe, sumo_options, write_routes
 
-SECONDS = 1500
+SECONDS, WARMUP = 1500, 120
 PER_HOUR = {"car": 500.0, "truck": 40.0, "bus": 30.0, "motorcycle": 40.0, "bicycle": 80.0}
 PER_HOUR["pedestrian"] = 120.0
 REGION = shapely.box(-120, -120, 120, 120)
@@ -73,21 +72,23 @@ def circulation(town: tuple[Path, frozenset[str]]) -> Circulation:
 
 
 @pytest.fixture(scope="module")
-def demand(town: tuple[Path, frozenset[str]], circulation: Circulation):
-    found = calibrate(circulation, town[0], room=500.0, asset=asset, body=Fleet().body)
-    assert found.carried == 1.0
+def demand(circulation: Circulation):
     return circulation.demand(
-        found.populations, warmup_s=120.0, duration_s=SECONDS - 120, body=Fleet().body
+        circulation.populations(),
+        warmup_s=WARMUP,
+        duration_s=SECONDS - WARMUP,
+        body=Fleet().body,
+        room=500.0,
     )
 
 
 @pytest.fixture(scope="module")
 def seen(town: tuple[Path, frozenset[str]], demand):
-    return observe(town[0], demand, asset, seconds=SECONDS, step_ms=500, seed=7)
+    return observe(town[0], demand, asset, seconds=SECONDS, step_ms=500, seed=7, warmup_s=WARMUP)
 
 
 def test_nobody_leaves_nobody_is_lifted_and_nobody_is_stuck(demand, seen) -> None:
-    planned = Counter(trip.actor_class for trip in demand.trips)
+    planned = Counter(demand.trips[number].actor_class for number in seen.departed)
     for name in PER_HOUR:
         column = ACTOR_CLASSES.index(name)
         assert planned[name] > 0
@@ -117,8 +118,11 @@ def test_as_many_pass_as_were_asked_for(seen) -> None:
         assert abs(counted - asked) < 0.15 * asked + 0.5 * one + 3 * np.sqrt(asked), name
 
 
-def test_sumo_itself_counts_everybody_all_the_time(town, demand, tmp_path: Path) -> None:
-    """The same traffic in the program ``sumo``: its summary says how many there are."""
+def test_sumo_itself_counts_everybody_all_the_time(town, circulation, tmp_path: Path) -> None:
+    """Traffic without gates in the program ``sumo``: its summary says how many there are."""
+    demand = circulation.demand(
+        circulation.populations(at_once=1.0), warmup_s=120, duration_s=1000, body=Fleet().body
+    )
     write_routes(tmp_path / "r.rou.xml", demand, asset)
     summary, people = tmp_path / "s.xml", tmp_path / "p.xml"
     options = [f"--{k}={v}" for k, v in sumo_options(1000, 7, circulates=True).items()]
@@ -297,7 +301,7 @@ def test_no_more_walk_than_there_is_room(town: tuple[Path, frozenset[str]]) -> N
     network = StreetNetwork(net, REGION)
     few = Circulation(network, outer, {"pedestrian": 100.0}, seed=1).populations()[0]
     many = Circulation(network, outer, {"pedestrian": 1e6}, seed=1)
-    (crowd,) = many.populations({"pedestrian": 0.02})
+    (crowd,) = many.populations()
     length = sum(edge.getLength() for edge in network.streets if has_walkway(edge))
     assert few.without_room == 0
     assert few.count < crowd.count <= length / 2.8

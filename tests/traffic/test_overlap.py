@@ -6,7 +6,7 @@ import pytest
 import shapely
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic.motion import ACTOR_SCHEMA
 from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs, shared_areas
@@ -119,7 +119,7 @@ def test_boxes_that_rays_cross_meet_the_scene() -> None:
         for x, y in random.uniform(-15, 15, (60, 2))
     ]
     scene = LabelledMesh.concatenate(parts)
-    rays = EmbreeScene(scene.vertices, scene.faces)
+    rays = RayScene(scene.vertices, scene.faces)
     rows = [(0.0, n, "car", *random.uniform(-15, 15, 2), random.uniform(-3, 3)) for n in range(120)]
     expected = 0
     for _, _, _, x, y, yaw in rows:

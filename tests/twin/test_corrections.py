@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import shapely
 
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.roads import sumo_binary
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.scene import PARTS
@@ -146,7 +146,7 @@ def test_trees_and_poles_stand_where_they_were_drawn_and_not_where_they_were_rem
 def cast(twin, origins, directions):
     """Ranges of rays, and the classes that they meet."""
     mesh = twin.mesh
-    hits = EmbreeScene(mesh.vertices, mesh.faces).cast(origins, np.asarray(directions, np.float32))
+    hits = RayScene(mesh.vertices, mesh.faces).cast(origins, np.asarray(directions, np.float32))
     return hits.range_m, mesh.semantic[hits.face]
 
 

@@ -191,7 +191,7 @@ class _Rigs:
 @cache
 def _versions() -> dict[str, str]:
     """Return the hash of what makes steps: another version makes all of them again."""
-    return {"made_by": recipe_key({"urbantwin": __version__, **versions_here("embree")})}
+    return {"made_by": recipe_key({"urbantwin": __version__, **versions_here()})}
 
 
 def steps_of(asked: CampaignFile) -> Steps:

@@ -90,12 +90,13 @@ def record(
         typer.Option("--fused/--separate", help="One dataset of all sensors, or one for each."),
     ] = None,
     backend: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="NAME",
-            help="What casts the rays: embree; warp (an extra: a CUDA device); warp:DEVICE.",
+            help="What casts the rays: embree, or bvh where it is missing; bvh, built in; warp "
+            "(an extra: a CUDA device); warp:DEVICE.",
         ),
-    ] = "embree",
+    ] = None,
     storage: Annotated[
         str,
         typer.Option(

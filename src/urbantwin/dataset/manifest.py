@@ -7,8 +7,9 @@ import hashlib
 import json
 import platform
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from importlib.metadata import version
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -151,14 +152,21 @@ def _span(times_s: Mapping[int, float]) -> dict[str, Any]:
     return {"span_s": [times[0], times[-1]]} | ({"every": every} if every > 1 else {})
 
 
-def versions_here(backend: str) -> dict[str, Any]:
+def versions_here(backend: str | None = None) -> dict[str, Any]:
     """Return what of this machine decides the bytes: versions of programs, and its kind."""
-    names = _DEPENDENCIES if backend == "embree" else (*_DEPENDENCIES, "warp-lang")
+    names = (*_DEPENDENCIES, "warp-lang") if backend and "warp" in backend else _DEPENDENCIES
     return {
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
-        "dependencies": {name: version(name) for name in names},
+        "dependencies": dict(_installed(names)),
     }
+
+
+def _installed(names: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield each package that is installed, and its version: Embree's has no wheel everywhere."""
+    for name in names:
+        with suppress(PackageNotFoundError):
+            yield name, version(name)
 
 
 def recipe_of_rig(rig: Rig) -> dict[str, Any]:

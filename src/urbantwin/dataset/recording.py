@@ -26,6 +26,7 @@ from urbantwin.dataset.output_place import check_output, opened_output
 from urbantwin.dataset.split import SplitAsked, check_split
 from urbantwin.dataset.workers import Workers
 from urbantwin.errors import InputError
+from urbantwin.geometry.rays import library_named
 from urbantwin.lidar import Rig
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.riding import boarded
@@ -50,7 +51,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     stop_s: float | None = None,
     every: int = 1,
     rig_file: str | Path | None = None,
-    backend: str = "embree",
+    backend: str | None = None,
     storage: str = "npy",
     split: SplitAsked | None = None,
     asked: Mapping[str, Any] | None = None,
@@ -81,7 +82,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         stop_s: no frame after it; the motion's last step when not given.
         every: of the frames only those whose number is a multiple of this.
         rig_file: the rig's file, for errors.
-        backend: what casts the rays: ``embree``, ``warp`` or ``warp:DEVICE``.
+        backend: what casts the rays, see `tracer_on`.
         storage: of points: ``npy``; ``zstd``, columns in Parquet, of which nothing is lost; or
             ``laz``, LAS 1.4, whose coordinates are whole millimetres.
         split: into training, validation and test; the usual one when not given.
@@ -104,6 +105,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     check_split(list(times_s.values()), asked_split)
     file = None if rig_file is None else str(rig_file)
     rig = boarded(rig, motion, list(times_s.values()), fastest_m_s=FASTEST_M_S, file=file)
+    backend = backend or library_named()
     tracer_on(backend)  # Before any work: is it there?
     inputs = [twin.folder, *inputs]
     check_output(out, kind="dataset", inputs=inputs)

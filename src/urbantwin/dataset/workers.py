@@ -92,7 +92,7 @@ class Recipe:
     meshes: Mapping[tuple[str, int], LabelledMesh] = field(default_factory=dict)
     surface: SurfaceMaterials | None = None
     region: shapely.Polygon | None = None
-    backend: str = "embree"
+    backend: str | None = None
     storage: str = "npy"
 
 

@@ -52,7 +52,7 @@ def write_sumo(twin: Twin, folder: Path) -> None:
     steps = max(1, round(float(asked["duration_s"]) * 1000 / step_ms))
     with replaced_folder(folder, kind="sumo", inputs=[twin.folder]) as scratch:
         duration_s = steps * step_ms / 1000
-        demand = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
+        demand = demand_of(twin, duration_s=duration_s, seed=seed, metered=False)
         net = scratch / "network.net.xml"
         with passing_folder("urbantwin-sumo") as made:
             shutil.copyfile(driven_net(twin, asked, demand, duration_s, made), net)

@@ -21,6 +21,8 @@ __all__ = ["MESH_FORM", "LabelledMesh", "checked_mesh"]
 _FURTHEST_M = 1e6
 #: Normals of so many triangles are computed together: what a cache holds.
 _TOGETHER = 1 << 13
+#: A triangle that is less wide is a line, which has no normal.
+_THINNEST_M = 1e-9
 #: The arrays of a mesh in its file.
 MESH_FORM = {
     "vertices": ArrayOf("f8", ("V", 3), least=-_FURTHEST_M, most=_FURTHEST_M),
@@ -115,7 +117,8 @@ class LabelledMesh:
     def normals(self, which: NDArray[np.integer[Any]] | None = None) -> NDArray[np.float64]:
         """Return unit normals (N, 3) of the triangles ``which`` (N,), or of all (F, 3).
 
-        They are zero where a triangle has no area.
+        They are zero where a triangle is less wide than a nanometre: of a line, or a point, the
+        cross product of its edges is rounding.
         """
         faces = self.faces if which is None else self.faces.take(which, axis=0)
         vertices = np.ascontiguousarray(self.vertices.T)
@@ -129,7 +132,10 @@ class LabelledMesh:
             (ux, uy, uz), (vx, vy, vz) = of_corners[:, 1] - first, of_corners[:, 2] - first
             cross = np.array([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
             length = np.sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2])
-            np.divide(cross, length, out=cross, where=length > 0)
+            edges = abs(ux) + abs(uy) + abs(uz) + abs(vx) + abs(vy) + abs(vz)
+            wide = length > _THINNEST_M * edges
+            cross[:, ~wide] = 0.0
+            np.divide(cross, length, out=cross, where=wide)
             normals[some] = cross.T
         return normals
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.geometry.mesh import LabelledMesh
+from urbantwin.geometry.rays import RayScene
 
 __all__ = ["DownwardProbe"]
 
@@ -15,7 +15,7 @@ class DownwardProbe:
     """Casts rays down onto a mesh."""
 
     def __init__(self, mesh: LabelledMesh) -> None:
-        self._scene = EmbreeScene(mesh.vertices, mesh.faces)
+        self._scene = RayScene(mesh.vertices, mesh.faces)
         self._triangles = mesh.triangles()
 
     def face_below(self, points: ArrayLike) -> NDArray[np.int64]:

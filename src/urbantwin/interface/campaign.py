@@ -6,7 +6,6 @@ import shutil
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
-from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -194,7 +193,7 @@ def _run_on_cluster(
 
     asked = course.steps.asked
     twins = {name: one.absolute() for name, one in course.steps.twins.items()}
-    with connected(ray, agreed=partial(versions_here, "embree"), workers=workers) as cluster:
+    with connected(ray, agreed=versions_here, workers=workers) as cluster:
         cluster.on_every_node(check_seen, [course.place / "journal", *_inputs(asked)])
         with (
             cluster.worker_pool(begin, Maker(asked, course.place, twins)) as pool,

@@ -12,7 +12,7 @@ from urbantwin.artefact.disk_space import told_size
 from urbantwin.campaigns.costs import share_done
 from urbantwin.campaigns.steps import KINDS
 from urbantwin.interface.campaign_step import RUNNING
-from urbantwin.interface.stage import ShowProgress, tell_line
+from urbantwin.interface.stage import ShowProgress, tell_line, tell_ray_tracer
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -36,6 +36,8 @@ def shown_course(progress: ShowProgress, abreast: int) -> Iterator[Tell]:
         progress: see `stage.shown_stage`; a function is told the share of the work that is done.
         abreast: how many steps are made at once.
     """
+    if progress is True:
+        tell_ray_tracer()
     if progress is False:
         yield lambda _course: None
     elif progress is not True:

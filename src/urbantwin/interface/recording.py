@@ -68,7 +68,7 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     sun_azimuth: float | None = None,
     ride: str | None = None,
     fused: bool | None = None,
-    backend: str = "embree",
+    backend: str | None = None,
     storage: str = "npy",
     split: str | Sequence[float] = "70,15,15",
     gap: float | None = None,
@@ -103,7 +103,8 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
         sun_azimuth: of the sun, degrees clockwise from north.
         ride: track or class of the actor that carries a rig that rides.
         fused: one dataset of all sensors, or one for each; as the rig says if not given.
-        backend: what casts the rays: ``embree``, ``warp`` (a CUDA device) or ``warp:DEVICE``.
+        backend: what casts the rays: ``embree``, ``bvh`` (the built-in tracer), ``warp`` (a CUDA
+            device) or ``warp:DEVICE``; ``embree``, where it is missing ``bvh``, if not given.
         storage: of points: ``npy``, as OpenPCDet reads them; ``zstd``, columns in Parquet, a third
             of the size, of which nothing is lost; or ``laz``, LAS 1.4 in whole millimetres.
         split: shares of training, validation and test, cut in time.
@@ -237,7 +238,7 @@ def recorded(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     start_s: float = 0.0,
     stop_s: float | None = None,
     every: int = 1,
-    backend: str = "embree",
+    backend: str | None = None,
     storage: str = "npy",
     split: SplitAsked | None = None,
     workers: int | Helpers | None = None,
@@ -312,7 +313,7 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
     start_s: float,
     stop_s: float | None,
     every: int,
-    backend: str,
+    backend: str | None,
     storage: str,
     split: SplitAsked,
     workers: int | Helpers | None,
@@ -382,7 +383,7 @@ def _begin_to_draw() -> None:
 
 
 @contextmanager
-def _crew(workers: int | Helpers | None, ray: str | None, backend: str) -> Iterator[Workers]:
+def _crew(workers: int | Helpers | None, ray: str | None, backend: str | None) -> Iterator[Workers]:
     """Yield who records: so many processes of this machine, or a cluster."""
     if ray is None or isinstance(workers, Helpers):
         yield workers

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,17 @@ from typing import Any
 from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 
-__all__ = ["ShowProgress", "shown_stage", "tell_line", "tell_result"]
+__all__ = ["ShowProgress", "shown_stage", "tell_line", "tell_ray_tracer", "tell_result"]
 
 #: What every function takes as ``progress``: whether to show it, or what is called with the share
 #: that is done (0..1, of each stage) and what is being done.
 ShowProgress = bool | Progress
 
+#: Stages that cast rays: which ray tracer casts them is said at the first one of a run.
+_CASTS_RAYS = frozenset(
+    "align background calibrate coverage film init place record replay study suite traffic tune "
+    "twin".split()
+)
 #: Nobody waits longer than this for a line, seconds.
 _LONGEST_S = 10.0
 #: A bar in a notebook is drawn anew at most this often, seconds.
@@ -45,6 +51,8 @@ def shown_stage(
     elif progress is not True:
         yield progress
     else:
+        if title in _CASTS_RAYS:
+            tell_ray_tracer()
         display = _notebook_bar if _in_notebook() else _bar if sys.stderr.isatty() else _lines
         with display(title, brief=brief) as callback:
             yield callback
@@ -77,6 +85,15 @@ def tell_line(text: str, progress: ShowProgress = True) -> None:
     if progress is True:
         with suppress(OSError, ValueError):  # nobody listens any more
             print(text, file=sys.stderr, flush=True)
+
+
+@cache
+def tell_ray_tracer() -> None:
+    """Print on stderr, once a process, that Embree is missing, if it is."""
+    from urbantwin.geometry.rays import missing_embree
+
+    if text := missing_embree():
+        tell_line(f"warning: {text}")
 
 
 def _in_notebook() -> bool:

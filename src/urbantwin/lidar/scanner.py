@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials
+from urbantwin.geometry.rays import LIBRARIES
 from urbantwin.lidar.actor_path import ActorPath, Paths, PosedActor
 from urbantwin.lidar.annotated import LAST_TRACK, annotated_actors, annotated_size
 from urbantwin.lidar.beams import Beams
@@ -71,7 +72,7 @@ class Scanner:
         meshes: MeshSource | None = None,
         surface: SurfaceMaterials | None = None,
         region: shapely.Polygon | None = None,
-        backend: str = "embree",
+        backend: str | None = None,
         beside: Scanner | None = None,
         standing: Sequence[StaticView | None] | None = None,
     ) -> None:
@@ -83,7 +84,8 @@ class Scanner:
         self._shapes: ShapeTable
         self._shared: World | None = None
         if beside is None:
-            self._shapes = ShapeTable(partial(mesh_of_part, meshes))
+            library = backend if backend in LIBRARIES else None
+            self._shapes = ShapeTable(partial(mesh_of_part, meshes), library)
         else:
             self._shapes, self._shared = beside._shapes, beside._shared
         self._rig = rig

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar.actor_path import Paths
 from urbantwin.taxonomy import materials
 
@@ -45,7 +45,7 @@ class ActorShape:
     """A mesh with its tree for rays. All in the mesh's own frame, metres.
 
     Attributes:
-        scene: its triangles as Embree casts at them.
+        scene: its triangles, to cast rays at.
         low: (3,) lower corner of its bounds.
         high: (3,) upper corner of its bounds.
         hull: (3, H) those of its vertices that can touch a bound of the mesh, however it is
@@ -54,11 +54,13 @@ class ActorShape:
         material: (F,) uint8.
     """
 
-    def __init__(self, mesh: LabelledMesh, *, with_hull: bool = True) -> None:
+    def __init__(
+        self, mesh: LabelledMesh, *, with_hull: bool = True, library: str | None = None
+    ) -> None:
         used = np.zeros((3, 1))
         if len(mesh.faces):
             used = mesh.vertices.T[:, np.flatnonzero(np.bincount(mesh.faces.ravel()))]
-        self.scene = EmbreeScene(mesh.vertices, mesh.faces, many_rays=True)
+        self.scene = RayScene(mesh.vertices, mesh.faces, many_rays=True, library=library)
         self.low, self.high = used.min(axis=1), used.max(axis=1)
         self.hull = _outer_vertices(used) if with_hull else np.stack([self.low, self.high], axis=1)
         self.material = mesh.material
@@ -112,7 +114,7 @@ class Shapes:
     """S shapes end to end.
 
     Attributes:
-        scenes: Embree's scene of each shape.
+        scenes: the triangles of each shape, to cast rays at.
         first_face: (S,) int64, where the faces of each begin among the triangles.
         triangles: of all.
         material: (F,) uint8.
@@ -123,7 +125,7 @@ class Shapes:
         high: (S, 3) float64, upper corners.
     """
 
-    scenes: tuple[EmbreeScene, ...]
+    scenes: tuple[RayScene, ...]
     first_face: NDArray[np.int64]
     triangles: Triangles
     material: NDArray[np.uint8]
@@ -168,7 +170,7 @@ class _Rows:
     """Shapes end to end, to which more are added: those that are there are not copied each time."""
 
     def __init__(self) -> None:
-        self._scenes: list[EmbreeScene] = []
+        self._scenes: list[RayScene] = []
         self._planes = _Column(np.zeros(0, PLANE))
         self._vertices = _Column(np.zeros((0, 3)))
         self._corners = _Column(np.zeros((0, 3), np.int32))
@@ -250,10 +252,12 @@ class ShapeTable:
 
     Args:
         meshes: gives the mesh of an asset.
+        library: what casts rays at the shapes, see `RayScene`.
     """
 
-    def __init__(self, meshes: MeshSource) -> None:
+    def __init__(self, meshes: MeshSource, library: str | None = None) -> None:
         self._meshes = meshes
+        self._library = library
         self._number: dict[tuple[str, int], int] = {}
         self._shapes: list[ActorShape] = []
         self._rows = _Rows()
@@ -266,7 +270,7 @@ class ShapeTable:
         if key not in self._number:
             with self._lock:  # Frames may be scanned by several threads.
                 if key not in self._number:
-                    shape = ActorShape(self._meshes(asset, phase))
+                    shape = ActorShape(self._meshes(asset, phase), library=self._library)
                     self._shapes.append(shape)
                     self._rows.append(shape)
                     self._arrays = None

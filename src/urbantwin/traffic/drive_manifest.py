@@ -83,7 +83,7 @@ def manifest_of_drive(
             step_s=step_s,
         )
     if demand.circulates:
-        manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
+        manifest["circulation"] = circulation_report(demand, simulated, warmup_s, roads)
     if demand.passengers.places:
         manifest["passengers"] = _passengers(demand, simulated, steps * step_s)
     return manifest
@@ -128,7 +128,11 @@ def _counts(
     left_out = {item.actor_class: item.count for item in demand.left_out}
     counts: dict[str, dict[str, float | int]] = {}
     for name in ACTOR_CLASSES:
-        trips = {n for n, trip in enumerate(demand.trips) if trip.actor_class == name}
+        trips = {
+            n
+            for n, trip in enumerate(demand.trips)
+            if trip.actor_class == name and (n in simulated.departed or not trip.in_reserve)
+        }
         counts[name] = {
             "per_hour": float(per_hour.get(name, 0.0)),
             "asked": len(trips) + left_out.get(name, 0),

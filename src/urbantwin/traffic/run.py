@@ -121,8 +121,6 @@ def _driven(
         asked=asked,
         duration_s=steps * float(asked["step_s"]),
         seed=asked["seed"],
-        scratch=scratch,
-        progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
     )
     net = driven_net(twin, asked, demand, steps * float(asked["step_s"]), scratch)
     roads, retimed = timing_told(net, twin.roads) if demand.counted else (twin.roads, {})

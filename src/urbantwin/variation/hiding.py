@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.dataset.motion_interpolation import Rows
 from urbantwin.geometry import rotation_from_ypr
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.taxonomy import semantic_classes
 from urbantwin.twin import Twin
 
@@ -28,7 +28,7 @@ class Hiding:
     """
 
     def __init__(self, twin: Twin) -> None:
-        self._scene = EmbreeScene(twin.mesh.vertices, twin.mesh.faces)
+        self._scene = RayScene(twin.mesh.vertices, twin.mesh.faces)
         names = {one.id: one.name for one in semantic_classes().values()}
         kinds, self._kind = np.unique(twin.mesh.semantic, return_inverse=True)
         self._names = [names[int(one)] for one in kinds]

@@ -1,6 +1,6 @@
 """A perspective picture of the twin: ray-cast mesh with sun, shadow and ambient light.
 
-No window and no graphics card: Embree casts one ray per sub-pixel, from what it hit one more
+No window and no graphics card: `RayScene` casts one ray per sub-pixel, from what it hit one more
 towards the sun, and one into the open, at random about the surface's normal: the share of those
 that meet nothing near, over the neighbourhood, is the ambient light. Seeds are fixed.
 """
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh, PartColours, SurfaceMaterials
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.geometry.surface_material import taking
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.view import style
@@ -430,7 +430,7 @@ class _Caster:
 
     def __init__(self, mesh: LabelledMesh) -> None:
         self.mesh = mesh
-        self._scene = EmbreeScene(mesh.vertices, mesh.faces)
+        self._scene = RayScene(mesh.vertices, mesh.faces)
         self.normals = mesh.normals().astype(np.float32)
 
     def first(
@@ -438,7 +438,7 @@ class _Caster:
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Return the first face (N,) along each ray, -1 for none, and its distance (N,).
 
-        Origins or directions may be one (3,) for all; ``beside`` as `EmbreeScene.cast_single`.
+        Origins or directions may be one (3,) for all; ``beside`` as `RayScene.cast_single`.
         """
         origins, directions = np.broadcast_arrays(origins, directions)
         found = self._scene.cast_single(origins, directions, beside=beside)

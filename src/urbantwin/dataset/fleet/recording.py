@@ -37,6 +37,7 @@ from urbantwin.dataset.provenance import asked_of
 from urbantwin.dataset.recording import checked_seed, frame_times
 from urbantwin.dataset.split import SplitAsked, check_split
 from urbantwin.dataset.workers import Workers
+from urbantwin.geometry.rays import library_named
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.progress import Progress, untold
 from urbantwin.site.nodes import NodesFile
@@ -60,7 +61,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
     start_s: float = 0.0,
     stop_s: float | None = None,
     every: int = 1,
-    backend: str = "embree",
+    backend: str | None = None,
     storage: str = "npy",
     split: SplitAsked | None = None,
     inputs: Sequence[Path] = (),
@@ -84,7 +85,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
         start_s: no frame before it.
         stop_s: no frame after it; the motion's last step when not given.
         every: of the frames only those whose number is a multiple of this.
-        backend: what casts the rays: ``embree``, ``warp`` or ``warp:DEVICE``.
+        backend: what casts the rays, see `tracer_on`.
         storage: of points, see `recording.record`.
         split: into training, validation and test; the usual one when not given.
         inputs: files and folders besides the twin that ``out`` must not touch.
@@ -102,6 +103,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
     asked_split = split or SplitAsked()
     check_split(list(times_s.values()), asked_split)
     nodes = placed_nodes(asked, rigs, motion, times_s, seed)
+    backend = backend or library_named()
     tracer_on(backend)  # Before any work: is it there?
     inputs = [twin.folder, *inputs]
     check_folder(out, kind=KIND, inputs=inputs)

@@ -67,7 +67,7 @@ def carla_traffic(twin: Twin, scratch: Path | None = None) -> dict[str, Any]:
     asked = twin.site["traffic"]
     per_hour: Mapping[str, float] = asked["per_hour"]
     seed = int(asked["seed"])
-    demand = demand_of(twin, duration_s=float(asked["duration_s"]), seed=seed, scratch=scratch)
+    demand = demand_of(twin, duration_s=float(asked["duration_s"]), seed=seed, metered=False)
     if demand.circulates:
         present = Counter(trip.actor_class for trip in demand.trips)
         seconds = {

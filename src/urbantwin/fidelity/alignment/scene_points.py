@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from urbantwin.fidelity.alignment.lane_markings import mark_lines
 from urbantwin.fidelity.alignment.road_edges import road_edges
 from urbantwin.geometry import DownwardProbe, LabelledMesh, SurfaceMaterials
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["ScenePoints"]
@@ -58,7 +58,7 @@ class ScenePoints:
         near = ((least < middle + reach_m) & (most > middle - reach_m)).all(axis=1)
         self._near = mesh.select(near)
         self._origin = np.array([*middle, 0.0])
-        self._caster = EmbreeScene(self._near.vertices - self._origin, self._near.faces)
+        self._caster = RayScene(self._near.vertices - self._origin, self._near.faces)
         face = _strewn(self._near)
         generator = np.random.default_rng(len(face))
         u, v = generator.random((2, len(face)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh, Pose
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.taxonomy import material_id
 from urbantwin.traffic.assets import (
     COATED_CLASSES,
@@ -163,7 +163,7 @@ def _stood(name: str, phase: int, riderless: bool) -> LabelledMesh:
 def _outer(name: str, phase: int, riderless: bool) -> NDArray[np.bool_]:
     """Return which faces (F,) of a body something around it sees, panes shut."""
     mesh = _stood(name, phase, riderless)
-    scene = EmbreeScene(mesh.vertices, mesh.faces)
+    scene = RayScene(mesh.vertices, mesh.faces)
     middle, normal = mesh.triangles().mean(axis=1), mesh.normals()
     seen = np.zeros(len(mesh.faces), np.bool_)
     for up in np.radians(_UP_DEG):

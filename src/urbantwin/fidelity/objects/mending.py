@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from urbantwin.fidelity.nearest_triangle import NearestTriangle
 from urbantwin.fidelity.objects.bodies import GROUND_M, PlacedBody
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.traffic.assets import scaled_mesh
 
 __all__ = ["PassedBy", "mended", "mended_of"]
@@ -209,7 +209,7 @@ class _Inside:
     """
 
     def __init__(self, shell: LabelledMesh) -> None:
-        self._scene = EmbreeScene(shell.vertices, shell.faces)
+        self._scene = RayScene(shell.vertices, shell.faces)
         self.surface = NearestTriangle(shell.vertices, shell.faces.astype(np.int64))
 
     def depth(self, start: NDArray[np.float64], stop: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -91,7 +91,7 @@ def scan_rays(
     model = ReturnModel(mounted)
     beams = Beams(aims, columns, _ROWS, Footprint.of(sensor), aims, 0.0, None)
     sweep, frame = Sweep.snapshot(columns, _ROWS), Pose.from_ypr(np.zeros(3))
-    tracer = tracer_on("embree")
+    tracer = tracer_on()
     world = World(ground, origin, None, tracer)
     path = FixedPath(mounted.site_SE3_sensor)
     view = StaticView.of(mounted, beams, model, world, path, sweep, frame)

@@ -10,7 +10,7 @@ from urbantwin.fidelity.tuning.knobs import Values
 from urbantwin.fidelity.tuning.loss import Loss, sectors_of
 from urbantwin.fidelity.tuning.tuned_rig import PointsIn, frame_of_points, tuned_rig
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar import Rig
 
 __all__ = ["COARSE_M", "FINE_M", "PoseTerm"]
@@ -53,7 +53,7 @@ class PoseTerm:
         self._half_m = half_m
         self._rig, self._points_in = rig, points_in
         self._near = rig.sensors[0].site_SE3_sensor.translation
-        self._caster = EmbreeScene(mesh.vertices - self._near, mesh.faces)
+        self._caster = RayScene(mesh.vertices - self._near, mesh.faces)
         self._normals = mesh.normals()
         origin = frame_of_points(rig, points_in).inverse().apply(self._near[None])
         rows = _spread(looks, origin, seed)

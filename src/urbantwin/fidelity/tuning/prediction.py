@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar import Rig
 from urbantwin.lidar.beams import Beams
-from urbantwin.lidar.casting.embree import EmbreeTracer
+from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.returns import LEVELS, ReturnModel
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.static_view import StaticView
@@ -106,13 +106,13 @@ def beam_view(
         plain,
         beams,
         model,
-        World(mesh, place.translation, surface, EmbreeTracer()),
+        World(mesh, place.translation, surface, tracer_on()),
         replace(plain, sway=None).path(0, seed),
         Sweep.snapshot(plain.columns, plain.sensor.channels),
         rig.dataset_SE3_site,
     )
     aim = beams.directions @ place.rotation.T
-    caster = EmbreeScene(mesh.vertices - place.translation, mesh.faces)
+    caster = RayScene(mesh.vertices - place.translation, mesh.faces)
     hits = caster.cast(np.zeros(3), aim.astype(np.float32))
     material = np.full(len(aim), -1, np.int64)
     hit = np.flatnonzero(hits.face >= 0)

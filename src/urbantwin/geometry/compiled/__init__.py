@@ -1,4 +1,6 @@
-"""What numba compiles: one ray at a time through Embree. Types are inferred; words tell them.
+"""What numba compiles: rays through Embree's C interface, and the built-in tracer that has it too.
+
+Types are inferred; words tell them.
 
 A function that is called for every ray is `per_ray`. Numba counts the owners of every array that
 a function is handed, which costs as much as the work of one ray; it does not where the function

@@ -1,4 +1,7 @@
-"""One ray at a time through Embree's C interface."""
+"""One ray at a time through Embree's C interface, which the built-in tracer has too.
+
+An address and a scene are those of either, see `geometry.rays`.
+"""
 
 import numpy as np
 from llvmlite import ir
@@ -43,8 +46,9 @@ def new_ray():
 def intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz):
     """Return range and face of the first hit beyond ``near``; ``inf`` and -1 without one.
 
-    ``address`` is that of ``rtcIntersect1``, ``scene`` Embree's, or 0 for an empty one, ``ray``
-    from `new_ray`; the ray leaves at o along the unit vector d.
+    ``address`` is that of ``rtcIntersect1``, or of `bvh.intersect1`, and ``scene`` that of a tree
+    of the same library, or 0 for an empty one; ``ray`` is from `new_ray`; the ray leaves at o along
+    the unit vector d.
     """
     if scene == 0:
         return np.float32(np.inf), np.int32(-1)
@@ -62,7 +66,7 @@ def intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz):
 
 @per_block
 def cast_rays(address, scene, origins, directions, hits):
-    """Write the first `embree.Hits` of rays from origins (N, 3) float32."""
+    """Write the first `rays.Hits` of rays from origins (N, 3) float32."""
     ray = new_ray()
     for n in range(len(directions)):
         hits.range_m[n], hits.face[n] = intersect(

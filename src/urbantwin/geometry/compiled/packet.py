@@ -1,7 +1,8 @@
-"""Eight neighbouring rays at a time through Embree's C interface.
+"""Eight neighbouring rays at a time through the C interface of `intersect`.
 
-Rays that run beside each other pass the same boxes of the tree; Embree walks it once for all eight,
-in half the time, and finds for each what `intersect.intersect` finds.
+Rays that run beside each other pass the same boxes of the tree; it is walked once for all eight, in
+half the time, and each ray hits what `intersect.intersect` finds. An address and a scene are those
+of either library, see `geometry.rays`.
 """
 
 import numpy as np
@@ -63,8 +64,8 @@ def cast(address, scene, packet, rays, count):
     """Cast the rays of the first lanes.
 
     Args:
-        address: of ``rtcIntersect8``.
-        scene: Embree's, or 0 for an empty one.
+        address: of ``rtcIntersect8`` or `bvh.intersect8`.
+        scene: address of a tree of the same library, or 0 for an empty one.
         packet: from `new_packet`.
         rays: (6, 8), origins and unit vectors; what lanes hold that are not cast does not matter.
         count: how many lanes.
@@ -97,7 +98,7 @@ def met_by(packet, lane):
 
 @per_block
 def cast_beside(address, scene, origins, directions, hits):
-    """Write the first `embree.Hits` of rays from origins (N, 3) float32, neighbours in packets."""
+    """Write the first `rays.Hits` of rays from origins (N, 3) float32, neighbours in packets."""
     packet, rays = new_packet(), np.zeros((6, LANES), np.float32)
     for start in range(0, len(directions), LANES):
         count = min(LANES, len(directions) - start)

@@ -1,4 +1,6 @@
-"""First hits whose triangle Embree finds in single precision, confirmed in double precision.
+"""First hits whose triangle a ray tracer finds, confirmed in double precision.
+
+Embree, and the built-in tracer's tree, hold triangles in single precision.
 
 Where a ray grazes a surface, a rounding of the surface's place by some micrometres moves the hit
 by millimetres to metres; on the triangle's plane in double precision it stays. Where a ray runs
@@ -108,7 +110,7 @@ def first_met(address, scene, ray, vertices, faces, near, ox, oy, oz, dx, dy, dz
 
 @per_block
 def cast_rays(address, scene, vertices, faces, origins, directions, hits):
-    """Write the first `embree.Hits` of rays from origins (N, 3) float64."""
+    """Write the first `rays.Hits` of rays from origins (N, 3) float64."""
     ray = new_ray()
     for n in range(len(directions)):
         hits.range_m[n], hits.face[n] = first_met(

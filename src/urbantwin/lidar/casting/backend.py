@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 from urbantwin.errors import InputError
+from urbantwin.geometry.rays import LIBRARIES, library_named
 from urbantwin.lidar.casting.tracer import RayTracer
 
 __all__ = ["tracer_on"]
 
 
-def tracer_on(backend: str) -> RayTracer:
+def tracer_on(backend: str | None = None) -> RayTracer:
     """Return a ray tracer.
 
     Args:
-        backend: ``embree``, ``warp`` (the first CUDA device, else the processor), or Warp with a
-            device: ``warp:cpu``, ``warp:cuda:1``.
+        backend: ``embree``; ``bvh``, the built-in one; ``warp`` (the first CUDA device, else the
+            processor), or Warp with a device: ``warp:cpu``, ``warp:cuda:1``. Embree, or ``bvh``
+            where Embree is missing, if not given.
 
     Raises:
-        InputError: no such backend, Warp is not installed, or this machine has no such device.
+        InputError: no such backend, its package is missing, or this machine has no such device.
     """
-    name, _, device = backend.partition(":")
-    if backend == "embree":
-        from urbantwin.lidar.casting.embree import EmbreeTracer
+    name, _, device = (backend or "").partition(":")
+    if backend is None or backend in LIBRARIES:
+        from urbantwin.lidar.casting.processor import ProcessorTracer
 
-        return EmbreeTracer()
+        return ProcessorTracer(library_named(backend))
     if name == "warp" and (device or backend == "warp"):
         from urbantwin.lidar.casting.warp import WarpTracer
 
         return WarpTracer(device or None)
-    raise InputError(f"there is no backend {backend!r}", expected="embree, warp or warp:DEVICE")
+    raise InputError(
+        f"there is no backend {backend!r}", expected="embree, bvh, warp or warp:DEVICE"
+    )

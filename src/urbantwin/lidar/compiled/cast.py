@@ -3,6 +3,8 @@
 A beam is cast as one ray along its axis and, where its neighbours meet something else, as rays
 spread over its footprint as well. A surface that several of a beam's rays meet is one layer: it
 says which of the rays (bits of a mask), and the range at which the beam's axis meets its plane.
+
+Embree or the built-in tracer finds what rays meet, see `trace`.
 """
 
 from typing import NamedTuple
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry.compiled import per_block, per_ray
 from urbantwin.geometry.compiled.packet import LANES
 from urbantwin.geometry.compiled.prefetch import prefetch
-from urbantwin.geometry.embree import Hits
+from urbantwin.geometry.rays import Hits
 from urbantwin.lidar.casting import layer_rule
 from urbantwin.lidar.casting.layer_rule import BEHIND_M, MOST_PANES, MOST_SURFACES, ON_AXIS
 from urbantwin.lidar.compiled.edges import NO_RAY, find_edges, on_plane, slant
@@ -105,9 +107,9 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
     """Cast blocks of rays, each at its own actor, and write the layers that they meet.
 
     Args:
-        address: of ``rtcIntersect1`` and of ``rtcIntersect8``.
+        address: of the library's functions for one ray and for eight, see `geometry.rays`.
         firing: `tracer.Firing`.
-        targets: `embree.Targets`.
+        targets: `processor.Targets`.
         blocks: `tracer.Blocks`.
         casting: `tracer.Casting`.
         layers: `tracer.Layers` to write, with the actors' ``seen`` and ``seen_s`` 0: the latter

@@ -1,4 +1,7 @@
-"""Rays at actors and at the street: eight neighbours at a time."""
+"""Rays at actors and at the street: eight neighbours at a time.
+
+Embree or the built-in tracer finds what they meet, see `geometry.rays`.
+"""
 
 from typing import NamedTuple
 
@@ -9,7 +12,7 @@ from urbantwin.geometry.compiled import packet, per_block, per_ray
 from urbantwin.geometry.compiled.intersect import intersect, new_ray
 from urbantwin.geometry.compiled.planes import first_met
 from urbantwin.geometry.compiled.prefetch import prefetch
-from urbantwin.geometry.embree import Hits
+from urbantwin.geometry.rays import Hits
 from urbantwin.lidar.casting.layer_rule import GRAZING
 from urbantwin.lidar.compiled.edges import slant
 
@@ -34,7 +37,7 @@ class _Waiting(NamedTuple):
 
 
 class TraceRoom(NamedTuple):
-    """Rays as Embree takes them.
+    """Rays as the libraries of `geometry.rays` take them.
 
     Attributes:
         ray: one, see `intersect.new_ray`.
@@ -99,16 +102,16 @@ def cast_waiting(address, targets, actor, room, count):
     """Cast the rays of the first lanes at an actor, as a packet.
 
     Args:
-        address: of ``rtcIntersect1`` and of ``rtcIntersect8``.
-        targets: `embree.Targets`.
+        address: of the library's functions for one ray and for eight, see `geometry.rays`.
+        targets: `processor.Targets`.
         actor: its number.
         room: `TraceRoom`; its ``waiting.hits`` are written.
         count: how many lanes.
     """
     ray, met = room.waiting.ray, room.waiting.hits
-    scene, planes = targets.scene[actor], targets.triangles.planes
+    tree, planes = targets.tree[actor], targets.triangles.planes
     base = targets.first_face[actor]
-    _cast(address[1], scene, room.packet, ray, count)
+    _cast(address[1], tree, room.packet, ray, count)
     for lane in range(count):
         met.range_m[lane], met.face[lane] = _met_by(room.packet, lane)
         # Rays meet triangles all over a mesh: their planes come from far off, while the next rays
@@ -126,8 +129,8 @@ def cast_waiting(address, targets, actor, room, count):
 @per_ray
 def first_of(address, targets, actor, room, near, ox, oy, oz, dx, dy, dz):
     """Return range and face of what a ray meets first of an actor beyond ``near``."""
-    scene = targets.scene[actor]
-    found, hit = intersect(address[0], scene, room.ray, near, ox, oy, oz, dx, dy, dz)
+    tree = targets.tree[actor]
+    found, hit = intersect(address[0], tree, room.ray, near, ox, oy, oz, dx, dy, dz)
     return _confirmed(address, targets, actor, room, near, found, hit, ox, oy, oz, dx, dy, dz)
 
 
@@ -140,6 +143,6 @@ def _confirmed(address, targets, actor, room, near, found, hit, ox, oy, oz, dx, 
         return found, hit
     # Along a triangle single precision knows but rounding: see ``planes``.
     return first_met(
-        address[0], targets.scene[actor], room.ray, vertices, corners[base:], near,
+        address[0], targets.tree[actor], room.ray, vertices, corners[base:], near,
         ox, oy, oz, dx, dy, dz,
     )  # fmt: skip

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
-from urbantwin.geometry.embree import EmbreeScene, Hits
+from urbantwin.geometry.rays import Hits, RayScene
 from urbantwin.lidar.coverage.cells import Cells, cells_over, is_ground
 from urbantwin.lidar.coverage.traverse import BAND_M, STEP_M, traverse
 from urbantwin.lidar.outage import dead_beams
@@ -247,10 +247,10 @@ class _Looking:
     def _pane_normals(self) -> NDArray[np.float64]:
         return self._panes.normals()
 
-    def _caster(self, part: LabelledMesh) -> EmbreeScene:
+    def _caster(self, part: LabelledMesh) -> RayScene:
         # Moved to the sensor before it becomes float32, so that the error does not grow with the
         # distance from the anchor.
-        return EmbreeScene(part.vertices - self._origin, part.faces)
+        return RayScene(part.vertices - self._origin, part.faces)
 
     def _looks(self) -> Iterator[NDArray[np.float64]]:
         """Yield the beams (N, 3) of every turn that differs, site frame."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar.compiled.bounds import bounds_of_box, in_field
 from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.labels.field_of_view import FieldOfView
@@ -51,7 +51,7 @@ class StandingActors(NamedTuple):
     high: NDArray[np.float64]
     rotation: NDArray[np.float64]
     place: NDArray[np.float64]
-    scenes: Sequence[EmbreeScene]
+    scenes: Sequence[RayScene]
 
     @classmethod
     def at(cls, when_s: NDArray[np.float64], actors: PresentActors) -> StandingActors:

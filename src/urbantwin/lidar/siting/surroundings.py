@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.embree import EmbreeScene, Hits
+from urbantwin.geometry.rays import Hits, RayScene
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["Surroundings"]
@@ -40,7 +40,7 @@ class Surroundings:
         self._is_thing = np.append(~ground, False)
         # Moved to the junction before it becomes float32.
         self._shift = np.array([*middle, 0.0])
-        self._scene = EmbreeScene(self.mesh.vertices - self._shift, self.mesh.faces)
+        self._scene = RayScene(self.mesh.vertices - self._shift, self.mesh.faces)
 
     def cast(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits:
         """Return what rays from origins (..., 3) along unit vectors (..., 3) hit first."""

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 
 __all__ = ["Rays"]
 
@@ -30,7 +30,7 @@ class Rays:
         self._middle = (
             (vertices.min(axis=0) + vertices.max(axis=0)) / 2 if len(vertices) else np.zeros(3)
         )
-        self._scene = EmbreeScene(vertices - self._middle, faces)
+        self._scene = RayScene(vertices - self._middle, faces)
 
     def first(
         self, origins: NDArray[np.float64], directions: ArrayLike

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry
 
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 
 __all__ = ["REACH_M", "seen_from"]
 
@@ -42,7 +42,7 @@ def seen_from(
     footprints = _screens(shapely.boundary(np.array(plans, dtype=object)))
     roads = _screens([carriageway.boundary])
     corners = np.concatenate([footprints, roads]).reshape(-1, 3)
-    scene = EmbreeScene(corners, np.arange(len(corners)).reshape(-1, 3))
+    scene = RayScene(corners, np.arange(len(corners)).reshape(-1, 3))
     turn = np.radians(LOOKS_DEG)
     x = outward[:, :1] * np.cos(turn) - outward[:, 1:] * np.sin(turn)
     y = outward[:, :1] * np.sin(turn) + outward[:, 1:] * np.cos(turn)

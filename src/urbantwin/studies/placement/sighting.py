@@ -131,7 +131,7 @@ class Caster:
 
     def __init__(self, recipe: Recipe) -> None:
         self._recipe = recipe
-        self._tracer = tracer_on("embree")
+        self._tracer = tracer_on()
         middle = np.array([*recipe.squares.ground.middle, 0.0])
         self._world = World(recipe.mesh, middle, recipe.surface, self._tracer)
         self._around = Surroundings(recipe.mesh, recipe.squares.ground.middle)

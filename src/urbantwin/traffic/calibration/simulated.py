@@ -53,7 +53,7 @@ def simulated_tracks(
         told: called with the share that is done.
     """
     seed, warmup_s = int(asked["seed"]), float(asked["warmup_s"])
-    demand = demand_of(twin, asked=asked, duration_s=seconds, seed=seed, scratch=scratch)
+    demand = demand_of(twin, asked=asked, duration_s=seconds, seed=seed)
     steps = round(seconds / _STEP_S)
     net = driven_net(twin, asked, demand, seconds, scratch)
     found = simulate(

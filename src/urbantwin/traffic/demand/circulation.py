@@ -19,7 +19,7 @@ from urbantwin.roads.assignment.movement_flows import ON_LANES_IN_CARS, flows_of
 from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.demand.demand import Demand, LeftOut, Population, Trip
+from urbantwin.traffic.demand.demand import Demand, Gate, GatePlan, LeftOut, Population, Trip
 from urbantwin.traffic.demand.parties import party_places
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
@@ -27,6 +27,16 @@ __all__ = ["COMING_IN_S", "Circulation"]
 
 #: Everybody has come in after this long, or after half of the warm-up if that is shorter, seconds.
 COMING_IN_S = 60.0
+#: Mean speed as a share of the free speed, as populations are planned: delays at junctions and by
+#: others. Gates make up for the difference to the real one where they meter a class.
+PACE = {
+    "pedestrian": 0.85, "bicycle": 0.7, "tram": 0.5,
+    **dict.fromkeys(("car", "van", "truck", "bus", "motorcycle"), 0.5),
+}  # fmt: skip
+#: Share of the planned motor vehicles and bicycles that set out at once; gates add the others.
+AT_ONCE = 0.7
+#: A gate has vehicles in reserve for this long, s.
+RESERVE_S = 240.0
 _ON_FOOT, _BUS, _TRAM = "pedestrian", "bus", "tram"
 #: Nobody comes in on a street that is shorter than this, where a queue leaves no room, metres.
 _ROOM_M = 25.0
@@ -128,22 +138,18 @@ class Circulation:
             if name in ON_LANES_IN_CARS
         )
 
-    def populations(
-        self, pace: Mapping[str, float] | None = None, *, carried: float = 1.0
-    ) -> list[Population]:
-        """Return how many actors of each class there have to be.
+    def populations(self, *, at_once: float = AT_ONCE) -> list[Population]:
+        """Return how many actors of each class set out at once.
 
         Args:
-            pace: by class, the mean speed as a share of the free speed; all 1 if not known.
-            carried: share of the motor traffic that shall come.
+            at_once: share of the vehicles of classes that gates meter; they add the others.
         """
         found = []
         for name in self._circuits:
             seconds, metres = self._usual[name]
             rate = self.per_hour[name]
-            share = 1.0 if name in ("bicycle", "pedestrian", _TRAM) else carried
-            took = seconds / (pace or {}).get(name, 1.0)
-            wanted = max(1, int(np.floor(rate * share * took / 3600.0 + 0.5)))
+            share = 1.0 if name in (_ON_FOOT, _TRAM) else at_once
+            wanted = max(1, int(np.floor(rate * share * seconds / PACE[name] / 3600.0 + 0.5)))
             count = wanted
             if name == _ON_FOOT:
                 count = max(1, min(wanted, int(self._circuits[name].room_m / _FOOTWAY_M)))
@@ -157,6 +163,7 @@ class Circulation:
         warmup_s: float,
         duration_s: float,
         body: Callable[[str, int], str],
+        room: float | None = None,
     ) -> Demand:
         """Plan everybody's passages, from coming in to beyond the end of the motion.
 
@@ -168,6 +175,8 @@ class Circulation:
             warmup_s: how long traffic runs before the motion starts.
             duration_s: how long the motion is.
             body: the asset of the n-th actor of a class.
+            room: motor vehicles that fit onto the lanes of the region bumper to bumper; no gates
+                where it is not given.
         """
         trips: list[Trip] = []
         left_out = [
@@ -192,43 +201,110 @@ class Circulation:
                     asset = body(group.actor_class, k)
                     trips.append(replace(trips[-company[k]], asset=asset, beside=company[k]))
                     continue
-                own = np.random.Generator(
-                    np.random.Philox(key=[self.seed, (number + 1) * 1_000_000 + k])
-                )
+                name = group.actor_class
+                begin = self._circuits[name].begin(float(places[k]))
                 depart_s = round(come_in_s * (k + 0.5) / group.count, 2)
+                own = self._random(name, k)
                 trips.append(
-                    self._trip(
-                        group.actor_class,
-                        body(group.actor_class, k),
-                        depart_s,
-                        float(places[k]),
-                        needed_s,
-                        own,
-                    )
+                    self._trip(name, body(name, k), depart_s, needed_s, own, begin, anywhere=True)
                 )
         trips.sort(key=lambda trip: (trip.depart_s, ACTOR_CLASSES.index(trip.actor_class)))
+        gates, more = GatePlan(), list[Trip]()
+        if room is not None:
+            gates, more = self._gate_plan(populations, needed_s, body, len(trips), room)
         return Demand(
-            tuple(trips), tuple(left_out), tuple(populations), self.outer, stops=self.stops
+            (*trips, *more),
+            tuple(left_out),
+            tuple(populations),
+            self.outer,
+            stops=self.stops,
+            gates=gates,
         )
+
+    def _gate_plan(
+        self,
+        populations: list[Population],
+        needed_s: float,
+        body: Callable[[str, int], str],
+        first: int,
+        room: float,
+    ) -> tuple[GatePlan, list[Trip]]:
+        """Return the gates, and the trips that they keep in reserve.
+
+        Args:
+            populations: how many actors of each class set out at once.
+            needed_s: for how long a trip must lead on.
+            body: the asset of the n-th actor of a class.
+            first: number of the first trip in reserve.
+            room: motor vehicles that fit into the region bumper to bumper.
+        """
+        per_hour: dict[tuple[str, bool], float] = {}
+        reserve: dict[tuple[str, bool], list[tuple[float, str, int]]] = {}
+        for group in populations:
+            if group.actor_class in (_ON_FOOT, _TRAM):
+                continue
+            circuit = self._circuits[group.actor_class]
+            rates: dict[int, float] = {}
+            for (a, b), flow in circuit.flows().items():
+                if circuit.graph.outer[a] and not circuit.graph.outer[b]:
+                    rates[a] = rates.get(a, 0.0) + flow * group.per_hour
+            for state, rate in rates.items():
+                gate = circuit.graph.edges[state], group.actor_class != "bicycle"
+                per_hour[gate] = per_hour.get(gate, 0.0) + rate
+                if state in circuit.starts:
+                    reserve.setdefault(gate, []).extend(
+                        ((k + 0.5) * 3600.0 / rate, group.actor_class, state)
+                        for k in range(int(np.ceil(RESERVE_S * rate / 3600.0)) + 1)
+                        if rate > 0
+                    )
+        made = {group.actor_class: group.count for group in populations}
+        trips: list[Trip] = []
+        gates = []
+        for edge, holds in sorted(per_hour):
+            numbers = []
+            for _, name, state in sorted(reserve.get((edge, holds), ())):
+                k, made[name] = made[name], made[name] + 1
+                trip = self._trip(name, body(name, k), 0.0, needed_s, self._random(name, k), state)
+                numbers.append(first + len(trips))
+                trips.append(replace(trip, in_reserve=True))
+            gates.append(Gate(edge, per_hour[edge, holds], holds, tuple(numbers)))
+        return GatePlan(tuple(gates), room), trips
+
+    def _random(self, actor_class: str, number: int) -> np.random.Generator:
+        """Return the random stream of one actor: it depends on its class and number alone."""
+        stream = (ACTOR_CLASSES.index(actor_class) + 1) * 1_000_000 + number
+        return np.random.Generator(np.random.Philox(key=[self.seed, stream]))
 
     def _trip(
         self,
         actor_class: str,
         asset: str,
         depart_s: float,
-        place: float,
         needed_s: float,
         random: np.random.Generator,
+        begin: int,
+        *,
+        anywhere: bool = False,
     ) -> Trip:
+        """Return a trip of passages one after the other.
+
+        Args:
+            actor_class: its class.
+            asset: its mesh.
+            depart_s: when it sets out.
+            needed_s: for how long it must lead on.
+            random: its random stream.
+            begin: the state from which the first passage starts.
+            anywhere: whether it sets out anywhere on the first passage, in proportion to the time
+                spent there, and not at its start.
+        """
         circuit = self._circuits[actor_class]
         graph = circuit.graph
-        state = circuit.begin(place)
-        first = [state, *circuit.passage(state, random)]
-        # Set out anywhere on the first passage, in proportion to the time spent there.
+        first = [begin, *circuit.passage(begin, random)]
         total = np.cumsum([float(graph.seconds[pair]) for pair in itertools.pairwise(first)])
         skipped = int(np.searchsorted(total, random.random() * total[-1], side="right"))
-        skipped = min(skipped, len(first) - 2)
-        while skipped < len(first) - 2 and graph.length_m[first[skipped]] < _ROOM_M:
+        skipped = min(skipped, len(first) - 2) if anywhere else 0
+        while anywhere and skipped < len(first) - 2 and graph.length_m[first[skipped]] < _ROOM_M:
             skipped += 1
         share = float(random.random())
         passages, left_s = [first[skipped:]], needed_s - float(total[-1] - total[skipped])
@@ -244,7 +320,7 @@ class Circulation:
             if actor_class in (_BUS, _TRAM):
                 # Who sets out may do so behind a stop on the first street.
                 halts = tuple(k for edge in edges[1:] for k in self._stops_of.get(edge, ()))
-            return Trip(actor_class, asset, depart_s, edges, anywhere=True, halts=halts)
+            return Trip(actor_class, asset, depart_s, edges, anywhere=anywhere, halts=halts)
         # Walks end in the middle of a gate's sidewalk, where the next begins. Who turns back on a
         # sidewalk goes to its end first: else the way that was planned would take no time.
         walks = []

@@ -22,6 +22,8 @@ __all__ = [
     "Bound",
     "CountedRow",
     "Demand",
+    "Gate",
+    "GatePlan",
     "LeftOut",
     "Passengers",
     "Population",
@@ -54,6 +56,7 @@ class Trip:
         halts: of a bus: numbers of the demand's stops in the order in which it halts at them.
         waits: on foot: after which of its walks (0 is the first) it waits for a bus or a tram.
         beside: on foot: it walks with whom the trip so many before this one is; 0 for nobody.
+        in_reserve: whether it sets out only if a gate needs another vehicle during the warm-up.
     """
 
     actor_class: str
@@ -67,6 +70,7 @@ class Trip:
     halts: tuple[int, ...] = ()
     waits: tuple[int, ...] = ()
     beside: int = 0
+    in_reserve: bool = False
 
 
 @dataclass(frozen=True)
@@ -145,6 +149,36 @@ class Bound:
 
 
 @dataclass(frozen=True)
+class Gate:
+    """How the end of one outer road meters the vehicles that come into the region.
+
+    Attributes:
+        edge: id of the outer road.
+        per_hour: requested vehicles per hour.
+        holds: whether vehicles wait there when more come; else vehicles are only added.
+        reserve: numbers of the trips that may be added during the warm-up, in order.
+    """
+
+    edge: str
+    per_hour: float
+    holds: bool
+    reserve: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class GatePlan:
+    """The gates of a closed loop.
+
+    Attributes:
+        gates: one per outer road that leads into the region, for motor vehicles and for bicycles.
+        room: motor vehicles that fit onto the lanes of the region bumper to bumper.
+    """
+
+    gates: tuple[Gate, ...] = ()
+    room: float = 1.0
+
+
+@dataclass(frozen=True)
 class Demand:
     """Every trip, in the order of setting out.
 
@@ -153,28 +187,26 @@ class Demand:
         left_out: who was asked for and cannot come.
         populations: who circulates: stays for the whole motion; empty where traffic passes through.
         outer: ids of the edges of outer roads, by which those who circulate come back.
-        carried: share of the motor traffic asked for that the streets can carry.
-        held_up: where and why they carry no more; empty where they do.
         stops: where buses halt.
         manners: by class, attributes of SUMO's vehicle type that are not as usual.
         counted: of each row that was counted, who was planned for it.
         bound: how much of guessed volumes comes.
         passengers: who of them takes buses and trams.
         approaches: how single approaches are used (`approaches.approaches_of`).
+        gates: how outer roads meter the inflow of those who circulate.
     """
 
     trips: tuple[Trip, ...]
     left_out: tuple[LeftOut, ...]
     populations: tuple[Population, ...] = ()
     outer: frozenset[str] = frozenset()
-    carried: float = 1.0
-    held_up: str = ""
     stops: tuple[BusStop, ...] = ()
     manners: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     counted: tuple[CountedRow, ...] = ()
     bound: Bound = field(default_factory=Bound)
     passengers: Passengers = field(default_factory=Passengers)
     approaches: Mapping[str, Any] = field(default_factory=dict)
+    gates: GatePlan = field(default_factory=GatePlan)
 
     @property
     def circulates(self) -> bool:

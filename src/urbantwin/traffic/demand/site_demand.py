@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from urbantwin.roads.assignment.street_network import StreetNetwork
@@ -18,10 +17,7 @@ from urbantwin.traffic.demand.manners import manners_of
 from urbantwin.traffic.demand.passengers import with_passengers
 from urbantwin.traffic.demand.platoons import in_platoons
 from urbantwin.traffic.demand.time_of_day import at_time_of_day
-from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
-from urbantwin.traffic.flow.bottleneck import bottleneck
-from urbantwin.traffic.flow.carried_guess import carried_guess
-from urbantwin.traffic.flow.flow_calibration import Calibrated, calibrate
+from urbantwin.traffic.fleet_of_twin import fleet_of
 from urbantwin.twin import Twin
 
 __all__ = ["demand_of", "outer_roads"]
@@ -36,22 +32,27 @@ def demand_of(
     duration_s: float,
     seed: int,
     asked: Mapping[str, Any] | None = None,
-    scratch: Path | None = None,
-    progress: Callable[[float], None] | None = None,
+    metered: bool = True,
 ) -> Demand:
-    """Return who sets out in a twin, as its site (or ``asked``) wants, over warm-up and duration.
+    """Return the trips of a twin, as its site (or ``asked``) requests, over warm-up and duration.
 
-    In a closed loop everybody comes in during the warm-up and stays. How many that takes is found
-    by pilot simulations (``flow_calibration``). Elsewhere traffic passes through.
+    In a closed loop all actors come in during the warm-up and stay; gates meter how many pass per
+    hour. Elsewhere traffic passes through.
+
+    Args:
+        twin: the twin.
+        duration_s: length of the motion after the warm-up.
+        seed: of every random choice.
+        asked: the site's ``traffic``, or another one in its form.
+        metered: whether gates meter the inflow, as `sumo.simulation` runs them; a program that
+            has no gates gets all vehicles at once.
 
     Raises:
         InputError: a place that was counted is not there, or nobody counted at the time of day.
-        StageError: SUMO failed.
     """
     asked = at_time_of_day(asked or twin.site["traffic"])
     approaches = approaches_of(asked.get("approaches", ()), twin.roads)
     manners = manners_of(asked.get("drivers", {}))
-    own = own_bodies(twin)
     body = fleet_of(twin, seed).body
     in_groups = float(asked.get("in_groups", 0.0))
     if asked.get("counts"):
@@ -73,36 +74,16 @@ def demand_of(
         if asked.get("guessed"):
             circulation, bound = bounded_by_signals(twin.net_path, circulation)
     if circulation is not None and circulation.drives:
-
-        def pilots(of: Circulation, after: Calibrated | None = None) -> Calibrated:
-            return calibrate(
-                of,
-                twin.net_path,
-                roads=twin.roads,
-                room=_room(twin),
-                asset=own.asset,
-                body=body,
-                scratch=scratch,
-                progress=progress,
-                after=after,
-            )
-
-        held_up = ""
-        if asked.get("guessed"):
-            circulation, found, bound = carried_guess(circulation, bound, twin.roads, pilots)
-        else:
-            found = pilots(circulation)
-            if found.carried < 1:
-                held_up = bottleneck(twin.roads, found.standing).because
+        warmup_s = float(asked["warmup_s"])
         demand = circulation.demand(
-            found.populations,
-            warmup_s=float(asked["warmup_s"]),
+            circulation.populations() if metered else circulation.populations(at_once=1.0),
+            warmup_s=warmup_s,
             duration_s=duration_s,
             body=body,
+            room=_room(twin) if metered else None,
         )
         walks = circulation.walks
         if walks is not None and asked.get("passengers_per_halt"):
-            warmup_s = float(asked["warmup_s"])
             demand = with_passengers(
                 demand,
                 twin.roads,
@@ -113,14 +94,7 @@ def demand_of(
                 seed=seed,
                 body=body,
             )
-        return replace(
-            demand,
-            carried=found.carried,
-            held_up=held_up,
-            bound=bound,
-            manners=manners,
-            approaches=approaches,
-        )
+        return replace(demand, bound=bound, manners=manners, approaches=approaches)
     planned = plan_demand(
         network,
         asked["per_hour"],
@@ -182,6 +156,7 @@ def outer_roads(twin: Twin) -> frozenset[str]:
 
 
 def _room(twin: Twin) -> float:
-    """Return how many cars fit onto the lanes bumper to bumper."""
+    """Return how many cars fit onto the lanes of the region bumper to bumper."""
+    outer = outer_roads(twin)
     lanes = (lane for lane in twin.roads.lanes if lane.road and "car" in lane.allowed)
-    return sum(lane.length for lane in lanes) / CAR_SPACE_M
+    return sum(lane.length for lane in lanes if lane.road not in outer) / CAR_SPACE_M

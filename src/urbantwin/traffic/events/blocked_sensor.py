@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError, StageError
 from urbantwin.geometry import rotation_from_ypr
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.traffic.assets import asset, asset_mesh, asset_names
 from urbantwin.traffic.events.scenario import BlockedSensor
 from urbantwin.traffic.events.scripted import CLEAR_M, Scripted, Setting
@@ -55,7 +55,7 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     for truck in asset_names("truck"):
         if asset(truck).bodies:
             continue  # one stiff truck hides enough
-        scene = EmbreeScene(asset_mesh(truck).vertices, asset_mesh(truck).faces)
+        scene = RayScene(asset_mesh(truck).vertices, asset_mesh(truck).faces)
         for xy, yaw in _stands(setting, truck, eye):
             hidden = _hidden(scene, eye, seen, xy, yaw)
             tried.append((-round(hidden, 6), truck, tuple(xy[:2].tolist()), yaw))
@@ -119,7 +119,7 @@ def _seen_places(setting: Setting, eye: NDArray[np.float64]) -> NDArray[np.float
     way = places - eye
     reach = np.linalg.norm(way, axis=1)
     origins = np.tile(eye.astype(np.float32), (len(way), 1))
-    scene = EmbreeScene(mesh.vertices, mesh.faces)
+    scene = RayScene(mesh.vertices, mesh.faces)
     hit = scene.cast_single(origins, (way / reach[:, None]).astype(np.float32))
     return np.asarray(places[hit.range_m > reach - 0.3])
 
@@ -171,7 +171,7 @@ def _stands(
 
 
 def _hidden(
-    scene: EmbreeScene,
+    scene: RayScene,
     eye: NDArray[np.float64],
     seen: NDArray[np.float64],
     at: NDArray[np.float64],

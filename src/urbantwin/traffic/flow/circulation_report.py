@@ -2,39 +2,53 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
 
+from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.flow.bottleneck import bottleneck
 from urbantwin.traffic.sumo.observed import Observed
-from urbantwin.traffic.sumo.simulation import STUCK_S
+from urbantwin.traffic.sumo.simulation import STUCK_S, Simulated
 
 __all__ = ["circulation_report"]
 
-#: Before this minute of the simulation people are still coming in.
-_SETTLED_MIN = 2
 _SLICE_MIN = 10
+#: Below this share of the motor traffic requested the report says where the longest queue begins.
+_ENOUGH = 0.95
+#: Classes that are no motor traffic.
+_NO_MOTOR = ("pedestrian", "bicycle", "tram")
 
 
-def circulation_report(demand: Demand, seen: Observed, warmup_s: float) -> dict[str, Any]:
+def circulation_report(
+    demand: Demand, simulated: Simulated, warmup_s: float, roads: RoadNetwork
+) -> dict[str, Any]:
     """Return the ``circulation`` part of a motion's manifest.
 
+    Passages are those after the warm-up: the distance that all vehicles of a class travelled, over
+    the mean distance from one entry into the region to the next.
+
     Args:
-        demand: who circulates.
-        seen: what was seen each second, from the start of the warm-up.
+        demand: the demand of a closed loop.
+        simulated: the simulation of it, from the start of the warm-up.
         warmup_s: length of the warm-up.
+        roads: the lanes, for where a queue begins.
     """
+    seen = simulated.observed
     minutes = len(seen.samples)
     started = min(int(warmup_s // 60), minutes - 1)
-    settled = min(_SETTLED_MIN, minutes - 1)
+    settled = started
     hours = (minutes - settled) / 60
     population, passages = {}, {}
+    came = Counter(demand.trips[trip].actor_class for trip in simulated.departed)
     for group in demand.populations:
         column = ACTOR_CLASSES.index(group.actor_class)
+        count = came[group.actor_class]
         population[group.actor_class] = {
-            "planned": group.count,
+            "planned": count,
             "least": int(seen.least[started:, column].min()),
             "most": int(seen.most[started:, column].max()),
         }
@@ -43,9 +57,17 @@ def circulation_report(demand: Demand, seen: Observed, warmup_s: float) -> dict[
         speed = float(seen.metres[settled:, column].sum()) / max(present, 1.0)
         passages[group.actor_class] = {
             "asked": group.per_hour,
-            "by_distance": round(group.count * speed / group.metres * 3600, 1),
+            "by_distance": round(count * speed / group.metres * 3600, 1),
             "counted": int(seen.entries[settled:, column].sum()),
         }
+    motor = [row for name, row in passages.items() if name not in _NO_MOTOR]
+    requested = sum(row["asked"] for row in motor)
+    share = sum(row["by_distance"] for row in motor) / requested if requested else 1.0
+    inside = {
+        lane: seconds / (60.0 * minutes)
+        for lane, seconds in seen.queued.items()
+        if lane.rpartition("_")[0] not in demand.outer
+    }
     drivers = [k for k, name in enumerate(ACTOR_CLASSES) if name != "pedestrian"]
     speeds = [
         {
@@ -58,8 +80,8 @@ def circulation_report(demand: Demand, seen: Observed, warmup_s: float) -> dict[
         "population": population,
         "passages_per_hour": passages,
         "counted_for_s": round(hours * 3600),
-        "carried_share_of_motor_traffic": round(demand.carried, 3),
-        "held_up": demand.held_up,
+        "carried_share_of_motor_traffic": round(share, 3),
+        "held_up": bottleneck(roads, inside).because if share < _ENOUGH else "",
         "share_of_guess": round(demand.bound.share, 3),
         "guess_lowered_because": demand.bound.because,
         "mean_speed_of_vehicles": speeds,

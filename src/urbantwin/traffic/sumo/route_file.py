@@ -14,7 +14,7 @@ from urbantwin.traffic.demand.standing_gap import standing_gap_of
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS, GAP_SPREAD
 from urbantwin.traffic.sumo.halts import ends_of_halts
 
-__all__ = ["write_routes"]
+__all__ = ["types_of_reserve", "write_routes"]
 
 #: SUMO's walkers keep to stripes of this width, and none may be wider, metres.
 _STRIPE_M = 0.64
@@ -57,13 +57,25 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             how = {"departLane": "best", "departSpeed": "max", "departPos": "base"}
             if trip.anywhere:
                 how = {"departLane": "best", "departSpeed": "max", "departPos": "random_free"}
-            vehicle = etree.SubElement(root, "vehicle", **common, **how)
-            etree.SubElement(vehicle, "route", edges=edges)
+            if trip.in_reserve:  # a gate adds the vehicle when it needs one
+                vehicle = etree.SubElement(root, "route", id=f"route-{number}", edges=edges)
+            else:
+                vehicle = etree.SubElement(root, "vehicle", **common, **how)
+                etree.SubElement(vehicle, "route", edges=edges)
             dwell_s = TRAM_DWELL_S if trip.actor_class == "tram" else DWELL_S
             for halt, end_m in ends_of_halts(trip.halts, demand.stops):
                 where = {"busStop": str(halt), "endPos": f"{end_m:.2f}"}
                 etree.SubElement(vehicle, "stop", **where, duration=f"{dwell_s:g}")
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
+
+
+def types_of_reserve(demand: Demand) -> dict[str, str]:
+    """Return the vehicle type of each trip in reserve, by the trip's number as text."""
+    return {
+        str(number): _type_of(trip, demand)[0]
+        for number, trip in enumerate(demand.trips)
+        if trip.in_reserve
+    }
 
 
 def _write_types(root: etree._Element, demand: Demand, asset: Callable[[str], Asset]) -> list[str]:

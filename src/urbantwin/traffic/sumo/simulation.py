@@ -12,7 +12,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,8 @@ from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.manners import IN_QUEUES
 from urbantwin.traffic.demand.passengers import boarding_job
 from urbantwin.traffic.sumo.halts import write_stops
-from urbantwin.traffic.sumo.kept_runs import kept_run
 from urbantwin.traffic.sumo.observed import Observed
-from urbantwin.traffic.sumo.route_file import write_routes
+from urbantwin.traffic.sumo.route_file import types_of_reserve, write_routes
 from urbantwin.traffic.sumo.row_columns import row_columns
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
@@ -212,6 +211,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         "last_step": steps - 1 + margin,
         "substeps": substeps,
         "staged": list(staged),
+        "gates_until_s": warmup_s,
     }
     trams = tram_conflicts(net_path, roads)
     return _worked(net_path, demand, asset, options, job, trams, scratch, progress)
@@ -225,6 +225,7 @@ def observe(  # noqa: PLR0913 - the same
     seconds: int,
     step_ms: int,
     seed: int,
+    warmup_s: float = 0.0,
     trams: Mapping[str, Any] | None = None,
     outputs: Mapping[str, object] | None = None,
     scratch: Path | None = None,
@@ -239,6 +240,7 @@ def observe(  # noqa: PLR0913 - the same
         seconds: for how long.
         step_ms: SUMO's step.
         seed: SUMO's seed.
+        warmup_s: gates add vehicles before this time.
         trams: where they meet other traffic (``tram_conflicts``).
         outputs: what SUMO shall write of its own: its options and their values.
         scratch: a folder for SUMO's files; the system's when not given.
@@ -250,12 +252,11 @@ def observe(  # noqa: PLR0913 - the same
     options = {**sumo_options(step_ms, seed, circulates=True), **(outputs or {})}
     steps = round(seconds * 1000 / step_ms)
     job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
-    job["staged"] = []
-    kept = not outputs
-    return _worked(net_path, demand, asset, options, job, trams or {}, scratch, progress, kept=kept)
+    job["staged"], job["gates_until_s"] = [], warmup_s
+    return _worked(net_path, demand, asset, options, job, trams or {}, scratch, progress)
 
 
-def _worked(  # noqa: PLR0913 - the same
+def _worked(
     net_path: Path,
     demand: Demand,
     asset: Callable[[str], Asset],
@@ -264,10 +265,8 @@ def _worked(  # noqa: PLR0913 - the same
     trams: Mapping[str, Any],
     scratch: Path | None,
     progress: Callable[[float, str], None] | None,
-    *,
-    kept: bool = False,
 ) -> Simulated:
-    """Run a job in the worker process, unless it is kept and was run before."""
+    """Run a job in the worker process."""
     own = passing_folder("urbantwin-sumo") if scratch is None else _folder_in(scratch)
     with own as made:
         folder = made.resolve()
@@ -290,20 +289,20 @@ def _worked(  # noqa: PLR0913 - the same
             "approaches": demand.approaches,
             "queue_headways": any(IN_QUEUES in told for told in demand.manners.values()),
             "boarding": boarding_job(demand.passengers),
+            "gates": {
+                "gates": [asdict(gate) for gate in demand.gates.gates],
+                "room": demand.gates.room,
+                "types": types_of_reserve(demand),
+                "until_s": job["gates_until_s"],
+                "seed": options["seed"],
+            },
         }
 
-        def run() -> None:
-            line = _command_line(net_path, routes, {**options, "additional-files": stops})
-            files = {"arrays": str(folder / "rows.npy"), "texts": str(folder / "outcome.json")}
-            (folder / "job.json").write_text(
-                json.dumps({**whole, "options": line, **files}), encoding="utf-8"
-            )
-            _run_worker(folder / "job.json", progress)
-
-        if kept:
-            kept_run({**whole, "options": options}, [net_path, routes, stops], run, folder)
-        else:
-            run()
+        line = _command_line(net_path, routes, {**options, "additional-files": stops})
+        files = {"arrays": str(folder / "rows.npy"), "texts": str(folder / "outcome.json")}
+        job_text = json.dumps({**whole, "options": line, **files})
+        (folder / "job.json").write_text(job_text, encoding="utf-8")
+        _run_worker(folder / "job.json", progress)
         warmup_s = job["warmup_substeps"] * float(str(options["step-length"]))
         return _read(folder / "rows.npy", folder / "outcome.json", warmup_s)
 

@@ -36,6 +36,7 @@ def _beside(name: str) -> ModuleType:
 
 curving, railways, events = _beside("curves"), _beside("trams"), _beside("staging")
 wrong_lanes, boarding = _beside("wrong_lanes"), _beside("boarding")
+metering = _beside("gates")
 lane_use, queues = _beside("lane_use"), _beside("queue_headway")
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
@@ -46,6 +47,9 @@ MANY_ROWS = 50_000
 #: Who halts for longer, seconds, so far from the middle of its lane, metres, may move sideways on
 #: the spot at this speed, m/s.
 WEDGED_S, ASIDE_M, SLIDES_MS = 40.0, 0.3, "0.3"
+#: The first of a queue that has halted within a junction for longer, s, drives out of it at this
+#: speed, m/s, without SUMO's checks (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html).
+LOCKED_S, LOCKED_MS, NO_CHECKS, USUAL_CHECKS = 60.0, 2.0, 0, 31
 SIDEWAYS = "laneChangeModel.lcMaxSpeedLatStanding"
 
 
@@ -80,6 +84,7 @@ class Watch:
         self.vehicle_halt_s = 0.0
         self.queued: dict[str, float] = {}
         self.freed: set[str] = set()
+        self.unlocked: set[str] = set()
 
     def look(self, time_s: float) -> None:
         """Note how things stand at a whole second."""
@@ -113,12 +118,10 @@ class Watch:
                     self.vehicle_halt_s = max(self.vehicle_halt_s, halt_s)
                     self._free(name, halt_s)
                     wrong_lanes.go_on(name, halt_s)
+                    self._unlock(name, halt_s)
                     lane = domain.getLaneID(name)
                     self.queued[lane] = self.queued.get(lane, 0.0) + 1.0
-        for name in self.freed & set(libsumo.vehicle.getIDList()):
-            if libsumo.vehicle.getSpeed(name) > 1.0:
-                libsumo.vehicle.setParameter(name, SIDEWAYS, "0")
-                self.freed.discard(name)
+        self._back_to_usual()
         for kind, number in enumerate(present):
             row["least"][kind] = min(row["least"][kind], number)
             row["most"][kind] = max(row["most"][kind], number)
@@ -132,6 +135,32 @@ class Watch:
         if halt_s > WEDGED_S and aside and name not in self.freed:
             libsumo.vehicle.setParameter(name, SIDEWAYS, SLIDES_MS)
             self.freed.add(name)
+
+    def _unlock(self, name: str, halt_s: float) -> None:
+        """Let the first of a queue that stands within a junction for long drive out of it.
+
+        Two vehicles that SUMO let into one place wait for each other for ever.
+        """
+        if halt_s < LOCKED_S or not libsumo.vehicle.getRoadID(name).startswith(":"):
+            return
+        leader = libsumo.vehicle.getLeader(name, 5.0)
+        if not leader or leader[1] < -3.0:
+            self.unlocked.add(name)
+            libsumo.vehicle.setSpeedMode(name, NO_CHECKS)
+            libsumo.vehicle.setSpeed(name, LOCKED_MS)
+
+    def _back_to_usual(self) -> None:
+        """Let vehicles that were freed or unlocked drive as usual once they are on their way."""
+        there = set(libsumo.vehicle.getIDList())
+        for name in self.freed & there:
+            if libsumo.vehicle.getSpeed(name) > 1.0:
+                libsumo.vehicle.setParameter(name, SIDEWAYS, "0")
+                self.freed.discard(name)
+        for name in self.unlocked & there:
+            if not libsumo.vehicle.getRoadID(name).startswith(":"):
+                libsumo.vehicle.setSpeedMode(name, USUAL_CHECKS)
+                libsumo.vehicle.setSpeed(name, -1)
+                self.unlocked.discard(name)
 
 
 class Recorder:
@@ -242,6 +271,7 @@ def simulate(job: dict[str, Any]) -> None:
     lanes = lane_use.LaneUse(job["approaches"])
     headways = queues.QueueHeadways(job["approaches"], job["queue_headways"])
     stops = boarding.Boarding(job["boarding"])
+    gates = metering.Gates(job["gates"], job["outer"])
     watch = Watch(
         job["classes"], job["kinds"], job["outer"], job["stuck_s"], job["parties"], stops.state
     )
@@ -261,6 +291,7 @@ def simulate(job: dict[str, Any]) -> None:
         if made % per_second == 0:
             lanes.look()
             headways.look()
+            gates.act(libsumo.simulation.getTime())
             watch.look(libsumo.simulation.getTime())
             stops.look(libsumo.simulation.getTime())
         step, rest = divmod(made - job["warmup_substeps"], substeps)

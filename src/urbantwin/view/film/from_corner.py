@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 
 from urbantwin.dataset.motion_interpolation import Rows
 from urbantwin.geometry import DownwardProbe, rotation_from_ypr
-from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.geometry.rays import RayScene
 from urbantwin.traffic.motion import Motion
 from urbantwin.twin import Twin
 from urbantwin.view import style
@@ -67,11 +67,11 @@ class FromCorner:
         )
         self._static = np.repeat(np.repeat(static, _FINER, axis=0), _FINER, axis=1)
         self._rays = camera.rays(width * _FINER, height * _FINER)
-        scene = EmbreeScene(twin.mesh.vertices, twin.mesh.faces)
+        scene = RayScene(twin.mesh.vertices, twin.mesh.faces)
         flat = self._rays.reshape(-1, 3)
         origins = np.tile(camera.place.astype(np.float32), (len(flat), 1))
         self._depth = scene.cast_single(origins, flat).range_m.reshape(self._rays.shape[:2])
-        self._scenes: dict[tuple[str, int], tuple[EmbreeScene, NDArray[np.float32]]] = {}
+        self._scenes: dict[tuple[str, int], tuple[RayScene, NDArray[np.float32]]] = {}
         self._lamps = self._heads(twin)
 
     def picture(
@@ -151,11 +151,11 @@ class FromCorner:
         rows, columns = np.divmod(dark, self._depth[part].shape[1])
         colour[part][rows, columns] = (colour[part][rows, columns] * _SHADED).astype(np.uint8)
 
-    def _scene_of(self, asset: str, phase: int) -> tuple[EmbreeScene, NDArray[np.float32]]:
+    def _scene_of(self, asset: str, phase: int) -> tuple[RayScene, NDArray[np.float32]]:
         key = (asset, phase)
         if key not in self._scenes:
             mesh = self._motion.mesh(*key)
-            scene = EmbreeScene(mesh.vertices, mesh.faces)
+            scene = RayScene(mesh.vertices, mesh.faces)
             self._scenes[key] = scene, mesh.normals().astype(np.float32)
         return self._scenes[key]
 

@@ -1,4 +1,4 @@
-"""Casting on the processor, by Embree, from compiled code."""
+"""Casting on the processor, from compiled code, by Embree or by the built-in tracer."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry.embree import intersect_address, packet_address
+from urbantwin.geometry.rays import cast_addresses
 from urbantwin.lidar.actor_path import Paths
 from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Layers
 from urbantwin.lidar.compiled.cast import cast_blocks
 from urbantwin.lidar.shapes import PresentActors, Triangles
 
-__all__ = ["EmbreeTracer", "Targets"]
+__all__ = ["ProcessorTracer", "Targets"]
 
 
 class Targets(NamedTuple):
     """A actors as compiled code casts at them; all in the actors' frames but the paths.
 
     Attributes:
-        scene: (A,) uint64, Embree's scene of each actor's shape; 0 of who is not cast at.
+        tree: (A,) uint64, address of the tree of each actor's shape; 0 where no ray is cast at it.
         first_face: (A,) int64, where the faces of each begin among the triangles.
         low: (A, 3) float64, lower corners of the bounds.
         high: (A, 3) float64, upper corners.
@@ -28,7 +28,7 @@ class Targets(NamedTuple):
         paths: how the actors move.
     """
 
-    scene: NDArray[np.uint64]
+    tree: NDArray[np.uint64]
     first_face: NDArray[np.int64]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
@@ -36,27 +36,34 @@ class Targets(NamedTuple):
     paths: Paths
 
 
-class EmbreeTracer:
-    """Casts on the processor; see `tracer.RayTracer`."""
+class ProcessorTracer:
+    """Casts on the processor; see `tracer.RayTracer`.
+
+    Args:
+        library: ``embree`` or ``bvh``, see `geometry.rays`.
+    """
+
+    def __init__(self, library: str) -> None:
+        self._library = library
 
     def layers(
         self, firing: Firing, actors: PresentActors, blocks: Blocks, casting: Casting
     ) -> Layers:
         """Return the layers that blocks of rays meet."""
         shapes, shape = actors.shapes, actors.shape
-        scenes = [0] * len(shape)
+        trees = [0] * len(shape)
         numbers = shape.tolist()
-        for actor in set(blocks.actor.tolist()):  # no tree of who is not cast at
-            scenes[actor] = shapes.scenes[numbers[actor]].scene
+        for actor in set(blocks.actor.tolist()):  # only shapes that rays are cast at need a tree
+            trees[actor] = shapes.scenes[numbers[actor]].tree(self._library)
         targets = Targets(
-            np.array(scenes, np.uint64),
+            np.array(trees, np.uint64),
             shapes.first_face[shape],
             actors.low,
             actors.high,
             shapes.triangles,
             actors.paths,
         )
-        address = (intersect_address(), packet_address())
+        address = cast_addresses(self._library)
         room = len(blocks.ray) + len(blocks.ray) // 2 + 1024
         while True:
             layers = Layers.room(room, len(shape))

@@ -1,0 +1,232 @@
+"""Gates: the ends of outer roads meter how many vehicles come into the region.
+
+Every vehicle of a closed loop returns to the region over an outer road. At the end of that road a
+gate lets the next vehicle in when the requested rate allows it; until then vehicles queue on the
+outer road, as at a ramp meter with queue override (Papageorgiou and Kotsialos, IEEE Transactions
+on Intelligent Transportation Systems 3(4), 2002). During the warm-up a gate at which no vehicle
+waits takes one from its reserve, so that as many vehicles circulate as the requested rate needs.
+After the warm-up no vehicle is added. What waits at the gates is what the streets do not carry.
+
+Bicycles have gates that add but never hold: they do not jam streets.
+
+Part of SUMO's worker: imports nothing of UrbanTwin (see ``worker``).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+import libsumo
+import numpy as np
+
+#: Admissions that a gate saves up at most while no vehicle waits at it: during the warm-up, and
+#: after it. The saved admissions let a gate make up for gaps in its arrivals.
+MAX_SAVED_IN_WARMUP, MAX_SAVED = 50.0, 3.0
+#: Near the end of the warm-up, this long before it, s, every gate gets the admissions of 45 s at
+#: once: vehicles for the queue from which later gaps are filled.
+TOP_UP_BEFORE_S, TOP_UP_S = 20.0, 45.0
+#: The time between two admissions is uniform within 1 +- this, times the mean.
+IRREGULARITY = 0.5
+#: Comfortable braking of a vehicle that has to stop at a gate, m/s2, and the distance to the end
+#: of the road from which a standing vehicle waits at the gate, m.
+BRAKING_MS2, AT_GATE_M = 2.0, 6.0
+#: A gate lets vehicles in regardless of its rate when the queue reaches this close to the start of
+#: its outer road, m, or when its first vehicle has waited this long, s: the queue must not block
+#: the exit of the region, and no vehicle waits for ever.
+OVERRIDE_M, MAX_WAIT_S = 12.0, 200.0
+#: No vehicle is admitted while the vehicles in the region take up this share of its lanes, bumper
+#: to bumper: urban networks carry most at a quarter to a third of the jam density (Geroliminis and
+#: Daganzo, Transportation Research Part B 42(9), 2008).
+FULL_SHARE = 0.35
+#: A vehicle is added where the start of the outer road is free for this length, m.
+FREE_M = 8.0
+#: Duration of a stop at a gate, s: until the gate ends it.
+WAIT_S = 1e6
+BICYCLE, TRAM = "bicycle", "tram"
+
+
+class _Gate:
+    """The end of one outer road, for motor vehicles or for bicycles.
+
+    Attributes:
+        edge: id of the outer road.
+        holds: whether vehicles wait for an admission.
+        saved: admissions that the rate allows now; each vehicle that comes in takes one.
+        price: admissions that the next vehicle takes: 1 in the mean.
+        held: vehicle that waits -> since when, s.
+        admitted: vehicles that may come in and have not left the outer road yet.
+    """
+
+    def __init__(self, plan: dict[str, Any], random: np.random.Generator) -> None:
+        self.edge, self.holds = str(plan["edge"]), bool(plan["holds"])
+        self.per_second = float(plan["per_hour"]) / 3600.0
+        self.reserve = deque(map(str, plan["reserve"]))
+        self.random = random
+        self.length_m = libsumo.lane.getLength(f"{self.edge}_0")
+        self.saved, self.price = float(random.random()) - 0.5, 1.0
+        self.held: dict[str, float] = {}
+        self.admitted: set[str] = set()
+
+    def vehicles(self) -> list[str]:
+        """Return the vehicles on the outer road that the gate is for, the first one first."""
+        vehicle = libsumo.vehicle
+        there = [
+            name
+            for name in libsumo.edge.getLastStepVehicleIDs(self.edge)
+            if (vehicle.getVehicleClass(name) == BICYCLE) != self.holds
+            and vehicle.getVehicleClass(name) != TRAM
+        ]
+        return sorted(there, key=lambda name: (-vehicle.getLanePosition(name), int(name)))
+
+    def pay(self) -> None:
+        """Take one admission, and draw how many the next vehicle takes."""
+        self.saved -= self.price
+        self.price = 1.0 + IRREGULARITY * (2.0 * float(self.random.random()) - 1.0)
+
+    def meter(self, now_s: float, *, full: bool, spare: bool) -> None:
+        """Admit or hold the vehicles that come to the end of the road.
+
+        Args:
+            now_s: time of the simulation.
+            full: whether the region has no room for more.
+            spare: whether fewer vehicles came in than requested, all gates together: a gate at
+                which more arrive makes up for others.
+        """
+        vehicle = libsumo.vehicle
+        there = self.vehicles()
+        self.admitted.intersection_update(there)
+        self.held = {name: since for name, since in self.held.items() if name in there}
+        tail_m = min(
+            (
+                vehicle.getLanePosition(name) - vehicle.getLength(name)
+                for name in there
+                if vehicle.getSpeed(name) < 0.5
+            ),
+            default=self.length_m,
+        )
+        for name in there:
+            if name in self.admitted:
+                _end_stop(name)
+                continue
+            speed = vehicle.getSpeed(name)
+            ahead_m = self.length_m - vehicle.getLanePosition(name)
+            if ahead_m > speed * speed / (2.0 * BRAKING_MS2) + AT_GATE_M + speed:
+                break
+            too_long = now_s - self.held.get(name, now_s) > MAX_WAIT_S
+            allowed = (spare or self.saved >= self.price) and not full
+            if tail_m < OVERRIDE_M or too_long or allowed:
+                tail_m = self.length_m
+                self.admit(name)
+            elif name not in self.held:
+                self.hold(name, now_s)
+
+    def count(self) -> None:
+        """Let all vehicles pass; each takes one admission as it comes onto the outer road."""
+        there = set(self.vehicles())
+        for _ in there - self.admitted:
+            self.pay()
+        self.admitted = there
+
+    def admit(self, name: str) -> None:
+        """Let a vehicle in."""
+        self.pay()
+        self.admitted.add(name)
+        if self.held.pop(name, None) is not None:
+            _end_stop(name)
+
+    def hold(self, name: str, now_s: float) -> None:
+        """Let a vehicle stop at the end of the road; one that is too near to stop comes in."""
+        lane = libsumo.vehicle.getLaneIndex(name)
+        end_m = libsumo.lane.getLength(f"{self.edge}_{lane}")
+        try:
+            libsumo.vehicle.setStop(name, self.edge, end_m - 0.5, lane, WAIT_S)
+        except libsumo.TraCIException:
+            self.admit(name)
+        else:
+            self.held[name] = now_s
+
+    def add(self, types: dict[str, str]) -> None:
+        """Add a vehicle from the reserve where none waits and the rate allows one."""
+        if not self.reserve or self.saved < self.price or self.held:
+            return
+        for other in libsumo.edge.getLastStepVehicleIDs(self.edge):
+            rear_m = libsumo.vehicle.getLanePosition(other) - libsumo.vehicle.getLength(other)
+            if rear_m < FREE_M:
+                return
+        name = self.reserve.popleft()
+        libsumo.vehicle.add(
+            name, f"route-{name}", typeID=types[name], depart="now", departLane="best",
+            departPos="base", departSpeed="max",
+        )  # fmt: skip
+        self.pay()
+        self.admitted.add(name)
+
+
+def _end_stop(name: str) -> None:
+    """Remove the stop at the gate, if there is one.
+
+    SUMO ignores the removal of a stop that is reached in this step: the next second tries again.
+    """
+    stops = libsumo.vehicle.getStops(name, 1)
+    if stops and stops[0].duration > WAIT_S / 2:
+        if libsumo.vehicle.isStopped(name):
+            libsumo.vehicle.resume(name)
+        else:
+            libsumo.vehicle.replaceStop(name, 0, "")
+
+
+class Gates:
+    """The gates of a network.
+
+    Args:
+        job: ``gates``: ``edge``, ``per_hour``, ``holds`` and ``reserve`` (numbers of trips) of
+            each; ``types``: number of a trip in reserve -> its vehicle type; ``until_s``: vehicles
+            are added before this time; ``room``: vehicles that fit into the region bumper to
+            bumper; ``seed``.
+        outer: ids of all outer roads.
+    """
+
+    def __init__(self, job: dict[str, Any], outer: list[str]) -> None:
+        self.types: dict[str, str] = job["types"]
+        self.until_s, self.room = float(job["until_s"]), float(job["room"])
+        self.outer = frozenset(outer)
+        seed = int(job["seed"])
+        self.gates = [
+            _Gate(plan, np.random.Generator(np.random.Philox(key=[seed, number])))
+            for number, plan in enumerate(job["gates"])
+        ]
+        self.now_s, self.topped_up = 0.0, False
+
+    def act(self, now_s: float) -> None:
+        """Admit, hold and add vehicles; called once each second."""
+        if not self.gates:
+            return
+        passed_s, self.now_s = now_s - self.now_s, now_s
+        warming_up = now_s < self.until_s
+        full = self._inside() >= FULL_SHARE * self.room
+        top_up = now_s > self.until_s - TOP_UP_BEFORE_S and not self.topped_up
+        self.topped_up |= top_up
+        for gate in self.gates:
+            most = MAX_SAVED_IN_WARMUP if warming_up else MAX_SAVED
+            gate.saved = float(np.clip(gate.saved + gate.per_second * passed_s, -most, most))
+            if gate.holds:
+                gate.saved += gate.per_second * TOP_UP_S * top_up
+                gate.meter(now_s, full=full, spare=self._too_few(holds=True))
+            else:
+                gate.count()
+            if warming_up and not full and self._too_few(holds=gate.holds):
+                gate.add(self.types)
+
+    def _too_few(self, *, holds: bool) -> bool:
+        """Return whether fewer vehicles came in than requested, all gates of a kind together."""
+        return sum(gate.saved for gate in self.gates if gate.holds == holds) >= 1.0
+
+    def _inside(self) -> int:
+        """Return how many motor vehicles are in the region."""
+        vehicle = libsumo.vehicle
+        return sum(
+            vehicle.getRoadID(name) not in self.outer
+            for name in vehicle.getIDList()
+            if vehicle.getVehicleClass(name) not in (BICYCLE, TRAM)
+        )
