@@ -45,7 +45,7 @@ def greens(changes: list[tuple[float, str]], begin_s: float, end_s: float) -> ND
 def recorded(path: Path) -> dict[str, list[tuple[float, str]]]:
     """Return what each group showed, from a table of phases."""
     shown: dict[str, list[tuple[float, str]]] = defaultdict(list)
-    with path.open() as file:
+    with path.open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
             shown[row["group"]].append((float(row["time_s"]), row["state"]))
     return shown

@@ -55,7 +55,7 @@ class ChildrensMemory(threading.Thread):
 
     def _look(self, status: Path) -> None:
         with suppress(OSError):  # it has ended
-            for line in status.read_text().splitlines():
+            for line in status.read_text(encoding="utf-8").splitlines():
                 if line.startswith("VmHWM:"):
                     self.most = max(self.most, int(line.split()[1]) * 1024)
 

@@ -165,7 +165,7 @@ def write_traffic(
     lines, sizes = types_of(truth)
     lines += vehicles(network, truth, WARMUP_S + seconds, place, chance)
     lines += walkers(network, truth, WARMUP_S + seconds, place, chance)
-    with path.open("w") as file:
+    with path.open("w", encoding="utf-8") as file:
         file.write("<routes>\n")
         for number, (_, line) in enumerate(sorted(lines)):
             kind = "person" if line.endswith("</person>") else "vehicle"
@@ -273,7 +273,7 @@ def near_the_junction(
     rows: dict[str, list[tuple[float, float, float, float, float]]] = defaultdict(list)
     kinds: dict[str, str] = {}
     time_s = 0.0
-    with fcd.open() as file:
+    with fcd.open(encoding="utf-8") as file:
         for line in file:  # a line each, thousands of times as many as anything else here
             told = dict(re.findall(r'(\w+)="([^"]*)"', line))
             kind = line.lstrip()[1:2]
@@ -372,7 +372,7 @@ def write_phases(states: Path, path: Path) -> None:
         for row in ElementTree.parse(states).getroot().iter("tlsState")
     ]
     columns = sorted({"".join(c) for c in zip(*(s for _, s in moments), strict=True)})
-    with path.open("w", newline="") as file:
+    with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["group", "time_s", "state"])
         for group, column in enumerate(columns):

@@ -91,7 +91,7 @@ def run(work: Path, *given: Any, out: Path | None = None) -> None:
 
 def written(path: Path, content: Any) -> Path:
     """Write YAML."""
-    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     return path
 
 

@@ -135,7 +135,9 @@ def spread(layouts: list, found: list, count: int) -> list:
 def rig_of(question: Question, layout: tuple[int, ...], path: Path) -> Path:
     """Write the rig of a layout."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump(question.views.rig_spec(layout).written(), sort_keys=False))
+    path.write_text(
+        yaml.safe_dump(question.views.rig_spec(layout).written(), sort_keys=False), encoding="utf-8"
+    )
     return path
 
 

@@ -136,7 +136,7 @@ def rays_that_can_touch(job: Job, rig: Rig, actors: list[PosedActor]) -> int:
 
 def own_memory_mb() -> int:
     """This process's part of what it has in memory: pages of several count in equal shares."""
-    for line in Path("/proc/self/smaps_rollup").read_text().splitlines():
+    for line in Path("/proc/self/smaps_rollup").read_text(encoding="utf-8").splitlines():
         if line.startswith("Pss:"):
             return int(line.split()[1]) // 1024
     return 0

@@ -30,6 +30,8 @@ JUDGES = Path(os.environ.get("URBANTWIN_JUDGES", ROOT / ".venv-judges" / "bin" /
 # Hundreds of processes import the same modules: Python compiles them once, whatever it was told.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# Not what the person who runs the tests has allowed.
+os.environ["XDG_CONFIG_HOME"] = str(ROOT / "tests" / "no-configuration")
 
 # The same examples in every run; HYPOTHESIS_PROFILE=default looks for new ones.
 # How slowly they are drawn, and run, tells of what else the machine does.

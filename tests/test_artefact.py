@@ -17,6 +17,7 @@ from urbantwin.artefact import (
     claimed,
     damages,
     kind_of,
+    overwriting,
     passing_folder,
     read_json,
     remove_dead,
@@ -28,6 +29,7 @@ from urbantwin.artefact import (
     write_json,
 )
 from urbantwin.artefact.disk_space import says_no_room
+from urbantwin.artefact.written_files import RECORD
 from urbantwin.errors import InputError, StageError
 from urbantwin.interruption import unwinds
 
@@ -148,7 +150,7 @@ def test_a_run_keeps_others_out(tmp_path):
     with claimed(target) as scratch:
         for check in (
             lambda: check_folder(target, kind="twin"),
-            lambda: check_file(target),
+            lambda: check_file(target, kind="film"),
             lambda: make(target),
         ):
             with pytest.raises(InputError, match=rf"another run.*process {os.getpid()}\b"):
@@ -262,28 +264,39 @@ def test_outputs_are_beside_inputs(tmp_path, target, inputs, problem):
     with pytest.raises(InputError, match=problem):
         check_folder(tmp_path / target, kind="dataset", inputs=given)
     with pytest.raises(InputError, match=f"{problem}|is a folder"):
-        check_file(tmp_path / target, inputs=given)
+        check_file(tmp_path / target, kind="film", inputs=given)
 
 
 def test_a_file_may_replace_the_input_that_it_improves(tmp_path):
     rig = tmp_path / "rig.yaml"
     rig.write_text("old")
-    with replaced_file(rig, inputs=[rig], replaces=rig) as path:
+    with pytest.raises(InputError, match="urbantwin did not write it"):
+        check_file(rig, kind="align", inputs=[rig], replaces=rig)
+    with (
+        overwriting(allowed=True),
+        replaced_file(rig, kind="align", inputs=[rig], replaces=rig) as path,
+    ):
         path.write_text("new")
     assert rig.read_text() == "new"
 
 
 def test_a_file_takes_its_place_with_its_companions(tmp_path):
-    (tmp_path / "scene.obj").write_text("older")
-    with replaced_file(tmp_path / "scene.obj") as path:
+    with replaced_file(tmp_path / "scene.obj", kind="obj") as path:
+        path.write_text("older")
+    with replaced_file(tmp_path / "scene.obj", kind="obj") as path:
         path.write_text("shape")
         path.with_suffix(".mtl").write_text("colours")
         assert (tmp_path / "scene.obj").read_text() == "older"
+    (tmp_path / RECORD).unlink()
     assert {one.name: one.read_text() for one in tmp_path.iterdir()} == {
         "scene.obj": "shape",
         "scene.mtl": "colours",
     }
-    with pytest.raises(ValueError), replaced_file(tmp_path / "scene.obj") as path:  # noqa: PT011
+    with (
+        overwriting(allowed=True),
+        pytest.raises(ValueError),  # noqa: PT011
+        replaced_file(tmp_path / "scene.obj", kind="obj") as path,
+    ):
         path.write_text("half")
         raise ValueError
     assert (tmp_path / "scene.obj").read_text() == "shape"
@@ -294,11 +307,11 @@ def test_a_companion_replaces_nothing_of_somebody(tmp_path):
     (tmp_path / "scene.mtl").write_text("mine")
 
     def write(companion: str) -> None:
-        with replaced_file(tmp_path / "scene.obj") as path:
+        with replaced_file(tmp_path / "scene.obj", kind="obj") as path:
             path.write_text("mesh")
             path.with_suffix(".mtl").write_text(companion)
 
-    with pytest.raises(InputError, match=r"comes with scene\.mtl, and another file has that name"):
+    with pytest.raises(InputError, match=r"scene\.mtl: exists, and urbantwin did not"):
         write("materials")
     assert names(tmp_path) == ["scene.mtl"]
     assert (tmp_path / "scene.mtl").read_text() == "mine"

@@ -57,7 +57,8 @@ def kind_of_source(text: str) -> str:
 
 
 def _rows(path: Path) -> Iterator[dict[str, str]]:
-    lines = (line for line in path.read_text().splitlines() if not line.startswith("#"))
+    text = path.read_text(encoding="utf-8")
+    lines = (line for line in text.splitlines() if not line.startswith("#"))
     yield from csv.DictReader(lines)
 
 

@@ -25,7 +25,7 @@ def python_pages() -> dict[str, str]:
     function is a result. The package's own imports are read, not followed: that is quicker.
     """
     names = {page: set[str]() for page in PAGES}
-    for node in ast.walk(ast.parse(Path(urbantwin.__file__).read_text())):
+    for node in ast.walk(ast.parse(Path(urbantwin.__file__).read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("urbantwin."):
             told = {alias.name for alias in node.names} & set(urbantwin.__all__)
             functions = {name for name in told if name[0].islower()}

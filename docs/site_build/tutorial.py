@@ -28,7 +28,7 @@ _BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 def parts(page: Path = PAGE) -> Iterator[tuple[str, str]]:
     """Yield the commands (``sh``) and the pieces of Python of the page, in its order."""
-    for language, block in _BLOCK.findall(page.read_text()):
+    for language, block in _BLOCK.findall(page.read_text(encoding="utf-8")):
         if language == "python":
             yield language, block
         else:
@@ -77,7 +77,7 @@ def _command(text: str, *, small: bool) -> None:
 
 def _make_small(site: Path) -> None:
     """Leave one small sensor, two seconds and little around of what `init` proposed."""
-    told = yaml.safe_load(site.read_text())
+    told = yaml.safe_load(site.read_text(encoding="utf-8"))
     told["region"]["radius_m"] = 60
     told["closed_loop"] = False
     told["scene"] = {"clutter": "none"}
@@ -85,7 +85,7 @@ def _make_small(site: Path) -> None:
     told["traffic"]["per_hour"] |= {"car": 1500, "bicycle": 1500, "pedestrian": 1500}
     (sensor,) = told["rig"]["sensors"]
     sensor |= {"model": "VLP-32C", "columns": 1800, "proposed": False}
-    site.write_text(yaml.safe_dump(told))
+    site.write_text(yaml.safe_dump(told), encoding="utf-8")
 
 
 def main() -> None:

@@ -4,21 +4,28 @@
     ├── InputError      a file or value that a person gave is wrong      (exit code 2)
     │   └── TooLittleRoomError   the result will not fit on the disk
     └── StageError      a tool that a stage relies on failed             (exit code 1)
-        └── NoRoomError          the disk is full, or the quota used up
+        ├── NoRoomError          the disk is full, or the quota used up
+        └── LimitError           no memory, thread, process or open file is left
 
 Only ``urbantwin.cli`` turns them into a line of text and an exit code.
 """
 
 from __future__ import annotations
 
+import errno
+import os
+import re
+import resource
 from pathlib import Path
 
 __all__ = [
     "InputError",
+    "LimitError",
     "NoRoomError",
     "StageError",
     "TooLittleRoomError",
     "UrbanTwinError",
+    "limit_reached",
     "readable",
 ]
 
@@ -110,3 +117,77 @@ class TooLittleRoomError(InputError):
 
 class NoRoomError(StageError):
     """The disk is full, or may not be written to any further; whatever comes next fails, too."""
+
+
+class LimitError(StageError):
+    """The system gives this process no more memory, threads, processes or open files."""
+
+
+_NO_MEMORY = re.compile(
+    "out of memory|cannot allocate memory|unable to allocate|no memory|bad_alloc|malloc of size",
+    re.IGNORECASE,
+)
+_NO_THREAD = re.compile(
+    "start new thread|launch worker thread|resource temporarily unavailable|pthread_create",
+    re.IGNORECASE,
+)
+_NO_FILE = re.compile("too many open files", re.IGNORECASE)
+
+
+def limit_reached(error: BaseException) -> LimitError | None:
+    """Return what is said of an error, and what to do, if a limit of the system is its cause.
+
+    Libraries report it in many ways, and a reader of files may have taken it for a damaged file. A
+    file that asks for more memory than this machine has is damaged all the same.
+
+    Args:
+        error: with what it was raised from, or while.
+
+    Returns:
+        The error to report instead; ``None`` where another cause is likelier.
+    """
+    cause: BaseException | None = error
+    for _ in range(100):  # a chain may be a circle
+        if cause is None:
+            return None
+        if isinstance(cause, LimitError):
+            return cause
+        told = _limit_of(cause)
+        if told is not None:
+            return LimitError(told)
+        cause = cause.__cause__ or cause.__context__
+    return None
+
+
+def _limit_of(error: BaseException) -> str | None:
+    number = error.errno if isinstance(error, OSError) else None
+    said = "" if isinstance(error, InputError) else str(error)
+    if number in (errno.EMFILE, errno.ENFILE) or _NO_FILE.search(said):
+        most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        return (
+            f"too many files are open: this process may open {most}; "
+            "allow more (ulimit -n 1024) and give the same command again"
+        )
+    if number == errno.EAGAIN or (not isinstance(error, MemoryError) and _NO_THREAD.search(said)):
+        return (
+            "the system gives this process no more threads or processes; use fewer (--workers 1), "
+            "or allow more (ulimit -u, ulimit -v, the container's limits)"
+        )
+    if isinstance(error, MemoryError):
+        wanted = getattr(error, "_total_size", None)  # numpy's
+        if isinstance(wanted, int) and wanted > _machine_bytes():
+            return None
+    elif number != errno.ENOMEM and not _NO_MEMORY.search(said):
+        return None
+    most = resource.getrlimit(resource.RLIMIT_AS)[0]
+    limited = "" if most == resource.RLIM_INFINITY else (
+        f": this process may use {most / 1e9:.1f} GB of addresses (ulimit -v)"
+    )  # fmt: skip
+    return (
+        f"out of memory{limited}; use fewer processes (--workers 1), a smaller region or fewer "
+        "points, or allow more memory"
+    )
+
+
+def _machine_bytes() -> int:
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

@@ -1,9 +1,10 @@
 """Interruption: Ctrl-C, SIGTERM and SIGHUP end a command in the same way, wherever it is.
 
 While Python starts and imports, nothing is made yet and the process just ends (`ends_at_once`).
-While a command works, ``KeyboardInterrupt`` unwinds it, so that its scratch goes (`unwinds`); where
-a library swallowed it, it comes again before a result takes its place (`unless_swallowed`). Where
-Python would lose it, or compiled code on its way through, it comes a moment later. While a result
+While a command works, ``KeyboardInterrupt`` unwinds it, so that its scratch goes (`unwinds`). Some
+libraries swallow it (pyarrow does while it looks for pandas, and so do many ``except:``), and
+Python itself in callbacks: it is looked every tenth of a second whether it still unwinds, and if
+not, it comes again. Where compiled code is on its way, it comes a moment later. While a result
 takes its place, the signal waits (`deferred`). Then the process ends without waiting for threads
 (`leave`).
 """
@@ -17,7 +18,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 __all__ = [
     "EXIT_CODE",
@@ -34,8 +35,8 @@ EXIT_CODE = 130
 _SIGNALS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM)
 if hasattr(signal, "SIGHUP"):  # not on Windows
     _SIGNALS += (signal.SIGHUP,)
-#: When a signal comes again that came where nothing can be raised.
-_SOON_S = 0.01
+#: How often it is looked whether an interruption still unwinds, seconds.
+_LOOK_S = 0.1
 
 Handler = Callable[[int, FrameType | None], object]
 
@@ -103,6 +104,8 @@ def _end_of_all() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
+#: One for each block of the main thread that defers interruptions now.
+_deferring: list[int] = []
 #: Those of the blocks that are at work (`unwinds`), the innermost last.
 _at_work: list[Interruptions] = []
 
@@ -111,12 +114,19 @@ _at_work: list[Interruptions] = []
 def unwinds() -> Iterator[Interruptions]:
     """Let an interruption raise ``KeyboardInterrupt`` in the block."""
     interruptions = Interruptions()
+    former: list[Any] = []  # the handler of SIGALRM, and its timer
 
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        if _called_by_compiler(frame):
-            _again_soon(number)
-            return
+    def interrupt(_number: int, frame: FrameType | None) -> None:
         interruptions.count += 1
+        if not former and hasattr(signal, "setitimer"):  # not on Windows
+            former.append(signal.signal(signal.SIGALRM, look))
+            former.append(signal.setitimer(signal.ITIMER_REAL, _LOOK_S, _LOOK_S))
+        if interruptions.heard and not _called_by_compiler(frame):
+            raise _Interrupted
+
+    def look(_number: int, frame: FrameType | None) -> None:
+        if _deferring or _called_by_compiler(frame) or _unwinding():
+            return
         if interruptions.heard:
             raise _Interrupted
 
@@ -126,17 +136,31 @@ def unwinds() -> Iterator[Interruptions]:
             yield interruptions
     finally:
         _at_work.pop()
+        if former:
+            signal.setitimer(signal.ITIMER_REAL, *former[1])
+            signal.signal(signal.SIGALRM, former[0])
+
+
+def _unwinding() -> bool:
+    """Return whether this thread is on its way out because of an interruption.
+
+    What cleans up in ``finally``, ``except`` and ``with`` does so while it handles the exception.
+    """
+    error = sys.exception()
+    for _ in range(100):  # a chain may be a circle
+        if error is None or isinstance(error, _Interrupted):
+            break
+        error = error.__cause__ or error.__context__
+    return isinstance(error, _Interrupted)
 
 
 @contextmanager
 def _not_lost() -> Iterator[None]:
-    """Let what Python drops come again, and not be printed: in a callback of a weak reference."""
+    """Let what Python drops, in a callback of a weak reference, not be printed: it comes again."""
     before = sys.unraisablehook
 
     def hear(dropped: sys.UnraisableHookArgs) -> None:
-        if isinstance(dropped.exc_value, _Interrupted):
-            _again_soon(signal.SIGTERM)
-        else:
+        if not isinstance(dropped.exc_value, _Interrupted):
             before(dropped)
 
     sys.unraisablehook = hear
@@ -159,9 +183,14 @@ def unless_swallowed() -> None:
 def deferred() -> Iterator[None]:
     """Let an interruption wait until the block has ended: for moments that must not be cut."""
     waiting: list[int] = []
+    here = [1] if _in_main_thread() else []
     try:
         with _handled(lambda number, _frame: waiting.append(number)):
-            yield
+            _deferring.extend(here)
+            try:
+                yield
+            finally:
+                del _deferring[: len(here)]
     finally:
         if waiting:
             signal.raise_signal(waiting[0])
@@ -176,19 +205,6 @@ def _called_by_compiler(frame: FrameType | None) -> bool:
     return False
 
 
-def _again_soon(number: int) -> None:
-    import threading
-
-    main = threading.main_thread().ident
-    assert main is not None
-    again: tuple[Callable[..., object], tuple[int, ...]] = signal.raise_signal, (number,)
-    if hasattr(signal, "pthread_kill"):  # not on Windows
-        again = signal.pthread_kill, (main, number)
-    timer = threading.Timer(_SOON_S, *again)
-    timer.daemon = True
-    timer.start()
-
-
 def _end(_number: int, _frame: FrameType | None) -> None:
     # No line of Python's own, no traceback out of half an import.
     os.write(2, b"error: interrupted\n")
@@ -199,6 +215,12 @@ def _end_silently(_number: int, _frame: FrameType | None) -> None:
     os._exit(EXIT_CODE)
 
 
+def _in_main_thread() -> bool:
+    import threading  # not above: `ends_at_once` is called as early as can be
+
+    return threading.current_thread() is threading.main_thread()
+
+
 def _heard() -> list[signal.Signals]:
     """Return the signals that whoever started this process wants heard: not `nohup`'s."""
     return [one for one in _SIGNALS if signal.getsignal(one) not in (signal.SIG_IGN, None)]
@@ -206,9 +228,7 @@ def _heard() -> list[signal.Signals]:
 
 @contextmanager
 def _handled(handler: Handler) -> Iterator[None]:
-    import threading  # not above: `ends_at_once` is called as early as can be
-
-    if threading.current_thread() is not threading.main_thread():  # Python's rule
+    if not _in_main_thread():  # Python's rule
         yield
         return
     before = {number: signal.getsignal(number) for number in _heard()}

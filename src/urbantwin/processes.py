@@ -6,6 +6,7 @@ import atexit
 import gc
 import os
 import pickle
+import resource
 import signal
 import sys
 import threading
@@ -25,12 +26,14 @@ from multiprocessing import active_children, get_context, parent_process
 from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
+from urbantwin.errors import LimitError
 from urbantwin.interruption import deferred
 
 __all__ = [
     "Helpers",
     "begun",
     "calculate_as_worker",
+    "check_addresses",
     "handed",
     "helpers",
     "over",
@@ -46,6 +49,8 @@ _T = TypeVar("_T")
 _P = ParamSpec("_P")
 
 _a_worker = False
+#: Addresses that a process needs to trace rays, most of which never become memory, bytes.
+LEAST_ADDRESSES = 3_200_000_000
 #: So often it is looked whether any worker is left, seconds.
 _LOOK_S = 0.2
 #: Within this a pool knows that a worker was killed, seconds.
@@ -57,6 +62,23 @@ def usable_processors() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def check_addresses() -> None:
+    """Refuse long work where a limit of addresses (``ulimit -v``) leaves too few of them.
+
+    Compiled libraries end the whole process where an allocation fails, so that nothing could be
+    said or cleaned up.
+
+    Raises:
+        LimitError: the limit is lower.
+    """
+    most = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if most != resource.RLIM_INFINITY and most < LEAST_ADDRESSES:
+        raise LimitError(
+            f"out of memory: this process may use {most / 1e9:.1f} GB of addresses (ulimit -v); "
+            f"it needs {LEAST_ADDRESSES / 1e9:.1f} GB; allow more (ulimit -v unlimited)"
+        )
 
 
 def threads() -> int:
@@ -84,6 +106,7 @@ def worker_pool(
         start: called in every worker before its work.
         arguments: of ``start``.
     """
+    check_addresses()
     # Spawned, not forked: a fork copies the threads' locks but not the threads that hold them.
     with ExitStack() as given:
         place = given.enter_context(handed((start, arguments)))
@@ -130,6 +153,7 @@ def helpers(
         start: see `worker_pool`.
         arguments: of ``start``.
     """
+    check_addresses()
     workers = usable_processors() if workers is None else workers
     if workers < 2:
         yield Helpers(workers, None)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 import yaml
@@ -11,6 +12,7 @@ import yaml
 from urbantwin.acquire import AnswerCache, Area, SourceSpec, Web, sources_of
 from urbantwin.acquire.acquire import acquire_inputs
 from urbantwin.download import client as client_module
+from urbantwin.download import keys_allowed
 
 from .local_web import Web as Server
 from .local_web import serving
@@ -68,7 +70,9 @@ def fetch(server: Server, area: Area, tmp_path: Path) -> Callable[..., Any]:
         web = Web(kept, offline=offline, environment=environment or {}, **more)
         out = tmp_path / folder
         out.mkdir(exist_ok=True)
-        found = acquire_inputs(area, out, sources_of(specs), web)
+        origin = f"http://{urlsplit(server.url).netloc}"
+        with keys_allowed(None, [f"{name}={origin}" for name in environment or ()]):
+            found = acquire_inputs(area, out, sources_of(specs), web)
         by_kind = {one.kind: one for one in found.inputs}
         outcome = {one.source: one for one in found.attempts if one.source}
         return SimpleNamespace(found=found, inputs=by_kind, outcome=outcome, folder=out)

@@ -61,7 +61,7 @@ def test_a_change_of_an_input_changes_the_keys_of_what_depends_on_it(
     written(tmp_path, **fields, weather=["clear", "rain"])
     more = keys(path)
     assert before.items() < more.items()
-    rig.write_text(yaml.safe_dump({**RIG, "rate_hz": 5}))
+    rig.write_text(yaml.safe_dump({**RIG, "rate_hz": 5}), encoding="utf-8")
     after = keys(written(tmp_path, **fields))
     assert {place for place in before if before[place] != after[place]} == {
         "datasets/two-avenues-1-pole-clear-none", "datasets/two-avenues-2-pole-clear-none",

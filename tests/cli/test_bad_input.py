@@ -123,9 +123,9 @@ def test_a_bad_site_is_told_in_one_line(
     place: str,
     word: str,
 ) -> None:
-    fields = yaml.safe_load(site.read_text())
+    fields = yaml.safe_load(site.read_text(encoding="utf-8"))
     spoil(site.parent, fields)
-    site.write_text(yaml.safe_dump(fields))
+    site.write_text(yaml.safe_dump(fields), encoding="utf-8")
     before = sorted(tmp_path.iterdir())
     outcome = run_here(command, site, "-o", tmp_path / "out")
     told = outcome.err.splitlines()

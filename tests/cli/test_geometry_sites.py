@@ -34,7 +34,8 @@ def street_map(path: Path) -> None:
     )
     path.write_text(
         f'<osm version="0.6">{nodes}<way id="1" version="1"><nd ref="1"/><nd ref="2"/>'
-        '<tag k="highway" v="residential"/></way></osm>'
+        '<tag k="highway" v="residential"/></way></osm>',
+        encoding="utf-8",
     )
 
 

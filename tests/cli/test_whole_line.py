@@ -105,7 +105,7 @@ def test_each_stage_alone_gives_the_bytes_of_run(
 ) -> None:
     twin, motion, dataset = (tmp_path / name for name in ("twin", "motion", "dataset"))
     rig = tmp_path / "rig.yaml"
-    rig.write_text(yaml.safe_dump(yaml.safe_load(site.read_text())["rig"]))
+    rig.write_text(yaml.safe_dump(yaml.safe_load(site.read_text(encoding="utf-8"))["rig"]))
     for arguments in (
         ("build", site, "-o", twin, "--no-pictures"),
         ("traffic", twin, "-o", motion, "--seconds", "0.5", "--seed", "1", "--no-pictures"),

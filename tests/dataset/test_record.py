@@ -368,7 +368,9 @@ def test_workers_end_with_a_run_that_is_killed(twin, motion, rig_spec, tmp_path)
 def runs(process):
     """Whether a process is there and not just waiting to be forgotten."""
     try:
-        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+        state = (
+            Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+        )
     except FileNotFoundError:
         return False
     return state not in "ZX"

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import socket
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import urbantwin.lidar
 from urbantwin.artefact import read_json, write_json
 from urbantwin.cli import main
 from urbantwin.dataset.reproduction import make_again, plan_of
+from urbantwin.download import allowed_keys_file
 from urbantwin.errors import InputError
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "two-avenues"
@@ -220,3 +222,28 @@ def test_no_manifest_names_a_file_elsewhere(made, copy, name):
     write_json(copy / "dataset.json", whole)
     with pytest.raises(InputError, match=r"without a folder|files\.0\.name"):
         plan_of(copy, inputs=[made / "elsewhere"])
+
+
+@pytest.mark.parametrize("listed", [True, False])
+def test_no_key_is_read_for_a_manifest(made, copy, tmp_path, monkeypatch, listed):
+    """Whether its list of files names the address, or leaves it out to be overlooked."""
+    monkeypatch.setenv("URBANTWIN_K", "s3cret")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.05)
+        origin = f"http://127.0.0.1:{server.getsockname()[1]}"
+        monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+        allowed_keys_file().parent.mkdir()
+        allowed_keys_file().write_text(f"URBANTWIN_K={origin}\n", encoding="utf-8")
+        whole = read_json(copy / "dataset.json", kind="dataset")
+        sources = whole["made_from"]["twin"]["made_from"]
+        sources["site"]["geometry"] = [{"url": f"{origin}/t.json", "key_env": "URBANTWIN_K"}]
+        if listed:
+            entry = {"at": ["geometry", 0, "url"], "name": f"{origin}/t.json", "sha256": ""}
+            sources["files"].append(entry)
+        write_json(copy / "dataset.json", whole)
+        with pytest.raises(InputError, match=r"no key is read here|never sends|its list of files"):
+            make_again(
+                plan_of(copy, inputs=[made / "elsewhere"]), stage=silent, out=tmp_path / "again"
+            )
+        with pytest.raises(TimeoutError):
+            server.accept()

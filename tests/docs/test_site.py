@@ -77,7 +77,7 @@ def build(root: Path, out: Path) -> None:
 
 @cache
 def read(path: Path) -> Read:
-    return Read(path.read_text())
+    return Read(path.read_text(encoding="utf-8"))
 
 
 def broken(
@@ -117,7 +117,7 @@ def test_every_link_of_the_site_leads_somewhere(site: Path) -> None:
 @cache
 def github_anchors(page: Path) -> set[str]:
     """Anchors as GitHub makes them of headings: lower case, no punctuation, numbered."""
-    tokens, seen, found = GITHUB.parse(page.read_text()), Counter[str](), set[str]()
+    tokens, seen, found = GITHUB.parse(page.read_text(encoding="utf-8")), Counter[str](), set[str]()
     for before, token in pairwise(tokens):
         if before.type == "heading_open":
             text = "".join(
@@ -130,12 +130,12 @@ def github_anchors(page: Path) -> set[str]:
 
 
 def read_text_anchors(page: Path) -> set[str]:
-    return Read(page.read_text()).anchors
+    return Read(page.read_text(encoding="utf-8")).anchors
 
 
 @pytest.mark.parametrize("page", TEXTS, ids=lambda page: page.name)
 def test_every_link_on_github_leads_somewhere(page: Path) -> None:
-    html = Read(GITHUB.render(page.read_text()))
+    html = Read(GITHUB.render(page.read_text(encoding="utf-8")))
     assert broken(page, [*html.links, *html.loaded], github_anchors) == []
 
 

@@ -351,7 +351,7 @@ def test_what_is_called_is_there(carla_says):
     }
     wanted = {name: members.split() for name, members in called.items()}
     assert carla_says(task="missing", members=wanted) == []
-    source = Path(live.__file__).read_text()
+    source = Path(live.__file__).read_text(encoding="utf-8")
     for members in wanted.values():
         assert all(re.search(rf"\b{member}\b", source) for member in members)
 

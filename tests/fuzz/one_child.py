@@ -31,7 +31,7 @@ def _limit_memory() -> None:
     RLIMIT_DATA counts private writable pages as they are asked for, whether touched or not; and
     not, as RLIMIT_AS does, the address space that Embree and Arrow reserve.
     """
-    status = Path("/proc/self/status").read_text()
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
     data = next(line for line in status.splitlines() if line.startswith("VmData"))
     limit = int(data.split()[1]) * 1024 + MEMORY
     resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))

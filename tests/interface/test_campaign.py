@@ -114,8 +114,11 @@ def test_another_level_makes_what_is_new_alone(grid: Path, made: ut.Campaign) ->
         for path in made.folder.rglob("*")
         if path.is_file() and {"datasets", "motions"} & set(path.parts)
     }
-    fields = yaml.safe_load(grid.read_text())
-    grid.write_text(yaml.safe_dump({**fields, "weather": {**WEATHER, "wet": {"wet_ground": 1.0}}}))
+    fields = yaml.safe_load(grid.read_text(encoding="utf-8"))
+    grid.write_text(
+        yaml.safe_dump({**fields, "weather": {**WEATHER, "wet": {"wet_ground": 1.0}}}),
+        encoding="utf-8",
+    )
     again = ut.campaign(grid, made.folder, workers=1, most=1, progress=False)
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert len(again.manifest["datasets"]) == 5
@@ -159,7 +162,7 @@ def test_what_fails_is_told_and_all_else_is_made(
 def test_a_cluster_makes_the_same_bytes(grid: Path, made: ut.Campaign, tmp_path: Path) -> None:
     pytest.importorskip("ray", reason="ray is not installed: pip install 'urbantwin[ray]'")
     path = tmp_path / grid.name
-    fields = yaml.safe_load(grid.read_text())
+    fields = yaml.safe_load(grid.read_text(encoding="utf-8"))
     del fields["shards"], fields["split"]
     split = {"shares": [1, 0]}  # as datasets have it that are of one part as a whole
     path.write_text(yaml.safe_dump({**fields, "seeds": [1], "weather": WEATHER, "split": split}))
@@ -172,7 +175,7 @@ def test_a_cluster_makes_the_same_bytes(grid: Path, made: ut.Campaign, tmp_path:
 def test_a_split_is_of_the_cells_of_the_grid_and_goes_with_it(
     grid: Path, made: ut.Campaign, tmp_path: Path
 ) -> None:
-    fields = yaml.safe_load(grid.read_text())
+    fields = yaml.safe_load(grid.read_text(encoding="utf-8"))
     place = tmp_path / "campaign"
     shutil.copytree(made.folder, place)
     grid = tmp_path / grid.name

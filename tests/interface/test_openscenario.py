@@ -77,7 +77,7 @@ def test_a_file_that_begins_after_the_motion_is_refused(
     line: Line, file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     late = tmp_path / "late.xosc"
-    late.write_text(file.read_text())
+    late.write_text(file.read_text(encoding="utf-8"))
     arguments = ["traffic", str(line.twin.folder), "-o", str(tmp_path / "m"), "--seconds", "0.2"]
     assert main([*arguments, "--scenario", str(late)]) == 2
     said = capsys.readouterr().err

@@ -45,7 +45,7 @@ def overgrown(bare: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site of the bare crossing, and in the map a tree where its sensor stands."""
     folder = tmp_path_factory.mktemp("overgrown")
     (folder / "map.osm").write_text(with_tree(place_of(bare)))
-    (folder / "site.yaml").write_text(bare.read_text())
+    (folder / "site.yaml").write_text(bare.read_text(encoding="utf-8"))
     return folder / "site.yaml"
 
 
@@ -84,7 +84,7 @@ def test_a_build_moves_a_proposed_sensor_out_of_a_tree(overgrown: Path, built: u
     # The twin's own site holds the place where it stands now, which is nobody's proposal.
     kept = yaml.safe_load((built.folder / "rig.yaml").read_text())["sensors"][0]
     assert "proposed" not in kept
-    proposed = yaml.safe_load(overgrown.read_text())["rig"]["sensors"][0]
+    proposed = yaml.safe_load(overgrown.read_text(encoding="utf-8"))["rig"]["sensors"][0]
     ways = [proposed[key] - kept[key] for key in ("east_m", "north_m", "height_m")]
     moved = built.summary()["sensors_moved_from_their_proposal_m"]
     assert moved == {one.name: pytest.approx(math.hypot(*ways), abs=0.06)}
@@ -109,7 +109,7 @@ def test_a_build_leaves_a_sensor_that_somebody_placed_and_tells_what_hides_the_j
     overgrown: Path, built: ut.Twin, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ):
     rig = tmp_path / "rig.yaml"
-    one = yaml.safe_load(overgrown.read_text())["rig"]["sensors"][0]
+    one = yaml.safe_load(overgrown.read_text(encoding="utf-8"))["rig"]["sensors"][0]
     given = {key: value for key, value in one.items() if key not in ("proposed", "effects")}
     # Within the crown, and beside the trunk: inside that it would be refused.
     given |= {"east_m": given["east_m"] + 1.0, "height_m": 9.0}

@@ -99,7 +99,7 @@ def test_a_run_that_is_cut_off_goes_on_and_ends_the_same(
 
 def test_one_more_level_leaves_what_is_done(grid: Path, made: ut.Study) -> None:
     """Also what is known of the others: no motion, and two recordings of each seed, are new."""
-    fields = yaml.safe_load(grid.read_text())
+    fields = yaml.safe_load(grid.read_text(encoding="utf-8"))
     fields["factors"]["pose_error_m"].append(0.1)
     more = grid.with_name("more.yaml")
     more.write_text(yaml.safe_dump({**fields, "seeds": [4]}))
@@ -137,7 +137,7 @@ def test_what_cannot_be_studied_is_one_line_before_anything_is_done(
     grid: Path, tmp_path: Path, factors: dict[str, object], said: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    fields = {**yaml.safe_load(grid.read_text()), "factors": factors}
+    fields = {**yaml.safe_load(grid.read_text(encoding="utf-8")), "factors": factors}
     path = tmp_path / "grid.yaml"
     path.write_text(yaml.safe_dump(fields))
     assert main(["study", str(path), "--quiet"]) == 2
@@ -176,7 +176,7 @@ def test_a_detector_that_cannot_judge_is_told_before_anything_is_driven(
         (tmp_path / name).mkdir()
         write_model(tmp_path / name, Model(design, new_network(design).eval(), {}))
     path = tmp_path / "grid.yaml"
-    path.write_text(yaml.safe_dump({**yaml.safe_load(grid.read_text()), **fields}))
+    path.write_text(yaml.safe_dump({**yaml.safe_load(grid.read_text(encoding="utf-8")), **fields}))
     assert main(["study", str(path), "--plan"]) == 2
     err = capsys.readouterr().err
     assert said in err

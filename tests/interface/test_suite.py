@@ -25,7 +25,7 @@ def run(folder: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tupl
 
 
 def write(path: Path, *events: dict[str, Any]) -> None:
-    path.write_text(yaml.safe_dump({"events": list(events)}))
+    path.write_text(yaml.safe_dump({"events": list(events)}), encoding="utf-8")
 
 
 def test_a_suite_is_the_same_until_a_scenario_is_another(

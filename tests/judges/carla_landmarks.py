@@ -9,7 +9,7 @@ def announced(path):
     """[road, lane, s, [[signal, type, distance, value], ...]] of waypoints all over a map."""
     import carla
 
-    chart = carla.Map("map", Path(path).read_text())
+    chart = carla.Map("map", Path(path).read_text(encoding="utf-8"))
     rows = []
     for point in chart.generate_waypoints(3.0):
         if point.is_junction:

@@ -27,7 +27,7 @@ def transformed(job):
 
 def on_map(job):
     """What lane CARLA's map has at each spawn point, and how far its middle is."""
-    chart = carla.Map("map", Path(job["xodr"]).read_text())
+    chart = carla.Map("map", Path(job["xodr"]).read_text(encoding="utf-8"))
     answers = []
     for entry in job["points"]:
         at = placed(entry)
@@ -52,7 +52,7 @@ def on_map(job):
 
 def waypoints(job):
     """Places all over the lanes, in CARLA's frame."""
-    chart = carla.Map("map", Path(job["xodr"]).read_text())
+    chart = carla.Map("map", Path(job["xodr"]).read_text(encoding="utf-8"))
     found = chart.generate_waypoints(2.0)
     rows = [w.transform.location for w in found if w.lane_type == carla.LaneType.Driving]
     return [[p.x, p.y, p.z] for p in rows]

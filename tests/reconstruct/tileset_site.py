@@ -3,10 +3,12 @@
 import json
 import math
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import shapely
 
+from urbantwin.download import keys_allowed
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.tiles3d import read_tiles3d
@@ -39,7 +41,10 @@ def source(file: Path | str, **spec) -> GeometrySource:
 
 
 def read(file: Path | str, region=REGION, frame: SiteFrame = FRAME, **spec) -> ImportedModel:
-    return read_tiles3d(source(file, **spec), frame, region)
+    allowed = [f"{name}={urlsplit(str(file)).scheme}://{urlsplit(str(file)).netloc}"
+               for name in [spec.get("key_env")] if name]  # fmt: skip
+    with keys_allowed(None, allowed):
+        return read_tiles3d(source(file, **spec), frame, region)
 
 
 def tile(error: float, x0, y0, x1, y1, **more) -> dict:

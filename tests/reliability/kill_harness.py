@@ -11,6 +11,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from urbantwin.artefact.written_files import RECORD
+
 from .small_site import Command, Stand, bytes_of, command_line
 
 #: A machine that many share is slow at times.
@@ -87,7 +89,7 @@ def killed(
 
 def is_caught(process: int, number: signal.Signals) -> bool:
     """Return whether a process has a handler of its own, from ``/proc``."""
-    status = Path(f"/proc/{process}/status").read_text()
+    status = Path(f"/proc/{process}/status").read_text(encoding="utf-8")
     return bool(int(status.split("SigCgt:")[1].split()[0], 16) >> (number - 1) & 1)
 
 
@@ -113,6 +115,8 @@ def place_for(stand: Stand, command: Command, place: Path, *, older: bool) -> Pa
     if older:
         former = stand.older(command.output)
         (shutil.copytree if former.is_dir() else shutil.copyfile)(former, out)
+        if former.is_file():  # which is known to be ours
+            shutil.copyfile(former.parent / RECORD, out.parent / RECORD)
     return out
 
 
@@ -130,7 +134,7 @@ def check_left(
         scratch: whether scratch may be there.
     """
     hidden = [one.name for one in out.parent.rglob(".*") if one.name.endswith(ENDINGS)]
-    visible = [one.name for one in out.parent.iterdir() if one.name not in hidden]
+    visible = [one.name for one in out.parent.iterdir() if one.name not in (*hidden, RECORD)]
     assert set(visible) <= {command.output}
     assert all(SCRATCH.fullmatch(name) for name in hidden)
     assert scratch or not hidden, hidden
@@ -174,7 +178,7 @@ def finish(stand: Stand, key: str, command: Command, out: Path, place: Path) -> 
 def check_whole(stand: Stand, key: str, command: Command, out: Path, place: Path) -> None:
     """Check that an output is as undisturbed, and that nothing else is anywhere."""
     assert bytes_of(out) == bytes_of(stand.expected(key))
-    assert [one.name for one in out.parent.iterdir()] == [command.output]
+    assert {one.name for one in out.parent.iterdir()} - {RECORD} == {command.output}
     assert list((place / "tmp").iterdir()) == []
     cache = [str(one.relative_to(place)) for one in (place / "cache").rglob("*")]
     controls = [name for name in cache if _CONTROL.fullmatch(name)] if command.control else []

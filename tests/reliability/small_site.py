@@ -299,7 +299,10 @@ class Stand:
 
     def ran(self, arguments: list[object], place: Path | None = None) -> tuple[int, str]:
         """Run a command in this process, which saves the imports; return its code and stderr."""
-        with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryFile("w+") as err:
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            tempfile.TemporaryFile("w+", encoding="utf-8") as err,
+        ):
             for name, value in self.environment(place).items():
                 patch.setenv(name, value)
             patch.setattr(tempfile, "tempdir", None)

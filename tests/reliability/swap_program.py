@@ -23,7 +23,7 @@ CHANGES = ("os.rename", "os.mkdir", "os.rmdir", "os.remove", "shutil.rmtree")
 def write(target: Path, kind: str, number: int) -> None:
     """Write a small artefact: a folder, a folder that is resumed, or a file."""
     if kind == "file":
-        with replaced_file(target) as path:
+        with replaced_file(target, kind="obj") as path:
             path.with_suffix(".mtl").write_text(f"colours {number}")
             path.write_text(f"shape {number}")
         return

@@ -13,6 +13,9 @@ from ..thorough import further
 from .kill_harness import PATIENCE_S, SCRATCH, check_whole, finish, killed, processes_of
 from .small_site import COMMANDS, Stand, command_line
 
+#: A run ends so soon after an interruption, on a machine that many share.
+SOON_S = 3.0
+
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("after_ms", [0, 20, 100, 400])
@@ -86,6 +89,63 @@ except KeyboardInterrupt:
 def test_an_interruption_that_python_drops_comes_again() -> None:
     done = ran(WITHIN_A_CALLBACK)
     assert (done.returncode, done.stdout, done.stderr) == (0, "unwound\n", "")
+
+
+#: A library that swallows whatever comes while it looks for another one, as pyarrow does.
+SWALLOWED = """
+import signal, time
+from urbantwin.interruption import deferred, unwinds
+
+cleaned = False
+try:
+    with unwinds() as heard:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except:
+            time.sleep(0.3)  # it is handled so long, and comes again only then
+        began = time.monotonic()
+        try:
+            while time.monotonic() < began + 10:
+                time.sleep(0.001)
+        finally:
+            before = time.monotonic()
+            while time.monotonic() < before + 0.3:  # cleaning up is not cut
+                pass
+            with deferred():
+                time.sleep(0.3)
+            cleaned = True
+except KeyboardInterrupt:
+    print("unwound", cleaned, before - began < 0.5, heard.count)
+time.sleep(0.3)  # nothing comes afterwards
+"""
+
+
+def test_an_interruption_that_a_library_swallows_comes_again() -> None:
+    done = ran(SWALLOWED)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "unwound True True 1\n", "")
+
+
+@pytest.mark.parametrize("key", ["record", "traffic", "build"])
+@pytest.mark.parametrize("moment", [9, *further(*(k for k in range(1, 20) if k != 9))])
+def test_one_interruption_in_the_first_seconds_ends_the_run(
+    stand: Stand, tmp_path: Path, key: str, moment: int
+) -> None:
+    """At any moment: imports and start are where libraries swallow exceptions."""
+    process = subprocess.Popen(
+        command_line(COMMANDS[key].arguments(stand, tmp_path / "out" / COMMANDS[key].output)),
+        env=stand.environment(tmp_path),
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    assert process.stderr is not None
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(0.25 * moment)
+    os.kill(process.pid, signal.SIGINT)
+    began = time.monotonic()
+    assert process.wait(PATIENCE_S) in (130, -signal.SIGINT)
+    assert time.monotonic() - began < SOON_S
+    assert process.stderr.read() in (b"error: interrupted\n", b"")
+    process.stderr.close()
 
 
 #: Two signals while a thread is in compiled code, and a Python that takes long to take apart.

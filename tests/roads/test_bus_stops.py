@@ -37,7 +37,7 @@ def with_a_line(osm: Path) -> Path:
         '<relation id="1" version="1"><member type="way" ref="10" role=""/>'
         '<tag k="type" v="route"/><tag k="route" v="bus"/></relation></osm>'
     )
-    osm.write_text(osm.read_text().replace("</osm>", line))
+    osm.write_text(osm.read_text(encoding="utf-8").replace("</osm>", line), encoding="utf-8")
     return osm
 
 

@@ -238,7 +238,7 @@ def written(path: Path, *parts: str) -> Path:
     body = "".join(parts)
     nodes = "".join(re.findall(r"<node[^>]*/>|<node[^>]*>.*?</node>", body))
     ways = "".join(re.findall(r"<way.*?</way>", body))
-    path.write_text(f'<osm version="0.6">{nodes}{ways}</osm>')
+    path.write_text(f'<osm version="0.6">{nodes}{ways}</osm>', encoding="utf-8")
     return path
 
 

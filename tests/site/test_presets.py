@@ -100,7 +100,7 @@ def at_s110(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_site_says_where_its_values_are_from(at_s110: Path) -> None:
-    text = at_s110.read_text()
+    text = at_s110.read_text(encoding="utf-8")
     for said in ("# Unknown:", "calib/s110_lidar_ouster_south.json", "hd_map.py", "CC BY-NC-ND"):
         assert said in text
     site = load_site(at_s110)
@@ -115,7 +115,7 @@ def test_the_site_says_where_its_values_are_from(at_s110: Path) -> None:
 
 
 def test_the_twin_has_the_rig_at_its_published_poses(at_s110: Path, tmp_path: Path) -> None:
-    fields = yaml.safe_load(at_s110.read_text()) | {"closed_loop": False}
+    fields = yaml.safe_load(at_s110.read_text(encoding="utf-8")) | {"closed_loop": False}
     site = at_s110.with_name("open.yaml")
     site.write_text(yaml.safe_dump(fields))
     twin = ut.build(site, tmp_path / "twin", pictures=False, progress=False)

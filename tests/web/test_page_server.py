@@ -46,7 +46,7 @@ def test_only_this_machine_is_served(page):
     token = address.path.strip("/")
     assert len(token) == 32
     assert set(token) <= set("0123456789abcdef")
-    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()]
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text(encoding="utf-8").splitlines()]
     mine = {
         row[1].split(":")[0]
         for row in rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -126,11 +127,15 @@ def acquire_inputs(
         progress: called with the share done (0..1) and the current task.
 
     Raises:
-        InputError: there is no map, or no street there.
+        InputError: there is no map, or no street there; a key may not be sent to its source.
     """
     inputs: list[AcquiredInput] = []
     attempts: list[Attempt] = []
     kinds = [one for one in KINDS if one not in without]
+    for one in sources:  # before anything is fetched
+        if one.spec.kind in kinds and one.covers(area):
+            with suppress(NoKeyError):
+                web.key_of(one.spec)
     # What is not among them was left out by choice; of tiles and the map there is more to say.
     offered = {"map", "tiles", *(one.spec.kind for one in sources)}
     for number, kind in enumerate(kinds):

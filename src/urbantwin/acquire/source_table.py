@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from urbantwin.download import DownloadError, parse_address
+from urbantwin.download import VARIABLE, DownloadError, parse_address
 from urbantwin.errors import InputError
 from urbantwin.site.web_source import OriginText, check_origins
 from urbantwin.site.yaml_document import nearest, read_document, wrong
@@ -125,7 +125,7 @@ class SourceSpec(BaseModel):
     licence: Annotated[str, Field(min_length=1)] = "not stated"
     attribution: Annotated[str, Field(min_length=1)] = "not stated"
     terms: str | None = None
-    key_env: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")] | None = None
+    key_env: Annotated[str, Field(pattern=VARIABLE)] | None = None
     default: bool = True
     fresh_days: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 90.0
     pause_s: Annotated[float, Field(ge=0, le=60, allow_inf_nan=False)] = 0.0

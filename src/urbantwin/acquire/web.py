@@ -19,6 +19,7 @@ from urbantwin.download import (
     Limits,
     Secrets,
     Span,
+    key_for,
     parse_address,
     parse_origin,
 )
@@ -107,15 +108,24 @@ class Web:
         self._asked: dict[str, float] = {}
         self._lock = threading.Lock()
 
-    def key_of(self, source: SourceSpec) -> str:
+    def key_of(self, source: SourceSpec, address: str | None = None) -> str:
         """Return a source's key; empty where it needs none.
+
+        Args:
+            source: the source.
+            address: of a mirror, where the key goes to that.
 
         Raises:
             NoKeyError: it needs one, and there is none.
+            InputError: there is one that the user did not allow to be sent there.
         """
         if source.key_env is None:
             return ""
-        value = self.environment.get(source.key_env, "").strip()
+        value = ""
+        if source.key_env in self.environment:
+            place = f"the source {source.name}"
+            where = address or source.address
+            value = key_for(source.key_env, where, self.environment, place=place)
         if not value:
             raise NoKeyError(f"needs a key in the environment variable {source.key_env}")
         self._keys.add(value)
@@ -135,8 +145,9 @@ class Web:
 
         Raises:
             NoKeyError: there is none.
+            InputError: the user did not allow its key to be sent there.
         """
-        return Server(self, source, address or source.address, self.key_of(source))
+        return Server(self, source, address or source.address, self.key_of(source, address))
 
     def wait(self, origin: str, pause_s: float) -> None:
         """Wait until a server may be asked again."""

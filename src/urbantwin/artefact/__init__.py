@@ -14,6 +14,7 @@ from urbantwin.artefact.output import (
 )
 from urbantwin.artefact.scratch import claimed, new_folder, passing_folder, remove_dead
 from urbantwin.artefact.verify import Verified, verify
+from urbantwin.artefact.written_files import overwriting, publish_file
 
 __all__ = [
     "INVENTORY",
@@ -28,7 +29,9 @@ __all__ = [
     "damages",
     "kind_of",
     "new_folder",
+    "overwriting",
     "passing_folder",
+    "publish_file",
     "read_json",
     "remove_dead",
     "replaced_file",

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.damaged_bytes import header_place, member_place
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, limit_reached
 
 __all__ = [
     "ArrayOf",
@@ -299,7 +299,10 @@ def _one_line(path: Path, expected: str, place_in: Callable[[Path], str | None])
         raise
     except FileNotFoundError:
         raise InputError("not found", file=path, expected=expected) from None
-    except MemoryError:
+    except MemoryError as error:
+        limit = limit_reached(error)
+        if limit is not None:
+            raise limit from error
         raise InputError("needs more memory than there is", file=path, expected=expected) from None
     except Exception as error:  # a header is Python's syntax: its parser raises what it likes
         problem, place = f"is not readable ({one_line(error)})", None

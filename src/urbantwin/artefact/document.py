@@ -27,7 +27,9 @@ _HALF_BYTES = re.compile(_HALF.pattern.encode())
 def write_json(path: Path, value: object) -> None:
     """Write ``value`` as stable, readable JSON (keys in the given order, newline at the end)."""
     scratch = path.with_name(f".{path.name}.part")
-    scratch.write_text(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    scratch.write_text(
+        json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+    )
     scratch.replace(path)
 
 

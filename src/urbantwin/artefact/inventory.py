@@ -59,7 +59,7 @@ def write_inventory(
             escaped = _escaped(name)
             said = "" if escaped == name else "\\"  # sha256sum(1): so the line says it
             lines.append(f"{said}{sums.get(name) or sha256_of(folder / name)}  {escaped}")
-    with scratch.open("w", errors="surrogateescape", newline="\n") as stream:
+    with scratch.open("w", errors="surrogateescape", newline="\n", encoding="utf-8") as stream:
         stream.writelines(f"{line}\n" for line in lines)
         stream.flush()
         os.fsync(stream.fileno())  # whoever finds it may rely on it, after a loss of power too
@@ -74,7 +74,7 @@ def read_inventory(folder: Path) -> dict[str, str]:
     """
     path = folder / INVENTORY
     try:
-        text = path.read_text(errors="surrogateescape")
+        text = path.read_text(errors="surrogateescape", encoding="utf-8")
     except FileNotFoundError:
         raise InputError("not found", file=path, expected="the artefact's inventory") from None
     except OSError as error:

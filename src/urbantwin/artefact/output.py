@@ -16,7 +16,13 @@ from urbantwin.artefact.inventory import (
     read_inventory,
     write_inventory,
 )
-from urbantwin.artefact.scratch import claimed, put_in_place, refuse_if_written
+from urbantwin.artefact.scratch import alone, claimed, put_in_place, refuse_if_written
+from urbantwin.artefact.written_files import (
+    check_replaceable_file,
+    overwriting,
+    publish_file,
+    take_mode,
+)
 from urbantwin.errors import InputError
 from urbantwin.interruption import deferred, unless_swallowed
 
@@ -90,24 +96,29 @@ def check_folder(target: Path, *, kind: str, inputs: Sequence[Path | None] = ())
 
 
 def check_file(
-    target: Path, *, inputs: Sequence[Path | None] = (), replaces: Path | None = None
+    target: Path,
+    *,
+    kind: str | None,
+    inputs: Sequence[Path | None] = (),
+    replaces: Path | None = None,
 ) -> None:
     """Refuse an output file that cannot be written, before any work.
 
     Args:
         target: the file to write.
+        kind: of output; an older one of the same kind that we wrote is replaced, of ``None`` none.
         inputs: what it is made from.
         replaces: an input that it may replace.
 
     Raises:
-        InputError: it is a folder, an input, inside an artefact or an input, is being written by
-            another run, or is not writable.
+        InputError: it is a folder or no regular file, a file that may not be replaced
+            (`written_files`), an input, inside an artefact or an input, is being written by another
+            run, or is not writable.
     """
     real = _real(target)
-    if real.is_dir():
-        raise InputError("is a folder", file=target, expected="the name of a file")
     if replaces is None or real != Path(os.path.realpath(replaces)):
         _check_place(target, real, inputs)
+    check_replaceable_file(target, real, kind)
     refuse_if_written(real)
 
 
@@ -144,46 +155,54 @@ def replaced_folder(
         with deferred():
             # Somebody may have put something there since it was checked.
             _check_replaceable(target, scratch.target, kind)
+            take_mode(scratch.folder, scratch.target)
             put_in_place(scratch.folder, scratch.target)
 
 
 @contextmanager
 def replaced_file(
-    target: Path, *, inputs: Sequence[Path | None] = (), replaces: Path | None = None
+    target: Path,
+    *,
+    kind: str | None,
+    inputs: Sequence[Path | None] = (),
+    replaces: Path | None = None,
 ) -> Iterator[Path]:
     """Yield a path of the same name in a folder of its own; its files then take their places.
 
-    Files that the block writes beside it (an OBJ's materials) come along, before it; they replace
-    others only where ``target`` is replaced, too. When the block fails, ``target`` stays as it was
-    and nothing half-written is left.
+    Files that the block writes beside it (an OBJ's materials) come along, before it. When the block
+    fails, ``target`` stays as it was and nothing half-written is left. What is replaced gives its
+    mode to what replaces it.
 
     Args:
-        target: the file to write; an older one is replaced.
+        target: the file to write; an older one is replaced if we wrote it (`check_file`).
+        kind: of output.
         inputs: what it is made from.
         replaces: an input that it may replace.
 
     Raises:
-        InputError: see `check_file`; or what comes along would replace a foreign file.
+        InputError: see `check_file`; or what comes along would replace another file.
         StageError: the disk is full.
     """
-    check_file(target, inputs=inputs, replaces=replaces)
+    check_file(target, kind=kind, inputs=inputs, replaces=replaces)
     with claimed(target) as scratch, says_no_room(target, scratch.folder):
         yield scratch.folder / target.name
-        if not scratch.target.exists():
-            for file in scratch.folder.iterdir():
-                beside = scratch.target.with_name(file.name)
-                # The same bytes: a killed run came as far as that.
-                if beside.exists() and not cmp(beside, file, shallow=False):
-                    raise InputError(
-                        f"comes with {file.name}, and another file has that name",
-                        file=target,
-                        expected="another name",
-                    )
+        made = sorted(scratch.folder.iterdir(), key=lambda one: one.name == target.name)
+        places = [
+            scratch.target if one.name == target.name else scratch.target.with_name(one.name)
+            for one in made
+        ]
         unless_swallowed()
-        with deferred():
-            for file in sorted(scratch.folder.iterdir(), key=lambda one: one.name == target.name):
-                last = file.name == target.name
-                file.replace(scratch.target if last else scratch.target.with_name(file.name))
+        with deferred(), alone(scratch.target.parent):
+            # Somebody may have put something there since it was checked.
+            for file, place in zip(made, places, strict=True):
+                if place == scratch.target:
+                    check_replaceable_file(target, place, kind)
+                elif not (place.is_file() and cmp(place, file, shallow=False)):
+                    # The same bytes: a killed run came as far as that.
+                    check_replaceable_file(target.with_name(place.name), place, kind)
+            for file, place in zip(made, places, strict=True):
+                with overwriting(allowed=True):  # it was checked
+                    publish_file(file, place, kind)
 
 
 def _real(target: Path) -> Path:
@@ -195,6 +214,12 @@ def _real(target: Path) -> Path:
     try:
         real = Path(os.path.realpath(target))
         real.exists()
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"cannot be written: the locale ({error.encoding}) lacks letters of its name",
+            file=target,
+            expected="another name (-o), or a locale of UTF-8 (LC_ALL=C.UTF-8)",
+        ) from None
     except (OSError, ValueError) as error:  # too long, a loop of links, no right to look
         why = getattr(error, "strerror", None) or str(error)
         raise InputError(f"cannot be written ({why.lower()})", file=target) from None

@@ -28,7 +28,9 @@ from urbantwin.interruption import deferred
 
 __all__ = [
     "Scratch",
+    "alone",
     "claimed",
+    "inside_scratch",
     "new_folder",
     "passing_folder",
     "put_in_place",
@@ -84,7 +86,7 @@ def claimed(target: Path, *, key: str | None = None) -> Iterator[Scratch]:
     with new_folder(target.parent):
         try:
             try:
-                with _alone(target.parent):
+                with alone(target.parent):
                     refuse_if_written(target)
                     _clear(target)
                     with deferred():
@@ -158,6 +160,11 @@ def passing_folder(subject: str) -> Iterator[Path]:
         yield scratch.folder
 
 
+def inside_scratch(path: Path) -> bool:
+    """Return whether a path lies inside scratch of a run."""
+    return any(_LEFT.fullmatch(one.name) for one in path.parents)
+
+
 def put_in_place(scratch: Path, target: Path) -> None:
     """Give a finished folder its name, and remove the older one that had it.
 
@@ -177,7 +184,7 @@ def put_in_place(scratch: Path, target: Path) -> None:
         # A file system without an exchange: the older one steps aside, and whoever comes next
         # puts it back if this run is killed between the two.
         older = _scratch_of(target, _OLD)
-        with _alone(target.parent):
+        with alone(target.parent):
             target.rename(older)
             try:
                 passing.rename(target)
@@ -193,7 +200,7 @@ def put_in_place(scratch: Path, target: Path) -> None:
 
 def remove_dead(folder: Path, name: str | None = None) -> None:
     """Remove what dead runs left in a folder, of the output ``name`` or of every output."""
-    with _alone(folder):  # a run that has made its scratch has not locked it yet
+    with alone(folder):  # a run that has made its scratch has not locked it yet
         for entry in _hidden(folder):
             found = _LEFT.fullmatch(entry.name)
             if (
@@ -312,7 +319,7 @@ def _identity(descriptor: int) -> tuple[int, int]:
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def alone(folder: Path) -> Iterator[None]:
     """Let runs look at what is in a folder one after the other."""
     import fcntl
 

@@ -17,7 +17,7 @@ from urbantwin.artefact.damaged_bytes import (
     is_parquet,
     parquet_place,
 )
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, limit_reached
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -270,7 +270,14 @@ def _whole(table: pa.Table, path: Path, expected: str, schema: pa.Schema) -> pa.
 def _damaged(
     error: Exception, path: Path, expected: str, file: pq.ParquetFile | None
 ) -> InputError:
-    """Return what is said of a file of Parquet; ``file`` if its footer could be read."""
+    """Return what is said of a file of Parquet; ``file`` if its footer could be read.
+
+    Raises:
+        LimitError: a limit of the system is the cause, and not the file.
+    """
+    limit = limit_reached(error)
+    if limit is not None:
+        raise limit from error
     place = None
     with suppress(OSError):
         place = None if isinstance(error, MemoryError) else parquet_place(path, file)

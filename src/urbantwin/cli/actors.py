@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson
+from urbantwin.cli.options import AsJson, Overwrite
 
 __all__ = ["EXAMPLES", "actors"]
 
@@ -31,11 +31,14 @@ def actors(
     save: Annotated[
         Path | None, typer.Option(metavar="FILE", help="A picture of the bodies, .png.")
     ] = None,
+    overwrite: Overwrite = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print names only.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """List the bodies of actors, and how large a country's are."""
-    known = ut.actors(name, country=country, save=save, progress=not (quiet or as_json))
+    known = ut.actors(
+        name, country=country, save=save, overwrite=overwrite, progress=not (quiet or as_json)
+    )
     if as_json:
         Console(as_json=True).result(known.summary())
     else:

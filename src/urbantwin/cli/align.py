@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet, RigPicture
+from urbantwin.cli.options import AsJson, Overwrite, Quiet, RigPicture
 
 __all__ = ["EXAMPLES", "align"]
 
@@ -63,6 +63,7 @@ def align(
         typer.Option("--level", help="The points are level with gravity; the rig says the tilt."),
     ] = False,
     picture: RigPicture = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -79,6 +80,7 @@ def align(
         within=within,
         level=level,
         picture=picture,
+        overwrite=overwrite,
         progress=not quiet,
     )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

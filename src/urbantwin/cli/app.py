@@ -60,8 +60,8 @@ from urbantwin.cli import (
     verify,
     view,
 )
-from urbantwin.cli.console import error_line
-from urbantwin.errors import InputError, UrbanTwinError
+from urbantwin.cli.console import error_line, show_any_letter
+from urbantwin.errors import InputError, UrbanTwinError, limit_reached
 from urbantwin.interruption import EXIT_CODE as EXIT_INTERRUPTED
 from urbantwin.interruption import unwinds
 
@@ -177,6 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         0 when all went well, 1 when a stage failed, 2 when something given was wrong,
         130 when it was interrupted: by Ctrl-C, SIGTERM or SIGHUP.
     """
+    show_any_letter()
     with unwinds() as interruptions:
         try:
             try:
@@ -208,10 +209,11 @@ def _run(arguments: Sequence[str] | None) -> int:
             code = program(given, prog_name="urbantwin", standalone_mode=False)
         sys.stdout.flush()
     except InputError as error:
-        error_line(error)
-        code = EXIT_WRONG_INPUT
+        limit = limit_reached(error)
+        error_line(limit or error)
+        code = EXIT_FAILED if limit else EXIT_WRONG_INPUT
     except UrbanTwinError as error:
-        error_line(error)
+        error_line(limit_reached(error) or error)
         code = EXIT_FAILED
     except typer.TyperException as error:  # a command, an option or a value that is not there
         context = getattr(error, "ctx", None)
@@ -222,12 +224,15 @@ def _run(arguments: Sequence[str] | None) -> int:
         # The reader of stdout has gone (`| head`). Python flushes once more at its exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = EXIT_FAILED
-    except OSError as error:
-        error_line(f"{error.filename}: {error.strerror}" if error.filename else error)
-        code = EXIT_FAILED
-    except MemoryError:
-        error_line("out of memory")
-        code = EXIT_FAILED
     except typer.Abort:
         code = EXIT_INTERRUPTED
+    except Exception as error:
+        limit = limit_reached(error)
+        if limit is None and not isinstance(error, OSError):
+            raise
+        shown: object = error
+        if isinstance(error, OSError) and error.filename:
+            shown = f"{error.filename}: {error.strerror}"
+        error_line(limit or shown)
+        code = EXIT_FAILED
     return code if isinstance(code, int) else 0

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.cli.options import AsJson, Overwrite, Quiet
 
 __all__ = ["EXAMPLES", "background"]
 
@@ -81,6 +81,7 @@ def background(
         bool,
         typer.Option("--traffic", help="With --twin: keep what waited on its lanes all the time."),
     ] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -100,6 +101,7 @@ def background(
         intensity_scale=intensity_scale,
         interval=interval,
         traffic=traffic,
+        overwrite=overwrite,
         progress=not quiet,
     )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Pictures, Quiet
+from urbantwin.cli.options import AllowKey, AsJson, KeyEnv, Out, Pictures, Quiet
 
 __all__ = ["EXAMPLES", "build"]
 
@@ -23,9 +23,13 @@ def build(
     site: Annotated[Path, typer.Argument(help="A site.yaml.")],
     out: Out = None,
     pictures: Pictures = True,
+    key_env: KeyEnv = None,
+    allow_key: AllowKey = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Build a site's twin: ground, roads and labelled scene."""
-    made = ut.build(site, out, pictures=pictures, progress=not quiet)
+    made = ut.build(
+        site, out, pictures=pictures, key_env=key_env, allow_key=allow_key, progress=not quiet
+    )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.cli.options import AsJson, Overwrite, Quiet
 
 __all__ = ["EXAMPLES", "check"]
 
@@ -35,11 +35,12 @@ def check(
             help="Write a page: the list with its links, and the plan.",
         ),
     ] = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """List what is weak about a site's inputs, and what to add where, before it is built."""
-    found = ut.check(site, picture=picture, page=page, progress=not quiet)
+    found = ut.check(site, picture=picture, page=page, overwrite=overwrite, progress=not quiet)
     if as_json:
         Console(as_json=True).result(found.summary())
     elif not quiet:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import codecs
+import io
 import json
 import sys
 
 from urbantwin.errors import readable
 from urbantwin.interface.summary import Summary
 
-__all__ = ["Console", "error_line"]
+__all__ = ["Console", "error_line", "show_any_letter"]
 
 #: Most characters of an error on a terminal.
 LONGEST_LINE = 1500
@@ -29,7 +31,8 @@ class Console:
     def result(self, value: Summary) -> None:
         """Print what a command made or found: for a script as JSON, for a person as lines."""
         if self.as_json:
-            text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+            utf8 = codecs.lookup(sys.stdout.encoding or "ascii").name == "utf-8"
+            text = json.dumps(value, indent=2, ensure_ascii=not utf8, allow_nan=False)
             # Halves of letters, which names in files may hold, are written as JSON escapes them.
             print(text.encode(errors="backslashreplace").decode())
         elif not self.quiet:
@@ -39,6 +42,13 @@ class Console:
         """Print a line for a person beside the result."""
         if not self.quiet:
             print(text, file=sys.stderr, flush=True)
+
+
+def show_any_letter() -> None:
+    """Let stdout and stderr show letters that the terminal's encoding lacks as escapes."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def error_line(problem: object) -> None:

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet, RigPicture
+from urbantwin.cli.options import AsJson, Overwrite, Quiet, RigPicture
 
 __all__ = ["EXAMPLES", "discover"]
 
@@ -33,9 +33,12 @@ def discover(
         ),
     ] = None,
     picture: RigPicture = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Find the sensors of unlabelled frames: their places, tilts and models."""
-    made = ut.discover(real, out, frames=frames, picture=picture, progress=not quiet)
+    made = ut.discover(
+        real, out, frames=frames, picture=picture, overwrite=overwrite, progress=not quiet
+    )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

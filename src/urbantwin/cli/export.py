@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.cli.options import AsJson, Overwrite, Quiet
 
 __all__ = ["EXAMPLES", "export"]
 
@@ -90,6 +90,7 @@ def export(
     frames: Annotated[
         int, typer.Option(min=1, help="For challenge: how many frames are submitted.")
     ] = 50,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -101,6 +102,7 @@ def export(
         version=version,
         detections=detections,
         frames=frames,
+        overwrite=overwrite,
         progress=not quiet,
     )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.cli.options import AsJson, Overwrite, Quiet
 
 __all__ = ["EXAMPLES", "film"]
 
@@ -53,6 +53,7 @@ def film(
         float | None,
         typer.Option(metavar="M", help="How far around is seen from above; all if not given."),
     ] = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -69,6 +70,7 @@ def film(
         width=width,
         at=at,
         radius=radius,
+        overwrite=overwrite,
         progress=not quiet,
     )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -9,6 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
+from urbantwin.cli.options import AllowKey, KeyEnv
 
 __all__ = ["EXAMPLES", "init"]
 
@@ -121,6 +122,8 @@ def init(
     offline: Annotated[
         bool, typer.Option("--offline", help="Ask nobody: take what the cache holds.")
     ] = False,
+    key_env: KeyEnv = None,
+    allow_key: AllowKey = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a site.yaml.")] = False,
     # First of all, since the list is printed before the others are looked at.
     quiet: Annotated[
@@ -154,6 +157,8 @@ def init(
         sources=sources,
         cache=cache,
         offline=offline,
+        key_env=key_env,
+        allow_key=allow_key,
         force=force,
         progress=not quiet,
     )

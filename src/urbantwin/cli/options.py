@@ -8,10 +8,13 @@ from typing import Annotated
 import typer
 
 __all__ = [
+    "AllowKey",
     "AsJson",
+    "KeyEnv",
     "Layout",
     "Out",
     "OutOrUrl",
+    "Overwrite",
     "PartOfSplit",
     "Pictures",
     "Quiet",
@@ -56,6 +59,19 @@ Layout = Annotated[
 RowWidth = Annotated[
     int | None, typer.Option(min=3, help="Values per row of .bin files: 4 if not given.")
 ]
+KeyEnv = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME", help="Let the site's file name this environment variable as a key."
+    ),
+]
+AllowKey = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=ORIGIN",
+        help="Let the key in this variable go to this server: TILES_KEY=https://tiles.example.org.",
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else there.")
@@ -74,6 +90,13 @@ Seed = Annotated[
 Workers = Annotated[
     int | None,
     typer.Option(min=1, help="Processes to work with; every number gives the same bytes."),
+]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite",
+        help="Replace a file that urbantwin did not write, or that was changed or made read-only.",
+    ),
 ]
 PartOfSplit = Annotated[
     str,

@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Pictures, Quiet, Workers
+from urbantwin.cli.options import AllowKey, AsJson, KeyEnv, Out, Pictures, Quiet, Workers
 
 __all__ = ["EXAMPLES", "run"]
 
@@ -24,9 +24,19 @@ def run(
     out: Out = None,
     workers: Workers = None,
     pictures: Pictures = True,
+    key_env: KeyEnv = None,
+    allow_key: AllowKey = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Go the whole way: twin, motion and dataset of a site."""
-    made = ut.run(site, out, workers=workers, pictures=pictures, progress=not quiet)
+    made = ut.run(
+        site,
+        out,
+        workers=workers,
+        pictures=pictures,
+        key_env=key_env,
+        allow_key=allow_key,
+        progress=not quiet,
+    )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

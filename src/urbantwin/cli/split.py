@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet, SplitGap, Thin
+from urbantwin.cli.options import AsJson, Overwrite, Quiet, SplitGap, Thin
 
 __all__ = ["EXAMPLES", "split"]
 
@@ -50,6 +50,7 @@ def split(
     seed: Annotated[
         int, typer.Option(min=0, help="By scenario, of the order in which they are divided.")
     ] = 0,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -62,6 +63,7 @@ def split(
         gap=gap,
         thin=thin,
         seed=seed,
+        overwrite=overwrite,
         progress=not quiet,
     )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

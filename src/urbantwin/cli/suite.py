@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.cli.options import AsJson, Overwrite, Quiet
 
 __all__ = ["EXAMPLES", "suite"]
 
@@ -34,10 +34,11 @@ def suite(
     accept: Annotated[
         bool, typer.Option("--accept", help="Store what the cases are now as what is expected.")
     ] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Drive scenarios with seeds again; say which event and actor changed, and from when on."""
-    made = ut.suite(folder, out, accept=accept, progress=not quiet)
+    made = ut.suite(folder, out, accept=accept, overwrite=overwrite, progress=not quiet)
     Console(quiet=quiet, as_json=as_json).result(made.summary())
     made.check()

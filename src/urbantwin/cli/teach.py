@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet, Workers
+from urbantwin.cli.options import AllowKey, AsJson, KeyEnv, Out, Quiet, Workers
 
 __all__ = ["EXAMPLES", "teach"]
 
@@ -46,6 +46,8 @@ def teach(
     workers: Workers = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     plan: Annotated[bool, typer.Option("--plan", help="Only say how long it takes.")] = False,
+    key_env: KeyEnv = None,
+    allow_key: AllowKey = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -66,6 +68,8 @@ def teach(
         workers=workers,
         device=device,
         plan=plan,
+        key_env=key_env,
+        allow_key=allow_key,
         progress=not quiet,
     )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

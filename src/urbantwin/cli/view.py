@@ -10,7 +10,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.cli.options import AsJson, Overwrite, Quiet
 
 __all__ = ["EXAMPLES", "view"]
 
@@ -63,6 +63,7 @@ def view(
     rerun: Annotated[
         Path | None, typer.Option(metavar="FILE.rrd", help="Write a recording for rerun.")
     ] = None,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -80,6 +81,7 @@ def view(
         port=port,
         browser=browser,
         rerun=rerun,
+        overwrite=overwrite,
         progress=not quiet,
     )
 

@@ -257,7 +257,7 @@ def _silent() -> Iterator[None]:
         is_ours = shown.fileno() == 2
     except (AttributeError, OSError, ValueError):
         is_ours = False
-    with os.fdopen(kept, "w", buffering=1) as stream:
+    with os.fdopen(kept, "w", buffering=1, encoding="utf-8") as stream:
         os.dup2(nowhere, 2)
         if is_ours:
             sys.stderr = stream

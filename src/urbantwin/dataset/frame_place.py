@@ -80,7 +80,7 @@ class FolderPlace:
         """See `FramePlace`."""
         mark = self.folder / MARKS / f"{name}.json"
         unfinished = mark.with_suffix(".part")
-        unfinished.write_text(json.dumps(entry, allow_nan=False))
+        unfinished.write_text(json.dumps(entry, allow_nan=False), encoding="utf-8")
         unfinished.replace(mark)
 
     def entries(self, names: Iterable[str]) -> list[Entry | None]:

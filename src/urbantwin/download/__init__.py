@@ -5,11 +5,19 @@ from __future__ import annotations
 from urbantwin.download.client import Client, Limits
 from urbantwin.download.failure import DownloadError
 from urbantwin.download.kept_files import keep_bytes, kept_bytes
+from urbantwin.download.keys import (
+    VARIABLE,
+    allowed_keys_file,
+    key_for,
+    keys_allowed,
+    no_keys,
+)
 from urbantwin.download.origin import Address, Origin, parse_address, parse_origin
 from urbantwin.download.redaction import Secrets
 from urbantwin.download.response_body import Answer, Span
 
 __all__ = [
+    "VARIABLE",
     "Address",
     "Answer",
     "Client",
@@ -18,8 +26,12 @@ __all__ = [
     "Origin",
     "Secrets",
     "Span",
+    "allowed_keys_file",
     "keep_bytes",
     "kept_bytes",
+    "key_for",
+    "keys_allowed",
+    "no_keys",
     "parse_address",
     "parse_origin",
 ]

@@ -121,7 +121,7 @@ def export_twin(
         )
     path = out or Path(f"{_file_name(str(twin.manifest['name']))}{wanted.ending or '-' + name}")
     if wanted.is_file(path):
-        check_file(path, inputs=[twin.folder])
+        check_file(path, kind=name, inputs=[twin.folder])
     else:
         check_folder(path, kind=name, inputs=[twin.folder])
     notes = wanted.write(twin, path, version or next(iter(wanted.versions), ""))

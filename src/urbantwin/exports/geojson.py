@@ -61,7 +61,7 @@ def write_geojson(twin: Twin, path: Path) -> None:
     name = str(twin.manifest["name"])
     if path.suffix.lower() in ENDINGS:
         everything = [feature for features in layers.values() for feature in features]
-        with replaced_file(path, inputs=[twin.folder]) as scratch:
+        with replaced_file(path, kind="geojson", inputs=[twin.folder]) as scratch:
             _write(scratch, name, everything)
         return
     if path.is_file():
@@ -78,7 +78,9 @@ def write_geojson(twin: Twin, path: Path) -> None:
 
 def _write(path: Path, name: str, features: list[dict[str, Any]]) -> None:
     document = {"type": "FeatureCollection", "name": name, "features": features}
-    path.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    path.write_text(
+        json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
+    )
 
 
 def _features(twin: Twin) -> Iterator[Feature]:

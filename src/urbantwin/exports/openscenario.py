@@ -79,7 +79,7 @@ def write_openscenario(motion: Motion, path: Path, *, road_file: str | None = No
             _act(story, name, track, tracks[track])
     end = _add(_add(_add(board, "StopTrigger"), "ConditionGroup"), "Condition")
     _timed(end, "end", float(motion.manifest["duration_s"]))
-    with replaced_file(path) as scratch:
+    with replaced_file(path, kind="openscenario") as scratch:
         etree.ElementTree(root).write(
             str(scratch), encoding="utf-8", xml_declaration=True, pretty_print=True
         )

@@ -43,7 +43,7 @@ def write_plan(twin: Twin, path: Path) -> None:
         look=PAPER,
     )
     if single:
-        with replaced_file(path, inputs=[twin.folder]) as scratch:
+        with replaced_file(path, kind="plan", inputs=[twin.folder]) as scratch:
             save(figure, scratch)
         return
     with replaced_folder(path, kind="plan", inputs=[twin.folder]) as folder:

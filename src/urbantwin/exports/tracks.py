@@ -39,7 +39,10 @@ def write_tracks(motion: Motion, path: Path) -> None:
     """
     kinds = pa.schema([(to, ACTOR_SCHEMA.field(name).type) for name, to in _COLUMNS.items()])
     how = csv.WriteOptions(quoting_style="none")
-    with replaced_file(path) as scratch, csv.CSVWriter(scratch, kinds, write_options=how) as file:
+    with (
+        replaced_file(path, kind="tracks") as scratch,
+        csv.CSVWriter(scratch, kinds, write_options=how) as file,
+    ):
         for part in motion.rows.parts(list(_COLUMNS)):
             file.write_table(pa.table([_rounded(x) for x in part.columns], kinds))
 
@@ -76,5 +79,5 @@ def write_openlabel(motion: Motion, path: Path) -> None:
         objects=objects,
         frames=frames,
     )
-    with replaced_file(path) as scratch:
+    with replaced_file(path, kind="openlabel") as scratch:
         write_openlabel_file(scratch, whole)

@@ -19,12 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.errors import StageError
+from urbantwin.errors import StageError, limit_reached
 
 __all__ = ["Scene", "intersect_address", "packet_address", "why_missing"]
 
 _TRIANGLES, _INDEX, _VERTEX = 0, 0, 1
 _UINT3, _FLOAT3 = 0x5003, 0x9003
+#: RTC_ERROR_OUT_OF_MEMORY
+_OUT_OF_MEMORY = 4
 _ROBUST, _QUALITY_MEDIUM, _QUALITY_HIGH = 1 << 2, 1, 2
 _POINTER = ctypes.c_size_t
 #: Functions of the library that we call: what they return and take.
@@ -131,13 +133,15 @@ class Scene:
             # Embree's own buffer, which it pads as its vector instructions need.
             target = library.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(values))
             if not target:
-                raise StageError("Embree has no memory for the triangles")
+                raise limit_reached(MemoryError()) or StageError("Embree has no memory")
             ctypes.memmove(target, values.ctypes.data, values.nbytes)
         library.rtcCommitGeometry(geometry)
         library.rtcAttachGeometry(scene, geometry)
         library.rtcReleaseGeometry(geometry)
         library.rtcCommitScene(scene)
-        if library.rtcGetDeviceError(device):
-            raise StageError("Embree cannot build its tree of the triangles")
+        if problem := library.rtcGetDeviceError(device):
+            told = StageError(f"Embree cannot build its tree of the triangles (error {problem})")
+            limit = limit_reached(MemoryError()) if problem == _OUT_OF_MEMORY else None
+            raise limit or told
         weakref.finalize(self, library.rtcReleaseScene, scene).atexit = False
         self.address = scene

@@ -9,6 +9,7 @@ import numpy as np
 
 from urbantwin.artefact import check_file, replaced_file
 from urbantwin.errors import InputError
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -97,11 +98,13 @@ class ActorCatalogue(Mapping[str, Asset]):
         )
 
 
+@may_overwrite
 def actors(
     name: str | None = None,
     *,
     country: str = "",
     save: AnyPath | None = None,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> ActorCatalogue:
     """Return the catalogue of actors, or one class of it.
@@ -110,6 +113,8 @@ def actors(
         name: a class of actors: ``car``, ``van``, ``truck``, ...; all without it.
         country: whose fleet the sizes are of, ISO 3166-1 alpha-2, such as ``DE`` or ``US``.
         save: a picture of all bodies to write (.png).
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -133,7 +138,7 @@ def actors(
 def _save(catalogue: ActorCatalogue, path: Path, progress: ShowProgress) -> None:
     if path.suffix.lower() != ".png":
         raise InputError("is no picture's name", file=path, expected="one that ends in .png")
-    check_file(path)
+    check_file(path, kind="actors")
     from urbantwin.view import style
     from urbantwin.view.actor_sheet import ShownActor, actor_sheet
 
@@ -147,5 +152,5 @@ def _save(catalogue: ActorCatalogue, path: Path, progress: ShowProgress) -> None
     ]
     with shown_stage("actors", progress) as tell:
         figure = actor_sheet(shown, tell=tell)
-        with replaced_file(path) as scratch:
+        with replaced_file(path, kind="actors") as scratch:
             style.save(figure, scratch)

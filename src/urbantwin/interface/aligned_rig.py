@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from urbantwin.artefact import check_file
 from urbantwin.fidelity.alignment import Alignment, Wish, align_rig, frame_numbers
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.rig import rig_on
 from urbantwin.interface.stage import ShowProgress, shown_stage
@@ -59,6 +60,7 @@ class AlignedRig:
         return figure_of_picture(self.picture)
 
 
+@may_overwrite
 def align(  # noqa: PLR0913 - the options of the command
     real: AnyPath,
     twin: Twin | AnyPath,
@@ -72,6 +74,7 @@ def align(  # noqa: PLR0913 - the options of the command
     within: tuple[float, float] = (3.0, 15.0),
     level: bool = False,
     picture: AnyPath | None = None,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> AlignedRig:
     """Find the pose of a sensor in a twin from real frames, and write it into a rig.
@@ -90,6 +93,8 @@ def align(  # noqa: PLR0913 - the options of the command
         within: how far off the rough place (metres) and heading (degrees) may be.
         level: the points are level with gravity; the rig says the tilt.
         picture: the PNG to write; beside the rig if not given.
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -99,8 +104,8 @@ def align(  # noqa: PLR0913 - the options of the command
     drawn = target.with_suffix(".png") if picture is None else Path(picture)
     rig_file = None if rig is None else Path(rig)
     inputs = [Path(real), Path(twin), rig_file]
-    check_file(target, inputs=inputs, replaces=rig_file)
-    check_file(drawn, inputs=inputs)
+    check_file(target, kind="align", inputs=inputs, replaces=rig_file)
+    check_file(drawn, kind="align picture", inputs=inputs)
     loaded = Twin.open(twin)
     source = loaded.rig_path if rig_file is None else rig_file
     placed = rig_on(loaded, rig_file)

@@ -201,7 +201,7 @@ def _says_how_far(file: Path, watch: Callable[[], None]) -> Iterator[Progress]:
         said = now
         file.parent.mkdir(parents=True, exist_ok=True)
         part = file.with_name(f".{file.name}")
-        part.write_text(f"{share:.4f} {doing}")
+        part.write_text(f"{share:.4f} {doing}", encoding="utf-8")
         part.replace(file)
         watch()
 

@@ -63,7 +63,7 @@ def _said(course: Course, place: str) -> tuple[float, str]:
     kind, _, name = place.partition("s/")
     share, doing = 0.0, ""
     with suppress(OSError, ValueError):
-        text = (course.place / RUNNING / f"{kind}-{name}").read_text()
+        text = (course.place / RUNNING / f"{kind}-{name}").read_text(encoding="utf-8")
         share = float(text.partition(" ")[0])
         doing = text.partition(" ")[2]
     return min(max(share, 0.0), 1.0), doing

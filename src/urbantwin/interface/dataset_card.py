@@ -33,7 +33,7 @@ class Card:
 
     def __str__(self) -> str:
         """Return the text of the last card: of several sensors, that of all."""
-        return self.files[-1].read_text()
+        return self.files[-1].read_text(encoding="utf-8")
 
     def __repr__(self) -> str:
         """Return where the cards are."""

@@ -160,7 +160,7 @@ class DatasetSequence:
             )
         file = folder / f"{name}.txt"
         try:
-            found = tuple(file.read_text().split())
+            found = tuple(file.read_text(encoding="utf-8").split())
         except (OSError, UnicodeDecodeError):
             raise InputError("cannot be read", file=file, expected="names of frames") from None
         for number, one in enumerate(found, start=1):

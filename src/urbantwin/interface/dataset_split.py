@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.errors import InputError
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
 from urbantwin.interface.summary import Summary
@@ -74,7 +75,8 @@ def _told(one: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def split(
+@may_overwrite
+def split(  # noqa: PLR0913 - the options of the command
     datasets: Sequence[AnyPath] | AnyPath,
     out: AnyPath | None = None,
     *,
@@ -83,6 +85,7 @@ def split(
     gap: float | None = None,
     thin: float | None = None,
     seed: int = 0,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> DatasetSplit:
     """Divide datasets into training, validation and test, without recording again.
@@ -101,6 +104,8 @@ def split(
             scene needs to change, and no more than a tenth of the recording, if not given.
         thin: leave frames in which nobody moved so many metres out of the parts.
         seed: by scenario, of the order in which equally long ones are divided.
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -109,6 +114,7 @@ def split(
     Example:
         >>> ut.train(ut.split(["seed1/dataset", "seed2/dataset", "seed3/dataset"]))
     """
+    from urbantwin.artefact import check_file
     from urbantwin.campaigns.index import datasets_of
     from urbantwin.dataset.split import (
         SplitAsked,
@@ -138,6 +144,9 @@ def split(
         raise InputError(
             "each dataset has its own lists", place="--out", expected="--by scenario, or no --out"
         )
+    place = Path(out) if out is not None else _beside(Path(given[0]), sources[0].folder)
+    if way == "scenario":
+        check_file(place, kind="split")
     with shown_stage("split", progress, brief=True) as tell:
         tell(0.0, "which recordings show the same")
         scenarios = scenarios_of(sources)
@@ -148,7 +157,6 @@ def split(
             }
             made = DatasetSplit(Path(next(iter(told))), way, told)
         else:
-            place = Path(out) if out is not None else _beside(Path(given[0]), sources[0].folder)
             told = split_by_scenario(scenarios, divided, moved_m=thin, seed=seed)
             write_split_document(place, told)
             made = DatasetSplit(place, way, told)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_file, check_folder
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
@@ -56,12 +57,14 @@ class DiscoveredRig:
         return figure_of_picture(self.picture)
 
 
+@may_overwrite
 def discover(
     real: AnyPath,
     out: AnyPath | None = None,
     *,
     frames: AnyPath | None = None,
     picture: AnyPath | None = None,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> DiscoveredRig:
     """Find the sensors of unlabelled frames: their places, tilts and models.
@@ -71,6 +74,8 @@ def discover(
         out: the rig to write; ``discovered_rig.yaml`` here when not given.
         frames: a folder for all frames with sensor, ring and column of every point.
         picture: the PNG to write; beside the rig if not given.
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -81,8 +86,8 @@ def discover(
     target = Path(out or "discovered_rig.yaml")
     drawn = target.with_suffix(".png") if picture is None else Path(picture)
     folder = None if frames is None else Path(frames)
-    for file in (target, drawn):
-        check_file(file, inputs=[Path(real)])
+    check_file(target, kind="discover", inputs=[Path(real)])
+    check_file(drawn, kind="discover picture", inputs=[Path(real)])
     if folder is not None:
         check_folder(folder, kind="discovery", inputs=[Path(real)])
     with shown_stage("discover", progress) as tell:

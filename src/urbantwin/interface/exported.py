@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from urbantwin.artefact import kind_of
 from urbantwin.errors import InputError
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
 from urbantwin.interface.summary import Summary
@@ -50,6 +51,7 @@ class Exported:
         return Summary(format=self.to, written=str(self.path), note=list(self.notes))
 
 
+@may_overwrite
 def export(
     twin: Twin | AnyPath,
     to: str,
@@ -58,6 +60,7 @@ def export(
     version: str | None = None,
     detections: AnyPath | None = None,
     frames: int = 50,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Exported:
     """Write a twin, a motion or a dataset for other programs, in their formats.
@@ -76,6 +79,8 @@ def export(
         version: of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
         detections: for ``challenge``: what a detector found, as JSON.
         frames: for ``challenge``: how many frames are submitted.
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:

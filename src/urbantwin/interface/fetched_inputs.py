@@ -261,7 +261,7 @@ def _put(scratch: Path, inputs: Sequence[FetchedInput], *, force: bool) -> None:
     Raises:
         InputError: another file has one of the names.
     """
-    from urbantwin.artefact import sha256_of
+    from urbantwin.artefact import overwriting, publish_file, sha256_of
 
     files = [one for one in inputs if one.path is not None and one.fetched is not None]
     for one in files:
@@ -280,4 +280,5 @@ def _put(scratch: Path, inputs: Sequence[FetchedInput], *, force: bool) -> None:
     for one in files:
         assert one.path is not None
         one.path.parent.mkdir(parents=True, exist_ok=True)
-        (scratch / one.path.name).replace(one.path)
+        with overwriting(allowed=True):  # it was checked above
+            publish_file(scratch / one.path.name, one.path.resolve(), None)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from urbantwin.artefact import check_file, replaced_file
 from urbantwin.errors import InputError
 from urbantwin.interface.motion import Motion
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -56,6 +57,7 @@ class Film:
         )
 
 
+@may_overwrite
 def film(  # noqa: PLR0913 - an option of the command each
     motion: Motion | AnyPath,
     out: AnyPath | None = None,
@@ -69,6 +71,7 @@ def film(  # noqa: PLR0913 - an option of the command each
     width: int = 1280,
     at: str | None = None,
     radius: float | None = None,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Film:
     """Film a motion from above and from a street corner: signals, and actors by class.
@@ -86,6 +89,8 @@ def film(  # noqa: PLR0913 - an option of the command each
         width: of the pictures, pixels.
         at: the middle of what is shown, ``X,Y`` in metres of the site; its anchor if not given.
         radius: how far around it is seen from above, metres; 100 or all of the region if not given.
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -109,7 +114,7 @@ def film(  # noqa: PLR0913 - an option of the command each
     place = _place(opened, out)
     check_video_file(place)
     ground = Twin.open(beside(opened, "twin") if twin is None else twin)
-    check_file(place, inputs=[opened.folder, ground.folder])
+    check_file(place, kind="film", inputs=[opened.folder, ground.folder])
     if ground.sha256 != opened.manifest["twin_sha256"]:
         raise InputError(
             "is not the twin that the motion was driven on",
@@ -129,7 +134,7 @@ def film(  # noqa: PLR0913 - an option of the command each
         radius_m=radius,
     )
     shape = (0, 0)
-    with shown_stage("film", progress) as tell, replaced_file(place) as path:
+    with shown_stage("film", progress) as tell, replaced_file(place, kind="film") as path:
         tell(0.0, "drawing what stands")
         picture = film_pictures(
             plan, opened, ground, attribution=" · ".join(attributions(ground.manifest))

@@ -139,7 +139,7 @@ def improve(  # noqa: PLR0913 - the options of the command
     from urbantwin.learn.torch_device import check_torch
 
     check_torch(device)
-    from urbantwin.artefact import replaced_file, sha256_of
+    from urbantwin.artefact import check_file, replaced_file, sha256_of
     from urbantwin.learn import digest_of, read_model
 
     source = Path(model)
@@ -152,6 +152,7 @@ def improve(  # noqa: PLR0913 - the options of the command
             expected=f"one or more, above {2 * _APART_S:g} s",
         )
     target = beside(source, "improved") if out is None else Path(out)
+    check_file(target / "improvement.md", kind="improvement")
     practice = _Practice.on(Twin.open(twin), target, rig, seconds, every, workers, progress)
     done, work = practice.done, practice.work
     look, held = practice.drive("look", 2 * seed), practice.drive("held", 2 * seed + 1)
@@ -195,8 +196,8 @@ def improve(  # noqa: PLR0913 - the options of the command
                       partial(evaluate, judged, data, progress=progress))  # fmt: skip
             reports[when][name] = Evaluation(report)
     made = Improved(target, missed, reports["before"], reports["after"])
-    with replaced_file(target / "improvement.md") as file:
-        file.write_text(_text(made))
+    with replaced_file(target / "improvement.md", kind="improvement") as file:
+        file.write_text(_text(made), encoding="utf-8")
     return made
 
 
@@ -333,7 +334,7 @@ def _put_in(
         raise StageError(f"none of {len(cases)} who were missed can be put into {folder}")
     replace(motion, manifest={**motion.manifest, "events": rows}).save(folder)
     text = yaml.safe_dump({"events": staged}, sort_keys=False)
-    folder.with_name(f"{folder.name}-scenario.yaml").write_text(text)
+    folder.with_name(f"{folder.name}-scenario.yaml").write_text(text, encoding="utf-8")
 
 
 def _percent(row: Mapping[str, Any] | None, figure: str) -> float | None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -74,11 +75,13 @@ class Findings:
         return Summary({"path": str(self.path), **self.found.as_json()})
 
 
+@may_overwrite
 def check(
     site: AnyPath,
     *,
     picture: AnyPath | None = None,
     page: AnyPath | None = None,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Findings:
     """List what is weak about a site's inputs, with what to add and where; nothing is built.
@@ -87,6 +90,8 @@ def check(
         site: a ``site.yaml``, or the folder that it is in.
         picture: the plan to write, PNG or SVG: the places of the findings, numbered.
         page: the page to write, HTML: the list, its links and the plan.
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -109,12 +114,14 @@ def check(
         if picture is not None:
             from urbantwin.view.weakness_plan import draw_weakness_plan
 
-            with replaced_file(Path(picture), inputs=checked.files()) as scratch:
+            with replaced_file(
+                Path(picture), kind="check picture", inputs=checked.files()
+            ) as scratch:
                 draw_weakness_plan(found, scratch)
         if page is not None:
             from urbantwin.view.weakness_page import write_weakness_page
 
-            with replaced_file(Path(page), inputs=checked.files()) as scratch:
+            with replaced_file(Path(page), kind="check page", inputs=checked.files()) as scratch:
                 write_weakness_page(found, scratch)
     return Findings(path, found)
 

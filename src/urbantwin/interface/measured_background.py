@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_file
 from urbantwin.errors import InputError
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -69,6 +70,7 @@ class Background:
         return Summary(path=str(self.path), **self.told)
 
 
+@may_overwrite
 def background(  # noqa: PLR0913 - the options of the command
     real: AnyPath,
     out: AnyPath | None = None,
@@ -85,6 +87,7 @@ def background(  # noqa: PLR0913 - the options of the command
     intensity_scale: float | None = None,
     interval: float | None = None,
     traffic: bool = False,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Background:
     """Measure the static world beam by beam from unlabelled frames, for `record`.
@@ -107,6 +110,8 @@ def background(  # noqa: PLR0913 - the options of the command
         interval: seconds from one frame to the next; a turn if not given. How long what stirs
             stays as it is, is told by it.
         traffic: with ``twin``: keep what waited on its lanes in all frames.
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -125,7 +130,7 @@ def background(  # noqa: PLR0913 - the options of the command
     given = [None if one is None else Path(one) for one in (real, twin, rig, elevations)]
     frames, _, rig_file, table = given
     assert frames is not None
-    check_file(target, inputs=given)
+    check_file(target, kind="background", inputs=given)
     waits: list[WaitingTraffic] = []
     if twin is not None:
         on = Twin.open(twin)

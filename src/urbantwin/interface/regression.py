@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.artefact import replaced_file
+from urbantwin.artefact import check_file, replaced_file
 from urbantwin.errors import StageError
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
@@ -94,11 +95,13 @@ class Suite:
         raise StageError(f"{self.folder}: {self._counts()}; first {first['case']}: {said}")
 
 
+@may_overwrite
 def suite(
     folder: AnyPath,
     out: AnyPath | None = None,
     *,
     accept: bool = False,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Suite:
     """Drive a folder of scenarios with seeds again, and say what is not as it was accepted.
@@ -108,6 +111,8 @@ def suite(
         out: the table (Markdown) to write; ``changes.md`` in the folder when not given.
         accept: store what the cases are now, in ``expected`` in the folder: what later runs are
             compared with.
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -123,6 +128,8 @@ def suite(
     described = load_suite(Path(folder))
     twin = Twin.open(described.twin)
     _scenarios(described, twin)  # refuse what is wrong before anything is driven
+    page = Path(out) if out is not None else described.folder / "changes.md"
+    check_file(page, kind="suite")
     stored = Stored.open(described.expected)
     rows: list[dict[str, Any]] = []
     prints: dict[str, MotionPrint] = {}
@@ -142,14 +149,13 @@ def suite(
         makers = stored.differs(made_with)
         gone = sorted(set(stored.manifest["cases"]) - {row["case"] for row in rows})
         rows += [{"case": key, "state": "gone", "why": "is in the suite no more"} for key in gone]
-        page = Path(out) if out is not None else described.folder / "changes.md"
         text = table_of(rows, makers)
         if accept:
             Stored.write(described.expected, prints, made_with)
             kept = [row for row in rows if row["state"] != "gone"]
             rows = [row if row["state"] == "failed" else _accepted(row) for row in kept]
-        with replaced_file(page) as path:
-            path.write_text(text)
+        with replaced_file(page, kind="suite") as path:
+            path.write_text(text, encoding="utf-8")
     return Suite(described.folder, tuple(rows), tuple(makers), page)
 
 

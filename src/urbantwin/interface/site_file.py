@@ -118,6 +118,8 @@ def init(  # noqa: PLR0913 - the options of the command
     sources: AnyPath | None = None,
     cache: AnyPath | None = None,
     offline: bool = False,
+    key_env: Sequence[str] | None = None,
+    allow_key: Sequence[str] | None = None,
     force: bool = False,
     progress: ShowProgress = True,
 ) -> Site:
@@ -146,18 +148,22 @@ def init(  # noqa: PLR0913 - the options of the command
         sources: a table of further sources, as docs/acquire.md tells.
         cache: where answers are kept; the user's cache when not given.
         offline: ask nobody: what the cache holds has to do.
+        key_env: environment variables that the table of sources may name as keys though their
+            names do not begin with ``URBANTWIN_``.
+        allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
         force: replace a ``site.yaml``.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
         InputError: no map, half a place, a map that cannot be used; a place in the sea, without
-            streets, or of a name that several have; no network.
+            streets, or of a name that several have; no network; a key that is not allowed.
 
     Example:
         >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
         >>> site = ut.init("s110", preset="tumtraf-s110")
         >>> site = ut.init("mysite", at=(48.1374, 11.5755), radius=120)
     """
+    from urbantwin.download import keys_allowed
     from urbantwin.interface.fetched_inputs import FetchOptions, fetched_inputs
     from urbantwin.lidar.siting import place_in_sight, warnings_of_place
     from urbantwin.roads.imported import init_site_of_map
@@ -183,7 +189,11 @@ def init(  # noqa: PLR0913 - the options of the command
         return chosen[-1]
 
     found = None
-    with new_folder(target), shown_stage("init", progress) as tell:
+    with (
+        keys_allowed(key_env, allow_key),
+        new_folder(target),
+        shown_stage("init", progress) as tell,
+    ):
         if options.is_asked:
             reach = radius if area is not None else options.reach_m(radius)
             found = fetched_inputs(

@@ -77,7 +77,7 @@ class Taught:
         )
 
 
-def teach(  # noqa: PLR0913 - the options of the command
+def teach(  # noqa: PLR0913, PLR0915 - the options of the command, step by step
     site: AnyPath,
     out: AnyPath | None = None,
     *,
@@ -94,6 +94,8 @@ def teach(  # noqa: PLR0913 - the options of the command
     workers: int | None = None,
     device: str = "cpu",
     plan: bool = False,
+    key_env: Sequence[str] | None = None,
+    allow_key: Sequence[str] | None = None,
     progress: ShowProgress = True,
 ) -> Taught:
     """Make a detector for the sensors of one place; interrupted, the same call goes on.
@@ -119,6 +121,9 @@ def teach(  # noqa: PLR0913 - the options of the command
         workers: processes to record with.
         device: of torch.
         plan: only say what would be done, and how long it takes.
+        key_env: environment variables that the site's file may name as keys though their names do
+            not begin with ``URBANTWIN_``.
+        allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
         progress: show how far it is; or a function that is told (share, doing), of each stage.
 
     Raises:
@@ -129,7 +134,8 @@ def teach(  # noqa: PLR0913 - the options of the command
 
     check_torch(device)
     from urbantwin import __version__
-    from urbantwin.artefact import replaced_file, sha256_of
+    from urbantwin.artefact import check_file, replaced_file, sha256_of
+    from urbantwin.download import keys_allowed
     from urbantwin.learn import digest_of, read_model
     from urbantwin.learn.lessons import lessons_of, moved_rig
     from urbantwin.lidar.background_file import named_background
@@ -137,6 +143,7 @@ def teach(  # noqa: PLR0913 - the options of the command
     _check(drives, judging, seconds, within, background)
     checked = site_with_known_sensors(Path(site))
     target = beside(Path(site), "detector") if out is None else Path(out)
+    check_file(target / "card.md", kind="card")
     judges = _named(real)
     lessons = lessons_of(drives, judging, seed)
     frames = int((seconds - _START_S) / every) + 1
@@ -152,15 +159,13 @@ def teach(  # noqa: PLR0913 - the options of the command
         return Taught(target, {}, reckoned)
     work = target / "lessons"
     done = DoneSteps(work / "steps.json")
-    base = done.once(
-        "twin",
-        {
-            "urbantwin": __version__,
-            "files": sorted(map(sha256_of, filter(Path.is_file, checked.files()))),
-        },
-        work / "twin",
-        partial(build_of, checked, pictures=False, progress=progress),
-    )
+    made_from = {
+        "urbantwin": __version__,
+        "files": sorted(map(sha256_of, filter(Path.is_file, checked.files()))),
+    }
+    with keys_allowed(key_env, allow_key):
+        build = partial(build_of, checked, pictures=False, progress=progress)
+        base = done.once("twin", made_from, work / "twin", build)
     twin = Twin.open(work / "twin")
     course = _Course(twin, checked.rig_file, seconds, every, workers, progress)
     datasets: dict[str, Path] = {}
@@ -210,8 +215,8 @@ def teach(  # noqa: PLR0913 - the options of the command
         reports[name] = Evaluation(report)
     trained = read_model(model).trained
     card = _card(checked.name, twin, lessons, trained, reports, list(held))
-    with replaced_file(target / "card.md") as file:
-        file.write_text(card)
+    with replaced_file(target / "card.md", kind="card") as file:
+        file.write_text(card, encoding="utf-8")
     return Taught(target, reports, reckoned)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -121,6 +122,8 @@ def build(
     out: AnyPath | None = None,
     *,
     pictures: bool = True,
+    key_env: Sequence[str] | None = None,
+    allow_key: Sequence[str] | None = None,
     progress: ShowProgress = True,
 ) -> Twin:
     """Build a site's twin: ground, roads and labelled scene.
@@ -130,18 +133,25 @@ def build(
         out: the folder to write, in which an older twin is replaced; ``NAME/twin`` beside the site
             when not given, where NAME is the site's name.
         pictures: draw pictures into the twin's folder, which takes a while.
+        key_env: environment variables that the site's file may name as keys though their names do
+            not begin with ``URBANTWIN_``.
+        allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
-        InputError: the site, or a file that it names, cannot be used; ``out`` holds other files.
+        InputError: the site, or a file that it names, cannot be used; ``out`` holds other files;
+            the site asks for a key that is not allowed.
         StageError: netconvert failed, or the disk is full.
 
     Example:
         >>> twin = ut.build("examples/two-avenues/site.yaml")
     """
-    checked = site_with_known_sensors(Path(site))
-    folder = folder_of_site(checked.file, checked.name) / "twin" if out is None else Path(out)
-    return build_of(checked, folder, pictures=pictures, progress=progress)
+    from urbantwin.download import keys_allowed
+
+    with keys_allowed(key_env, allow_key):
+        checked = site_with_known_sensors(Path(site))
+        folder = folder_of_site(checked.file, checked.name) / "twin" if out is None else Path(out)
+        return build_of(checked, folder, pictures=pictures, progress=progress)
 
 
 def site_with_known_sensors(path: Path) -> Site:

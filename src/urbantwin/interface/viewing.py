@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_file
 from urbantwin.errors import InputError
+from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
 from urbantwin.interface.summary import Summary
@@ -150,6 +151,7 @@ class View:
         return Summary(found)
 
 
+@may_overwrite
 def look(  # noqa: PLR0913 - the options of the command
     path: AnyPath,
     other: AnyPath | None = None,
@@ -164,6 +166,7 @@ def look(  # noqa: PLR0913 - the options of the command
     port: int = 0,
     browser: bool = True,
     rerun: AnyPath | None = None,
+    overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> View:
     """Look at a twin, a motion, a dataset, real frames, or two of them side by side.
@@ -188,6 +191,8 @@ def look(  # noqa: PLR0913 - the options of the command
         port: of the server; any that is free when 0.
         browser: open the page in the desktop's browser, where there is a desktop.
         rerun: write also a recording for rerun, ``NAME.rrd``.
+        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+            read-only.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -217,7 +222,7 @@ def look(  # noqa: PLR0913 - the options of the command
     if target is not None:
         if target.suffix.lower() not in (".html", ".htm"):
             raise InputError("is not a name of a page", file=target, expected="NAME.html")
-        check_file(target, inputs=inputs)
+        check_file(target, kind="page", inputs=inputs)
     if recording is not None:
         check_rerun_file(recording, inputs)
     if recording is None or target is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -109,6 +110,8 @@ def run(
     *,
     workers: int | None = None,
     pictures: bool = True,
+    key_env: Sequence[str] | None = None,
+    allow_key: Sequence[str] | None = None,
     progress: ShowProgress = True,
 ) -> Run:
     """Go the whole way: twin, motion and dataset of a site.
@@ -119,15 +122,22 @@ def run(
             site's name.
         workers: processes to record with; every number gives the same bytes.
         pictures: draw pictures, which takes a while.
+        key_env: environment variables that the site's file may name as keys though their names do
+            not begin with ``URBANTWIN_``.
+        allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
         progress: show how far it is; or a function that is told (share, doing), of each stage.
 
     Raises:
-        InputError: the site, or a file that it names, cannot be used.
+        InputError: the site, or a file that it names, cannot be used; the site asks for a key that
+            is not allowed.
         StageError: a stage failed.
     """
-    checked = site_with_known_sensors(Path(site))
-    place = folder_of_site(checked.file, checked.name, out)
-    return _run_of(checked, place, workers=workers, pictures=pictures, progress=progress)
+    from urbantwin.download import keys_allowed
+
+    with keys_allowed(key_env, allow_key):
+        checked = site_with_known_sensors(Path(site))
+        place = folder_of_site(checked.file, checked.name, out)
+        return _run_of(checked, place, workers=workers, pictures=pictures, progress=progress)
 
 
 def demo(

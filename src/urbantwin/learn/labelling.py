@@ -62,10 +62,12 @@ def write_labelled(
             told = name if score >= sure else DOUBTED
             counts[told] = counts.get(told, 0) + 1
             lines.append(" ".join(f"{value:.4f}" for value in box) + f" {told}\n")
-        (folder / f"labels/{frame.name}.txt").write_text("".join(lines))
+        (folder / f"labels/{frame.name}.txt").write_text("".join(lines), encoding="utf-8")
     for split in ("train", "val"):
         names = found.frames if split == "train" else ()
-        (folder / f"ImageSets/{split}.txt").write_text("".join(f"{one}\n" for one in names))
+        (folder / f"ImageSets/{split}.txt").write_text(
+            "".join(f"{one}\n" for one in names), encoding="utf-8"
+        )
     write_json(
         folder / LABELLING,
         {"kind": "labelling", "schema": 1, "made_by": made_by, "labels": counts, "sensors": places},

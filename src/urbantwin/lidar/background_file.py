@@ -80,7 +80,7 @@ def save_backgrounds(path: Path, measured: Iterable[MeasuredBackground]) -> None
                     getattr(one.stirring, name), nan=-1
                 )
     told = {"kind": "background", "format": _FORMAT, "sensors": about}
-    with replaced_file(path) as scratch, scratch.open("wb") as stream:
+    with replaced_file(path, kind="background") as scratch, scratch.open("wb") as stream:
         np.savez_compressed(stream, about=np.array(json.dumps(told)), **arrays)
 
 

@@ -170,7 +170,7 @@ def _files(*below: str) -> tuple[str, ...]:
 @cache
 def _parsed(*path: str) -> Sensor:
     file = files(__package__).joinpath("sensors", *path)
-    return parse_sensor(file.read_text(), file.name)
+    return parse_sensor(file.read_text(encoding="utf-8"), file.name)
 
 
 @cache

@@ -220,7 +220,12 @@ def run_netconvert(options: list[str], raw: Path) -> list[str]:
     """
     command = [str(sumo_binary("netconvert")), *options, "--output-file", str(raw)]
     done = subprocess.run(
-        command, capture_output=True, text=True, check=False, env=sumo_environment()
+        command,
+        capture_output=True,
+        encoding="utf-8",
+        errors="replace",
+        check=False,
+        env=sumo_environment(),
     )
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
     if done.returncode or not raw.exists():

@@ -14,7 +14,7 @@ __all__ = ["country_of"]
 @cache
 def _country_of_zone() -> dict[str, str]:
     """Return time zone -> country (the first that ``zone.tab`` of the tz database names)."""
-    text = files("tzdata").joinpath("zoneinfo", "zone.tab").read_text()
+    text = files("tzdata").joinpath("zoneinfo", "zone.tab").read_text(encoding="utf-8")
     rows = csv.reader(
         (line for line in text.splitlines() if not line.startswith("#")), delimiter="\t"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import shapely
 
-from urbantwin.artefact import check_file, replaced_file, sha256_of
+from urbantwin.artefact import check_file, overwriting, publish_file, replaced_file, sha256_of
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.draft_inputs import fetched_lines, fetched_of_kind, map_lines, quoted
@@ -153,7 +154,8 @@ def check_target(folder: Path, *, force: bool) -> None:
         raise InputError("is there already", file=target, expected="a new folder, or --force")
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file", file=folder, expected="a folder")
-    check_file(target)
+    with overwriting(allowed=force):
+        check_file(target, kind=None)
 
 
 def write_draft(folder: Path, draft: SiteDraft, *, force: bool) -> Path:
@@ -171,7 +173,8 @@ def write_draft(folder: Path, draft: SiteDraft, *, force: bool) -> Path:
     scratch.write_text(text, encoding="utf-8")
     try:
         load_site(scratch)
-        scratch.replace(target)
+        with overwriting(allowed=force):
+            publish_file(scratch, Path(os.path.realpath(target)), None, target=target)
     except InputError as error:
         raise InputError(
             error.problem, file=target, place=error.place, expected=error.expected
@@ -193,7 +196,7 @@ def _brought_in(file: Path, folder: Path, force: bool) -> str:
             raise InputError(
                 f"differs from {file}", file=target, expected="a new folder, or --force"
             )
-    with replaced_file(target) as scratch:
+    with overwriting(allowed=force), replaced_file(target, kind=None) as scratch:
         shutil.copyfile(file, scratch)
     return file.name
 
@@ -274,7 +277,7 @@ def _beside(folder: Path, draft: SiteDraft, force: bool) -> str:
 #   - file: ortho.tif               # GeoTIFF of red, green and blue
 #   - xyz: "https://host/tiles/{z}/{x}/{y}.png"
 #     zoom: 19
-#     key_env: TILES_KEY            # the environment variable that holds the address's key
+#     key_env: URBANTWIN_TILES_KEY  # the environment variable that holds the address's key
 #     origins: ["https://host2"]    # who else than the address's own host may be asked
 """
     return (

@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from urbantwin.download import VARIABLE
 from urbantwin.site.fetched import FetchedSpec
 from urbantwin.site.web_source import OriginText, check_origins
 from urbantwin.site.yaml_document import Document, nearest, wrong
@@ -181,7 +182,7 @@ class GeometrySpec(_Strict):
 
     file: Annotated[str, Field(min_length=1)] | None = None
     url: Annotated[str, Field(min_length=1)] | None = None
-    key_env: Annotated[str, Field(min_length=1)] | None = None
+    key_env: Annotated[str, Field(pattern=VARIABLE)] | None = None
     origins: list[OriginText] = []
     kind: Literal["auto", "tiles", "mesh", "cloud", "cityjson", "photogrammetry", "recording"] = (
         "auto"

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from urbantwin.download import DownloadError, parse_address
+from urbantwin.download import VARIABLE, DownloadError, parse_address
 from urbantwin.site.fetched import FetchedSpec
 from urbantwin.site.web_source import OriginText, check_origins
 from urbantwin.site.yaml_document import Document, wrong
@@ -48,7 +48,7 @@ class ImagerySpec(BaseModel):
     crs: Annotated[str, Field(min_length=1)] | None = None
     xyz: Annotated[str, Field(min_length=1)] | None = None
     zoom: Annotated[int, Field(ge=10, le=24)] = 19
-    key_env: Annotated[str, Field(min_length=1)] | None = None
+    key_env: Annotated[str, Field(pattern=VARIABLE)] | None = None
     origins: list[OriginText] = []
     licence: str = "not stated"
     attribution: str = "not stated"

@@ -227,7 +227,7 @@ def _free_memory() -> float:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     most = float("inf") if limit == resource.RLIM_INFINITY else float(limit)
     try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
+        for line in Path("/proc/meminfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("MemAvailable:"):
                 return min(most, float(line.split()[1]) * 1024)
     except (OSError, ValueError):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from urbantwin.download import Client, DownloadError, Limits, parse_origin
+from urbantwin.download import Client, DownloadError, Limits, key_for, parse_origin
 from urbantwin.errors import InputError
 from urbantwin.site.imagery import ImagerySource
 
@@ -81,7 +80,8 @@ def read_tiles(
             it raises DownloadError.
 
     Raises:
-        InputError: the key is not set, there would be too many tiles, or none can be read.
+        InputError: the key may not be sent there or is not set, there would be too many tiles, or
+            none can be read.
     """
     count = 1 << source.spec.zoom
     xy = (mercator(lonlat) / HALF_M * [1, -1] + 1) / 2 * count
@@ -145,12 +145,13 @@ def _key(source: ImagerySource, environment: Mapping[str, str] | None) -> str:
     name = source.spec.key_env
     if name is None:
         return ""
-    value = (os.environ if environment is None else environment).get(name, "").strip()
+    file, place = source.document.file, source.place("key_env")
+    value = key_for(name, source.spec.xyz or "", environment, file=file, place=place)
     if not value:
         raise InputError(
             f"the environment variable {name} is not set",
-            file=source.document.file,
-            place=source.place("key_env"),
+            file=file,
+            place=place,
             expected="the key of the tiles' address",
         )
     return value

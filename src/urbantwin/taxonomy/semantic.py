@@ -26,7 +26,7 @@ class SemanticClass:
 
 def table_rows(name: str) -> list[dict[str, str]]:
     """Read a table of this package, its comment lines left out."""
-    lines = files(__package__).joinpath(name).read_text().splitlines()
+    lines = files(__package__).joinpath(name).read_text(encoding="utf-8").splitlines()
     return list(csv.DictReader(line for line in lines if not line.startswith("#")))
 
 

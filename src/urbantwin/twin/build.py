@@ -13,6 +13,7 @@ import yaml
 
 from urbantwin import __version__
 from urbantwin.artefact import check_folder, replaced_folder, sha256_of, write_json
+from urbantwin.download import key_for
 from urbantwin.errors import InputError
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, between, untold
@@ -40,6 +41,8 @@ from urbantwin.site import (
 )
 from urbantwin.site.building_file import read_buildings, with_buildings
 from urbantwin.site.conditional_tags import at_time
+from urbantwin.site.geometry import GeometrySource
+from urbantwin.site.imagery import ImagerySource
 from urbantwin.site.sketch import read_sketch
 from urbantwin.twin.corrections import Corrections
 from urbantwin.twin.found_of_mapped import found_of_mapped, share_known
@@ -93,6 +96,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
         StageError: netconvert failed.
     """
     check_folder(out, kind="twin", inputs=site.files())
+    _check_keys(site)
     whole = progress or untold
     extract, tell = _read(site, between(whole, 0.0, 1.0 if also is None else BUILT))
     extract, completed = _completed(site, extract)
@@ -350,6 +354,21 @@ def _before_scene(
     refuse(preview, anchor_height_m(ground.notes))
 
 
+def _check_keys(site: Site) -> None:
+    """Check that the user allows every key to be sent to the address that it is named for.
+
+    Raises:
+        InputError: one is not allowed (`download.key_for`).
+    """
+    addresses: list[tuple[GeometrySource | ImagerySource, str | None]] = []
+    addresses += [(one, one.spec.url) for one in site.geometry]
+    addresses += [(one, one.spec.xyz) for one in site.imagery if one.is_web]
+    for source, address in addresses:
+        name = source.spec.key_env
+        if name is not None and address is not None:
+            key_for(name, address, file=source.document.file, place=source.place("key_env"))
+
+
 def _photo(site: Site) -> Orthophoto | None:
     """Read the pictures of the ground, a little beyond the region."""
     if not site.imagery:
@@ -378,4 +397,4 @@ def _driving_side(site: Site, imported: ImportedMap | None) -> str:
 
 
 def _write_yaml(path: Path, value: object) -> None:
-    path.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True))
+    path.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True), encoding="utf-8")

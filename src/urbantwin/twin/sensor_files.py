@@ -79,7 +79,10 @@ def _keep(source: Path, target: Path) -> None:
         return
     pattern = target.with_name(f"{target.stem}.pattern{named.suffix}")
     shutil.copyfile(named, pattern)
-    target.write_text(yaml.safe_dump({**_read(source), "pattern": pattern.name}, sort_keys=False))
+    target.write_text(
+        yaml.safe_dump({**_read(source), "pattern": pattern.name}, sort_keys=False),
+        encoding="utf-8",
+    )
 
 
 def _read(path: Path) -> dict[str, Any]:

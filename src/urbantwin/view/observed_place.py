@@ -47,4 +47,4 @@ def draw_observed_place(folder: Path, found: Observation) -> None:
     # Centre of the upper left pixel; the grid's nodes are centres of their cells.
     west = grid.west + (1 - times) / 2 * step
     north = grid.south + (shade.shape[0] - 1 + (1 - times) / 2) * step
-    (folder / "above.pgw").write_text(f"{step}\n0\n0\n{-step}\n{west}\n{north}\n")
+    (folder / "above.pgw").write_text(f"{step}\n0\n0\n{-step}\n{west}\n{north}\n", encoding="utf-8")

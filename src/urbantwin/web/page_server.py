@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import re
 import secrets
 import socket
@@ -76,10 +77,25 @@ class PageServer:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop serving; what is being answered is answered first, for a second."""
-        self._server.should_exit = True
-        self._thread.join(timeout=5)
-        self._socket.close()
+        """Stop serving; what is being answered is answered first, for a second.
+
+        What is cut then uvicorn and asyncio report with a traceback each, which nobody needs.
+        """
+        loggers = [logging.getLogger(name) for name in ("uvicorn.error", "asyncio")]
+        for one in loggers:
+            one.addFilter(_nothing)
+        try:
+            self._server.should_exit = True
+            self._thread.join(timeout=5)
+            self._socket.close()
+        finally:
+            if not self._thread.is_alive():
+                for one in loggers:
+                    one.removeFilter(_nothing)
+
+
+def _nothing(_record: logging.LogRecord) -> bool:
+    return False
 
 
 def _bound(port: int) -> socket.socket:

@@ -27,7 +27,7 @@ def check_rerun_file(path: Path, inputs: Sequence[Path | None] = ()) -> None:
     if path.suffix != ".rrd":
         raise InputError("is not a name of a recording", file=path, expected="NAME.rrd")
     check_extra("rerun", "writing a recording for rerun", place="rerun")
-    check_file(path, inputs=list(inputs))
+    check_file(path, kind="rerun", inputs=list(inputs))
 
 
 def write_rerun(
@@ -50,7 +50,7 @@ def write_rerun(
     table = np.full((1 << 16, 3), 150, np.uint8)
     for one in semantic_classes().values():
         table[one.id] = one.colour
-    with replaced_file(path, inputs=list(inputs)) as file:
+    with replaced_file(path, kind="rerun", inputs=list(inputs)) as file:
         stream = rr.RecordingStream("urbantwin", recording_id=shown.title)
         stream.save(str(file))
         stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

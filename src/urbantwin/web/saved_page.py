@@ -64,7 +64,7 @@ def write_page(
         InputError: the place cannot be written, or the page would be too large.
     """
     most = MOST_BYTES if chosen else _USUAL_BYTES
-    with replaced_file(path, inputs=list(inputs)) as file:
+    with replaced_file(path, kind="page", inputs=list(inputs)) as file:
         body = file.with_name(f"{file.name}.packets")
         try:
             with body.open("wb") as stream:

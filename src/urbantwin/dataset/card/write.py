@@ -199,7 +199,7 @@ def renew_cards(folder: Path, sums: Mapping[str, str], redraw: Callable[[Path], 
 
 def _written(folder: Path, text: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / CARD).write_text(text)
+    (folder / CARD).write_text(text, encoding="utf-8")
     return folder / CARD
 
 

@@ -129,7 +129,7 @@ def compared(
     }
     mine = again / source.part if source.part else again
     files = sum(not _is_picture(name) for name in now)
-    manifest = json.loads((mine / "dataset.json").read_text())
+    manifest = json.loads((mine / "dataset.json").read_text(encoding="utf-8"))
     if given.alone:
         now = _told_sums(manifest, mine / "dataset.json")
     then = {name: digest for name, digest in given.sums.items() if _is_data(name)}

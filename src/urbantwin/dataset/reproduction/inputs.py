@@ -121,11 +121,14 @@ def _located(
 ) -> tuple[str | None, str | None, str | None]:
     """Return where an input lies, what is wrong with it, and what is uncertain."""
     if one.is_address:
-        key = entry.get("key_env")
         if one.shortened:
             return None, "is an address whose query or user was not kept: give --twin", None
-        if isinstance(key, str) and not os.environ.get(key, "").strip():
-            return None, f"is an address whose key ({key}) is not in the environment", None
+        if entry.get("key_env") is not None:  # which a stranger may have written
+            return (
+                None,
+                "is an address that needs a key, which reproduce never sends: give --twin",
+                None,
+            )
         return one.name, None, "an address, fetched again: what it gives may have changed"
     if one.are_tiles:
         return _tiles(search, one, entry)

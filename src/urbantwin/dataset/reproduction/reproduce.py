@@ -26,6 +26,7 @@ from urbantwin.dataset.reproduction.inputs import Found, found_inputs, places_to
 from urbantwin.dataset.reproduction.named_files import NamedFile, set_at, value_at
 from urbantwin.dataset.reproduction.source_manifest import SourceManifest, read_source_manifest
 from urbantwin.dataset.split import SplitAsked, shares_of
+from urbantwin.download import no_keys
 from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
 from urbantwin.lidar.background_file import rig_with_backgrounds
@@ -174,7 +175,7 @@ def make_again(
             twin = load_twin(plan.twin)
         else:
             written = _written(scratch / "site.yaml", _with_files(plan, "site"))
-            with stage("twin") as progress:
+            with stage("twin") as progress, no_keys():
                 twin = build_twin(load_site(written), place / "twin", progress, stand=standing_rig)
         if plan.motion is not None:
             motion = Motion.load(plan.motion)
@@ -274,7 +275,7 @@ def _name(document: Any, at: tuple[str | int, ...], path: str) -> None:  # noqa:
 
 
 def _written(file: Path, value: Mapping[str, Any]) -> Path:
-    file.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True))
+    file.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True), encoding="utf-8")
     return file
 
 

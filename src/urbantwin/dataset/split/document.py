@@ -122,5 +122,5 @@ def write_split_document(file: Path, told: Mapping[str, Any]) -> None:
         {**row, "path": Path(os.path.relpath(Path(row["path"]).resolve(), folder)).as_posix()}
         for row in told["datasets"]
     ]
-    with replaced_file(file) as passing:
+    with replaced_file(file, kind="split") as passing:
         write_json(passing, {**told, "datasets": rows})

@@ -26,7 +26,7 @@ def write_image_sets(folder: Path, parts: Mapping[str, Sequence[str]]) -> None:
     for part in PARTS:
         file = folder / FOLDER / f"{part}.txt"
         file.unlink(missing_ok=True)
-        file.write_text("".join(f"{name}\n" for name in parts.get(part, ())))
+        file.write_text("".join(f"{name}\n" for name in parts.get(part, ())), encoding="utf-8")
 
 
 def image_sets(folder: Path) -> dict[str, list[str]]:

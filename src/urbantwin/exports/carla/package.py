@@ -79,7 +79,7 @@ def write_carla(twin: Twin, folder: Path) -> None:
             )
         )
         write_json(scratch / "rig.json", {"map": name, **rig})
-        (scratch / "README.txt").write_text(readme(title, package, name))
+        (scratch / "README.txt").write_text(readme(title, package, name), encoding="utf-8")
         kinds = [one.name.rsplit("_", 1)[0] for one in objects]
         write_json(
             scratch / "carla.json",

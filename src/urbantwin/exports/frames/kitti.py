@@ -61,7 +61,9 @@ def write_kitti(source: FrameSource, folder: Path, tell: Progress) -> Sequence[s
     """
     parts = write_splits(source, folder)
     both = sorted([*parts["train"], *parts["val"]])
-    (folder / "ImageSets" / "trainval.txt").write_text("".join(f"{one}\n" for one in both))
+    (folder / "ImageSets" / "trainval.txt").write_text(
+        "".join(f"{one}\n" for one in both), encoding="utf-8"
+    )
     testing = frozenset(parts.get("test", ()))
     picture = _grey_image()
     counted: Counter[str] = Counter()
@@ -73,11 +75,11 @@ def write_kitti(source: FrameSource, folder: Path, tell: Progress) -> Sequence[s
         points = np.column_stack([frame.points, frame.intensity]).astype("<f4")
         (place / "velodyne" / f"{frame.name}.bin").write_bytes(points.tobytes())
         camera = camera_SE3_frame(source, frame)
-        (place / "calib" / f"{frame.name}.txt").write_text(_calibration(camera))
+        (place / "calib" / f"{frame.name}.txt").write_text(_calibration(camera), encoding="utf-8")
         (place / "image_2" / f"{frame.name}.png").write_bytes(picture)
         seen, everywhere = _labels(frame, camera, counted)
-        (place / "label_2" / f"{frame.name}.txt").write_text(seen)
-        (place / "label_all" / f"{frame.name}.txt").write_text(everywhere)
+        (place / "label_2" / f"{frame.name}.txt").write_text(seen, encoding="utf-8")
+        (place / "label_all" / f"{frame.name}.txt").write_text(everywhere, encoding="utf-8")
     return [
         f"label_2 has the {counted['seen']} boxes that a virtual camera sees (at the first sensor, "
         f"along x, {IMAGE[0]} x {IMAGE[1]} pixels, KITTI's lens), label_all all {counted['all']}"

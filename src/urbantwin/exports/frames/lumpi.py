@@ -98,7 +98,9 @@ def write_lumpi(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
         write_ply_file(file, record_of(_columns(source, frame, measurement, start_s)))
         lines[measurement] += _labels(frame, (number - first) * _STEP_S)
     for k, text in enumerate(lines):
-        (folder / f"Measurement{k}" / "Label.csv").write_text("\n".join(text) + "\n")
+        (folder / f"Measurement{k}" / "Label.csv").write_text(
+            "\n".join(text) + "\n", encoding="utf-8"
+        )
     places = source[scenes[0].numbers[0]].site_SE3_sensors
     sessions = {}
     for k, scene in enumerate(scenes):

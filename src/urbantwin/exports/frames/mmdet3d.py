@@ -60,7 +60,7 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
         points = np.column_stack([frame.points, frame.intensity]).astype("<f4")
         (folder / "points" / f"{frame.name}.bin").write_bytes(points.tobytes())
         found = learned_boxes(frame.boxes, "mmdet3d", _MARKED)
-        (folder / "labels" / f"{frame.name}.txt").write_text(found.lines)
+        (folder / "labels" / f"{frame.name}.txt").write_text(found.lines, encoding="utf-8")
         entries[frame.name] = _entry(frame, found, numbers)
         if frame.name in training:
             database.add(frame.name, points, found)
@@ -69,7 +69,7 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
         infos = {"metainfo": told, "data_list": [entries[name] for name in names]}
         write_plain_pickle(folder / f"custom_infos_{part}.pkl", infos)
     write_plain_pickle(folder / "custom_dbinfos_train.pkl", _pasted(database))
-    (folder / f"{MODULE}.py").write_text(dataset_module(list(numbers)))
+    (folder / f"{MODULE}.py").write_text(dataset_module(list(numbers)), encoding="utf-8")
     configs = {f"{name}.py": partial(mmdet3d_config, name=name) for name in CONFIGS}
     return write_configs(source, folder, configs)
 

@@ -57,7 +57,7 @@ def write_openlabel(source: FrameSource, folder: Path, tell: Progress) -> list[s
         for kind, ending in ((CLOUDS, "pcd"), (LABELS, "json")):
             file = folder / SPLIT / part / kind / cloud / "file_names.txt"
             file.parent.mkdir(parents=True)
-            file.write_text("".join(f"{name}.{ending}\n" for name in names))
+            file.write_text("".join(f"{name}.{ending}\n" for name in names), encoding="utf-8")
     return [f"the points of {len(sensors)} sensors are in one cloud"] if len(sensors) > 1 else []
 
 

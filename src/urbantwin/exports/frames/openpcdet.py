@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from urbantwin.artefact import replaced_file
+from urbantwin.artefact import check_file, replaced_file
 from urbantwin.dataset.frame_files import stored_frames
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
 from urbantwin.exports.frames.learned_classes import LearnedClasses, learned_classes
@@ -61,7 +61,7 @@ def write_openpcdet(source: FrameSource, folder: Path, tell: Progress) -> Sequen
         points = np.column_stack([frame.points, frame.intensity]).astype(np.float32)
         np.save(folder / "points" / f"{frame.name}.npy", points)
         found = learned_boxes(frame.boxes, "openpcdet", DONT_CARE)
-        (folder / "labels" / f"{frame.name}.txt").write_text(found.lines)
+        (folder / "labels" / f"{frame.name}.txt").write_text(found.lines, encoding="utf-8")
         infos[frame.name] = _info(frame.name, found)
         if frame.name in training:
             database.add(frame.name, points, found)
@@ -91,9 +91,10 @@ def write_openpcdet_config(dataset: Path, file: Path) -> list[str]:
     Raises:
         InputError: it is no dataset of ours, or no class has enough boxes.
     """
+    check_file(file, kind="openpcdet", inputs=[dataset])
     learned = learned_classes(dataset)
-    with replaced_file(file, inputs=[dataset]) as passing:
-        passing.write_text(openpcdet_config(learned, str(dataset.resolve())))
+    with replaced_file(file, kind="openpcdet", inputs=[dataset]) as passing:
+        passing.write_text(openpcdet_config(learned, str(dataset.resolve())), encoding="utf-8")
     notes = [
         *learned.notes,
         f"DATA_PATH is {dataset}, whose labels have the boxes without a point, too: -o folder/ "

@@ -68,12 +68,12 @@ def write_semantickitti(source: FrameSource, folder: Path, tell: Progress) -> Se
             (place / "labels" / f"{at:06d}.label").write_bytes(label.astype("<u4").tobytes())
             poses.append(_row(camera @ frame.site_SE3_frame @ camera.inverse()))
             times.append(f"{frame.time_s:.9f}\n")
-        (place / "poses.txt").write_text("".join(poses))
-        (place / "times.txt").write_text("".join(times))
-        (place / "calib.txt").write_text(_calibration(camera))
+        (place / "poses.txt").write_text("".join(poses), encoding="utf-8")
+        (place / "times.txt").write_text("".join(times), encoding="utf-8")
+        (place / "calib.txt").write_text(_calibration(camera), encoding="utf-8")
         span = f"{source.names[frames[0]]} to {source.names[frames[-1]]}"
         told.append(f"sequence {number:02d}: frames {span}, {scene.part or 'of no part'}")
-    (folder / "semantic-kitti.yaml").write_text(_configuration(counts, split))
+    (folder / "semantic-kitti.yaml").write_text(_configuration(counts, split), encoding="utf-8")
     return [*told, f"who is faster than {MOVING_M_S} m/s moves; poses are those in the site"]
 
 

@@ -23,7 +23,7 @@ def write_splits(source: FrameSource, folder: Path) -> dict[str, tuple[str, ...]
     (folder / "ImageSets").mkdir()
     for name, frames in parts.items():
         text = "".join(f"{one}\n" for one in frames)
-        (folder / "ImageSets" / f"{name}.txt").write_text(text)
+        (folder / "ImageSets" / f"{name}.txt").write_text(text, encoding="utf-8")
     return parts
 
 
@@ -36,7 +36,7 @@ def write_configs(
     except InputError as error:  # it is a dataset all the same: to judge by, or to add to others
         return [f"no config: {error.problem}"]
     for name, text in configs.items():
-        (folder / name).write_text(text(learned))
+        (folder / name).write_text(text(learned), encoding="utf-8")
     return learned.notes
 
 

@@ -10,6 +10,7 @@ from urbantwin.artefact import (
     check_file,
     check_folder,
     kind_of,
+    read_json,
     replaced_file,
     replaced_folder,
     sha256_of,
@@ -60,14 +61,15 @@ def export_dataset(
     sources = _opened(dataset, wanted) if fleet is None else _nodes(fleet, wanted)
     path = out or Path(f"{dataset.resolve().name}{wanted.ending or '-' + to}")
     if wanted.ending:
-        check_file(path, inputs=[dataset])
+        check_file(path, kind=to, inputs=[dataset])
     else:
         check_folder(path, kind=KIND, inputs=[dataset])
+        _check_format(path, to)
     losses = _losses_of_all(sources, fleet, wanted)
     for one in losses:
         tell(one)
     if wanted.ending:
-        with replaced_file(path, inputs=[dataset]) as scratch:
+        with replaced_file(path, kind=to, inputs=[dataset]) as scratch:
             notes = _written(sources, fleet, wanted, scratch, progress)
         return path, [*losses, *notes]
     with replaced_folder(path, kind=KIND, inputs=[dataset]) as folder:
@@ -87,6 +89,20 @@ def export_dataset(
             },
         )
     return path, [*losses, *notes]
+
+
+def _check_format(folder: Path, to: str) -> None:
+    """Refuse a folder with a dataset in another format.
+
+    Raises:
+        InputError: it holds one.
+    """
+    if kind_of(folder) == KIND:
+        older = read_json(folder / f"{KIND}.json", kind=KIND).get("format")
+        if older != to:
+            raise InputError(
+                f"holds an export to {older!r:.40}", file=folder, expected="another folder"
+            )
 
 
 def _opened(dataset: Path, wanted: DatasetFormat) -> list[FrameSource]:

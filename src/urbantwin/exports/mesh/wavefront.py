@@ -34,9 +34,9 @@ def write_obj(
     """
     library = path.with_suffix(".mtl")
     names = sorted({name for one in objects for name in one.materials})
-    library.write_text("\n".join(_entry(name, looks[name]) for name in names))
+    library.write_text("\n".join(_entry(name, looks[name]) for name in names), encoding="utf-8")
     first = 1
-    with path.open("w") as stream:
+    with path.open("w", encoding="utf-8") as stream:
         stream.write("# metres, x east, y up, z south\n")
         stream.writelines(f"# {line}\n" for line in comments)
         stream.write(f"mtllib {library.name}\n")

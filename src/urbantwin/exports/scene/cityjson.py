@@ -66,7 +66,9 @@ def write_cityjson(twin: Twin, path: Path) -> list[str]:
         "CityObjects": objects,
         "vertices": whole.tolist(),
     }
-    path.write_text(json.dumps(document, separators=(",", ":"), ensure_ascii=False) + "\n")
+    path.write_text(
+        json.dumps(document, separators=(",", ":"), ensure_ascii=False) + "\n", encoding="utf-8"
+    )
     return [] if base is not None else [f"EPSG:{code} has no heights; they are above the anchor"]
 
 

@@ -61,7 +61,7 @@ def write_scene(twin: Twin, path: Path, name: str) -> Notes:
             file=path,
             expected=f"a name that ends in {' or '.join(_ENDINGS[name])}",
         )
-    with replaced_file(path, inputs=[twin.folder]) as scratch:
+    with replaced_file(path, kind=name, inputs=[twin.folder]) as scratch:
         return SCENE_FORMATS[name](twin, scratch)
 
 

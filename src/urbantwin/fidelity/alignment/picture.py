@@ -63,7 +63,7 @@ def draw_alignment(frame: Frame, twin: Twin, found: Alignment, path: Path) -> No
     bar = figure.colorbar(colours, ax=figure.axes, fraction=0.025, pad=0.02)
     bar.set_label("metres from the twin's surface (black: edges of its roads, orange: its lines)")
     bar.ax.yaxis.label.set_color(INK)
-    with replaced_file(path) as scratch:
+    with replaced_file(path, kind="align picture") as scratch:
         save(figure, scratch)
 
 

@@ -66,7 +66,7 @@ def write_aligned_rig(source: Path, target: Path, poses: list[Pose]) -> None:
         for name in _PLACE:
             entry.pop(name, None)
         entry.update(_written(pose))
-    with replaced_file(target, replaces=source) as scratch:
+    with replaced_file(target, kind="align", replaces=source) as scratch:
         scratch.write_text(
             yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8"
         )

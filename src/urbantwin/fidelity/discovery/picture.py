@@ -79,5 +79,5 @@ def draw_discovery(found: Discovery, points: NDArray[np.float64], path: Path) ->
             spine.set_color(FAINT)
         if number == count - 1:
             axes.set_xlabel("elevation of points, degrees (lines: channels)", fontsize=8)
-    with replaced_file(path) as scratch:
+    with replaced_file(path, kind="discover picture") as scratch:
         save(figure, scratch)

@@ -63,7 +63,7 @@ def write_rig(
             f"+-{stated['sigma_up_m']} m up, tilt +-{stated['sigma_tilt_deg']} degrees\n"
         )
     document = {"rate_hz": rate_hz, "frame": "site", "sensors": rows}
-    with replaced_file(path) as scratch:
+    with replaced_file(path, kind="discover") as scratch:
         for name, text in units.items():
             scratch.with_name(name).write_text(text, encoding="utf-8")
         scratch.write_text(_HEAD + "".join(notes) + _yaml(document), encoding="utf-8")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.fidelity.objects.figures import FIGURES
+from urbantwin.fidelity.report_html import html_document
 
 __all__ = ["write_objects_page"]
 
@@ -62,13 +63,7 @@ def write_objects_page(report: Mapping[str, Any], picture: Path, path: Path) -> 
         ),
         "</dl>",
     ]
-    path.write_text(
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f"<title>Objects</title><style>{_STYLE}</style></head><body>"
-        + "\n".join(body)
-        + "</body></html>\n",
-        encoding="utf-8",
-    )
+    path.write_text(html_document("Objects", body, _STYLE), encoding="utf-8")
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:

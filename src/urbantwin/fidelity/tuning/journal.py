@@ -26,7 +26,11 @@ class Journal:
     def __init__(self, path: Path, recipe: str) -> None:
         self._path = path
         self._kept: dict[tuple[str, int], tuple[list[float], float]] = {}
-        lines = path.read_text(errors="replace").splitlines() if path.is_file() else []
+        lines = (
+            path.read_text(errors="replace", encoding="utf-8").splitlines()
+            if path.is_file()
+            else []
+        )
         ours = bool(lines) and lines[0] == json.dumps({"recipe": recipe})
         for line in lines[1:] if ours else ():
             try:

@@ -10,6 +10,7 @@ from typing import Any
 
 from urbantwin.artefact import read_json
 from urbantwin.fidelity.definitions import MEASURES
+from urbantwin.fidelity.report_html import html_document
 from urbantwin.fidelity.tuning.figure import draw_fit
 from urbantwin.fidelity.tuning.fit import RigFit
 from urbantwin.fidelity.tuning.frames import Looks
@@ -98,12 +99,7 @@ def _page(written: dict[str, Any], judged: dict[str, Any], picture: Path) -> str
         f'<h2>Pictures</h2><img alt="The fit" src="data:image/png;base64,{image}">',
         "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in written["notes"]) + "</ul>",
     ]
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        f"<title>Tuning</title><style>{_STYLE}</style></head><body>"
-        + "\n".join(body)
-        + "</body></html>\n"
-    )
+    return html_document("Tuning", body, _STYLE)
 
 
 def _knob(name: str, one: dict[str, Any]) -> Sequence[str]:

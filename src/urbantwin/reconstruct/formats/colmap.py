@@ -148,7 +148,9 @@ def _binary_images(path: Path) -> list[tuple[str, NDArray[np.float64]]]:
 
 
 def _text_images(path: Path) -> list[tuple[str, NDArray[np.float64]]]:
-    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    lines = [
+        line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")
+    ]
     found = []
     for line in lines[::2]:
         words = line.split(None, 9)

@@ -52,9 +52,9 @@ def read_fbx(path: Path) -> ImportedModel:
             failed = True
         error = folder / "error.txt"
         if failed or error.exists() or not (folder / "nodes.json").exists():
-            why = f" ({error.read_text()})" if error.exists() else ""
+            why = f" ({error.read_text(encoding='utf-8')})" if error.exists() else ""
             raise InputError(f"cannot be read as FBX{why}", file=path, expected="a whole FBX")
-        said = json.loads((folder / "nodes.json").read_text())
+        said = json.loads((folder / "nodes.json").read_text(encoding="utf-8"))
         with np.load(folder / "nodes.npz") as arrays:
             return _model(path, folder, said, {key: arrays[key] for key in arrays.files})
 

@@ -46,7 +46,9 @@ def main(source: str, folder: Path) -> None:
     try:
         scene = ufbx.load_file(source, **options)
     except Exception as error:
-        (folder / "error.txt").write_text(type(error).__name__.removesuffix("Error"))
+        (folder / "error.txt").write_text(
+            type(error).__name__.removesuffix("Error"), encoding="utf-8"
+        )
         return
     _held.append(scene)
     arrays: dict[str, np.ndarray[Any, Any]] = {}
@@ -68,7 +70,7 @@ def main(source: str, folder: Path) -> None:
     settings = at(scene, "settings")
     said = {"unit_m": float(at(settings, "original_unit_meters"))}
     text = json.dumps({"nodes": nodes, "materials": materials, "said": said})
-    (folder / "nodes.json").write_text(text)
+    (folder / "nodes.json").write_text(text, encoding="utf-8")
 
 
 def arrays_of(node: Any, mesh: Any) -> dict[str, np.ndarray[Any, Any]]:  # noqa: ANN401

@@ -15,6 +15,7 @@ from urbantwin.download import (
     Origin,
     keep_bytes,
     kept_bytes,
+    key_for,
     parse_address,
     parse_origin,
 )
@@ -40,13 +41,23 @@ def open_web(source: GeometrySource, environment: Mapping[str, str] | None = Non
     variable's name contains TOKEN (Cesium ion) or its value begins with "Bearer".
 
     Raises:
-        InputError: the variable is not set, or the address is not one of HTTP.
+        InputError: the user did not allow the variable to be sent there (`download.key_for`), it
+            is not set, or the address is not one of HTTP.
     """
     environment = os.environ if environment is None else environment
     spec = source.spec
     key, bearer = None, None
     if spec.key_env is not None:
-        value = environment.get(spec.key_env, "").strip()
+        try:
+            value = key_for(
+                spec.key_env,
+                spec.url or "",
+                environment,
+                file=source.document.file,
+                place=source.place("key_env"),
+            )
+        except DownloadError as error:
+            raise _no_address(source, error) from None
         if not value:
             raise InputError(
                 f"the environment variable {spec.key_env} is not set",
@@ -78,12 +89,16 @@ def open_web(source: GeometrySource, environment: Mapping[str, str] | None = Non
             cache=Path(cache) if cache else None,
         )
     except DownloadError as error:
-        raise InputError(
-            str(error),
-            file=source.document.file,
-            place=source.place("url"),
-            expected="https://...",
-        ) from None
+        raise _no_address(source, error) from None
+
+
+def _no_address(source: GeometrySource, error: DownloadError) -> InputError:
+    return InputError(
+        str(error),
+        file=source.document.file,
+        place=source.place("url"),
+        expected="https://...",
+    )
 
 
 class Web:

@@ -14,7 +14,6 @@ from itertools import product
 
 import numpy as np
 import shapely
-import shapely.ops
 from numpy.typing import NDArray
 
 from urbantwin.geometry import area_union

@@ -49,7 +49,7 @@ class Genus:
 
 @cache
 def _genera() -> dict[str, Genus]:
-    lines = files(__package__).joinpath("genus.csv").read_text().splitlines()
+    lines = files(__package__).joinpath("genus.csv").read_text(encoding="utf-8").splitlines()
     rows = csv.DictReader(line for line in lines if not line.startswith("#"))
     return {
         row["genus"]: Genus(

@@ -38,6 +38,9 @@ def write_page(
         reach_m: half the edge of the plan.
     """
     package = files(__package__)
+    style, script = (
+        package.joinpath(f"page.{kind}").read_text(encoding="utf-8") for kind in ("css", "js")
+    )
     data = json.dumps(_data(placed, manifest, plan, reach_m), allow_nan=False)
     # Nothing in a text may end the script.
     data = data.replace("<", "\\u003c")
@@ -48,7 +51,7 @@ def write_page(
         for one in manifest["warnings"]
     ]
     parts = [
-        f"<style>{package.joinpath('page.css').read_text()}</style>",
+        f"<style>{style}</style>",
         f"<h1>Placement: {escape(name)}</h1>",
         f'<p class="lead">{manifest["layouts"]} layouts of {manifest["candidates"]} places '
         f"judged by one motion; {len(placed.front)} that no other is as good as in all of "
@@ -69,7 +72,7 @@ def write_page(
             text=True,
         ),
         "</details>",
-        f"<script>const PLACEMENT = {data};\n{package.joinpath('page.js').read_text()}</script>",
+        f"<script>const PLACEMENT = {data};\n{script}</script>",
     ]
     write_html(path, f"Placement: {name}", parts)
 

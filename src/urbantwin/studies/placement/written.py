@@ -64,7 +64,7 @@ def write_placement(
             placed, placed.found[number].layout, folder / "rigs" / f"{layout_name(number)}.yaml"
         )
     spec = placed.question.spec.written()
-    (folder / "place.yaml").write_text(yaml.safe_dump(spec, sort_keys=False))
+    (folder / "place.yaml").write_text(yaml.safe_dump(spec, sort_keys=False), encoding="utf-8")
     manifest = manifest_of(placed, told)
     if trained is not None:
         manifest["trained"] = [dict(one) for one in trained]
@@ -84,7 +84,7 @@ def write_rig(placed: Placed, layout: Layout, path: Path) -> None:
     views = placed.question.views
     origin = views.file or Path("place.yaml")
     rig = copy_sensor_files(views.rig_spec(layout), origin, path.parent)
-    path.write_text(yaml.safe_dump(rig, sort_keys=False))
+    path.write_text(yaml.safe_dump(rig, sort_keys=False), encoding="utf-8")
 
 
 def sensor_words(views: Views, number: int) -> str:

@@ -86,6 +86,6 @@ def drawn_side(
 
 @cache
 def _tables() -> dict[str, dict[str, dict[str, Habit]]]:
-    text = files(__package__).joinpath("annotators.yaml").read_text()
+    text = files(__package__).joinpath("annotators.yaml").read_text(encoding="utf-8")
     tables: dict[str, dict[str, dict[str, Habit]]] = yaml.safe_load(text)
     return tables

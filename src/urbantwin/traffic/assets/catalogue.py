@@ -310,7 +310,7 @@ def _entries() -> dict[str, dict[str, Any]]:
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     entries: dict[str, dict[str, Any]] = {}
     for name in _FILES:
-        entries |= yaml.load(files(__package__).joinpath(name).read_text(), loader)
+        entries |= yaml.load(files(__package__).joinpath(name).read_text(encoding="utf-8"), loader)
     listed = {name: drawn(entry) for name, entry in entries.items()} | tram_entries()
     american = {
         f"{name}-american": {**entry, "american": True, "unlisted": True}

@@ -150,7 +150,7 @@ def _bends(body: str) -> bool:
 
 @cache
 def _tables() -> dict[str, dict[str, dict[str, dict[str, Any]]]]:
-    text = files(__package__).joinpath("fleet.yaml").read_text()
+    text = files(__package__).joinpath("fleet.yaml").read_text(encoding="utf-8")
     tables: dict[str, dict[str, dict[str, dict[str, Any]]]] = yaml.load(
         text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     )

@@ -42,7 +42,7 @@ PUSHING = np.radians(28.0), np.radians(50.0)
 def _curves() -> CubicSpline:
     from scipy.interpolate import CubicSpline
 
-    lines = files(__package__).joinpath("gait.csv").read_text().splitlines()
+    lines = files(__package__).joinpath("gait.csv").read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     part = [float(row["percent"]) / 100 for row in rows]
     angle = [[float(row[joint]) for joint in ("thigh", "knee", "ankle")] for row in rows]

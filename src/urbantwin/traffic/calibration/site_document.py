@@ -73,4 +73,6 @@ def built(document: dict[str, Any], folder: Path, progress: Progress) -> Twin:
 
 def _dump(path: Path, value: dict[str, Any]) -> None:
     """Write a document as YAML."""
-    path.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=100))
+    path.write_text(
+        yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=100), encoding="utf-8"
+    )

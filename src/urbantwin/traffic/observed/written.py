@@ -29,7 +29,7 @@ def write_observation(folder: Path, found: Observation) -> dict[str, Any]:
     time_s = found.times.time_s
     if found.times.told and np.diff(time_s).min(initial=np.inf) >= SLOW_S:
         time_s = time_s.round(1)
-    with (folder / "tracks.csv").open("w", newline="") as file:
+    with (folder / "tracks.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow("track_id time_s class x y yaw_rad length width height".split())
         for number, one in enumerate(found.tracks, 1):
@@ -37,7 +37,7 @@ def write_observation(folder: Path, found: Observation) -> dict[str, Any]:
                 size = [f"{value:.2f}" for value in one.size]
                 row = [f"{time_s[frame]:.3f}", one.actor_class, f"{x:.3f}", f"{y:.3f}"]
                 table.writerow([number, *row, f"{yaw:.4f}", *size])
-    (folder / "proposal.geojson").write_text(_proposal(found.tracks))
+    (folder / "proposal.geojson").write_text(_proposal(found.tracks), encoding="utf-8")
     return observed_summary(found)
 
 

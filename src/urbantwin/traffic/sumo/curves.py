@@ -64,7 +64,7 @@ class Curves:
 def drive(folder: Path, options: list[str]) -> None:
     """Run an exported folder to its end, with further options of SUMO."""
     libsumo.start(["sumo", "-c", str(folder / "twin.sumocfg"), *options])
-    curves = Curves(json.loads((folder / "curves.json").read_text()))
+    curves = Curves(json.loads((folder / "curves.json").read_text(encoding="utf-8")))
     end_s = float(libsumo.simulation.getOption("end"))
     while libsumo.simulation.getTime() < end_s:
         curves.slow_down()

@@ -300,7 +300,8 @@ def _worked(
 
         line = _command_line(net_path, routes, {**options, "additional-files": stops})
         files = {"arrays": str(folder / "rows.npy"), "texts": str(folder / "outcome.json")}
-        (folder / "job.json").write_text(json.dumps({**whole, "options": line, **files}))
+        job_text = json.dumps({**whole, "options": line, **files})
+        (folder / "job.json").write_text(job_text, encoding="utf-8")
         _run_worker(folder / "job.json", progress)
         warmup_s = job["warmup_substeps"] * float(str(options["step-length"]))
         return _read(folder / "rows.npy", folder / "outcome.json", warmup_s)
@@ -403,7 +404,7 @@ def _run_worker(job: Path, progress: Callable[[float, str], None] | None) -> Non
     with (
         messages.open("wb") as stderr,
         subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr, text=True
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr, encoding="utf-8"
         ) as process,
     ):
         try:
@@ -420,7 +421,9 @@ def _run_worker(job: Path, progress: Callable[[float, str], None] | None) -> Non
 
 def _first_error(messages: Path, returncode: int) -> str:
     """Return SUMO's first error, else the last line that it said, else how it died."""
-    lines = [line.strip() for line in messages.read_text(errors="replace").splitlines()]
+    lines = [
+        line.strip() for line in messages.read_text(errors="replace", encoding="utf-8").splitlines()
+    ]
     for line in lines:
         if line.startswith("Error:"):
             return line.removeprefix("Error:").strip()
@@ -433,7 +436,7 @@ def _first_error(messages: Path, returncode: int) -> str:
 
 def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
     """Read what the worker wrote; the motion begins so long after SUMO."""
-    outcome: dict[str, Any] = json.loads(texts.read_text())
+    outcome: dict[str, Any] = json.loads(texts.read_text(encoding="utf-8"))
     rows = row_columns(arrays)
     minutes = outcome["minutes"]
     seen = {

@@ -261,7 +261,7 @@ class Recorder:
             "staged": staged,
             "boarded": boarded,
         }
-        texts.write_text(json.dumps(outcome))
+        texts.write_text(json.dumps(outcome), encoding="utf-8")
 
 
 def simulate(job: dict[str, Any]) -> None:
@@ -313,4 +313,4 @@ def end_with_the_run() -> None:
 
 if __name__ == "__main__":
     threading.Thread(target=end_with_the_run, daemon=True).start()
-    simulate(json.loads(Path(sys.argv[1]).read_text()))
+    simulate(json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))

@@ -22,7 +22,7 @@ def main(source: str, name: str, spawns: str, folder: str) -> dict[str, Any]:
     """Read the map as the server, ``make import`` and the Traffic Manager do."""
     import carla
 
-    chart = carla.Map(name, Path(source).read_text())
+    chart = carla.Map(name, Path(source).read_text(encoding="utf-8"))
     graph = Path(folder) / f"{name}.bin"
     chart.cook_in_memory_map(str(graph))  # Import.py, build_binary_for_tm
     every = chart.generate_waypoints(STEP_M)
@@ -33,7 +33,9 @@ def main(source: str, name: str, spawns: str, folder: str) -> dict[str, Any]:
         "topology": [[row(a), row(b)] for a, b in chart.get_topology()],
         "crosswalks": [place(corner) for corner in chart.get_crosswalks()],
         "signals": [signal(chart, mark) for mark in chart.get_all_landmarks()],
-        "spawns": [spawn(carla, chart, one) for one in json.loads(Path(spawns).read_text())],
+        "spawns": [
+            spawn(carla, chart, one) for one in json.loads(Path(spawns).read_text(encoding="utf-8"))
+        ],
     }
 
 
@@ -97,4 +99,4 @@ def signal(chart: Any, mark: Any) -> dict[str, Any]:  # noqa: ANN401
 
 if __name__ == "__main__":
     answer = main(*sys.argv[1:])
-    Path(sys.argv[-1], "answer.json").write_text(json.dumps(answer))
+    Path(sys.argv[-1], "answer.json").write_text(json.dumps(answer), encoding="utf-8")

@@ -141,12 +141,17 @@ def _asked(
     """Ask CARLA's library, in a process of its own."""
     placed = [{key: one[key] for key in ("location", "rotation")} for one in spawns]
     with passing_folder("urbantwin-carla") as scratch:
-        (scratch / "spawns.json").write_text(json.dumps(placed))
+        (scratch / "spawns.json").write_text(json.dumps(placed), encoding="utf-8")
         command = [python, "-P", str(_PROGRAM), str(xodr), name]
         command += [str(scratch / "spawns.json"), str(scratch)]
         try:
             done = subprocess.run(
-                command, capture_output=True, text=True, check=False, timeout=_LONGEST_S
+                command,
+                capture_output=True,
+                encoding="utf-8",
+                errors="replace",
+                check=False,
+                timeout=_LONGEST_S,
             )
         except subprocess.TimeoutExpired:
             raise InputError("CARLA does not come to an end with it", file=xodr) from None
@@ -156,5 +161,5 @@ def _asked(
             said = [line for line in done.stderr.splitlines() if line.strip()]
             why = said[-1] if said else done.returncode
             raise InputError(f"CARLA cannot read it ({why})", file=xodr)
-        answer: dict[str, Any] = json.loads((scratch / "answer.json").read_text())
+        answer: dict[str, Any] = json.loads((scratch / "answer.json").read_text(encoding="utf-8"))
     return answer

@@ -49,5 +49,5 @@ def write_opendrive(
         model = with_carla_crosswalks(as_right_hand_traffic(model))
         model = with_carla_signs(with_carla_stages(model))
     content = document(model, frame, version=version, name=name)
-    with replaced_file(path) as scratch:
+    with replaced_file(path, kind="opendrive") as scratch:
         scratch.write_bytes(content)

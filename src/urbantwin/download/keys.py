@@ -1,0 +1,186 @@
+"""Keys of servers: which variables of the environment may be read, and where each may be sent.
+
+A file that names a variable and a server (``site.yaml``, a table of sources) may come from a
+stranger. So the user decides, not the file: a variable whose name does not begin with
+``URBANTWIN_`` must be named on the command line, and every pair of a variable and an origin must
+be allowed there or in a file of the user's configuration folder.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from platformdirs import user_config_path
+
+from urbantwin.download.failure import DownloadError
+from urbantwin.download.origin import Origin, parse_address, parse_origin
+from urbantwin.errors import InputError
+
+__all__ = ["PREFIX", "VARIABLE", "allowed_keys_file", "key_for", "keys_allowed", "no_keys"]
+
+#: Variables of this prefix hold keys of UrbanTwin's user and nothing else.
+PREFIX = "URBANTWIN_"
+#: What the name of a variable looks like.
+VARIABLE = r"^[A-Za-z_][A-Za-z0-9_]*$"
+
+Pair = tuple[str, Origin]
+
+
+@dataclass(frozen=True)
+class _Allowed:
+    """What the caller of a command allowed.
+
+    Attributes:
+        names: variables that may be named though they lack the prefix.
+        pairs: variables with the origins that their values may go to.
+        none: no key is read at all.
+    """
+
+    names: frozenset[str] = field(default_factory=frozenset)
+    pairs: frozenset[Pair] = field(default_factory=frozenset)
+    none: bool = False
+
+
+_allowed: ContextVar[_Allowed] = ContextVar("allowed_keys")
+
+
+def allowed_keys_file() -> Path:
+    """Return the file in the user's configuration folder with a pair ``NAME=https://host`` a line.
+
+    Empty lines and lines that begin with ``#`` say nothing.
+    """
+    return user_config_path("urbantwin", appauthor=False) / "allowed-keys"
+
+
+@contextmanager
+def keys_allowed(names: Iterable[str] | None, pairs: Iterable[str] | None) -> Iterator[None]:
+    """Allow keys while the block runs, besides those of `allowed_keys_file`.
+
+    Args:
+        names: variables that may be named (``--key-env``).
+        pairs: ``NAME=https://host:port``: variables that may be named, and where the value of each
+            may go (``--allow-key``).
+
+    Raises:
+        InputError: a name or a pair is malformed.
+    """
+    named = set()
+    for name in names or ():
+        if not re.fullmatch(VARIABLE, name):
+            raise InputError(
+                f"is {name!r:.60}", place="--key-env", expected="the name of a variable: TILES_KEY"
+            )
+        named.add(name)
+    allowed = frozenset(_pair(one, place="--allow-key") for one in pairs or ())
+    rules = _Allowed(frozenset(named | {name for name, _ in allowed}), allowed)
+    before = _allowed.set(rules)
+    try:
+        yield
+    finally:
+        _allowed.reset(before)
+
+
+@contextmanager
+def no_keys() -> Iterator[None]:
+    """Read no key while the block runs."""
+    before = _allowed.set(_Allowed(none=True))
+    try:
+        yield
+    finally:
+        _allowed.reset(before)
+
+
+def key_for(
+    name: str,
+    address: str,
+    environment: Mapping[str, str] | None = None,
+    *,
+    file: Path | None = None,
+    place: str | None = None,
+) -> str:
+    """Return the key in a variable, for an address that it may be sent to.
+
+    Args:
+        name: the variable's, as a file has it.
+        address: where it would be sent; braces in its path and query stand for anything.
+        environment: where variables are; the process's own when not given.
+        file: the file that names both.
+        place: where in it.
+
+    Returns:
+        The key; empty where the variable is not set.
+
+    Raises:
+        InputError: the user did not allow it; the error says what to type.
+        DownloadError: the address is none.
+    """
+    origin = parse_address(re.sub(r"\{[^}]*\}", "0", address)).origin
+    rules = _allowed.get(_Allowed())
+    if not re.fullmatch(VARIABLE, name) or rules.none:
+        raise InputError(
+            f"asks for the variable {name!r:.60}, and no key is read here",
+            file=file,
+            place=place,
+            expected="an address without a key, or what is at it as a file",
+        )
+    listed = frozenset() if (name, origin) in rules.pairs else _listed()
+    named = name.startswith(PREFIX) or name in rules.names
+    if (name, origin) not in rules.pairs | listed:
+        also = f", or the line {name}={origin} in {allowed_keys_file()}" if named else ""
+        raise InputError(
+            f"would send the variable {name} to {origin}, which you have not allowed",
+            file=file,
+            place=place,
+            expected=f"--allow-key {name}={origin}{also}",
+        )
+    if not named:
+        raise InputError(
+            f"names the variable {name}, which does not begin with {PREFIX}",
+            file=file,
+            place=place,
+            expected=f"--key-env {name}",
+        )
+    return (os.environ if environment is None else environment).get(name, "").strip()
+
+
+def _listed() -> frozenset[Pair]:
+    """Return the pairs of the user's file; none where there is no file.
+
+    Raises:
+        InputError: the file cannot be read, or a line of it is malformed.
+    """
+    file = allowed_keys_file()
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (FileNotFoundError, NotADirectoryError):
+        return frozenset()
+    except (OSError, UnicodeDecodeError) as error:
+        why = getattr(error, "strerror", None) or "not UTF-8"
+        raise InputError(f"cannot be read ({why})", file=file) from None
+    lines = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
+    return frozenset(
+        _pair(line, place=f"line {number}", file=file)
+        for number, line in lines
+        if line and not line.startswith("#")
+    )
+
+
+def _pair(text: str, *, place: str, file: Path | None = None) -> Pair:
+    name, _, origin = text.partition("=")
+    try:
+        if not re.fullmatch(VARIABLE, name.strip()):
+            raise DownloadError("is not the name of a variable")
+        return name.strip(), parse_origin(origin.strip())
+    except DownloadError:
+        raise InputError(
+            f"is {text!r:.100}",
+            file=file,
+            place=place,
+            expected="NAME=https://host or NAME=https://host:port, without a path",
+        ) from None
