@@ -169,6 +169,7 @@ lock: | $(BIN)/python
 	printf 'hatchling\neditables\n' | $(UV_COMPILE) pyproject.toml - --extra dev \
 	  --constraint requirements.lock -o requirements-dev.lock
 	$(UV_COMPILE) --no-deps requirements-judges.in -o requirements-judges.lock
+	$(BIN)/python tools/lighter_sumo.py requirements.lock requirements-dev.lock
 
 clean:
 	rm -rf build/release-tools build/pictures dist

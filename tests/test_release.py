@@ -178,9 +178,12 @@ def test_a_release_is_built_checked_and_tagged(checkout: Path) -> None:
     )
     commit(checkout)
     done = subprocess.run(
-        [checkout / "tools/release.sh", sys.executable], check=False, capture_output=True, text=True,
+        [checkout / "tools/release.sh", sys.executable],
+        check=False,
+        capture_output=True,
+        text=True,
         env=os.environ | IDENTITY,
-    )  # fmt: skip
+    )
     if "No matching distribution" in done.stderr or "Could not find a version" in done.stderr:
         pytest.skip("the package index cannot be reached")
     assert done.returncode == 0, done.stdout + done.stderr

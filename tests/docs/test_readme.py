@@ -161,7 +161,7 @@ def pictures() -> Iterator[ModuleType]:
 
 
 def test_the_script_makes_those_pictures(pictures: ModuleType) -> None:
-    source = Path(pictures.__file__).read_text()
+    source = Path(pictures.__file__).read_text(encoding="utf-8")
     for name in re.findall(r"\]\(docs/assets/(\w+)\.webp\)", TEXT):
         assert f'"{name}' in source
 
