@@ -10,7 +10,7 @@ import pytest
 import shapely
 import yaml
 
-from urbantwin.artefact import sha256_of, write_json
+from urbantwin.artefact import overwriting, sha256_of, write_json
 from urbantwin.cli import main
 from urbantwin.errors import InputError
 from urbantwin.fidelity.alignment import (
@@ -271,7 +271,10 @@ def test_the_rest_of_a_rig_moves_with_its_first_sensor_and_its_file_stays(tmp_pa
     file = tmp_path / "rig.yaml"
     file.write_text(yaml.safe_dump(text))
     before = place_rig(RigSpec.model_validate(text), street())
-    write_aligned_rig(file, file, aligned_poses(before, TRUE))
+    with pytest.raises(InputError, match="--overwrite"):
+        write_aligned_rig(file, file, aligned_poses(before, TRUE))
+    with overwriting(True):
+        write_aligned_rig(file, file, aligned_poses(before, TRUE))
     written = yaml.safe_load(file.read_text())
     assert written["rate_hz"] == 5
     assert written["sensors"][0]["effects"] == {"noise": False}

@@ -335,6 +335,7 @@ def test_what_is_no_background_is_said(tmp_path):
     np.savez(file, range_m=image(1))
     with pytest.raises(InputError, match="about: is missing"):
         load_backgrounds(file)
+    file = tmp_path / "other.npz"
     save_backgrounds(file, [MeasuredBackground(image(1), image(1), image(2), image(1))])
     with pytest.raises(InputError, match="out of bounds"):
         load_backgrounds(file)

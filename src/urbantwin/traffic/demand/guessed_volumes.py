@@ -68,7 +68,7 @@ def bounded_by_signals(net: Path, circulation: Circulation) -> tuple[Circulation
         flows = circulation.flows()
         cuts: _Cuts = {}
         for one in _full(junctions, flows):
-            through = f"its signal can let {one.capacity:.0f} through"
+            through = f"its signal lets {FULL * one.capacity:.0f} through without lasting queues"
             why.setdefault(one.lane, _Full(one, through, FULL / one.load))
             _cut(cuts, one, FULL / one.load)
         if not cuts:
