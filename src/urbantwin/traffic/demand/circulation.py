@@ -268,7 +268,14 @@ class Circulation:
                 numbers.append(first + len(trips))
                 trips.append(replace(trip, in_reserve=True))
             gates.append(Gate(edge, per_hour[edge, holds], holds, tuple(numbers)))
-        return GatePlan(tuple(gates), room), trips
+        motor = [
+            group
+            for group in populations
+            if group.actor_class not in (_ON_FOOT, _TRAM, "bicycle") and group.per_hour > 0
+        ]
+        rate = sum(group.per_hour for group in motor)
+        metres = sum(group.per_hour * group.metres for group in motor)
+        return GatePlan(tuple(gates), room, metres / rate if rate else 1.0), trips
 
     def _random(self, actor_class: str, number: int) -> np.random.Generator:
         """Return the random stream of one actor: it depends on its class and number alone."""

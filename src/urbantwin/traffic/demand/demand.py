@@ -172,10 +172,12 @@ class GatePlan:
     Attributes:
         gates: one per outer road that leads into the region, for motor vehicles and for bicycles.
         room: motor vehicles that fit onto the lanes of the region bumper to bumper.
+        passage_m: mean distance of motor vehicles from one entry into the region to the next.
     """
 
     gates: tuple[Gate, ...] = ()
     room: float = 1.0
+    passage_m: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ import numpy as np
 #: Admissions that a gate saves up at most while no vehicle waits at it: during the warm-up, and
 #: after it. The saved admissions let a gate make up for gaps in its arrivals.
 MAX_SAVED_IN_WARMUP, MAX_SAVED = 50.0, 3.0
-#: Near the end of the warm-up, this long before it, s, every gate without a queue gets the
-#: admissions of 45 s at once: vehicles for the queue from which later gaps are filled.
-TOP_UP_BEFORE_S, TOP_UP_S = 20.0, 45.0
+#: Before the end of the warm-up, s: from when on the mean speed is measured; and when the vehicles
+#: that are still missing at this speed are added, no more than come in this long.
+MEASURED_S, TOP_UP_S, MOST_S = 60.0, 20.0, 100.0
 #: The time between two admissions is uniform within 1 +- this, times the mean.
 IRREGULARITY = 0.5
 #: Comfortable braking of a vehicle that has to stop at a gate, m/s2, and the distance to the end
@@ -183,7 +183,8 @@ class Gates:
         job: ``gates``: ``edge``, ``per_hour``, ``holds`` and ``reserve`` (numbers of trips) of
             each; ``types``: number of a trip in reserve -> its vehicle type; ``until_s``: vehicles
             are added before this time; ``room``: vehicles that fit into the region bumper to
-            bumper; ``seed``.
+            bumper; ``passage_m``: mean distance from one entry into the region to the next;
+            ``seed``.
         outer: ids of all outer roads.
     """
 
@@ -196,7 +197,9 @@ class Gates:
             _Gate(plan, np.random.Generator(np.random.Philox(key=[seed, number])))
             for number, plan in enumerate(job["gates"])
         ]
+        self.passage_m = float(job["passage_m"])
         self.now_s, self.topped_up = 0.0, False
+        self.metres = self.seconds = 0.0
 
     def act(self, now_s: float) -> None:
         """Admit, hold and add vehicles; called once each second."""
@@ -205,29 +208,52 @@ class Gates:
         passed_s, self.now_s = now_s - self.now_s, now_s
         warming_up = now_s < self.until_s
         full = self._inside() >= FULL_SHARE * self.room
-        top_up = now_s > self.until_s - TOP_UP_BEFORE_S and not self.topped_up
-        self.topped_up |= top_up
+        if self.until_s - MEASURED_S < now_s < self.until_s:
+            self._top_up(now_s)
         for gate in self.gates:
             most = MAX_SAVED_IN_WARMUP if warming_up else MAX_SAVED
             gate.saved = float(np.clip(gate.saved + gate.per_second * passed_s, -most, most))
             if gate.holds:
-                if top_up and not gate.held:
-                    gate.saved += gate.per_second * TOP_UP_S
                 gate.meter(now_s, full=full, spare=self._too_few(holds=True))
             else:
                 gate.count()
             if warming_up and not full and self._too_few(holds=gate.holds):
                 gate.add(self.types)
 
+    def _top_up(self, now_s: float) -> None:
+        """Measure the speed of motor vehicles; near the end, let gates add those that are missing.
+
+        As many have to be on their way as come in during the time of the way round (Little's law).
+        Vehicles that wait at gates are not on their way.
+        """
+        gates = [gate for gate in self.gates if gate.holds]
+        waiting = {name for gate in gates for name in gate.held}
+        moving = [name for name in self._motor() if name not in waiting]
+        self.metres += sum(max(libsumo.vehicle.getSpeed(name), 0.0) for name in moving)
+        self.seconds += len(moving)
+        if self.topped_up or now_s < self.until_s - TOP_UP_S:
+            return
+        self.topped_up = True
+        speed = max(self.metres / max(self.seconds, 1.0), 0.5)
+        per_second = sum(gate.per_second for gate in gates)
+        missing = per_second * self.passage_m / speed - len(moving)
+        share = min(max(missing / max(per_second, 1e-9), 0.0), MOST_S)
+        for gate in gates:
+            gate.saved += gate.per_second * share
+
     def _too_few(self, *, holds: bool) -> bool:
         """Return whether fewer vehicles came in than requested, all gates of a kind together."""
         return sum(gate.saved for gate in self.gates if gate.holds == holds) >= 1.0
 
-    def _inside(self) -> int:
-        """Return how many motor vehicles are in the region."""
+    def _motor(self) -> list[str]:
+        """Return the motor vehicles on the road."""
         vehicle = libsumo.vehicle
-        return sum(
-            vehicle.getRoadID(name) not in self.outer
+        return [
+            name
             for name in vehicle.getIDList()
             if vehicle.getVehicleClass(name) not in (BICYCLE, TRAM)
-        )
+        ]
+
+    def _inside(self) -> int:
+        """Return how many motor vehicles are in the region."""
+        return sum(libsumo.vehicle.getRoadID(name) not in self.outer for name in self._motor())

@@ -292,6 +292,7 @@ def _worked(
             "gates": {
                 "gates": [asdict(gate) for gate in demand.gates.gates],
                 "room": demand.gates.room,
+                "passage_m": demand.gates.passage_m,
                 "types": types_of_reserve(demand),
                 "until_s": job["gates_until_s"],
                 "seed": options["seed"],
