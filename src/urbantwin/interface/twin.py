@@ -179,10 +179,14 @@ def build_of(
             refuse_places(site.rig, scene, file=site.rig_file, anchor_height_m=anchor_height_m)
 
     def stand(
-        site: Site, network: RoadNetwork, mesh: LabelledMesh, anchor_height_m: float | None
+        site: Site,
+        network: RoadNetwork,
+        mesh: LabelledMesh,
+        anchor_height_m: float | None,
+        tell: Progress,
     ) -> StandingRig:
         with fields_below(rig_field(site), site.rig_file):
-            return standing_rig(site, network, mesh, anchor_height_m)
+            return standing_rig(site, network, mesh, anchor_height_m, tell)
 
     def also(twin: BuiltTwin, tell: Progress) -> None:
         if pictures:

@@ -42,6 +42,8 @@ __all__ = ["Place", "Tabled", "actor_table"]
 
 #: A motion of more poses is on disk while it is made.
 _MANY = 600_000
+#: Shares of the table's time after which paths are smoothed, and everybody is parted.
+_SMOOTHED, _PARTED = 0.1, 0.9
 #: What the table of actors is made from.
 _SHOWN = ("trip", "step", "xy", "yaw", "distance", "speed", "lane")
 
@@ -152,11 +154,11 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         ways = actor_ways(
             simulated, demand, place.roads, ground, place.blocks.low, solids,
             step_s=step_s, asset=asset, rigid=before.rigid if before else None, folder=folder,
-            tell=between(tell, 0.0, 0.4),
+            tell=between(tell, 0.0, _SMOOTHED),
         )  # fmt: skip
         del simulated  # of an hour it takes hundreds of megabytes
         hand_back_freed_memory()
-        tell(0.4, "past each other")
+        tell(_SMOOTHED, "past each other")
         parting = Parted(
             ways, ground.levels(lanes), place.blocks, solids.shapes,
             place.roads.footway(0), step_s=step_s, asset=asset,
@@ -172,9 +174,8 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         with ThreadPoolExecutor(1) as beside_it:
             made: list[Future[int]] = []
             for n, stretch in enumerate(every):
-                telling = between(
-                    tell, 0.4 + 0.6 * n / len(every), 0.4 + 0.6 * (n + 1) / len(every)
-                )
+                share = (_PARTED - _SMOOTHED) / len(every)
+                telling = between(tell, _SMOOTHED + n * share, _SMOOTHED + (n + 1) * share)
                 crossings = Crossings.of(place.roads, lanes, shown, stretch.begin, stretch.seen)
                 was = before.stretch(n) if before else None
                 parted = parting.parted(stretch, left, was, crossings, telling)
@@ -193,6 +194,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         whose = parting.vehicles.astype(np.int32)
         del parting
         hand_back_freed_memory()
+        tell(_PARTED, "who passes through whom")
         trip = kept.trips()
         absent = absent_from(
             kept, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
