@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -42,8 +42,8 @@ __all__ = ["Place", "Tabled", "actor_table"]
 
 #: A motion of more poses is on disk while it is made.
 _MANY = 600_000
-#: Shares of the table's time after which paths are smoothed, and everybody is parted.
-_SMOOTHED, _PARTED = 0.1, 0.9
+#: Shares of the table's time after which paths are smoothed, everybody is parted, and stands.
+_SMOOTHED, _PARTED, _STOOD = 0.1, 0.82, 0.93
 #: What the table of actors is made from.
 _SHOWN = ("trip", "step", "xy", "yaw", "distance", "speed", "lane")
 
@@ -165,7 +165,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         )  # fmt: skip
         every = stretches(*ways.steps, step_s)
         lead = ways.who == vehicles(ways.who)
-        left, outside, poses = None, 0, []
+        left, outside, posed, poses = None, 0, 0, []
         kept = KeptRows(folder)
         rows_of = partial(
             actor_rows, trips=ways.trips, lanes=lanes, ground=ground, step_s=step_s, asset=asset
@@ -188,13 +188,17 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
                 )
                 shows = {name: parted[name][decided] for name in _SHOWN}
                 outside += sum(one.result() for one in made)
+                posed += len(shows["trip"])
                 made = [beside_it.submit(kept.stood, shows, rows_of)]
                 del parted, shows
+            while wait(made, timeout=0.5).not_done:
+                standing = between(tell, _PARTED, _STOOD)
+                standing(kept.taken / max(posed, 1), "standing on the ground")
             outside += sum(one.result() for one in made)
         whose = parting.vehicles.astype(np.int32)
         del parting
         hand_back_freed_memory()
-        tell(_PARTED, "who passes through whom")
+        tell(_STOOD, "who passes through whom")
         trip = kept.trips()
         absent = absent_from(
             kept, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
