@@ -205,6 +205,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
             place.obstacles, place.region, step_s=step_s, beside=beside,
         )  # fmt: skip
         hand_back_freed_memory()
+        tell(0.97, "who passes through whom")
         number = ways.who if by_trip else None
         rows = kept.rows(trip, ~absent.rows, number, file if folder else None)
     overlaps = overlaps_told(absent.left, rows.parts(), place.parked)

@@ -48,6 +48,7 @@ from urbantwin.traffic.paths.footing import on_footways
 from urbantwin.traffic.paths.jaywalking import with_jaywalkers
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import Ground
+from urbantwin.traffic.paths.track_box import track_size
 from urbantwin.traffic.paths.yielding import Before
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
@@ -125,6 +126,7 @@ def _driven(
         duration_s=steps * float(asked["step_s"]),
         seed=asked["seed"],
     )
+    told(_PLANNED / 2, "planning trips")
     net = driven_net(twin, asked, demand, steps * float(asked["step_s"]), scratch)
     roads, retimed = timing_told(net, twin.roads) if demand.counted else (twin.roads, {})
     streets = _Streets(twin, asked, steps, net, scratch, own_bodies(twin))
@@ -138,6 +140,7 @@ def _driven(
     # SUMO drives in a process of its own: what stands in the way is found meanwhile.
     with ThreadPoolExecutor(1) as beside_it:
         stands = beside_it.submit(_standing, twin, asked)
+        beside_it.submit(_measured, demand, streets.own)
         drive = streets.tabled(
             streets.drive(
                 demand, between(told, _PLANNED, _DRIVEN),
@@ -374,6 +377,12 @@ class _Streets:
         )  # fmt: skip
         actors, staged = staged_table(without.actors.table(), drive.actors.table(), found, events)
         return replace(drive, actors=as_rows(actors), overlaps=None, staged=staged)
+
+
+def _measured(demand: Demand, own: OwnBodies) -> None:
+    """Find the sizes of all actors: they are kept, and looked up when paths are made."""
+    for name in {trip.asset for trip in demand.trips}:
+        track_size(own.asset(name))
 
 
 def _standing(twin: Twin, asked: Mapping[str, Any]) -> tuple[ParkedVehicles, Place]:
