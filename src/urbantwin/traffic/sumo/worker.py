@@ -301,7 +301,7 @@ def simulate(job: dict[str, Any]) -> None:
         step, rest = divmod(made - job["warmup_substeps"], substeps)
         if step >= first and rest == 0:
             recorder.record(step)
-        if time.monotonic() - reported > REPORT_S:
+        if made % max(total // 100, 1) == 0 or time.monotonic() > reported + REPORT_S:
             reported = time.monotonic()
             sys.stdout.write(f"progress {made / total:.3f}\n")
             sys.stdout.flush()
