@@ -25,8 +25,8 @@ def an_hour(twin: Twin, seconds: int = 3600, seed: int = 1) -> dict[str, Any]:
 
     Returns:
         ``driven``: share of what was requested, by the distance travelled in this hour, and
-        ``held_up``: where the longest queue begins if that is less than nearly all. ``speeds``: mean speeds of vehicles in SUMO's own summary, m/s, by
-        quarters of an hour. ``teleports``, and ``vehicles``: the fewest and most on the road, of
+        ``held_up``: where the longest queue begins if that is less than nearly all. ``speeds``:
+        mean speeds of vehicles in SUMO's own summary, m/s, by quarters of an hour. ``teleports``, and ``vehicles``: the fewest and most on the road, of
         the same. ``people``: the fewest and most, and ``planned`` of both. ``longest_halt_s``,
         ``stood``: how many stood for longer than 300 s, and ``where``.
     """

@@ -23,9 +23,9 @@ import numpy as np
 #: Admissions that a gate saves up at most while no vehicle waits at it: during the warm-up, and
 #: after it. The saved admissions let a gate make up for gaps in its arrivals.
 MAX_SAVED_IN_WARMUP, MAX_SAVED = 50.0, 3.0
-#: So long before the end of the warm-up, s, every gate is given the admissions of this much time, s:
-#: vehicles for the queue from which later gaps are filled.
-TOP_UP_S, TOP_UP = 20.0, 45.0
+#: Near the end of the warm-up, this long before it, s, every gate without a queue gets the
+#: admissions of 45 s at once: vehicles for the queue from which later gaps are filled.
+TOP_UP_BEFORE_S, TOP_UP_S = 20.0, 45.0
 #: The time between two admissions is uniform within 1 +- this, times the mean.
 IRREGULARITY = 0.5
 #: Comfortable braking of a vehicle that has to stop at a gate, m/s2, and the distance to the end
@@ -205,13 +205,14 @@ class Gates:
         passed_s, self.now_s = now_s - self.now_s, now_s
         warming_up = now_s < self.until_s
         full = self._inside() >= FULL_SHARE * self.room
-        top_up = now_s > self.until_s - TOP_UP_S and not self.topped_up
+        top_up = now_s > self.until_s - TOP_UP_BEFORE_S and not self.topped_up
         self.topped_up |= top_up
         for gate in self.gates:
             most = MAX_SAVED_IN_WARMUP if warming_up else MAX_SAVED
             gate.saved = float(np.clip(gate.saved + gate.per_second * passed_s, -most, most))
             if gate.holds:
-                gate.saved += gate.per_second * TOP_UP * top_up
+                if top_up and not gate.held:
+                    gate.saved += gate.per_second * TOP_UP_S
                 gate.meter(now_s, full=full, spare=self._too_few(holds=True))
             else:
                 gate.count()
