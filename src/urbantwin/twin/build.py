@@ -60,7 +60,7 @@ PICTURE_MARGIN_M = 25.0
 #: Maps above this size take a while to read, bytes; the share of the time that reading takes.
 LARGE_MAP, LARGE_READ, SMALL_READ = 32 << 20, 0.4, 0.02
 #: Shares of the time after that which are over when a part is done, of a district.
-ROADS, ROADS_WRITTEN, SCENE, SCENE_WRITTEN, STANDING = 0.14, 0.2, 0.75, 0.8, 0.83
+ROADS, ROADS_WRITTEN, SCENE, SCENE_WRITTEN, STANDING = 0.14, 0.2, 0.78, 0.84, 0.87
 #: Share of the whole after which the twin is there and pictures of it are drawn.
 BUILT = 0.8
 
