@@ -135,10 +135,17 @@ class Helpers:
     Attributes:
         workers: how many work, this one among them.
         pool: of the others; ``None`` where there are none.
+        first: the first task of the pool: it is done once a helper is ready.
     """
 
     workers: int
     pool: ProcessPoolExecutor | None
+    first: Future[int] | None = None
+
+    @property
+    def ready(self) -> ProcessPoolExecutor | None:
+        """The pool once a helper is ready; ``None`` before, and where there is no pool."""
+        return self.pool if self.first is not None and self.first.done() else None
 
 
 @contextmanager
@@ -159,7 +166,7 @@ def helpers(
         yield Helpers(workers, None)
         return
     with worker_pool(workers - 1, start, *arguments) as pool:
-        yield Helpers(workers, pool)
+        yield Helpers(workers, pool, pool.submit(os.getpid))
 
 
 def pool_of(crew: object) -> ProcessPoolExecutor | None:

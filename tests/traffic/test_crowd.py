@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
+import pytest
 import shapely
 
+from urbantwin.traffic.paths import crowd
 from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs
 from urbantwin.traffic.paths.crowd import crowd_walked
 from urbantwin.traffic.paths.detours import round_blocks
@@ -82,6 +84,18 @@ def test_two_who_walk_into_each_other_pass_and_come_back_to_their_ways() -> None
     assert aside[1].max() > 0.15
     assert np.abs(places - np.array(ways)).max() < 1.0
     assert np.abs(places[:, -1] - np.array(ways)[:, -1]).max() < 0.15
+
+
+def test_people_walk_the_same_however_often_progress_is_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ways = [straight([-8, 0], [8, 0]), straight([8, 0], [-8, 0]), straight([0, -8], [0, 8])]
+    found = []
+    for steps in (1, 7, 1000):
+        monkeypatch.setattr(crowd, "_AT_ONCE", steps)
+        found.append(walked(ways)[0])
+    np.testing.assert_array_equal(found[0], found[1])
+    np.testing.assert_array_equal(found[0], found[2])
 
 
 def test_who_comes_into_nobody_keeps_the_way_to_the_bit() -> None:

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +32,7 @@ from urbantwin.view.labelled_frame import (
     read_labelled_points,
 )
 from urbantwin.view.markings import markings
-from urbantwin.view.pictures import pictures_of_dataset
+from urbantwin.view.pictures import pictures_of_dataset, pictures_of_twin
 from urbantwin.view.plan import plan, plan_figure
 from urbantwin.view.plan_style import DARK
 from urbantwin.view.range_image import range_image, spread_rays
@@ -499,6 +500,20 @@ def test_pictures_of_a_dataset_come_out_the_same(tmp_path):
         read_labelled_points(tmp_path / "set", "000009")
     with pytest.raises(InputError, match="not found"):
         pictures_of_dataset(tmp_path / "nowhere")
+
+
+def test_a_helper_that_is_ready_draws_what_this_process_would(two_avenues_twin, tmp_path):
+    with helpers(2, time.sleep, 1.0) as crew:
+        assert crew.ready is None
+        crew.first.result()
+        assert crew.ready is crew.pool
+        pictures_of_twin(two_avenues_twin, tmp_path / "with", pool=crew.ready)
+    pictures_of_twin(two_avenues_twin, tmp_path / "alone")
+    assert (tmp_path / "with" / "scene.png").is_file()
+    for drawn in (tmp_path / "alone").iterdir():
+        assert (tmp_path / "with" / drawn.name).read_bytes() == drawn.read_bytes()
+    with helpers(1, int) as crew:
+        assert crew.ready is None
 
 
 def test_scene_and_plan_come_out_the_same(tmp_path):

@@ -6,11 +6,46 @@ __all__ = ["rehearse"]
 
 
 def rehearse() -> None:
-    """Scan a board on a plane; it is no car, as motions have the meshes of their actors.
+    """Walk, and scan a board on a plane: numba loads, or compiles, what that takes.
 
-    Helpers do so while the twin is opened. All else is imported here and not above: the process
-    that starts them needs the name of this function alone.
+    The board is no car, as motions have the meshes of their actors. Helpers do so while the twin is
+    built or opened. All else is imported here and not above: the process that starts them needs
+    the name of this function alone.
     """
+    _walk()
+    _scan()
+
+
+def _walk() -> None:
+    """Let two people walk: what moves them compiles longest, and is needed before any frame."""
+    import numpy as np
+    import shapely
+
+    from urbantwin.traffic.paths.box_plan import PlanBoxes
+    from urbantwin.traffic.paths.crowd import crowd_walked
+    from urbantwin.traffic.paths.parting import Moving
+    from urbantwin.traffic.paths.walked_ground import WalkedGround
+
+    step = np.zeros(2, np.int64)
+    actor, level, half = np.arange(2), np.zeros(2, np.int64), np.full((2, 2), 0.3)
+    columns = {
+        "step": step,
+        "xy": np.array([[0.0, 0.0], [5.0, 0.0]]),
+        "yaw": np.zeros(2),
+        "speed": np.ones(2),
+        "distance": np.zeros(2),
+        "lane": level,
+    }
+    boxes = PlanBoxes(step, columns["xy"], columns["yaw"], half)
+    people = ("pedestrian", "pedestrian")
+    moving = Moving(actor, boxes, columns["speed"], level, level, people, actor)
+    nothing = PlanBoxes(step[:0], columns["xy"][:0], columns["yaw"][:0], half[:0])
+    solids, footway = np.array([], np.object_), shapely.box(-9, -9, 9, 9)
+    ground = WalkedGround(columns["xy"], nothing, solids, footway)
+    crowd_walked(columns, moving, half, 0.1, ground)
+
+
+def _scan() -> None:
     import numpy as np
 
     import urbantwin.dataset.workers  # noqa: F401 - with what records frames

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from urbantwin.geometry import LabelledMesh
+    from urbantwin.processes import Helpers
     from urbantwin.reconstruct import Reconstruction
     from urbantwin.roads import RoadNetwork
     from urbantwin.scene.preview import ScenePreview
@@ -165,8 +166,18 @@ def site_with_known_sensors(path: Path) -> Site:
     return site
 
 
-def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -> Twin:
-    """Build a twin that the site's own rig stands in, with pictures of it and of its geometry."""
+def build_of(
+    site: Site,
+    out: Path,
+    *,
+    pictures: bool,
+    progress: ShowProgress,
+    helpers: Helpers | None = None,
+) -> Twin:
+    """Build a twin that the site's own rig stands in, with pictures of it and of its geometry.
+
+    Helpers that are ready by then draw some of the pictures.
+    """
     from urbantwin.lidar.placement import refuse_places
     from urbantwin.lidar.siting import standing_rig
     from urbantwin.twin import build_twin
@@ -178,10 +189,14 @@ def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -
             refuse_places(site.rig, scene, file=site.rig_file, anchor_height_m=anchor_height_m)
 
     def stand(
-        site: Site, network: RoadNetwork, mesh: LabelledMesh, anchor_height_m: float | None
+        site: Site,
+        network: RoadNetwork,
+        mesh: LabelledMesh,
+        anchor_height_m: float | None,
+        tell: Progress,
     ) -> StandingRig:
         with fields_below(rig_field(site), site.rig_file):
-            return standing_rig(site, network, mesh, anchor_height_m)
+            return standing_rig(site, network, mesh, anchor_height_m, tell)
 
     def also(twin: BuiltTwin, tell: Progress) -> None:
         if pictures:
@@ -192,7 +207,8 @@ def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -
             if found:
                 sources = attributions({"inputs": site.inputs()})
                 pictures_of_geometry(found[0], folder, attribution=sources)
-            pictures_of_twin(twin, folder, progress=tell)
+            pool = None if helpers is None else helpers.ready
+            pictures_of_twin(twin, folder, pool=pool, progress=tell)
 
     with shown_stage("twin", progress) as tell:
         built = build_twin(

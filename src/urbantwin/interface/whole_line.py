@@ -23,6 +23,7 @@ from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Summary
 from urbantwin.interface.twin import Twin, build_of, rig_field, site_with_known_sensors
 from urbantwin.interface.viewing import look
+from urbantwin.processes import Helpers
 from urbantwin.result_warning import ResultWarning
 
 if TYPE_CHECKING:
@@ -223,7 +224,13 @@ def _run_of(
     _refuse_what_cannot_be_recorded(site, workers)
     made = Run(out)
     with recorders(workers, pictures=pictures) as crew:
-        made.twin = build_of(site, out / "twin", pictures=pictures, progress=progress)
+        made.twin = build_of(
+            site,
+            out / "twin",
+            pictures=pictures,
+            progress=progress,
+            helpers=crew if isinstance(crew, Helpers) else None,
+        )
         made.motion = drive(made.twin, out / "motion", pictures=pictures, progress=progress)
         spec, rig_file = rig_spec_on(made.twin, None)
         made.dataset = recorded(

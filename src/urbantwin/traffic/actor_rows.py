@@ -109,6 +109,8 @@ class KeptRows:
         self._folder = folder
         self._tables: list[pa.Table] = []
         self._files: list[Path] = []
+        #: How many poses `stood` has taken.
+        self.taken = 0
 
     def stood(
         self,
@@ -126,6 +128,7 @@ class KeptRows:
             rows = rows_of(part)
             self.add(rows)
             left_out += len(part["trip"]) - int(rows.num_rows)
+            self.taken += len(part["trip"])
         return left_out
 
     def add(self, rows: pa.Table) -> None:

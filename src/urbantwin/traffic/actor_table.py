@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -42,6 +42,8 @@ __all__ = ["Place", "Tabled", "actor_table"]
 
 #: A motion of more poses is on disk while it is made.
 _MANY = 600_000
+#: Shares of the table's time after which paths are smoothed, everybody is parted, and stands.
+_SMOOTHED, _PARTED, _STOOD = 0.1, 0.82, 0.93
 #: What the table of actors is made from.
 _SHOWN = ("trip", "step", "xy", "yaw", "distance", "speed", "lane")
 
@@ -152,18 +154,18 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         ways = actor_ways(
             simulated, demand, place.roads, ground, place.blocks.low, solids,
             step_s=step_s, asset=asset, rigid=before.rigid if before else None, folder=folder,
-            tell=between(tell, 0.0, 0.4),
+            tell=between(tell, 0.0, _SMOOTHED),
         )  # fmt: skip
         del simulated  # of an hour it takes hundreds of megabytes
         hand_back_freed_memory()
-        tell(0.4, "past each other")
+        tell(_SMOOTHED, "past each other")
         parting = Parted(
             ways, ground.levels(lanes), place.blocks, solids.shapes,
             place.roads.footway(0), step_s=step_s, asset=asset,
         )  # fmt: skip
         every = stretches(*ways.steps, step_s)
         lead = ways.who == vehicles(ways.who)
-        left, outside, poses = None, 0, []
+        left, outside, posed, poses = None, 0, 0, []
         kept = KeptRows(folder)
         rows_of = partial(
             actor_rows, trips=ways.trips, lanes=lanes, ground=ground, step_s=step_s, asset=asset
@@ -172,9 +174,8 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         with ThreadPoolExecutor(1) as beside_it:
             made: list[Future[int]] = []
             for n, stretch in enumerate(every):
-                telling = between(
-                    tell, 0.4 + 0.6 * n / len(every), 0.4 + 0.6 * (n + 1) / len(every)
-                )
+                share = (_PARTED - _SMOOTHED) / len(every)
+                telling = between(tell, _SMOOTHED + n * share, _SMOOTHED + (n + 1) * share)
                 crossings = Crossings.of(place.roads, lanes, shown, stretch.begin, stretch.seen)
                 was = before.stretch(n) if before else None
                 parted = parting.parted(stretch, left, was, crossings, telling)
@@ -187,18 +188,24 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
                 )
                 shows = {name: parted[name][decided] for name in _SHOWN}
                 outside += sum(one.result() for one in made)
+                posed += len(shows["trip"])
                 made = [beside_it.submit(kept.stood, shows, rows_of)]
                 del parted, shows
+            while wait(made, timeout=0.5).not_done:
+                standing = between(tell, _PARTED, _STOOD)
+                standing(kept.taken / max(posed, 1), "standing on the ground")
             outside += sum(one.result() for one in made)
         whose = parting.vehicles.astype(np.int32)
         del parting
         hand_back_freed_memory()
+        tell(_STOOD, "who passes through whom")
         trip = kept.trips()
         absent = absent_from(
             kept, whose[trip], vehicles(ways.who).astype(np.int32)[trip], place.parked,
             place.obstacles, place.region, step_s=step_s, beside=beside,
         )  # fmt: skip
         hand_back_freed_memory()
+        tell(0.97, "who passes through whom")
         number = ways.who if by_trip else None
         rows = kept.rows(trip, ~absent.rows, number, file if folder else None)
     overlaps = overlaps_told(absent.left, rows.parts(), place.parked)

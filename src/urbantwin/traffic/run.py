@@ -48,6 +48,7 @@ from urbantwin.traffic.paths.footing import on_footways
 from urbantwin.traffic.paths.jaywalking import with_jaywalkers
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import Ground
+from urbantwin.traffic.paths.track_box import track_size
 from urbantwin.traffic.paths.yielding import Before
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
@@ -59,6 +60,9 @@ from urbantwin.traffic.sumo.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
 __all__ = ["run_traffic", "with_more"]
+
+#: Shares of the time after which trips are planned, SUMO has driven, and the table is made.
+_PLANNED, _DRIVEN, _TABLED = 0.1, 0.42, 0.88
 
 
 def run_traffic(
@@ -98,10 +102,10 @@ def run_traffic(
     with replaced_folder(out, kind="motion", inputs=[twin.folder]) as folder:
         asked = at_time_of_day({**asked, "duration_s": duration_s, "seed": chosen_seed})
         motion = _driven(twin, asked, steps, folder, told)
-        told(0.95, "writing the motion")
+        told(0.92, "writing the motion")
         motion.write(folder)
         if also is not None:
-            told(0.97, "drawing the paths")
+            told(0.94, "drawing the paths")
             also(motion, folder)
     told(1.0, "done")
     return motion
@@ -122,6 +126,7 @@ def _driven(
         duration_s=steps * float(asked["step_s"]),
         seed=asked["seed"],
     )
+    told(_PLANNED / 2, "planning trips")
     net = driven_net(twin, asked, demand, steps * float(asked["step_s"]), scratch)
     roads, retimed = timing_told(net, twin.roads) if demand.counted else (twin.roads, {})
     streets = _Streets(twin, asked, steps, net, scratch, own_bodies(twin))
@@ -131,13 +136,14 @@ def _driven(
     ]
 
     hand_back_freed_memory()
-    tell = between(told, 0.6, 0.85, "actors")
+    tell = between(told, _DRIVEN, _TABLED, "actors")
     # SUMO drives in a process of its own: what stands in the way is found meanwhile.
     with ThreadPoolExecutor(1) as beside_it:
         stands = beside_it.submit(_standing, twin, asked)
+        beside_it.submit(_measured, demand, streets.own)
         drive = streets.tabled(
             streets.drive(
-                demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what),
+                demand, between(told, _PLANNED, _DRIVEN),
                 # Whoever crosses foresees gaps, and nobody foresees an event.
                 blocks=None if reacting else lambda: stands.result()[1].blocks.low,
             ),
@@ -145,7 +151,7 @@ def _driven(
         )  # fmt: skip
     parked, place = stands.result()
     if reacting:
-        told(0.85, "the same with events")
+        told(_TABLED, "the same with events")
         drive = streets.with_reactions(drive, reacting, place)
     for made in scratch.glob("*.net.xml"):
         made.unlink()  # the folder is the motion's
@@ -169,10 +175,10 @@ def _driven(
     size = asked.get("size", {})
     staged, overlaps = drive.staged, None if size or scenario else drive.overlaps
     del drive  # an hour of it takes hundreds of megabytes
-    motion = resized(driven.with_meshes(between(told, 0.85, 0.93)), size)
+    motion = resized(driven.with_meshes(between(told, _TABLED, 0.91)), size)
     if scenario:
         motion = with_events(motion, twin, scenario, staged)
-    told(0.93, "who passes through whom")
+    told(0.91, "who passes through whom")
     return _told(motion, twin, overlaps)
 
 
@@ -371,6 +377,12 @@ class _Streets:
         )  # fmt: skip
         actors, staged = staged_table(without.actors.table(), drive.actors.table(), found, events)
         return replace(drive, actors=as_rows(actors), overlaps=None, staged=staged)
+
+
+def _measured(demand: Demand, own: OwnBodies) -> None:
+    """Find the sizes of all actors: they are kept, and looked up when paths are made."""
+    for name in {trip.asset for trip in demand.trips}:
+        track_size(own.asset(name))
 
 
 def _standing(twin: Twin, asked: Mapping[str, Any]) -> tuple[ParkedVehicles, Place]:

@@ -63,9 +63,9 @@ PICTURE_MARGIN_M = 25.0
 #: Maps above this size take a while to read, bytes; the share of the time that reading takes.
 LARGE_MAP, LARGE_READ, SMALL_READ = 32 << 20, 0.4, 0.02
 #: Shares of the time after that which are over when a part is done, of a district.
-ROADS, ROADS_WRITTEN, SCENE, SCENE_WRITTEN = 0.06, 0.08, 0.87, 0.93
+ROADS, ROADS_WRITTEN, SCENE, SCENE_WRITTEN, STANDING = 0.14, 0.2, 0.78, 0.84, 0.87
 #: Share of the whole after which the twin is there and pictures of it are drawn.
-BUILT = 0.9
+BUILT = 0.8
 
 
 def build_twin(  # noqa: PLR0915 - stage by stage
@@ -190,11 +190,17 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             photo=photo,
         )
         material.surface.save(folder / "surface_material.npz")
-        tell(0.97, "standing the sensors")
+        tell(STANDING, "standing the sensors")
         # The scene keeps clear of where sensors were proposed: who makes it again needs that.
         asked, stood = site, StandingRig(site.rig)
         if stand is not None:
-            stood = stand(site, roads.network, scene.mesh, anchor_height_m(ground_notes))
+            stood = stand(
+                site,
+                roads.network,
+                scene.mesh,
+                anchor_height_m(ground_notes),
+                between(tell, STANDING, 1.0),
+            )
             site = replace(site, rig=stood.spec)
         own = {
             one.name: read_actor_mesh(path, one.actor_class, scale=one.scale, forward=one.forward)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.progress import Progress
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads import RoadNetwork
 from urbantwin.site import RigSpec, Site
@@ -29,5 +30,6 @@ class StandingRig:
     warnings: tuple[ResultWarning, ...] = ()
 
 
-#: Of a site, its lanes, the static world and the height of the anchor's ground in the DEM's datum.
-Stand = Callable[[Site, RoadNetwork, LabelledMesh, float | None], StandingRig]
+#: Of a site, its lanes, the static world and the height of the anchor's ground in the DEM's datum;
+#: the last reports progress.
+Stand = Callable[[Site, RoadNetwork, LabelledMesh, float | None, Progress], StandingRig]

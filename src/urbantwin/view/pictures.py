@@ -21,10 +21,10 @@ from urbantwin.lidar import Rig, place_rig
 from urbantwin.lidar.coverage import Coverage
 from urbantwin.lidar.siting import RigSight, sight_of_rig
 from urbantwin.processes import begun
-from urbantwin.progress import Progress, untold
+from urbantwin.progress import Progress, between, untold
 from urbantwin.traffic import Motion
 from urbantwin.traffic.assets import asset_mesh
-from urbantwin.twin import Twin
+from urbantwin.twin import Twin, load_twin
 from urbantwin.view import style
 from urbantwin.view.birdseye import birdseye_figure
 from urbantwin.view.box_figures import picture_of_split, pictures_of_boxes
@@ -60,7 +60,13 @@ __all__ = [
 ]
 
 
-def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None) -> list[Path]:
+def pictures_of_twin(
+    twin: Twin,
+    out: Path,
+    *,
+    pool: ProcessPoolExecutor | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
     """Draw a twin into ``out``: ``plan.png``, ``scene.png`` and what there is of the others.
 
     ``sight.png`` is of a rig that stands, ``ground.png`` of imagery.
@@ -68,23 +74,52 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
     Args:
         twin: the twin.
         out: the folder, made if it is not there; pictures of these names are replaced.
+        pool: of helpers, which draw the scene while this process draws the plan.
         progress: called with the fraction done and what is being done.
     """
     tell = progress or untold
     out.mkdir(parents=True, exist_ok=True)
-    tell(0.0, "drawing the plan")
-    drawn = [style.save(figure_of_twin(twin, "plan"), out / "plan.png")]
-    sight = sight_on(twin)
-    if sight is not None:
-        tell(0.2, "drawing what the sensors see")
-        drawn.append(style.save(_figure_of_sight(twin, sight), out / "sight.png"))
-    tell(0.4, "drawing the scene")
-    drawn.append(style.save(figure_of_twin(twin, "scene"), out / "scene.png"))
+    with begun(pool, _picture_of_opened, twin.folder, out) as of_scene:
+        tell(0.0, "drawing the plan")
+        plan = figure_of_twin(twin, "plan")
+        tell(0.2, "drawing the plan")
+        drawn = [style.save(plan, out / "plan.png")]
+        sight = sight_on(twin)
+        if sight is not None:
+            tell(0.3, "drawing what the sensors see")
+            drawn.append(style.save(_figure_of_sight(twin, sight), out / "sight.png"))
+        tell(0.5, "drawing the scene")
+        if pool is None:
+            drawn.append(_picture_of_scene(twin, out, between(tell, 0.5, 0.9)))
+        else:
+            drawn.append(of_scene())
     if twin.site.get("imagery"):
         tell(0.9, "drawing the ground")
         drawn.append(style.save(figure_of_twin(twin, "ground"), out / "ground.png"))
     tell(1.0, "drawn")
     return drawn
+
+
+def _picture_of_opened(folder: Path, out: Path) -> Path:
+    """Draw the scene of the twin in a folder into ``out``."""
+    return _picture_of_scene(load_twin(folder), out, untold)
+
+
+def _picture_of_scene(twin: Twin, out: Path, tell: Progress) -> Path:
+    """Draw the scene of a twin into ``out``."""
+    return style.save(_figure_of_scene(twin, tell), out / "scene.png")
+
+
+def _figure_of_scene(twin: Twin, tell: Progress = untold) -> Figure:
+    return scene_figure(
+        twin.mesh,
+        title=title_of(twin),
+        below=_size(twin),
+        attribution=attributions(twin.manifest),
+        surface=twin.surface_materials,
+        colours=twin.colours,
+        tell=tell,
+    )
 
 
 def figure_of_twin(twin: Twin, picture: str) -> Figure:
@@ -110,14 +145,7 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
             attribution=sources,
         )
     if picture == "scene":
-        return scene_figure(
-            twin.mesh,
-            title=name,
-            below=_size(twin),
-            attribution=sources,
-            surface=twin.surface_materials,
-            colours=twin.colours,
-        )
+        return _figure_of_scene(twin)
     if picture == "ground":
         return ground_figure(
             twin.mesh,
@@ -237,6 +265,7 @@ def pictures_of_dataset(
                 attribution=sources,
                 surface=twin.surface_materials,
                 colours=twin.colours,
+                tell=between(tell, 0.0, 0.5),
             )
             drawn.append(style.save(figure, out / "scene.png"))
         tell(0.5, "drawing a frame")

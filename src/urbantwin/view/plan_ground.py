@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
@@ -28,6 +29,8 @@ _OWN_FILL = ("driving", "bus", "bicycle", "parking", "shoulder")
 _AT_CURB_M = 0.35
 #: What is narrower than twice this is a seam between outlines, not a carriageway, metres.
 _SLIVER_M = 0.4
+#: What `_of_mesh` returned, as long as the mesh is in use.
+_OUTLINES: WeakKeyDictionary[LabelledMesh, tuple[list[shapely.Geometry], ...]] = WeakKeyDictionary()
 
 
 def fill(
@@ -58,20 +61,31 @@ def draw_ground(axes: Axes, region: shapely.Polygon, mesh: LabelledMesh | None, 
     fill(axes, [region], look.ground, zorder=0)
     if mesh is None:
         return
-    # What lies between carriageways is raised in the scene, also where no lane of the model is.
-    islands_of_mesh = footprints(mesh.select(mesh.part == PARTS["island"]), "other-ground")
+    islands_of_mesh, plants, buildings = _of_mesh(mesh)
     fill(
         axes,
-        islands_of_mesh.values(),
+        islands_of_mesh,
         look.lanes["island"],
         zorder=4,
         edgecolor=look.curb,
         linewidth=0.7,
     )
-    plants = footprints(mesh, "vegetation", hull=True)
-    fill(axes, plants.values(), look.green, zorder=2)
-    buildings = footprints(mesh, "building")
-    fill(axes, buildings.values(), look.building, zorder=3, edgecolor=look.edge, linewidth=0.5)
+    fill(axes, plants, look.green, zorder=2)
+    fill(axes, buildings, look.building, zorder=3, edgecolor=look.edge, linewidth=0.5)
+
+
+def _of_mesh(mesh: LabelledMesh) -> tuple[list[shapely.Geometry], ...]:
+    """Return the outlines of islands, plants and buildings; several plans show the same mesh."""
+    if mesh not in _OUTLINES:
+        # What lies between carriageways is raised in the scene, also where no lane of the model is.
+        island = mesh.select(mesh.part == PARTS["island"])
+        found = (
+            footprints(island, "other-ground"),
+            footprints(mesh, "vegetation", hull=True),
+            footprints(mesh, "building"),
+        )
+        _OUTLINES[mesh] = tuple(list(one.values()) for one in found)
+    return _OUTLINES[mesh]
 
 
 def draw_surfaces(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look) -> None:

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.geometry import DownwardProbe, LabelledMesh, PartColours, SurfaceMaterials
 from urbantwin.geometry.rays import RayScene
 from urbantwin.geometry.surface_material import taking
+from urbantwin.progress import Progress, between, untold
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.view import style
 from urbantwin.view.picture_light import HORIZON, SAMPLES, scattered_about, sky, smoothed, toned
@@ -139,7 +140,7 @@ def scene_picture(  # noqa: PLR0913 - what is drawn, from where, and what is wri
     return style.save(figure, path)
 
 
-def scene_figure(
+def scene_figure(  # noqa: PLR0913 - as `scene_picture`
     mesh: LabelledMesh,
     *,
     camera: Camera | None = None,
@@ -149,12 +150,13 @@ def scene_figure(
     attribution: str | Iterable[str] = (),
     surface: SurfaceMaterials | None = None,
     colours: PartColours | None = None,
+    tell: Progress = untold,
 ) -> Figure:
-    """Return the figure of ``scene_picture``."""
+    """Return the figure of ``scene_picture``; ``tell`` is called with the fraction done (0..1)."""
     caster = _Caster(mesh)
     camera = camera or _clearest(caster, Camera(), ELEVATIONS_DEG)
     width, height = size
-    picture = _rendered(caster, camera, width, height, surface, colours)
+    picture = _rendered(caster, camera, width, height, surface, colours, between(tell, 0.2, 0.9))
     figure = style.new_figure(width / 100, height / 100)
     axes = figure.add_axes((0, 0, 1, 1))
     style.bare(axes)
@@ -276,7 +278,7 @@ def render(
         surface: materials of the ground that are finer than the mesh.
         colours: of its buildings.
     """
-    return _rendered(_Caster(mesh), camera, width, height, surface, colours)
+    return _rendered(_Caster(mesh), camera, width, height, surface, colours, untold)
 
 
 def _rendered(
@@ -286,6 +288,7 @@ def _rendered(
     height: int,
     surface: SurfaceMaterials | None,
     colours: PartColours | None,
+    tell: Progress,
 ) -> NDArray[np.uint8]:
     """Return the picture of `render`."""
     rays = camera.rays(width * SAMPLES, height * SAMPLES)
@@ -294,7 +297,9 @@ def _rendered(
     bands = [slice(at, at + _BAND) for at in range(0, len(rays), _BAND)]
     seen = _Seen.empty(rays.shape[:2])
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        list(pool.map(lambda band: _look(caster, origin, rays, sun, seen, band), bands))
+        looked = pool.map(lambda band: _look(caster, origin, rays, sun, seen, band), bands)
+        for done, _ in enumerate(looked, 1):
+            tell(0.7 * done / len(bands), "drawing the scene")
         ambient = smoothed(seen.sky)
         seen_colours = _Colours(caster.mesh, surface, colours, camera.place)
         picture = np.empty((height, width, 3), np.float32)
@@ -306,7 +311,8 @@ def _rendered(
             picture[rows] = sum(shaded[i::SAMPLES, j::SAMPLES] for i, j in every)
             picture[rows] /= np.float32(len(every))
 
-        list(pool.map(paint, bands))
+        for done, _ in enumerate(pool.map(paint, bands), 1):
+            tell(0.7 + 0.3 * done / len(bands), "drawing the scene")
     return (np.clip(toned(picture), 0, 1) * 255 + 0.5).astype(np.uint8)
 
 

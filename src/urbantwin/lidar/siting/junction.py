@@ -20,6 +20,7 @@ from urbantwin.lidar.siting.viewpoint import (
     View,
     best_view,
 )
+from urbantwin.progress import Progress, untold
 from urbantwin.roads import RoadNetwork
 
 __all__ = ["Junction", "Junctions"]
@@ -55,20 +56,23 @@ class Junction:
     def _places(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return pole_places(self._network, self._region, self.around.mesh, self.ground.middle)
 
-    def best_view(self, field: FieldOfView, *, pitch: float, roll: float) -> View | None:
+    def best_view(
+        self, field: FieldOfView, *, pitch: float, roll: float, tell: Progress = untold
+    ) -> View | None:
         """Return the place on a pole from which a sensor sees most; ``None``: no pole can stand.
 
         Args:
             field: of view of the sensor.
             pitch: the sensor's, radians, which is tried beside the usual ones.
             roll: the sensor's, radians.
+            tell: called with the fraction done (0..1) and what is being done.
         """
         places, off_m = self._places
         if not len(places) or not len(self.ground.points):
             return None
         pitches = tuple(dict.fromkeys([pitch, *np.radians(PITCHES_DEG).tolist()]))
         candidates = Candidates(places, off_m, HEIGHTS_M, pitches, roll)
-        return best_view(candidates, self.ground, self.around, field)
+        return best_view(candidates, self.ground, self.around, field, tell)
 
 
 class Junctions:

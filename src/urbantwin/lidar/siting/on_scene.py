@@ -16,6 +16,7 @@ from urbantwin.lidar.siting.field_of_view import FieldOfView
 from urbantwin.lidar.siting.junction import Junction, Junctions
 from urbantwin.lidar.siting.rig_sight import sight_of_rig, view_of
 from urbantwin.lidar.siting.viewpoint import CLEAR_M, View
+from urbantwin.progress import Progress, between, untold
 from urbantwin.roads import RoadNetwork
 from urbantwin.site import Site
 from urbantwin.site.rig import RigSpec, SensorSpec
@@ -28,7 +29,11 @@ _WORTH = 0.05
 
 
 def standing_rig(
-    site: Site, network: RoadNetwork, mesh: LabelledMesh, anchor_height_m: float | None
+    site: Site,
+    network: RoadNetwork,
+    mesh: LabelledMesh,
+    anchor_height_m: float | None,
+    tell: Progress = untold,
 ) -> StandingRig:
     """Stand a site's rig on its scene, and look at what it sees.
 
@@ -37,11 +42,12 @@ def standing_rig(
         network: its lanes.
         mesh: the static world, site frame.
         anchor_height_m: of the anchor's ground above the zero of altitudes, where it is known.
+        tell: called with the fraction done (0..1) and what is being done.
 
     Raises:
         InputError: a sensor cannot stand where somebody put it.
     """
-    spec = stand_in_sight(site.rig, network, site.region, mesh, file=site.rig_file)
+    spec = stand_in_sight(site.rig, network, site.region, mesh, file=site.rig_file, tell=tell)
     rig = place_rig(spec, mesh, file=site.rig_file, anchor_height_m=anchor_height_m)
     sight = sight_of_rig(rig, network, site.region, mesh)
     if sight is None:
@@ -58,6 +64,7 @@ def stand_in_sight(
     mesh: LabelledMesh,
     *,
     file: str | Path | None = None,
+    tell: Progress = untold,
 ) -> RigSpec:
     """Return a rig in which every sensor has its place, and no place is a proposal.
 
@@ -70,20 +77,23 @@ def stand_in_sight(
         region: the region of interest.
         mesh: the static world, site frame.
         file: the rig's file, for errors.
+        tell: called with the fraction done (0..1) and what is being done.
 
     Raises:
         InputError: a sensor's model is not known.
     """
     junctions = Junctions(network, region, mesh)
     sensors = []
-    for one, model in zip(spec.sensors, check_models(spec, file=file), strict=True):
+    models = check_models(spec, file=file)
+    for n, (one, model) in enumerate(zip(spec.sensors, models, strict=True)):
         if one.proposed and not one.rides:
             assert one.east_m is not None
             assert one.north_m is not None
             junction = junctions.at(one.east_m, one.north_m)
             field = FieldOfView.of_sensor(model, columns_of(model, one, spec.rate_hz))
             pitch, roll = np.radians([one.pitch_deg, one.roll_deg]).tolist()
-            best = junction.best_view(field, pitch=pitch, roll=roll)
+            telling = between(tell, n / len(models), (n + 1) / len(models))
+            best = junction.best_view(field, pitch=pitch, roll=roll, tell=telling)
             if best is not None and not _stays(one, best, spec, junction, mesh):
                 sensors.append(_moved(one, best))
                 continue

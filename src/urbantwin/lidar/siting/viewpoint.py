@@ -13,6 +13,7 @@ from urbantwin.lidar.coverage import LEVEL_M
 from urbantwin.lidar.siting.field_of_view import FieldOfView
 from urbantwin.lidar.siting.junction_ground import JunctionGround
 from urbantwin.lidar.siting.surroundings import Surroundings
+from urbantwin.progress import Progress, between, each, untold
 
 __all__ = [
     "CLEAR_M",
@@ -34,6 +35,7 @@ PITCHES_DEG = (5.0, 10.0, 15.0)
 NEAR_M = 10.0
 #: Nothing but its own pole is closer to a sensor, metres.
 CLEAR_M = 3.0
+_LOOKING = "standing the sensors"
 #: Places are first judged by every so-many-th point; so many that see most are looked at closely.
 _ROUGHLY, _FINALISTS = 3, 300
 #: What a place loses, as a share of the junction: per share of its points that is near, for a thing
@@ -114,7 +116,11 @@ class View:
 
 
 def best_view(
-    candidates: Candidates, ground: JunctionGround, around: Surroundings, field: FieldOfView
+    candidates: Candidates,
+    ground: JunctionGround,
+    around: Surroundings,
+    field: FieldOfView,
+    tell: Progress = untold,
 ) -> View:
     """Return the best of all places, heights and pitches; the first of equals.
 
@@ -123,11 +129,13 @@ def best_view(
         ground: what is to be seen.
         around: what stands in the way.
         field: of view of the sensor.
+        tell: called with the fraction done (0..1) and what is being done.
     """
     found: list[tuple[float, Stance, float]] = []
     rough = replace(ground, points=ground.points[::_ROUGHLY])
     costs = _OFF_COST * np.maximum(0.0, candidates.off_m - _USUAL_OFF_M)
-    for foot, cost in zip(candidates.ground, costs.tolist(), strict=True):
+    places = list(zip(candidates.ground, costs.tolist(), strict=True))
+    for foot, cost in each(places, between(tell, 0.0, 0.8), _LOOKING):
         toward = ground.middle - foot[:2]
         yaw = float(np.arctan2(toward[1], toward[0]))
         for height_m in candidates.heights_m:
@@ -140,7 +148,8 @@ def best_view(
     # A stable order, so that the choice does not hang on the last bit.
     found.sort(key=lambda one: -one[0])
     views = [
-        judged(stance, ground, around, field, cost=cost) for _, stance, cost in found[:_FINALISTS]
+        judged(stance, ground, around, field, cost=cost)
+        for _, stance, cost in each(found[:_FINALISTS], between(tell, 0.8, 1.0), _LOOKING)
     ]
     return max(views, key=lambda one: round(one.score, 6))
 

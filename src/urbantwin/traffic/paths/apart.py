@@ -29,6 +29,8 @@ __all__ = ["STANDING_MS", "Parted", "rear_of"]
 
 #: Who is slower than this stands, m/s.
 STANDING_MS = 0.15
+#: Shares of a turn's time after which people have walked, and vehicles have gone aside.
+_WALKED, _ASIDE = 0.35, 0.65
 _TURNS = 2  # vehicles go round people so often, who go round who waits
 #: How long people who are late let vehicles by at a crossing without a signal, and at green, before
 #: vehicles wait for them, seconds.
@@ -115,30 +117,37 @@ class Parted:
             before = _gone_on(left, before)
         behind = []
         for turn in range(_TURNS + 1):
+            telling = between(tell, turn / (_TURNS + 1), (turn + 1) / (_TURNS + 1))
             # Everybody on foot goes its own way anew: what held it up in one turn may not in the
             # next.
             for name, values in afoot.items():
                 columns[name][on_foot] = values
             columns = crowd_walked(
                 columns, moving, half, self.step_s, self.ground, crossings=crossings,
-                patience_s=_PATIENCE_S, left=left,
+                patience_s=_PATIENCE_S, left=left, tell=between(telling, 0.0, _WALKED),
             )  # fmt: skip
             if turn < _TURNS:
-                columns = self._round_others(columns, moving, size / 2, begun)
+                aside = between(telling, _WALKED, _ASIDE)
+                columns = self._round_others(columns, moving, size / 2, begun, aside)
             was = before.turn(turn) if before else None
-            waiting = between(tell, turn / (_TURNS + 1), (turn + 1) / (_TURNS + 1))
+            waiting = between(telling, _ASIDE, 1.0)
             columns = yielded(columns, moving, half, self.step_s, was, waiting)
             behind.append(columns.pop("behind"))
         return {**columns, "behind": np.column_stack(behind)}
 
     def _round_others(
-        self, columns: Columns, moving: Moving, half: NDArray[np.float64], begin: int | None
+        self,
+        columns: Columns,
+        moving: Moving,
+        half: NDArray[np.float64],
+        begin: int | None,
+        tell: Progress,
     ) -> Columns:
         """Return poses in which vehicles go round what is beside them a little."""
         boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], half)
         now = replace(moving, boxes=boxes, speed=columns["speed"])
         height = self.height[columns["trip"]]
-        xy, speed = separated(now, self.blocks, height, self.step_s, columns["aside"], begin)
+        xy, speed = separated(now, self.blocks, height, self.step_s, columns["aside"], begin, tell)
         aside = columns["aside"] + ((xy - columns["xy"]) * boxes.axes[:, 1]).sum(axis=1)
         return self._steered({**columns, "xy": xy, "speed": speed, "aside": aside}, columns)
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from urbantwin.progress import Progress, each, untold
 from urbantwin.traffic.compiled.crowd import FASTEST_MS, walked
 from urbantwin.traffic.paths.kerbs import NO_CROSSINGS, Crossings
 from urbantwin.traffic.paths.parting import Moving
@@ -28,9 +29,11 @@ __all__ = ["crowd_walked"]
 
 #: How fast people walk is looked at over so long before and after, seconds.
 _PACE_S = 5.0
+#: So many steps are walked between two reports of progress.
+_AT_ONCE = 50
 
 
-def crowd_walked(
+def crowd_walked(  # noqa: PLR0913 - all that moves people
     columns: dict[str, NDArray[Any]],
     moving: Moving,
     half: NDArray[np.float64],
@@ -40,6 +43,7 @@ def crowd_walked(
     crossings: Crossings = NO_CROSSINGS,
     patience_s: tuple[float, float] = (15.0, 4.0),
     left: LeftOff | None = None,
+    tell: Progress = untold,
 ) -> dict[str, NDArray[Any]]:
     """Return poses in which people step aside and wait for whomever they would come into.
 
@@ -56,6 +60,7 @@ def crowd_walked(
         crossings: at which who is late waits, from the first step that is not done.
         patience_s: how long for vehicles that come, without a signal, and at green.
         left: how those went on who were there before.
+        tell: called with the fraction done (0..1) and what is being done.
     """
     step, xy, yaw = columns["step"].astype(np.int64), columns["xy"], columns["yaw"]
     people = np.array([name == "pedestrian" for name in moving.classes], np.bool_)[moving.actor]
@@ -85,15 +90,19 @@ def crowd_walked(
         at[rows] = far_at(far, come[rows], last)
     steps = np.arange(begin, step.max() + 2)
     mine, others = (_by_step(step, who & (step >= begin)) for who in (people, ~people))
-    walked(
-        np.searchsorted(step[mine], steps), mine, np.searchsorted(step[others], steps), others,
-        boxes, moving.actor.astype(np.int64), moving.level.astype(np.int64), far,
-        _pace(went / step_s, first, round(_PACE_S / step_s)), joined, last,
-        crossings.kerbs(columns["lane"], joined, last, lambda some: ground.on_footway(xy[some])),
-        crossings.green, np.round(np.array(patience_s) / step_s).astype(np.int64),
-        ground.still, ground.numbers, ground.within, ground.cells.cells, ground.cells.corner,
-        step_s, now, place, come, at, held, let,
-    )  # fmt: skip
+    of_mine, of_others = (np.searchsorted(step[rows], steps) for rows in (mine, others))
+    actor, level = moving.actor.astype(np.int64), moving.level.astype(np.int64)
+    pace = _pace(went / step_s, first, round(_PACE_S / step_s))
+    kerbs = crossings.kerbs(columns["lane"], joined, last, lambda some: ground.on_footway(xy[some]))
+    patience = np.round(np.array(patience_s) / step_s).astype(np.int64)
+    for some in each(range(0, len(steps) - 1, _AT_ONCE), tell, "past each other"):
+        walked(
+            of_mine[some : some + _AT_ONCE + 1], mine, of_others[some : some + _AT_ONCE + 1],
+            others, boxes, actor, level, far, pace, joined, last, kerbs,
+            np.ascontiguousarray(crossings.green[:, some : some + _AT_ONCE]), patience,
+            ground.still, ground.numbers, ground.within, ground.cells.cells, ground.cells.corner,
+            step_s, now, place, come, at, held, let,
+        )  # fmt: skip
     low = come.astype(np.int64)
     changed = people & ((place[:, :2] != xy).any(axis=1) | (place[:, 2] != 0) | (come != row))
     found = {name: values.copy() for name, values in columns.items()}

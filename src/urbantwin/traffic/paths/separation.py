@@ -23,6 +23,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.progress import Progress, between, each, untold
 from urbantwin.traffic.paths.box_plan import meetings
 from urbantwin.traffic.paths.obstacles import Blocks
 from urbantwin.traffic.paths.parting import (
@@ -52,6 +53,7 @@ def separated(
     step_s: float,
     aside: NDArray[np.float64] | None = None,
     begin: int | None = None,
+    tell: Progress = untold,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where actors are of whom fewer overlap (N, 2), and their speeds (N,).
 
@@ -65,6 +67,7 @@ def separated(
         aside: (N,) how far to the left of its own way each is already, metres; not at all where not
             given. Nobody goes farther aside in all than it may.
         begin: the first step that may be another, where it is not the first of all.
+        tell: called with the fraction done (0..1) and what is being done.
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     driving = np.array([one != "pedestrian" for one in moving.classes], np.bool_)[moving.actor]
@@ -78,10 +81,12 @@ def separated(
     changed = _around(moving, meeting & drives, near, step_s) & drives
     already = np.zeros(len(xy)) if aside is None else aside
     bent = xy, speed
-    for _ in range(_TRIES):
+    for attempt in range(_TRIES):
         if not changed.any():
             return xy, speed
-        bent = _parted(moving, changed, blocks, height, step_s, already)
+        # The later attempts are rare.
+        telling = between(tell, 1 - 0.5**attempt, 1 - 0.5 ** (attempt + 1))
+        bent = _parted(moving, changed, blocks, height, step_s, already, telling)
         into = _bent_into(moving, bent[0], changed, blocks, height)
         if not into.any():
             break
@@ -96,6 +101,7 @@ def _parted(
     height: NDArray[np.float64],
     step_s: float,
     aside: NDArray[np.float64],
+    tell: Progress,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where actors are (N, 2), and their speeds (N,), some rows (N,) being changed."""
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
@@ -109,7 +115,7 @@ def _parted(
         moving.take(rows), changed[rows], blocks, height[rows], step_s, aside[rows]
     )
     moved = np.zeros((len(rows), 2))
-    for _ in range(_OUTER):
+    for _ in each(range(_OUTER), tell, "past each other"):
         before, moved = moved, paths.apart(moved)
         if np.abs(moved - before).max() < MOVED_M:
             break

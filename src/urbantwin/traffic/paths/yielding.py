@@ -40,7 +40,7 @@ _ROUNDS = 12
 #: Waiting helps that leaves less than this share of what two lie in each other.
 _HELPS = 0.5
 #: Steps that are looked at together: an hour's pairs would take gigabytes.
-_STEPS = 2000
+_STEPS = 300
 #: Two who meet have to do with each other so long before and after at the most, seconds, and until
 #: they are so far apart, metres; who meet again later than this meet anew, seconds.
 _BEFORE_S, _AFTER_S, _PARTED_M, _AGAIN_S = 30.0, 120.0, 60.0, 10.0
@@ -162,18 +162,20 @@ class _Yielding:
 
     def run(self, tell: Progress) -> Columns:
         """Let one after the other wait, until nobody overlaps or nothing helps."""
-        for number in range(len(self.bodies)):
+        first = between(tell, 0.0, 0.2)
+        for number in each(range(len(self.bodies)), first, "waiting for each other"):
             if self._too_hard(number) or self._begun(number).any():
                 way = self._way(number)
                 self._go(way, self._solved(way, (), 0, len(way.at)))
         hopeless: set[tuple[int, int, int]] = set()
         for turn in range(_ROUNDS):
-            found = [meeting for meeting in self._overlaps() if meeting not in hopeless]
+            # The later rounds have less to do.
+            telling = between(tell, 1 - 0.8 * 0.5**turn, 1 - 0.8 * 0.5 ** (turn + 1))
+            overlaps = self._overlaps(between(telling, 0.0, 0.4))
+            found = [meeting for meeting in overlaps if meeting not in hopeless]
             if not found:
                 break
-            # The later rounds have less to do.
-            telling = between(tell, 1 - 0.5**turn, 1 - 0.5 ** (turn + 1))
-            for meeting in each(found, telling, "waiting for each other"):
+            for meeting in each(found, between(telling, 0.4, 1.0), "waiting for each other"):
                 if not self._decided(*meeting):
                     hopeless.add(meeting)
         return self._columns()
@@ -220,13 +222,14 @@ class _Yielding:
                 return True
         return False
 
-    def _overlaps(self) -> list[tuple[int, int, int]]:
+    def _overlaps(self, tell: Progress) -> list[tuple[int, int, int]]:
         """Return the pairs of ways that overlap, and since which step; of whom has changed."""
         step = self.moving.boxes.step
         steps = np.unique(step[self.changed])
         self.changed[:] = False
         when: dict[tuple[int, int], list[int]] = {}
-        for some in np.split(steps, np.arange(_STEPS, len(steps), _STEPS)):
+        parts = np.split(steps, np.arange(_STEPS, len(steps), _STEPS))
+        for some in each(parts, tell, "waiting for each other"):
             for pair, at in self._pairs(np.flatnonzero(np.isin(step, some))):
                 when.setdefault(pair, []).append(at)
         found = []

@@ -15,6 +15,7 @@ import json
 import os
 import sys
 import threading
+import time
 from collections.abc import Container
 from pathlib import Path
 from types import ModuleType
@@ -44,6 +45,8 @@ Row = tuple[int, int, float, float, float, float, int]
 TYPES = [("step", "i4"), ("trip", "i4"), ("x", "f8"), ("y", "f8")]
 TYPES += [("angle_deg", "f8"), ("speed", "f8"), ("lane", "i4")]
 MANY_ROWS = 50_000
+#: Progress is reported so often, seconds.
+REPORT_S = 0.5
 #: Who halts for longer, seconds, so far from the middle of its lane, metres, may move sideways on
 #: the spot at this speed, m/s.
 WEDGED_S, ASIDE_M, SLIDES_MS = 40.0, 0.3, "0.3"
@@ -282,6 +285,7 @@ def simulate(job: dict[str, Any]) -> None:
     staging = events.Staging(job["staged"])
     trams = railways.Trams(job["trams"])
     step_s = libsumo.simulation.getDeltaT()
+    reported = 0.0
     for made in range(total):
         curves.slow_down()
         trams.heed(step_s)
@@ -297,7 +301,8 @@ def simulate(job: dict[str, Any]) -> None:
         step, rest = divmod(made - job["warmup_substeps"], substeps)
         if step >= first and rest == 0:
             recorder.record(step)
-        if made % max(total // 100, 1) == 0:
+        if made % max(total // 100, 1) == 0 or time.monotonic() > reported + REPORT_S:
+            reported = time.monotonic()
             sys.stdout.write(f"progress {made / total:.3f}\n")
             sys.stdout.flush()
     recorder.write(Path(job["texts"]), watch, staging.told(), stops.events)
