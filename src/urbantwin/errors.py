@@ -15,7 +15,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import resource
 from pathlib import Path
 
 __all__ = [
@@ -25,6 +24,7 @@ __all__ = [
     "StageError",
     "TooLittleRoomError",
     "UrbanTwinError",
+    "limit_of_process",
     "limit_reached",
     "readable",
 ]
@@ -163,9 +163,8 @@ def _limit_of(error: BaseException) -> str | None:
     number = error.errno if isinstance(error, OSError) else None
     said = "" if isinstance(error, InputError) else str(error)
     if number in (errno.EMFILE, errno.ENFILE) or _NO_FILE.search(said):
-        most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
         return (
-            f"too many files are open: this process may open {most}; "
+            f"too many files are open: this process may open {limit_of_process('RLIMIT_NOFILE')}; "
             "allow more (ulimit -n 1024) and give the same command again"
         )
     if number == errno.EAGAIN or (not isinstance(error, MemoryError) and _NO_THREAD.search(said)):
@@ -179,14 +178,24 @@ def _limit_of(error: BaseException) -> str | None:
             return None
     elif number != errno.ENOMEM and not _NO_MEMORY.search(said):
         return None
-    most = resource.getrlimit(resource.RLIMIT_AS)[0]
-    limited = "" if most == resource.RLIM_INFINITY else (
+    most = limit_of_process("RLIMIT_AS")
+    limited = "" if most is None else (
         f": this process may use {most / 1e9:.1f} GB of addresses (ulimit -v)"
     )  # fmt: skip
     return (
         f"out of memory{limited}; use fewer processes (--workers 1), a smaller region or fewer "
         "points, or allow more memory"
     )
+
+
+def limit_of_process(name: str) -> int | None:
+    """Return a limit of this process; ``None`` where it has none (Windows knows no limits)."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    most = resource.getrlimit(getattr(resource, name))[0]
+    return None if most == resource.RLIM_INFINITY else most
 
 
 def _machine_bytes() -> int:

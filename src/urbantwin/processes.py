@@ -6,7 +6,6 @@ import atexit
 import gc
 import os
 import pickle
-import resource
 import signal
 import sys
 import threading
@@ -26,7 +25,7 @@ from multiprocessing import active_children, get_context, parent_process
 from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
-from urbantwin.errors import LimitError
+from urbantwin.errors import LimitError, limit_of_process
 from urbantwin.interruption import deferred
 
 __all__ = [
@@ -73,8 +72,8 @@ def check_addresses() -> None:
     Raises:
         LimitError: the limit is lower.
     """
-    most = resource.getrlimit(resource.RLIMIT_AS)[0]
-    if most != resource.RLIM_INFINITY and most < LEAST_ADDRESSES:
+    most = limit_of_process("RLIMIT_AS")
+    if most is not None and most < LEAST_ADDRESSES:
         raise LimitError(
             f"out of memory: this process may use {most / 1e9:.1f} GB of addresses (ulimit -v); "
             f"it needs {LEAST_ADDRESSES / 1e9:.1f} GB; allow more (ulimit -v unlimited)"

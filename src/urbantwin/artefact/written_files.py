@@ -135,7 +135,7 @@ def take_mode(file: Path, real: Path) -> None:
     with suppress(FileNotFoundError):
         found = real.stat()
         with suppress(PermissionError):
-            if os.geteuid() == 0:
+            if hasattr(os, "geteuid") and os.geteuid() == 0:  # not on Windows
                 os.chown(file, found.st_uid, found.st_gid)
             file.chmod(stat.S_IMODE(found.st_mode))
 

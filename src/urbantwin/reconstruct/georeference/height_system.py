@@ -197,11 +197,11 @@ def heights_between(
 def geoid_height(lonlat: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how high (N,) the EGM96 geoid lies above the WGS84 ellipsoid, metres; nan: not known.
 
-    The grid of 15 minutes that SUMO brings along; good to about a metre.
+    The grid of 15 minutes that SUMO brings along, in one of two packages; good to about a metre.
     """
     out = np.full(len(lonlat), np.nan)
-    spec = importlib.util.find_spec("sumo")
-    for folder in spec.submodule_search_locations or () if spec else ():
+    specs = [importlib.util.find_spec(name) for name in ("sumo", "sumo_data")]
+    for folder in (x for spec in specs if spec for x in spec.submodule_search_locations or ()):
         grid = Path(folder) / "data" / "proj" / "egm96_15.gtx"
         if grid.is_file():
             pipeline = f'+proj=vgridshift +grids="{grid}" +multiplier=1'

@@ -30,7 +30,7 @@ COMING_IN_S = 60.0
 #: Mean speed as a share of the free speed, as populations are planned: delays at junctions and by
 #: others. Gates make up for the difference to the real one where they meter a class.
 PACE = {
-    "pedestrian": 0.82, "bicycle": 0.55, "tram": 0.5,
+    "pedestrian": 0.85, "bicycle": 0.55, "tram": 0.5,
     **dict.fromkeys(("car", "van", "truck", "bus", "motorcycle"), 0.5),
 }  # fmt: skip
 #: Share of the planned motor vehicles and bicycles that set out at once; gates add the others.
