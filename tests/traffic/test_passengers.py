@@ -41,13 +41,13 @@ def driven(ring: Path):
     circulation = Circulation(
         StreetNetwork(ring, None),
         {"da"},
-        {"bus": 100.0, "pedestrian": 60.0},
+        {"bus": 50.0, "pedestrian": 51.0},
         3,
         stops=[STOP],
         bus_roads={"ab", "bc", "cd", "da"},
     )
     demand = circulation.demand(
-        circulation.populations(), warmup_s=60.0, duration_s=240.0, body=Fleet().body
+        circulation.populations(at_once=1.0), warmup_s=60.0, duration_s=240.0, body=Fleet().body
     )
     assert circulation.walks is not None
     both = with_passengers(

@@ -55,7 +55,8 @@ def with_passengers(
     """
     halts = np.zeros(len(demand.stops))
     for trip in demand.trips:
-        np.add.at(halts, list(trip.halts), 1.0)
+        if not trip.in_reserve:
+            np.add.at(halts, list(trip.halts), 1.0)
     edges = frozenset(walks.graph.edges)
     places, trips = [], list(demand.trips)
     begins: dict[int, str] = {}

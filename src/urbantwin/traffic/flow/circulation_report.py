@@ -43,10 +43,15 @@ def circulation_report(
     settled = started
     hours = (minutes - settled) / 60
     population, passages = {}, {}
-    came = Counter(demand.trips[trip].actor_class for trip in simulated.departed)
+    # Passengers of buses come besides those who circulate; vehicles may come out of a reserve.
+    came = Counter(
+        demand.trips[trip].actor_class
+        for trip in simulated.departed
+        if demand.trips[trip].in_reserve
+    )
     for group in demand.populations:
         column = ACTOR_CLASSES.index(group.actor_class)
-        count = came[group.actor_class]
+        count = group.count + came[group.actor_class]
         population[group.actor_class] = {
             "planned": count,
             "least": int(seen.least[started:, column].min()),
