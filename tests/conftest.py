@@ -209,7 +209,7 @@ def planned_once(
 
     known: dict[str, Any] = {}
 
-    def planned(twin: "Twin", *, duration_s: float, seed: int, metered: bool = False) -> Any:
+    def planned(twin: "Twin", *, duration_s: float, seed: int, metered: bool = True) -> Any:
         def make(folder: Path) -> None:
             found = demand_of(twin, duration_s=duration_s, seed=seed, metered=metered)
             (folder / "demand.pickle").write_bytes(pickle.dumps(found))

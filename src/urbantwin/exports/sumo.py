@@ -17,6 +17,7 @@ from urbantwin.traffic.sumo.driven_net import driven_net
 from urbantwin.traffic.sumo.route_file import write_routes
 from urbantwin.traffic.sumo.simulation import (
     curves_of,
+    gates_of,
     sumo_options,
     sumo_substeps,
     write_stops,
@@ -40,8 +41,8 @@ def write_sumo(twin: Twin, folder: Path) -> None:
     ``types.add.xml`` and ``demand.rou.xml`` are what the traffic stage gives to SUMO for the site's
     demand, duration and seed. ``buildings.add.xml`` and ``view.settings.xml`` are for the eye. The
     first second of the motion is SUMO's second ``warmup_s``. What SUMO cannot be told in a file is
-    in ``curves.json``: how fast vehicles are in the bends of streets. ``drive.py`` runs the folder
-    with it.
+    in ``curves.json``: how fast vehicles are in the bends of streets; and in ``gates.json``: how
+    gates meter the vehicles that come into the region. ``drive.py`` runs the folder with both.
 
     Raises:
         InputError: the folder holds something else, or the step is none that SUMO can make.
@@ -52,12 +53,16 @@ def write_sumo(twin: Twin, folder: Path) -> None:
     steps = max(1, round(float(asked["duration_s"]) * 1000 / step_ms))
     with replaced_folder(folder, kind="sumo", inputs=[twin.folder]) as scratch:
         duration_s = steps * step_ms / 1000
-        demand = demand_of(twin, duration_s=duration_s, seed=seed, metered=False)
+        demand = demand_of(twin, duration_s=duration_s, seed=seed)
         net = scratch / "network.net.xml"
         with passing_folder("urbantwin-sumo") as made:
             shutil.copyfile(driven_net(twin, asked, demand, duration_s, made), net)
         write_json(scratch / "curves.json", curves_of(net))
         shutil.copyfile(DRIVER, scratch / "drive.py")
+        if demand.gates.gates:
+            gates = {**gates_of(demand, warmup_s, seed), "outer": sorted(demand.outer)}
+            write_json(scratch / "gates.json", gates)
+            shutil.copyfile(DRIVER.with_name("gates.py"), scratch / "gates.py")
         write_routes(scratch / "demand.rou.xml", demand, own_bodies(twin).asset)
         write_stops(scratch / "stops.add.xml", demand)
         _split_types(scratch / "demand.rou.xml", scratch / "types.add.xml")
@@ -67,7 +72,7 @@ def write_sumo(twin: Twin, folder: Path) -> None:
         options = sumo_options(step_ms // substeps, seed, circulates=demand.circulates)
         _write_configuration(scratch / "twin.sumocfg", end, options)
         counts = {
-            name: sum(trip.actor_class == name for trip in demand.trips)
+            name: sum(trip.actor_class == name for trip in demand.trips if not trip.in_reserve)
             for name in dict.fromkeys(trip.actor_class for trip in demand.trips)
         }
         write_json(

@@ -1,5 +1,7 @@
 """Drives SUMO so that vehicles slow down in bends: ``python drive.py``, or part of a simulation.
 
+Where ``gates.json`` is beside it, gates meter the inflow, too (``gates.py``).
+
 A lane has one speed in SUMO, so a street that bends somewhere has the speed of its straight part.
 Here each vehicle's greatest speed is set, step by step, to what the lane allows where it is.
 
@@ -65,10 +67,22 @@ def drive(folder: Path, options: list[str]) -> None:
     """Run an exported folder to its end, with further options of SUMO."""
     libsumo.start(["sumo", "-c", str(folder / "twin.sumocfg"), *options])
     curves = Curves(json.loads((folder / "curves.json").read_text(encoding="utf-8")))
+    gates = None
+    if (folder / "gates.json").is_file():
+        sys.dont_write_bytecode = True  # the folder stays as it was exported
+        from gates import Gates  # type: ignore[import-not-found] # in the same folder
+
+        job = json.loads((folder / "gates.json").read_text(encoding="utf-8"))
+        gates = Gates(job, job["outer"])
     end_s = float(libsumo.simulation.getOption("end"))
+    per_second = max(1, round(1 / libsumo.simulation.getDeltaT()))
+    made = 0
     while libsumo.simulation.getTime() < end_s:
         curves.slow_down()
         libsumo.simulationStep()
+        if gates is not None and made % per_second == 0:
+            gates.act(libsumo.simulation.getTime())
+        made += 1
     libsumo.close()
 
 

@@ -40,6 +40,7 @@ __all__ = [
     "Jaywalk",
     "Simulated",
     "curves_of",
+    "gates_of",
     "observe",
     "simulate",
     "sumo_options",
@@ -289,14 +290,7 @@ def _worked(
             "approaches": demand.approaches,
             "queue_headways": any(IN_QUEUES in told for told in demand.manners.values()),
             "boarding": boarding_job(demand.passengers),
-            "gates": {
-                "gates": [asdict(gate) for gate in demand.gates.gates],
-                "room": demand.gates.room,
-                "passage_m": demand.gates.passage_m,
-                "types": types_of_reserve(demand),
-                "until_s": job["gates_until_s"],
-                "seed": options["seed"],
-            },
+            "gates": gates_of(demand, job["gates_until_s"], int(str(options["seed"]))),
         }
 
         line = _command_line(net_path, routes, {**options, "additional-files": stops})
@@ -306,6 +300,24 @@ def _worked(
         _run_worker(folder / "job.json", progress)
         warmup_s = job["warmup_substeps"] * float(str(options["step-length"]))
         return _read(folder / "rows.npy", folder / "outcome.json", warmup_s)
+
+
+def gates_of(demand: Demand, until_s: float, seed: int) -> dict[str, Any]:
+    """Return the gates of a demand, as ``gates.Gates`` takes them.
+
+    Args:
+        demand: the demand.
+        until_s: gates add vehicles before this time of SUMO's.
+        seed: SUMO's seed.
+    """
+    return {
+        "gates": [asdict(gate) for gate in demand.gates.gates],
+        "room": demand.gates.room,
+        "passage_m": demand.gates.passage_m,
+        "types": types_of_reserve(demand),
+        "until_s": until_s,
+        "seed": seed,
+    }
 
 
 def curves_of(net_path: Path) -> dict[str, Any]:
