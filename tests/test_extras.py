@@ -128,11 +128,13 @@ def packed_mesh(packing: str) -> bytes:
 @pytest.mark.parametrize(
     ("extra", "module", "name"),
     [
-        ("airborne", "pyogrio", "survey.laz"),
         ("e57", "pye57", "survey.e57"),
-        ("fbx", "ufbx", "model.fbx"),
-        ("gltf", "DracoPy", "draco.glb"),
-        ("gltf", "meshopt", "meshopt.glb"),
+        *further(
+            ("airborne", "pyogrio", "survey.laz"),
+            ("fbx", "ufbx", "model.fbx"),
+            ("gltf", "DracoPy", "draco.glb"),
+            ("gltf", "meshopt", "meshopt.glb"),
+        ),
     ],
 )
 def test_a_file_of_a_site(tmp_path: Path, extra: str, module: str, name: str) -> None:

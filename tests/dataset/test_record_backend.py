@@ -11,8 +11,10 @@ from urbantwin.dataset import record
 from urbantwin.errors import InputError
 from urbantwin.traffic.motion import MOTION_VERSION
 
+from ..thorough import further
 
-@pytest.mark.parametrize("backend", ["bvh", "warp:cpu"])
+
+@pytest.mark.parametrize("backend", ["warp:cpu", *further("bvh")])
 def test_a_backend_records_what_embree_does(backend, twin, motion, rig, digests, tmp_path):
     """The same frames to the millimetre, and the same bytes for any number of workers.
 

@@ -118,6 +118,7 @@ def test_coverage_is_that_of_embree(line, tmp_path):
             assert same.mean() > 0.999, key
 
 
+@pytest.mark.thorough
 def test_clouds_compare_without_it(recorded, tmp_path):
     folder, _ = recorded
     done = run("compare", folder / "embree", folder / "one", "-o", tmp_path / "report", "-q")

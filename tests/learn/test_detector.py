@@ -46,6 +46,8 @@ from urbantwin.learn.targets import ClassTarget, targets_of  # noqa: E402
 from urbantwin.learn.views import VIEWS, View  # noqa: E402
 from urbantwin.progress import untold  # noqa: E402
 
+from ..thorough import further  # noqa: E402
+
 pytestmark = pytest.mark.xdist_group("learn")
 
 
@@ -293,7 +295,7 @@ def same_in_onnxruntime(model: Model, file: Path) -> None:
         assert np.abs(one.numpy() - said).max() < 1e-4
 
 
-@pytest.mark.parametrize("cell_m", [0.5, 0.25])
+@pytest.mark.parametrize("cell_m", [0.5, *further(0.25)])
 def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float) -> None:
     design = Design(("car",), 12.0, cell_m, points=("car", "road"))
     frames = labelled_frames([street], design, tmp_path / "frames", untold)
