@@ -29,8 +29,8 @@ __all__ = ["bounded_by_signals", "share_of_motor"]
 #: A guess loads lanes to at most this share of their capacity. Standards plan for 0.85 to 0.9 (HCM
 #: 2016, chapter 19; RiLSA 2015), beyond which queues grow from cycle to cycle now and then. They
 #: do not count people on foot who hold up turns, nor vehicles that wait on a junction: simulated
-#: hours of ten places carry 0.65 to 0.75.
-FULL = 0.65
+#: hours of ten places carry 0.62 to 0.75.
+FULL = 0.62
 #: Multiples of the traffic that are tried in steps of this, and what a lane may leave over of what
 #: comes.
 STEP, LEFT_OVER = 0.02, 0.05
