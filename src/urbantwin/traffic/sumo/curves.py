@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from runpy import run_path
 from typing import Any
 
 import libsumo
@@ -69,11 +70,8 @@ def drive(folder: Path, options: list[str]) -> None:
     curves = Curves(json.loads((folder / "curves.json").read_text(encoding="utf-8")))
     gates = None
     if (folder / "gates.json").is_file():
-        sys.dont_write_bytecode = True  # the folder stays as it was exported
-        from gates import Gates  # type: ignore[import-not-found] # in the same folder
-
         job = json.loads((folder / "gates.json").read_text(encoding="utf-8"))
-        gates = Gates(job, job["outer"])
+        gates = run_path(str(folder / "gates.py"))["Gates"](job, job["outer"])
     end_s = float(libsumo.simulation.getOption("end"))
     per_second = max(1, round(1 / libsumo.simulation.getDeltaT()))
     made = 0
