@@ -19,7 +19,7 @@ from typing import IO, cast
 import osmium.io
 from osmium.osm.types import OSMEntity
 
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, limit_of_process
 from urbantwin.progress import Progress, untold
 from urbantwin.site.unpack_worker import DAMAGED, TOO_MUCH
 
@@ -222,10 +222,8 @@ def _packing(path: Path) -> str:
 
 def _free_memory() -> float:
     """Return the bytes of memory that are free for this process, if the system reports it."""
-    import resource  # not on Windows
-
-    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-    most = float("inf") if limit == resource.RLIM_INFINITY else float(limit)
+    limit = limit_of_process("RLIMIT_AS")
+    most = float("inf") if limit is None else float(limit)
     try:
         for line in Path("/proc/meminfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("MemAvailable:"):

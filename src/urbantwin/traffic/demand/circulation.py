@@ -15,7 +15,11 @@ import numpy as np
 
 from urbantwin.roads import BusStop
 from urbantwin.roads.assignment.circuit import Circuit
-from urbantwin.roads.assignment.movement_flows import ON_LANES_IN_CARS, flows_of_circuits
+from urbantwin.roads.assignment.movement_flows import (
+    IN_CARS,
+    ON_LANES_IN_CARS,
+    flows_of_circuits,
+)
 from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
@@ -31,7 +35,7 @@ COMING_IN_S = 60.0
 #: others. Gates make up for the difference to the real one where they meter a class.
 PACE = {
     "pedestrian": 0.85, "bicycle": 0.55, "tram": 0.5,
-    **dict.fromkeys(("car", "van", "truck", "bus", "motorcycle"), 0.5),
+    **dict.fromkeys(IN_CARS, 0.5),
 }  # fmt: skip
 #: Share of the planned motor vehicles and bicycles that set out at once; gates add the others.
 AT_ONCE = 0.7
@@ -249,7 +253,7 @@ class Circulation:
                 if circuit.graph.outer[a] and not circuit.graph.outer[b]:
                     rates[a] = rates.get(a, 0.0) + flow * group.per_hour
             for state, rate in rates.items():
-                gate = circuit.graph.edges[state], group.actor_class != "bicycle"
+                gate = circuit.graph.edges[state], group.actor_class in IN_CARS
                 per_hour[gate] = per_hour.get(gate, 0.0) + rate
                 if state in circuit.starts:
                     reserve.setdefault(gate, []).extend(
@@ -268,11 +272,7 @@ class Circulation:
                 numbers.append(first + len(trips))
                 trips.append(replace(trip, in_reserve=True))
             gates.append(Gate(edge, per_hour[edge, holds], holds, tuple(numbers)))
-        motor = [
-            group
-            for group in populations
-            if group.actor_class not in (_ON_FOOT, _TRAM, "bicycle") and group.per_hour > 0
-        ]
+        motor = [group for group in populations if group.actor_class in IN_CARS]
         rate = sum(group.per_hour for group in motor)
         metres = sum(group.per_hour * group.metres for group in motor)
         return GatePlan(tuple(gates), room, metres / rate if rate else 1.0), trips

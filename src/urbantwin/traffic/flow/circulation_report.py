@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.roads import RoadNetwork
+from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.flow.bottleneck import bottleneck
@@ -19,8 +20,6 @@ __all__ = ["circulation_report"]
 _SLICE_MIN = 10
 #: Below this share of the motor traffic requested the report says where the longest queue begins.
 _ENOUGH = 0.95
-#: Classes that are no motor traffic.
-_NO_MOTOR = ("pedestrian", "bicycle", "tram")
 
 
 def circulation_report(
@@ -40,8 +39,7 @@ def circulation_report(
     seen = simulated.observed
     minutes = len(seen.samples)
     started = min(int(warmup_s // 60), minutes - 1)
-    settled = started
-    hours = (minutes - settled) / 60
+    hours = (minutes - started) / 60
     population, passages = {}, {}
     # Passengers of buses come besides those who circulate; vehicles may come out of a reserve.
     came = Counter(
@@ -58,14 +56,14 @@ def circulation_report(
             "most": int(seen.most[started:, column].max()),
         }
         # Seconds that were seen, not minutes: the last one is seldom whole.
-        present = float(seen.samples[settled:, column].sum())
-        speed = float(seen.metres[settled:, column].sum()) / max(present, 1.0)
+        present = float(seen.samples[started:, column].sum())
+        speed = float(seen.metres[started:, column].sum()) / max(present, 1.0)
         passages[group.actor_class] = {
             "asked": group.per_hour,
             "by_distance": round(count * speed / group.metres * 3600, 1),
-            "counted": int(seen.entries[settled:, column].sum()),
+            "counted": int(seen.entries[started:, column].sum()),
         }
-    motor = [row for name, row in passages.items() if name not in _NO_MOTOR]
+    motor = [row for name, row in passages.items() if name in IN_CARS]
     requested = sum(row["asked"] for row in motor)
     share = sum(row["by_distance"] for row in motor) / requested if requested else 1.0
     inside = {
@@ -79,7 +77,7 @@ def circulation_report(
             "from_s": round(first * 60 - warmup_s, 3),
             "metres_per_second": round(_speed(seen, first, drivers), 3),
         }
-        for first in range(settled, minutes, _SLICE_MIN)
+        for first in range(started, minutes, _SLICE_MIN)
     ]
     return {
         "population": population,

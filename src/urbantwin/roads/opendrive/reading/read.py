@@ -192,7 +192,7 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
     )
     if item.find("railroad/switch") is not None:
         spot.remark("railway switches that are not read")
-    # From here on nothing is wrong with the road as a whole: what is wrong of it is dropped.
+    # The road as a whole is valid here; invalid elements of it are dropped one by one.
     content.roads[identity] = road
     content.rules[rule] += 1
     content.links[identity] = read_links(item, spot)
