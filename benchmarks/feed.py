@@ -27,7 +27,7 @@ import numpy as np
 import urbantwin as ut
 from record import RATE_HZ, circling_motion, static_world, twin_of
 from urbantwin.dataset import record
-from urbantwin.learn.frame_dataset import FrameDataset
+from urbantwin.dataset.reading.torch_frames import FrameDataset
 from urbantwin.lidar import place_rig
 from urbantwin.site.rig import RigSpec, SensorSpec
 

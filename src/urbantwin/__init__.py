@@ -18,6 +18,9 @@ from typing import TYPE_CHECKING
 from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
+    from urbantwin.dataset.reading.fleet import FleetFrame, NodeFrame
+    from urbantwin.dataset.reading.frame import Frame
+    from urbantwin.dataset.reading.selection import Frames, Selection
     from urbantwin.errors import InputError, StageError, UrbanTwinError
     from urbantwin.fidelity.clouds import Cloud
     from urbantwin.fidelity.readers.recording import Recording
@@ -28,17 +31,15 @@ if TYPE_CHECKING:
     from urbantwin.interface.carla_frames import CarlaFrames, carla
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.curriculum import Curriculum, curriculum
-    from urbantwin.interface.dataset import Dataset, Frame
+    from urbantwin.interface.dataset import Dataset, Datasets, Fleet
     from urbantwin.interface.dataset_card import Card, card
     from urbantwin.interface.dataset_split import DatasetSplit, split
-    from urbantwin.interface.datasets import Datasets
     from urbantwin.interface.detected_objects import DetectedObjects, detect
     from urbantwin.interface.discovered_rig import DiscoveredRig, discover
     from urbantwin.interface.evaluation_report import Evaluation, evaluate
     from urbantwin.interface.explanation import Explanation, explain
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
-    from urbantwin.interface.fleet import Fleet, FleetFrame, NodeFrame
     from urbantwin.interface.fusion_study import FusionStudy, fuse
     from urbantwin.interface.improvement import Improved, improve
     from urbantwin.interface.input_check import Findings, check
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
     from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
-    from urbantwin.interface.selection import Frames, Selection
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
     from urbantwin.interface.sequence import SequenceFiles, sequence
     from urbantwin.interface.site_file import Site, init

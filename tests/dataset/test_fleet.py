@@ -11,7 +11,7 @@ import yaml
 import urbantwin as ut
 from urbantwin.cli import main
 from urbantwin.dataset import record
-from urbantwin.dataset.fleet import FleetFiles, fused_cloud
+from urbantwin.dataset.reading import Fleet, fused_cloud
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.lidar import place_rig
 from urbantwin.site.rig import RigSpec
@@ -260,7 +260,7 @@ def test_all_nodes_are_cut_at_the_same_moments(fleet):
 
 
 def test_a_receiver_has_what_has_arrived(fleet):
-    files = FleetFiles(fleet.folder)
+    files = Fleet(fleet.folder)
     # Complete at 0.1 s after their time and 0.03 s on the air: what the pole has is one older.
     cloud = fused_cloud(files, "000004", frame_of="pole", using="true", at="nearest")
     assert cloud.frames == {"pole": "000004", "other": "000004", "car": "000003"}
@@ -279,7 +279,7 @@ def test_a_receiver_has_what_has_arrived(fleet):
 
 def test_points_go_on_as_their_actor_moves(fleet):
     """What the car saw of who walks, taken on from one frame to the next: at constant velocity."""
-    files = FleetFiles(fleet.folder)
+    files = Fleet(fleet.folder)
     options = {"frame_of": "pole", "using": "true", "nodes": ["car"]}
     late, on = (fused_cloud(files, "000009", at=at, **options) for at in
                 ("nearest", "extrapolated"))  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 
 import urbantwin as ut
 from urbantwin.dataset import record
-from urbantwin.dataset.table_form import read_table
+from urbantwin.dataset.reading.tables import read_table
 from urbantwin.dataset.trajectories import (
     paths_of_trajectories,
     write_trajectories,

@@ -13,8 +13,8 @@ import pytest
 import urbantwin as ut
 from urbantwin.dataset import record
 from urbantwin.dataset.frame_columns import COLUMNS, columns_of_frame, parquet_bytes, read_columns
-from urbantwin.dataset.frame_files import RAY_TYPE, FrameFiles
 from urbantwin.dataset.frame_las import SCALE_M, laz_bytes, read_laz
+from urbantwin.dataset.reading.frame_files import RAY_TYPE, FrameFiles
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.frames import open_unlabelled

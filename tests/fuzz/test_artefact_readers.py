@@ -26,8 +26,8 @@ from urbantwin.cli.app import main
 from urbantwin.dataset.card import write_cards
 from urbantwin.dataset.damaged_file import where_damaged
 from urbantwin.dataset.frame_columns import COLUMNS, parquet_bytes
-from urbantwin.dataset.frame_files import FrameFiles
 from urbantwin.dataset.frame_las import laz_bytes
+from urbantwin.dataset.reading.frame_files import FrameFiles
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.dataset.split import SplitAsked, datasets_at, read_split_document, split_in_time
 from urbantwin.dataset.split.scenarios import scenarios_of
@@ -42,8 +42,7 @@ from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.geometry import LabelledMesh
 from urbantwin.grid import Journal as GridJournal
-from urbantwin.interface.dataset import Dataset
-from urbantwin.interface.fleet import Fleet
+from urbantwin.interface.dataset import Dataset, Fleet
 from urbantwin.interface.rig import rig_on
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import load_backgrounds, save_backgrounds

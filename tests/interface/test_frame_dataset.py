@@ -12,7 +12,7 @@ torch = pytest.importorskip(
     "torch", reason="torch is not installed: pip install 'urbantwin[detector]'"
 )
 
-from urbantwin.learn.frame_dataset import FIELDS, collated  # noqa: E402
+from urbantwin.dataset.reading.torch_frames import FIELDS, collated  # noqa: E402
 
 from .conftest import Line  # noqa: E402
 

@@ -10,7 +10,7 @@ import shapely
 
 import urbantwin as ut
 from urbantwin.cli import main
-from urbantwin.interface.dataset import Frame
+from urbantwin.dataset.reading import Frame
 
 from ..reliability.small_site import bytes_of
 from .conftest import Line

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from urbantwin.artefact import kind_of, read_json
 from urbantwin.campaigns.weather import Setting, settings_of
-from urbantwin.dataset.frame_files import STORED
+from urbantwin.dataset.reading.frame_files import STORED
 from urbantwin.dataset.split import SplitAsked, shares_of
 from urbantwin.errors import InputError
 from urbantwin.grid import Axis, Cell, Level, factorial

@@ -16,7 +16,7 @@ from isal import isal_zlib
 
 from urbantwin.artefact.damaged_bytes import span
 from urbantwin.artefact.tables import PARQUET, read_parquet
-from urbantwin.dataset.frame_files import FOLDERS
+from urbantwin.dataset.reading.frame_files import FOLDERS
 from urbantwin.errors import InputError
 
 __all__ = ["BLOCKS", "damaged_block", "packed_sums", "write_block_sums"]

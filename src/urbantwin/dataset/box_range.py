@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.manifest_schema import pose_of_matrix
 from urbantwin.dataset.pose_table import frame_poses, pose_of_frame
-from urbantwin.dataset.table_form import frames_of
+from urbantwin.dataset.reading.manifest import pose_of_matrix
+from urbantwin.dataset.reading.tables import frames_of
 
 if TYPE_CHECKING:
     import pyarrow as pa

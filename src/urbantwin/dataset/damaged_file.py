@@ -13,8 +13,8 @@ from urbantwin.artefact.document import read_json_value
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.block_sums import damaged_block
 from urbantwin.dataset.box_columns import label_line
-from urbantwin.dataset.frame_files import read_labels, read_rays
-from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.dataset.reading.frame_files import read_labels, read_rays
+from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.errors import InputError
 
 __all__ = ["where_damaged"]

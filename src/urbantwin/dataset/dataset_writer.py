@@ -11,12 +11,12 @@ from urbantwin.artefact import check_room, sha256_of, write_json
 from urbantwin.cluster import Cluster
 from urbantwin.dataset.box_columns import packed_columns
 from urbantwin.dataset.box_table import write_boxes
-from urbantwin.dataset.frame_files import RAY_TYPE
 from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.frame_place import MARKS, FramePlace
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, areas_of, write_ignore_regions
 from urbantwin.dataset.layout import folders_of, frame_name
 from urbantwin.dataset.manifest import frames_of, manifest_of
+from urbantwin.dataset.reading.frame_files import RAY_TYPE
 from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
 from urbantwin.dataset.split.actor_places import Recorded
 from urbantwin.dataset.split.asked import SplitAsked

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.errors import InputError
 
 __all__ = ["describe", "parts_of"]

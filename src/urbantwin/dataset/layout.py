@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from urbantwin.dataset.block_sums import packed_sums
 from urbantwin.dataset.box_columns import box_columns, label_lines
 from urbantwin.dataset.frame_columns import columns_of_frame, parquet_bytes
-from urbantwin.dataset.frame_files import FOLDERS, RAY_TYPE, STORED
 from urbantwin.dataset.frame_las import laz_bytes
 from urbantwin.dataset.frame_place import FolderPlace, FramePlace
+from urbantwin.dataset.reading.frame_files import FOLDERS, RAY_TYPE, STORED
 from urbantwin.lidar import LabelledFrame
 
 __all__ = ["FOLDERS", "FrameTables", "folders_of", "frame_name", "write_frame"]

@@ -17,9 +17,9 @@ import numpy as np
 from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
-from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.dataset.named_inputs import named_inputs, told_of
 from urbantwin.dataset.object_statistics import object_statistics
+from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.dataset.result_warnings import BEYOND, warnings_of_record
 from urbantwin.dataset.split.time_split import warnings_of_split
 from urbantwin.geometry import Pose

@@ -11,8 +11,8 @@ from typing import Any
 
 from urbantwin.artefact import INVENTORY, check_folder, passing_folder, replaced_folder
 from urbantwin.artefact.storage import Storage
-from urbantwin.dataset.frame_files import FOLDERS
 from urbantwin.dataset.frame_place import MARKS, FolderPlace, FramePlace, StoredPlace
+from urbantwin.dataset.reading.frame_files import FOLDERS
 from urbantwin.errors import InputError
 
 __all__ = ["OutputPlace", "check_output", "opened_output"]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urbantwin.dataset.manifest_schema import pose_of_matrix
+from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, rotation_from_ypr, ypr_from_rotation
 

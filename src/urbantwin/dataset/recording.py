@@ -18,11 +18,11 @@ from urbantwin.dataset.dataset_writer import (
     checksums,
     write_datasets,
 )
-from urbantwin.dataset.frame_files import STORED
 from urbantwin.dataset.frame_place import MARKS
 from urbantwin.dataset.manifest import manifest_of_parts, recipe_key, recipe_of, recipe_of_rig
 from urbantwin.dataset.motion_interpolation import FASTEST_M_S, SAME_TIME_S
 from urbantwin.dataset.output_place import check_output, opened_output
+from urbantwin.dataset.reading.frame_files import STORED
 from urbantwin.dataset.split import SplitAsked, check_split
 from urbantwin.dataset.workers import Workers
 from urbantwin.errors import InputError

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
 from urbantwin.artefact.manifest import Part
-from urbantwin.dataset.manifest_schema import pose_of_matrix
+from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.lidar.rig import ReturnMode
 from urbantwin.site.rig import (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.dataset.lane_table import LANES, write_lanes
 from urbantwin.dataset.pose_table import frame_poses, write_poses
-from urbantwin.dataset.table_form import read_table
+from urbantwin.dataset.reading.tables import read_table
 from urbantwin.dataset.tracklets import write_tracklets
 from urbantwin.dataset.trajectories import TRAJECTORIES, write_trajectories
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.pose_table import pose_of_frame
-from urbantwin.dataset.table_form import frames_of
+from urbantwin.dataset.reading.tables import frames_of
 from urbantwin.geometry import Pose
 
 if TYPE_CHECKING:

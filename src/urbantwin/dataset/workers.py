@@ -17,8 +17,8 @@ from urbantwin.cluster import Cluster
 from urbantwin.dataset.frame_motion import FrameMotion
 from urbantwin.dataset.frame_place import FramePlace
 from urbantwin.dataset.layout import frame_name, write_frame
-from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.dataset.motion_interpolation import posed_actors
+from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.dataset.rehearsal import rehearse
 from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import kind_of
+from urbantwin.dataset.reading.selection import Selection
 from urbantwin.errors import InputError, StageError
-from urbantwin.interface.datasets import Datasets
+from urbantwin.interface.dataset import Datasets
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.selection import Selection
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
+    from urbantwin.dataset.reading import Dataset
     from urbantwin.exports.frames.shards import ShardSource
-    from urbantwin.interface.dataset import Dataset
 
 __all__ = ["INDEX", "KIND", "SHARDS", "SPLIT", "Campaign", "dataset_name", "shard_sources"]
 

@@ -157,10 +157,10 @@ def _several(path: Path, to: str) -> list[ShardSource]:
 
     None where a format of shards is not asked for, or there are not several.
     """
+    from urbantwin.dataset.reading.datasets import datasets_inside, short_names
     from urbantwin.dataset.split import read_split_document, says_split
     from urbantwin.exports.frames.shards import FORMATS, ShardSource
     from urbantwin.interface.campaign_folder import Campaign, shard_sources
-    from urbantwin.interface.datasets import datasets_inside, short_names
 
     if to not in FORMATS:
         return []

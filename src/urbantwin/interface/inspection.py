@@ -195,7 +195,7 @@ def _json(path: Path) -> dict[str, Any]:
     from urbantwin.dataset.split import says_split
 
     if says_split(path):
-        from urbantwin.interface.datasets import Datasets
+        from urbantwin.interface.dataset import Datasets
 
         return {"kind": "split", **Datasets.open(path).summary()}
     return _geometry_or_roads(path)

@@ -34,7 +34,7 @@ _CLASSES = {
     "coverage": ("coverage_map", "Coverage"),
     "tuning": ("tuning", "Tuning"),
     "sequence": ("sequence", "SequenceFiles"),
-    "fleet": ("fleet", "Fleet"),
+    "fleet": ("dataset", "Fleet"),
     "study": ("study", "Study"),
     "campaign": ("campaign_folder", "Campaign"),
     "explanation": ("explanation", "Explanation"),
@@ -131,7 +131,8 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
 
 def _opened_folder(place: Path) -> Any:  # noqa: ANN401 - see `open`
     """Open a folder that is no artefact: it may hold some, or be a site, or a recording."""
-    from urbantwin.interface.datasets import Datasets, datasets_inside
+    from urbantwin.dataset.reading.datasets import datasets_inside
+    from urbantwin.interface.dataset import Datasets
 
     if kind_of(place / "index") == "campaign":
         return opened_artefact(place / "index", "campaign")
@@ -182,7 +183,7 @@ def _opened_file(path: Path) -> Any:  # noqa: ANN401 - see `open`
     if is_cloud(path):
         return read_cloud(path)
     if ending == ".json" and says_split(path):
-        from urbantwin.interface.datasets import Datasets
+        from urbantwin.interface.dataset import Datasets
 
         return Datasets.open(path)
     if ending in (".json", ".csv"):

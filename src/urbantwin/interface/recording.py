@@ -21,7 +21,7 @@ from urbantwin.processes import Helpers, helpers, pool_of
 if TYPE_CHECKING:
     from urbantwin.dataset.split import SplitAsked
     from urbantwin.dataset.workers import Workers
-    from urbantwin.interface.fleet import Fleet
+    from urbantwin.interface.dataset import Fleet
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
     from urbantwin.progress import Progress
@@ -325,7 +325,7 @@ def _recorded_nodes(  # noqa: PLR0913 - the options of the command
 ) -> Fleet:
     """Record what several nodes see; see `record`."""
     from urbantwin.dataset.fleet import record_fleet
-    from urbantwin.interface.fleet import Fleet
+    from urbantwin.interface.dataset import Fleet
     from urbantwin.interface.rig import rigs_of_nodes
     from urbantwin.site.nodes import load_nodes
 
@@ -417,15 +417,15 @@ def _drawing_nodes(
     """Return what draws pictures into the folder of a fleet, and into those of its nodes."""
 
     def draw(folder: Path) -> None:
-        from urbantwin.dataset.fleet import FleetFiles
+        from urbantwin.dataset.reading import Fleet
         from urbantwin.progress import between
         from urbantwin.view.pictures import picture_of_fleet, pictures_of_dataset
 
-        files = FleetFiles(folder)
+        files = Fleet(folder)
         (folder / "pictures").mkdir(exist_ok=True)
         picture_of_fleet(files, folder / "pictures" / "nodes.png")
-        for number, name in enumerate(files.names):
-            begin, end = (0.97 + 0.03 * (number + k) / len(files.names) for k in (0, 1))
+        for number, name in enumerate(files.node_names):
+            begin, end = (0.97 + 0.03 * (number + k) / len(files.node_names) for k in (0, 1))
             pictures_of_dataset(
                 folder / name,
                 twin=on,

@@ -15,7 +15,7 @@ from pydantic import Field
 from urbantwin.artefact import check_folder, read_json, replaced_folder, sha256_of, write_json
 from urbantwin.artefact.arrays import read_array
 from urbantwin.artefact.manifest import Part, validated
-from urbantwin.dataset.table_form import read_table
+from urbantwin.dataset.reading.tables import read_table
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.detections import Detections
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording

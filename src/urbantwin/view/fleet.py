@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from urbantwin.dataset.box_columns import BOX_FIELDS
-from urbantwin.dataset.fleet import FleetFiles, fused_cloud
+from urbantwin.dataset.reading import Fleet, fused_cloud
 from urbantwin.geometry import Pose, box_corners
 from urbantwin.view import style
 
@@ -30,16 +30,16 @@ _REACH_M = (25.0, 130.0)
 _SHOWN_ERROR_M = 0.05
 
 
-def telling_frame(fleet: FleetFiles) -> str:
+def telling_frame(fleet: Fleet) -> str:
     """Return the frame with the most actors that more than one node sees; of several the first."""
     frames = np.asarray(fleet.boxes["frame"].to_pylist(), object)
     shared = fleet.boxes["num_nodes"].to_numpy() > 1
-    counts = [int(shared[frames == name].sum()) for name in fleet.frames]
-    return fleet.frames[int(np.argmax(counts))]
+    counts = [int(shared[frames == name].sum()) for name in fleet.names]
+    return fleet.names[int(np.argmax(counts))]
 
 
 def figure_of_fleet(
-    fleet: FleetFiles, frame: str | None = None, attribution: str | Iterable[str] = ()
+    fleet: Fleet, frame: str | None = None, attribution: str | Iterable[str] = ()
 ) -> Figure:
     """Return the figure of a frame; its first axes are in metres of the site.
 
@@ -66,7 +66,7 @@ def figure_of_fleet(
     axes.set_xlim(centre[0] - reach, centre[0] + reach)
     axes.set_ylim(centre[1] - reach, centre[1] + reach)
     axes.set_aspect("equal")
-    colours = np.array([mpl.colors.to_rgb(_colour(k)) for k in range(len(fleet.names))])
+    colours = np.array([mpl.colors.to_rgb(_colour(k)) for k in range(len(fleet.node_names))])
     order = np.argsort(cloud.points[:, 2], kind="stable")
     actor = cloud.instance[order] > 0
     for chosen, size, alpha, zorder in ((~actor, 0.5, 0.35, 5), (actor, 2.5, 1.0, 8)):
@@ -80,7 +80,7 @@ def figure_of_fleet(
     style.scale_bar(axes)
     style.north_arrow(axes, 0.0)
     present = sum(pose is not None for _, pose, _ in places)
-    time_s = float(fleet.times_s[fleet.frames.index(name)])
+    time_s = float(fleet.times_s[fleet.names.index(name)])
     style.title(
         figure,
         "Nodes that see one scene",
@@ -95,9 +95,9 @@ def _colour(number: int) -> str:
     return _COLOURS[number % len(_COLOURS)]
 
 
-def _places(fleet: FleetFiles, frame: str) -> list[tuple[str, Pose | None, Pose | None]]:
+def _places(fleet: Fleet, frame: str) -> list[tuple[str, Pose | None, Pose | None]]:
     """Return name, true and reported pose of every node; ``None`` of one that is absent."""
-    states = ((name, fleet.state(frame, name)) for name in fleet.names)
+    states = ((name, fleet.state(frame, name)) for name in fleet.node_names)
     return [(name, state.place, state.believed) for name, state in states]
 
 
@@ -116,12 +116,12 @@ def _view(
     return centre, float(np.clip(reach, *_REACH_M))
 
 
-def _boxes(axes: Axes, fleet: FleetFiles, rows: pa.Table) -> dict[str, int]:
+def _boxes(axes: Axes, fleet: Fleet, rows: pa.Table) -> dict[str, int]:
     """Draw the common labels and return how many are seen by none, by one and by more."""
     counts = {"none": 0, "one": 0, "more": 0}
     for row in rows.to_pylist():
         box = np.array([row[name] for name in BOX_FIELDS], np.float64)
-        seen = [k for k, name in enumerate(fleet.names) if row[f"num_points.{name}"]]
+        seen = [k for k, name in enumerate(fleet.node_names) if row[f"num_points.{name}"]]
         kind = "more" if len(seen) > 1 else "one" if seen else "none"
         counts[kind] += 1
         colour = {"more": _SEEN_BY_MORE, "none": _SEEN_BY_NONE}.get(kind) or _colour(seen[0])
@@ -151,14 +151,14 @@ def _node(axes: Axes, name: str, pose: Pose, believed: Pose, colour: str) -> Non
         axes.plot(*wrong, "x", color=colour, markersize=10, markeredgewidth=2.5, zorder=31)
 
 
-def _legend(figure: Figure, fleet: FleetFiles, frame: str, counts: dict[str, int]) -> None:
+def _legend(figure: Figure, fleet: Fleet, frame: str, counts: dict[str, int]) -> None:
     axes = figure.add_axes((0.775, 0.03, 0.215, 0.9))
     style.bare(axes)
     axes.set_xlim(0, 1)
     axes.set_ylim(0, 1)
     y = 0.985
     axes.text(0.0, y, "Nodes (points)", color=style.INK, fontsize=12, weight="bold", va="top")
-    for number, name in enumerate(fleet.names):
+    for number, name in enumerate(fleet.node_names):
         y -= 0.04
         state = fleet.state(frame, name)
         told = f"{state.points:,}{', lost' if state.lost else ''}" if state.present else "absent"

@@ -13,9 +13,9 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
-from urbantwin.dataset.frame_files import FrameFiles, ray_place
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
-from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
+from urbantwin.dataset.reading.frame_files import FrameFiles, ray_place
+from urbantwin.dataset.reading.manifest import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.card import PICTURE_OF_SPLIT, read_statistics
-from urbantwin.dataset.fleet import FleetFiles
-from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.motion_interpolation import Rows, rows_at
+from urbantwin.dataset.reading import Fleet
+from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.dataset.split import image_sets
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
@@ -290,7 +290,7 @@ def _pictures_of_frame(
     return [style.save(figure, out / f"{kind}.png") for kind, figure in figures.items()]
 
 
-def picture_of_fleet(fleet: FleetFiles, path: Path) -> Path:
+def picture_of_fleet(fleet: Fleet, path: Path) -> Path:
     """Draw what the nodes of a fleet see of one moment into a PNG."""
     return style.save(figure_of_fleet(fleet, attribution=attributions(fleet.manifest)), path)
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import array_header
 from urbantwin.artefact.tables import read_parquet
-from urbantwin.dataset.frame_files import STORED
-from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
+from urbantwin.dataset.reading.frame_files import STORED
+from urbantwin.dataset.reading.manifest import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import Recording
 from urbantwin.geometry import Pose

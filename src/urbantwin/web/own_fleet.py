@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from urbantwin.dataset.fleet import FleetFiles
-from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.dataset.reading import Fleet
+from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.fidelity.readers import Recording
 from urbantwin.geometry import Pose
 from urbantwin.web.own_dataset import OwnDataset
@@ -30,9 +30,9 @@ class OwnFleet(OwnDataset):
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._files = FleetFiles(folder)
+        self._files = Fleet(folder)
         self._of_nodes = {
-            name: read_manifest(self._files.folder_of(name)) for name in self._files.names
+            name: read_manifest(self._files.folder_of(name)) for name in self._files.node_names
         }
         first = next(iter(self._of_nodes.values()))
         self.manifest: dict[str, Any] = {
@@ -57,7 +57,7 @@ class OwnFleet(OwnDataset):
 
     def entries(self, recording: Recording) -> list[FrameEntry]:
         """Return the frames with the points of all nodes."""
-        table = self._files.nodes
+        table = self._files.states
         count = dict.fromkeys(recording.names, 0)
         rows = zip(table["frame"].to_pylist(), table["points"].to_pylist(), strict=True)
         for name, points in rows:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.artefact.markdown import bullets, code, escaped, table
-from urbantwin.dataset.manifest_schema import pose_of_matrix
+from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.geometry import ypr_from_rotation
 
 __all__ = ["making_of", "mapping"]

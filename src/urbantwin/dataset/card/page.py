@@ -18,8 +18,8 @@ from urbantwin.dataset.card.licences import consequences, hub_licence, stated
 from urbantwin.dataset.card.limits import limits_of, unchecked_numbers
 from urbantwin.dataset.card.making import making_of, mapping
 from urbantwin.dataset.card.statistics import BoxStatistics, ClassFigures
-from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.named_inputs import INPUT_KINDS
+from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.dataset.split import image_sets
 
 __all__ = [

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
-from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
+from urbantwin.dataset.reading.manifest import pose_of_matrix, read_manifest
 
 __all__ = ["BoxStatistics", "ClassFigures", "read_statistics"]
 

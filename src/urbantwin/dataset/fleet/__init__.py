@@ -5,17 +5,11 @@ from typing import TYPE_CHECKING
 from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
-    from urbantwin.dataset.fleet.files import FleetFiles, NodeState
-    from urbantwin.dataset.fleet.fused import FusedCloud, fused_cloud
     from urbantwin.dataset.fleet.node import Node, placed_nodes
     from urbantwin.dataset.fleet.recording import record_fleet
 
 __all__ = [
-    "FleetFiles",
-    "FusedCloud",
     "Node",
-    "NodeState",
-    "fused_cloud",
     "placed_nodes",
     "record_fleet",
 ]

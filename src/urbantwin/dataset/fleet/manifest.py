@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import as_json, sha256_of
-from urbantwin.dataset.fleet.manifest_schema import KIND
 from urbantwin.dataset.fleet.node import Node
 from urbantwin.dataset.layout import frame_name
+from urbantwin.dataset.reading.fleet_manifest import KIND
 from urbantwin.result_warning import ResultWarning, rows_of
 
 __all__ = ["FORMAT", "TABLES", "manifest_of_fleet"]

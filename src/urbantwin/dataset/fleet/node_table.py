@@ -13,8 +13,8 @@ from urbantwin.dataset.fleet.node import Node
 from urbantwin.dataset.fleet.pose_error import pose_errors, reported_pose
 from urbantwin.dataset.fleet.radio import received
 from urbantwin.dataset.layout import frame_name
-from urbantwin.dataset.manifest_schema import pose_matrix, pose_of_matrix
 from urbantwin.dataset.motion_interpolation import rows_at
+from urbantwin.dataset.reading.manifest import pose_matrix, pose_of_matrix
 from urbantwin.geometry import Pose, ypr_from_rotation
 
 if TYPE_CHECKING:

@@ -28,12 +28,12 @@ from urbantwin.dataset.dataset_writer import (
 )
 from urbantwin.dataset.fleet.common_boxes import write_common_boxes
 from urbantwin.dataset.fleet.manifest import manifest_of_fleet
-from urbantwin.dataset.fleet.manifest_schema import KIND
 from urbantwin.dataset.fleet.node import Node, PlacedRig, placed_nodes
 from urbantwin.dataset.fleet.node_table import node_rows, write_nodes
 from urbantwin.dataset.frame_place import MARKS, FolderPlace
 from urbantwin.dataset.manifest import hashes_of, recipe_key, recipe_of
 from urbantwin.dataset.provenance import asked_of
+from urbantwin.dataset.reading.fleet_manifest import KIND
 from urbantwin.dataset.recording import checked_seed, frame_times
 from urbantwin.dataset.split import SplitAsked, check_split
 from urbantwin.dataset.workers import Workers

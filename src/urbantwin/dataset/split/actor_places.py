@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
-from urbantwin.dataset.manifest_schema import pose_of_matrix
+from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.dataset.result_warnings import BEYOND
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose

@@ -13,7 +13,7 @@ from pydantic import Field
 from urbantwin.artefact import read_json, replaced_file, write_json
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.dataset.description import parts_of
-from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.errors import InputError
 
 __all__ = [

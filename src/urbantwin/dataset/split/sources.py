@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.dataset.description import parts_of
-from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.dataset.split.actor_places import ActorPlaces, Recorded, places_of
 from urbantwin.errors import InputError
 

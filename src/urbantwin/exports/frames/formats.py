@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-from urbantwin.dataset.fleet import FleetFiles
+from urbantwin.dataset.reading import Fleet
 from urbantwin.exports.frames.losses import FIELDS
 from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress
@@ -21,7 +21,7 @@ Writer = Callable[[FrameSource, Path, Progress], Sequence[str]]
 #: The same for datasets of the same frames, one for each sensor of a rig.
 PartsWriter = Callable[[Sequence[FrameSource], Path, Progress], Sequence[str]]
 #: The same for a fleet.
-FleetWriter = Callable[[FleetFiles, Path, Progress], Sequence[str]]
+FleetWriter = Callable[[Fleet, Path, Progress], Sequence[str]]
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact import write_json
-from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.point_files import record_of, write_ply_file

@@ -17,7 +17,7 @@ import numpy as np
 
 from urbantwin import __version__
 from urbantwin.artefact import sha256_of
-from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.exports.frames.box_rows import BOX_KEYS, box_rows
 from urbantwin.exports.frames.pcd import point_record
 from urbantwin.exports.frames.source import FrameSource, SourceFrame

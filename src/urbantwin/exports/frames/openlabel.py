@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.exports.frames.pcd import point_record
 from urbantwin.exports.frames.point_files import write_pcd_file
 from urbantwin.exports.frames.source import FrameSource, SourceBoxes, SourceFrame

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from urbantwin.artefact import check_file, replaced_file
-from urbantwin.dataset.frame_files import stored_frames
+from urbantwin.dataset.reading.frame_files import stored_frames
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
 from urbantwin.exports.frames.learned_classes import LearnedClasses, learned_classes
 from urbantwin.exports.frames.openpcdet_config import CONFIGS, DONT_CARE, openpcdet_config

@@ -20,7 +20,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from urbantwin.dataset.fleet import FleetFiles
+from urbantwin.dataset.reading import Fleet
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.opencood_config import CONFIG_FILE, ReachOfBoxes, opencood_config
@@ -62,7 +62,7 @@ class _Agent:
     sensors: tuple[int, ...]
     moving: bool = False
     node: str = ""
-    fleet: FleetFiles | None = None
+    fleet: Fleet | None = None
 
     @property
     def name(self) -> str:
@@ -170,7 +170,7 @@ def write_opv2v_parts(sources: Sequence[FrameSource], folder: Path, tell: Progre
     return _write_scenes(folder, scenes, first.rate_hz, tell)
 
 
-def write_opv2v_fleet(fleet: FleetFiles, folder: Path, tell: Progress) -> list[str]:
+def write_opv2v_fleet(fleet: Fleet, folder: Path, tell: Progress) -> list[str]:
     """Write the same of a fleet: each node is an agent, also one of several sensors.
 
     A scenario has the agents that are there in all of its frames: it ends where one comes or goes.
@@ -198,11 +198,11 @@ def write_opv2v_fleet(fleet: FleetFiles, folder: Path, tell: Progress) -> list[s
     return _write_scenes(folder, _scenes_of_fleet(fleet, agents), fleet.manifest["rate_hz"], tell)
 
 
-def _scenes_of_fleet(fleet: FleetFiles, agents: Mapping[str, _Agent]) -> list[_Scene]:
+def _scenes_of_fleet(fleet: Fleet, agents: Mapping[str, _Agent]) -> list[_Scene]:
     """Return frames that follow each other, of one part of the split, with the same agents."""
     scenes: list[_Scene] = []
     before_s = -np.inf
-    for name, time_s in zip(fleet.frames, fleet.times_s.tolist(), strict=True):
+    for name, time_s in zip(fleet.names, fleet.times_s.tolist(), strict=True):
         there = [one for node, one in agents.items() if fleet.state(name, node).present]
         part = there[0].source.part_of(name) if there else None
         same = scenes and (scenes[-1].part, list(scenes[-1].agents)) == (part, there)

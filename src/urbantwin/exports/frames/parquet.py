@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.dataset.frame_columns import COLUMNS, DICTIONARY, ENCODINGS, LEVEL
-from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.exports.frames.box_rows import BOX, box_rows
 from urbantwin.exports.frames.shards import write_in_order
 from urbantwin.exports.frames.source import FrameSource, SourceFrame

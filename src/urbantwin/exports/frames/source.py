@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.frame_files import FrameFiles
-from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
+from urbantwin.dataset.reading.frame_files import FrameFiles
+from urbantwin.dataset.reading.manifest import pose_of_matrix, read_manifest
 from urbantwin.dataset.split import image_sets
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, SiteFrame

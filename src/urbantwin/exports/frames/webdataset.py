@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.exports.frames.box_rows import box_rows
 from urbantwin.exports.frames.shards import write_in_order
 from urbantwin.exports.frames.source import FrameSource, SourceFrame

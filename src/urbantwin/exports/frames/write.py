@@ -17,7 +17,7 @@ from urbantwin.artefact import (
     write_json,
 )
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.fleet import FleetFiles
+from urbantwin.dataset.reading import Fleet
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.formats import DATASET_FORMATS, DatasetFormat
 from urbantwin.exports.frames.losses import losses_of
@@ -57,7 +57,7 @@ def export_dataset(
         names = ", ".join(DATASET_FORMATS)
         raise InputError(f"{to!r} is not a format", place="--to", expected=f"one of {names}")
     wanted = DATASET_FORMATS[to]
-    fleet = FleetFiles(dataset) if kind_of(dataset) == "fleet" else None
+    fleet = Fleet(dataset) if kind_of(dataset) == "fleet" else None
     sources = _opened(dataset, wanted) if fleet is None else _nodes(fleet, wanted)
     path = out or Path(f"{dataset.resolve().name}{wanted.ending or '-' + to}")
     if wanted.ending:
@@ -117,7 +117,7 @@ def _opened(dataset: Path, wanted: DatasetFormat) -> list[FrameSource]:
     return [FrameSource(dataset)]
 
 
-def _nodes(fleet: FleetFiles, wanted: DatasetFormat) -> list[FrameSource]:
+def _nodes(fleet: Fleet, wanted: DatasetFormat) -> list[FrameSource]:
     """Return the datasets of a fleet's nodes, where a format takes fleets.
 
     Raises:
@@ -128,20 +128,20 @@ def _nodes(fleet: FleetFiles, wanted: DatasetFormat) -> list[FrameSource]:
         raise InputError(
             f"is a fleet, of which {wanted.name} has no notion",
             file=fleet.folder,
-            expected=f"one of its nodes ({', '.join(fleet.names)}), or --to {takes}",
+            expected=f"one of its nodes ({', '.join(fleet.node_names)}), or --to {takes}",
         )
-    return [FrameSource(fleet.folder_of(name)) for name in fleet.names]
+    return [FrameSource(fleet.folder_of(name)) for name in fleet.node_names]
 
 
 def _losses_of_all(
-    sources: Sequence[FrameSource], fleet: FleetFiles | None, wanted: DatasetFormat
+    sources: Sequence[FrameSource], fleet: Fleet | None, wanted: DatasetFormat
 ) -> list[str]:
     """Return what is lost of any dataset; of a fleet with the node where it is not of all."""
     lost = [_losses(source, wanted) for source in sources]
     if fleet is None:
         return list(dict.fromkeys(one for own in lost for one in own))
     told = []
-    for node, own in zip(fleet.names, lost, strict=True):
+    for node, own in zip(fleet.node_names, lost, strict=True):
         told += [one if all(one in other for other in lost) else f"{node}: {one}" for one in own]
     told.append(f"{wanted.name} cannot hold of nodes: clocks, what came late or never arrived")
     return list(dict.fromkeys(told))
@@ -153,7 +153,7 @@ def _losses(source: FrameSource, wanted: DatasetFormat) -> list[str]:
 
 def _written(
     sources: Sequence[FrameSource],
-    fleet: FleetFiles | None,
+    fleet: Fleet | None,
     wanted: DatasetFormat,
     to: Path,
     progress: Progress,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.document import read_bytes
-from urbantwin.dataset.fleet import FleetFiles
+from urbantwin.dataset.reading import Fleet
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.own import BoxTable, SensorPlaces, fields_of_rays
@@ -35,17 +35,17 @@ def open_fleet(path: Path) -> Recording:
     Raises:
         InputError: its manifest or a table is damaged.
     """
-    files = FleetFiles(path)
+    files = Fleet(path)
     boxes = BoxTable(path / "boxes.parquet")
-    places = {name: SensorPlaces(path / name / "sweeps.parquet") for name in files.names}
+    places = {name: SensorPlaces(path / name / "sweeps.parquet") for name in files.node_names}
 
     def read(index: int) -> Frame:
-        name = files.frames[index]
+        name = files.names[index]
         clouds: list[NDArray[Any]] = []
         labels: list[NDArray[Any]] = []
         rays: list[dict[str, NDArray[Any]]] = []
         seen_from: list[NDArray[np.float64]] = []
-        for node in files.names:
+        for node in files.node_names:
             state = files.state(name, node)
             if state.true is None:
                 continue
@@ -76,4 +76,4 @@ def open_fleet(path: Path) -> Recording:
             sensor_places=np.concatenate(seen_from) if seen_from else np.zeros((1, 3)),
         )
 
-    return Recording(path, "fleet", files.frames, read)
+    return Recording(path, "fleet", files.names, read)

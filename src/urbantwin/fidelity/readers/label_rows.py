@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.artefact.document import json_value
-from urbantwin.dataset.manifest_schema import pose_of_matrix
+from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.fidelity.frame import Boxes
 from urbantwin.geometry import Pose
 from urbantwin.taxonomy import ACTOR_CLASSES

@@ -16,8 +16,8 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.frame_files import FrameFiles, read_labels, read_rays, stored_frames
-from urbantwin.dataset.manifest_schema import FramePoses, pose_of_matrix
+from urbantwin.dataset.reading.frame_files import FrameFiles, read_labels, read_rays, stored_frames
+from urbantwin.dataset.reading.manifest import FramePoses, pose_of_matrix
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import Fields, read_fields
 from urbantwin.fidelity.clouds import counting_order

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from urbantwin.dataset.manifest_schema import pose_of_matrix
+from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.frame_files import FrameFiles, read_rays
+from urbantwin.dataset.reading.frame_files import FrameFiles, read_rays
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Frame

@@ -12,7 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import read_parquet
-from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.detections import Detections
 from urbantwin.evaluation import JUDGED, Criterion, Seen, evaluate, read_labelled
 from urbantwin.evaluation.matching import matched

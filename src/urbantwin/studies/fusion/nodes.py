@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from urbantwin.artefact import read_json
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.pose_table import EGO, frame_poses, true_and_reported
-from urbantwin.dataset.table_form import read_table
+from urbantwin.dataset.reading.tables import read_table
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.geometry import Pose
 
 if TYPE_CHECKING:
-    from urbantwin.dataset.fleet import FleetFiles
+    from urbantwin.dataset.reading import Fleet
 
 __all__ = ["Labelled", "Look", "Node", "Nodes", "open_nodes"]
 
@@ -302,14 +302,14 @@ class _LabelsOfDatasets:
 def _of_fleet(
     path: Path,
 ) -> tuple[list[Node], NDArray[np.float64], tuple[str, ...], _Source]:
-    from urbantwin.dataset.fleet import FleetFiles
+    from urbantwin.dataset.reading import Fleet
 
-    fleet = FleetFiles(path)
+    fleet = Fleet(path)
     carriers = {str(one["name"]): one.get("carrier") for one in fleet.manifest["nodes"]}
     nodes = []
-    for place, name in enumerate(fleet.names):
+    for place, name in enumerate(fleet.node_names):
         looks = {}
-        for moment, frame in enumerate(fleet.frames):
+        for moment, frame in enumerate(fleet.names):
             state = fleet.state(frame, name)
             if state.present and state.true is not None and state.reported is not None:
                 time = float(fleet.times_s[moment])
@@ -320,17 +320,17 @@ def _of_fleet(
         carrier = carriers[name]
         track = carrier if isinstance(carrier, int) else None
         nodes.append(Node(name, place, fleet.folder_of(name), looks, track))
-    return nodes, fleet.times_s, fleet.frames, _LabelsOfFleet(fleet)
+    return nodes, fleet.times_s, fleet.names, _LabelsOfFleet(fleet)
 
 
 class _LabelsOfFleet:
     """A fleet's common labels, with the points of the nodes that take part."""
 
-    def __init__(self, fleet: FleetFiles) -> None:
+    def __init__(self, fleet: Fleet) -> None:
         self._fleet = fleet
 
     def labelled(self, moment: int, nodes: Sequence[Node]) -> Labelled:
-        table = self._fleet.boxes_of(self._fleet.frames[moment])
+        table = self._fleet.boxes_of(self._fleet.names[moment])
         points = np.zeros(table.num_rows, np.int64)
         for node in nodes:
             told = table[f"num_points.{node.name}"].to_pylist()

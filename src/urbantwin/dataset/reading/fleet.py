@@ -1,33 +1,82 @@
-"""A fleet: nodes that stand and nodes that ride, recorded together from one motion."""
+"""A fleet on disk: nodes that stand and nodes that ride, recorded together from one motion."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.fleet import FleetFiles, NodeState
+from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.dataset.reading.dataset import Dataset
+from urbantwin.dataset.reading.fleet_manifest import read_fleet_manifest
+from urbantwin.dataset.reading.frame import Frame
+from urbantwin.dataset.reading.frame_files import FrameFiles
 from urbantwin.errors import InputError
-from urbantwin.interface.dataset import Dataset, Frame
-from urbantwin.interface.place import AnyPath
-from urbantwin.interface.summary import Summary
+from urbantwin.geometry import Pose
 from urbantwin.result_warning import ResultWarning, warnings_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from matplotlib.figure import Figure
 
-    from urbantwin.dataset.fleet.fused import Alignment, FusedCloud, Knowledge
-    from urbantwin.geometry import Pose
+    from urbantwin.dataset.reading.fused import Alignment, FusedCloud, Knowledge
 
-__all__ = ["Fleet", "FleetFrame", "NodeFrame"]
+__all__ = ["Fleet", "FleetFrame", "NodeFrame", "NodeState"]
 
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
+_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
+_POSES = ("true", "reported", "node")
+_EXPECTED = "a fleet of urbantwin record --nodes"
+_OF_BOXES = {
+    **dict.fromkeys(("frame", "class"), "text"),
+    **dict.fromkeys(("track", "num_points", "num_nodes"), "whole"),
+    **dict.fromkeys(("time_s", *_BOX, "vx", "vy", "vz"), "number"),
+}
+_OF_NODES = {
+    **dict.fromkeys(("frame", "node"), "text"),
+    "time_s": "number",
+    "points": "whole",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class NodeState:
+    """A node in a frame.
+
+    Attributes:
+        present: whether it was there: all else is ``None`` where it was not.
+        points: how many it has.
+        clock_s: what its clock said at the frame's time.
+        sent_s: when its frame was complete, true time of the motion.
+        lost: whether nobody else has it.
+        arrival_s: when the others have it; ``None`` where it was lost.
+        true: ``site_SE3_points``: takes its points to the site.
+        reported: the same as it believes.
+        place: ``site_SE3_node``: where its vehicle truly is, or its pole's first sensor, upright.
+    """
+
+    present: bool
+    points: int = 0
+    clock_s: float | None = None
+    sent_s: float | None = None
+    lost: bool = False
+    arrival_s: float | None = None
+    true: Pose | None = None
+    reported: Pose | None = None
+    place: Pose | None = None
+
+    @property
+    def believed(self) -> Pose | None:
+        """Where it believes itself to be: ``place`` as it reports it."""
+        if self.true is None or self.reported is None or self.place is None:
+            return None
+        return self.reported @ self.true.inverse() @ self.place
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +180,7 @@ class FleetFrame:
         Raises:
             InputError: there is no such node.
         """
-        state = self.fleet.files.state(self.name, name)
+        state = self.fleet.state(self.name, name)
         return NodeFrame(name, self.fleet.nodes[name], self.name, state)
 
     @property
@@ -143,7 +192,7 @@ class FleetFrame:
     @cached_property
     def boxes(self) -> pa.Table:
         """The common labels, in the site: rows of `Fleet.boxes`."""
-        return self.fleet.files.boxes_of(self.name)
+        return self.fleet.boxes_of(self.name)
 
     @cached_property
     def box_array(self) -> NDArray[np.float64]:
@@ -171,10 +220,10 @@ class FleetFrame:
         Raises:
             InputError: there is no such node, or the receiver is not there.
         """
-        from urbantwin.dataset.fleet import fused_cloud
+        from urbantwin.dataset.reading.fused import fused_cloud
 
         return fused_cloud(
-            self.fleet.files, self.name, frame_of=frame_of, using=using, at=at, nodes=nodes
+            self.fleet, self.name, frame_of=frame_of, using=using, at=at, nodes=nodes
         )
 
     def __repr__(self) -> str:
@@ -183,26 +232,32 @@ class FleetFrame:
 
 
 class Fleet(Sequence[FleetFrame]):
-    """Several nodes on disk: a dataset for each, common labels, and where each was when.
-
-    It stands for its folder wherever a path is asked for.
+    """Several nodes on disk; `urbantwin.Fleet` adds a summary and pictures.
 
     Attributes:
-        folder: where it is.
-        files: its files.
+        folder: its folder.
+        manifest: content of ``fleet.json``.
+        node_names: names of the nodes.
+        names: names of the frames, in the order of time.
+        times_s: (F,) their times, seconds from the motion's start.
 
-    Example:
-        >>> fleet = ut.record(twin, motion, nodes="nodes.yaml")
-        >>> fleet.nodes["bus"][0].points, fleet.frame(0).boxes
-        >>> fleet.frame(12).fused(frame_of="pole", using="reported").points
+    Raises:
+        InputError: it is no fleet.
     """
 
-    def __init__(self, folder: AnyPath) -> None:
+    #: What the dataset of a node is opened as.
+    dataset_type: ClassVar[type[Dataset]] = Dataset
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(folder)
-        self.files = FleetFiles(self.folder)
+        self.manifest: dict[str, Any] = read_fleet_manifest(self.folder)
+        self.node_names: tuple[str, ...] = tuple(one["name"] for one in self.manifest["nodes"])
+        frames = self.manifest["frames"]
+        self.names: tuple[str, ...] = tuple(one["name"] for one in frames)
+        self.times_s: NDArray[np.float64] = np.array([one["time_s"] for one in frames], np.float64)
 
     @classmethod
-    def open(cls, folder: AnyPath) -> Fleet:
+    def open(cls, folder: str | os.PathLike[str]) -> Self:
         """Open a fleet's folder.
 
         Raises:
@@ -210,35 +265,83 @@ class Fleet(Sequence[FleetFrame]):
         """
         return cls(folder)
 
-    @property
-    def manifest(self) -> dict[str, Any]:
-        """What ``fleet.json`` holds."""
-        return self.files.manifest
-
     @cached_property
     def nodes(self) -> dict[str, Dataset]:
         """The dataset of each node by its name."""
-        return {name: Dataset(self.files.folder_of(name)) for name in self.files.names}
+        return {name: self.dataset_type(self.folder / name) for name in self.node_names}
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the frames."""
-        return self.files.frames
-
-    @property
-    def times_s(self) -> NDArray[np.float64]:
-        """Times (F,) of the frames, seconds from the start of the motion."""
-        return self.files.times_s
-
-    @property
+    @cached_property
     def boxes(self) -> pa.Table:
         """``boxes.parquet``: one row for each frame and actor, in the site; see docs/nodes.md."""
-        return self.files.boxes
+        return _table(self.folder / "boxes.parquet", _OF_BOXES)
 
-    @property
+    @cached_property
     def states(self) -> pa.Table:
         """``nodes.parquet``: one row for each frame and node: poses, clock, radio."""
-        return self.files.nodes
+        return _table(self.folder / "nodes.parquet", _OF_NODES)
+
+    def boxes_of(self, frame: str) -> pa.Table:
+        """Return the common labels of a frame."""
+        first, last = self._rows.get(frame, (0, 0))
+        return self.boxes.slice(first, last - first)
+
+    def folder_of(self, node: str) -> Path:
+        """Return the folder of a node's dataset.
+
+        Raises:
+            InputError: there is no such node.
+        """
+        if node not in self.node_names:
+            raise InputError(
+                f"has no node {node!r:.60}",
+                file=self.folder,
+                expected=f"one of {', '.join(self.node_names)}",
+            )
+        return self.folder / node
+
+    def state(self, frame: str, node: str) -> NodeState:
+        """Return where a node was in a frame, and when.
+
+        Raises:
+            InputError: there is no such node or frame.
+        """
+        self.folder_of(node)
+        if (frame, node) not in self._states:
+            raise InputError(
+                f"has no row of {node} in frame {frame!r:.40}",
+                file=self.folder / "nodes.parquet",
+                expected=f"frames {self.names[0]} to {self.names[-1]}",
+            )
+        return self._states[frame, node]
+
+    def cloud(self, frame: str, node: str) -> FrameFiles:
+        """Return the points of a node in a frame, in its own frame of reference.
+
+        Raises:
+            InputError: there is no such node or frame, or it was not there.
+        """
+        if not self.state(frame, node).present:
+            raise InputError(
+                f"{node} is not there in frame {frame}",
+                file=self.folder,
+                expected="a frame in which nodes.parquet says that it is present",
+            )
+        return FrameFiles(self.folder_of(node), frame)
+
+    @cached_property
+    def _rows(self) -> dict[str, tuple[int, int]]:
+        """First row of the boxes of each frame, and the row after the last."""
+        names = np.asarray(self.boxes["frame"].to_pylist(), object)
+        cuts = [0, *(np.flatnonzero(names[1:] != names[:-1]) + 1).tolist(), len(names)]
+        if len(names) == 0:
+            return {}
+        return {str(names[a]): (a, b) for a, b in pairwise(cuts)}
+
+    @cached_property
+    def _states(self) -> dict[tuple[str, str], NodeState]:
+        file = self.folder / "nodes.parquet"
+        rows = self.states.to_pylist()
+        return {(str(row["frame"]), str(row["node"])): _state(row, file) for row in rows}
 
     @property
     def warnings(self) -> tuple[ResultWarning, ...]:
@@ -274,21 +377,6 @@ class Fleet(Sequence[FleetFrame]):
                 f"has no frame {frame}", file=self.folder, expected=f"0 to {len(self) - 1}"
             ) from None
 
-    def plot(self, frame: int | str | None = None) -> Figure:
-        """Draw a frame from above: the points of each node, and who is seen by whom.
-
-        Args:
-            frame: its number or its name; the one in which several nodes see most if not given.
-
-        Raises:
-            InputError: there is no such frame.
-        """
-        from urbantwin.view.fleet import figure_of_fleet
-        from urbantwin.view.pictures import attributions
-
-        name = None if frame is None else self.frame(frame).name
-        return figure_of_fleet(self.files, name, attributions(self.manifest))
-
     def __getitem__(self, frame: int) -> FleetFrame:  # type: ignore[override]
         """Return the frame of a number."""
         return FleetFrame(self, self.names[frame], float(self.times_s[frame]))
@@ -308,35 +396,50 @@ class Fleet(Sequence[FleetFrame]):
     def __repr__(self) -> str:
         """Return nodes, frames and folder."""
         return (
-            f"Fleet of {', '.join(self.files.names)}: {len(self)} frames from "
+            f"Fleet of {', '.join(self.node_names)}: {len(self)} frames from "
             f"{self.times_s[0]:g} to {self.times_s[-1]:g} s ({self.folder})"
         )
 
-    def summary(self) -> Summary:
-        """Return what the fleet holds in a few values."""
-        told = self.manifest
-        boxes = self.boxes
-        seen = boxes["num_nodes"].to_numpy()
-        return Summary(
-            path=str(self.folder),
-            kind="fleet",
-            made_with=f"urbantwin {told['urbantwin']}",
-            frames=len(self),
-            time_s=f"{self.times_s[0]:g} to {self.times_s[-1]:g}",
-            rate_hz=told["rate_hz"],
-            nodes={
-                one["name"]: {
-                    "rides": one["carrier"] if one["rides"] else None,
-                    "sensors": [f"{row['name']} ({row['model']})" for row in one["sensors"]],
-                    "frames": one["frames"],
-                    "absent": one["frames_absent"],
-                    "lost": one["frames_lost"],
-                    "points": one["points"],
-                }
-                for one in told["nodes"]
-            },
-            boxes=len(seen),
-            boxes_seen_by_one=int((seen == 1).sum()),
-            boxes_seen_by_more=int((seen > 1).sum()),
-            warnings=[str(one) for one in self.warnings],
+
+def _state(row: dict[str, Any], file: Path) -> NodeState:
+    if not row.get("present"):
+        return NodeState(present=False)
+    names = ["clock_s", "sent_s", *(f"{k}_{n}" for k in _POSES for n in _POSE)]
+    values: dict[str, Any] = {name: row.get(name) for name in names}
+    late = None if row.get("lost") else row.get("arrival_s", np.nan)
+    missing = [name for name, value in values.items() if not _is_number(value)]
+    missing += ["arrival_s"] if late is not None and not _is_number(late) else []
+    if missing:
+        raise InputError(
+            f"has no number for {row['node']} in frame {row['frame']}",
+            file=file,
+            place=missing[0],
+            expected=_EXPECTED,
         )
+    true, reported, place = (
+        Pose.from_ypr([values[f"{kind}_{name}"] for name in _POSE[:3]],
+                      *(values[f"{kind}_{name}"] for name in _POSE[3:]))
+        for kind in _POSES
+    )  # fmt: skip
+    return NodeState(
+        present=True,
+        points=int(row["points"]),
+        clock_s=values["clock_s"],
+        sent_s=values["sent_s"],
+        lost=bool(row.get("lost")),
+        arrival_s=late,
+        true=true,
+        reported=reported,
+        place=place,
+    )
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, float) and bool(np.isfinite(value))
+
+
+def _table(path: Path, columns: dict[str, str]) -> pa.Table:
+    """Read a table and check the columns that everybody relies on."""
+    table = read_parquet(path, _EXPECTED)
+    columns_of(table, columns, path, _EXPECTED)
+    return table

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.fleet.files import FleetFiles, NodeState
+from urbantwin.dataset.reading.fleet import Fleet, NodeState
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 
@@ -55,7 +55,7 @@ class FusedCloud:
 
 
 def fused_cloud(
-    fleet: FleetFiles,
+    fleet: Fleet,
     frame: str,
     *,
     frame_of: str | None = None,
@@ -85,12 +85,12 @@ def fused_cloud(
         if value not in get_args(kind):
             expected = ", ".join(get_args(kind))
             raise InputError(f"is {value!r:.40}", place=place, expected=expected)
-    wanted = fleet.names if nodes is None else tuple(nodes)
-    if frame not in fleet.frames:
+    wanted = fleet.node_names if nodes is None else tuple(nodes)
+    if frame not in fleet.names:
         raise InputError(
             f"has no frame {frame!r:.40}",
             file=fleet.folder,
-            expected=f"{fleet.frames[0]} to {fleet.frames[-1]}",
+            expected=f"{fleet.names[0]} to {fleet.names[-1]}",
         )
     receiver, own = None, Pose.from_ypr(np.zeros(3))
     if frame_of is not None:
@@ -145,22 +145,22 @@ def _pose(state: NodeState, using: Knowledge) -> Pose:
     return pose
 
 
-def _time(fleet: FleetFiles, frame: str, state: NodeState, using: Knowledge) -> float:
+def _time(fleet: Fleet, frame: str, state: NodeState, using: Knowledge) -> float:
     """Return the time of a node's frame, by its own clock or as it was."""
     if using == "true":
-        return float(fleet.times_s[fleet.frames.index(frame)])
+        return float(fleet.times_s[fleet.names.index(frame)])
     assert state.clock_s is not None
     return state.clock_s
 
 
 def _nearest(
-    fleet: FleetFiles, name: str, frame: str, receiver: NodeState, using: Knowledge
+    fleet: Fleet, name: str, frame: str, receiver: NodeState, using: Knowledge
 ) -> str | None:
     """Return the frame of a node that is nearest in time, of those that have arrived."""
     assert receiver.sent_s is not None
     wanted_s = _time(fleet, frame, receiver, using)
     best, least = None, np.inf
-    for one in fleet.frames:
+    for one in fleet.names:
         state = fleet.state(one, name)
         if state.arrival_s is None or state.arrival_s > receiver.sent_s:
             continue
@@ -171,10 +171,10 @@ def _nearest(
 
 
 def _velocities(
-    fleet: FleetFiles, node: str, frame: str, labels: NDArray[np.uint32]
+    fleet: Fleet, node: str, frame: str, labels: NDArray[np.uint32]
 ) -> NDArray[np.float64]:
     """Return how the actor under each point (N, 3) moves, by the node's labels, in its frame."""
-    table = fleet.boxes_of_node(node)
+    table = fleet.nodes[node].boxes
     mine = np.flatnonzero(np.asarray(table["frame"].to_pylist(), object) == frame)
     rows = table.take(mine)
     tracks = rows["track"].to_numpy()

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.dataset.reading.filters import BoxFilter, FrameFilter
+from urbantwin.dataset.reading.frame import Frame
 from urbantwin.errors import InputError
 from urbantwin.extras import check_extra
-from urbantwin.interface.box_filter import BoxFilter, FrameFilter
 
 if TYPE_CHECKING:
-    from urbantwin.interface.dataset import Dataset, Frame
-    from urbantwin.learn.frame_dataset import FrameDataset, Transform
+    from urbantwin.dataset.reading.dataset import Dataset
+    from urbantwin.dataset.reading.torch_frames import FrameDataset, Transform
 
 __all__ = ["Frames", "Located", "Selection"]
 
@@ -26,7 +27,7 @@ __all__ = ["Frames", "Located", "Selection"]
 Located = tuple["Dataset", str, int]
 
 
-class Frames(Sequence["Frame"]):
+class Frames(Sequence[Frame]):
     """Frames in the order of time, of one dataset or of several, one after the other.
 
     Nothing of a frame is read before it is asked for. It can be pickled: what was read is not
@@ -89,8 +90,6 @@ class Frames(Sequence["Frame"]):
             index = self._number_of(index)
         if not -len(located) <= index < len(located):
             raise IndexError(f"frame {index} of {len(located)}")
-        from urbantwin.interface.dataset import Frame
-
         dataset, _, number = located[index]
         return Frame(
             dataset,
@@ -245,7 +244,7 @@ class Frames(Sequence["Frame"]):
             >>> loader = samples.loader(batch_size=4, workers=2, shuffle=True)
         """
         check_extra("detector", "a dataset of PyTorch", modules=("torch",))
-        from urbantwin.learn.frame_dataset import FrameDataset
+        from urbantwin.dataset.reading.torch_frames import FrameDataset
 
         return FrameDataset(
             self,

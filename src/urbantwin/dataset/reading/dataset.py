@@ -1,44 +1,86 @@
-"""A dataset through all of its frames: who was there, where everybody went, and where it looked."""
+"""A dataset on disk: its frames in the order of time, and the tables that follow its actors."""
 
 from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.table_form import frames_of, read_table
+from urbantwin.dataset.reading.manifest import read_manifest
+from urbantwin.dataset.reading.selection import Frames, Located
+from urbantwin.dataset.reading.tables import frames_of, read_table
 from urbantwin.errors import InputError
+from urbantwin.result_warning import ResultWarning, warnings_of
 
 if TYPE_CHECKING:
+    import os
+
     import pyarrow as pa
+    from matplotlib.figure import Figure
 
     from urbantwin.dataset.track_paths import TrackPaths
 
-__all__ = ["DatasetSequence"]
+__all__ = ["Dataset"]
 
 
-class DatasetSequence:
-    """The tables of a dataset that follow actors and sensors; see docs/sequences.md."""
+class Dataset(Frames):
+    """A dataset on disk; `urbantwin.Dataset` adds a summary and pictures.
 
-    folder: Path
-    manifest: dict[str, Any]
+    Attributes:
+        folder: its folder.
+        manifest: content of ``dataset.json``.
+    """
 
-    if TYPE_CHECKING:  # what who has these fields brings
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+        self.manifest: dict[str, Any] = read_manifest(self.folder)
 
-        @property
-        def names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @classmethod
+    def open(cls, folder: str | os.PathLike[str]) -> Self:
+        """Open a dataset's folder.
 
-        @property
-        def times_s(self) -> NDArray[np.float64]: ...  # noqa: D102
+        Raises:
+            InputError: it is not a dataset, or its manifest is damaged.
+        """
+        return cls(folder)
 
-        @property
-        def boxes(self) -> pa.Table: ...  # noqa: D102
+    @cached_property
+    def parts(self) -> dict[str, Self]:
+        """The dataset of each sensor by its name; empty where the sensors are fused."""
+        names: list[str] = self.manifest.get("datasets", [])
+        return {name: type(self)(self.folder / name) for name in names}
 
-        @property
-        def sweeps(self) -> pa.Table: ...  # noqa: D102
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the frames."""
+        return tuple(one["name"] for one in self._frames)
+
+    @cached_property
+    def times_s(self) -> NDArray[np.float64]:
+        """Times (F,) of the frames, seconds from the start of the motion."""
+        return np.array([one["time_s"] for one in self._frames], np.float64)
+
+    @cached_property
+    def boxes(self) -> pa.Table:
+        """``boxes.parquet``: one row for each frame and box; see docs/labels.md for its columns."""
+        self.check_single()
+        return read_table(self.folder / "boxes.parquet")
+
+    @cached_property
+    def sweeps(self) -> pa.Table:
+        """``sweeps.parquet``: one row for each turn of a sensor."""
+        self.check_single()
+        return read_table(self.folder / "sweeps.parquet")
+
+    @cached_property
+    def class_names(self) -> dict[int, str]:
+        """Name of each number in `Frame.semantic`."""
+        from urbantwin.taxonomy import semantic_classes
+
+        return {one.id: one.name for one in semantic_classes().values()}
 
     @cached_property
     def tracks(self) -> pa.Table:
@@ -177,3 +219,76 @@ class DatasetSequence:
         """Return a table; ``None``: the dataset is of a version that did not write it."""
         path = self.folder / name
         return read_table(path) if path.is_file() else None
+
+    @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with it, and with the dataset of each sensor."""
+        of_parts = (one for part in self.parts.values() for one in part.warnings)
+        return (*warnings_of(self.manifest), *of_parts)
+
+    @property
+    def _frames(self) -> list[dict[str, Any]]:
+        frames: list[dict[str, Any]] = self.manifest.get("frames", [])
+        return frames
+
+    def check_single(self) -> None:
+        """Refuse a folder with a dataset for each sensor.
+
+        Raises:
+            InputError: it is one.
+        """
+        if self.parts:
+            raise InputError(
+                "holds a dataset for each sensor",
+                file=self.folder,
+                expected=f"one of them: .parts[{next(iter(self.parts))!r}]",
+            )
+
+    @property
+    def datasets(self) -> tuple[Dataset, ...]:
+        """Itself: see `Frames`."""
+        return (self,)
+
+    @cached_property
+    def _located(self) -> list[Located]:
+        self.check_single()
+        name = self.folder.resolve().name
+        return [(self, name, number) for number in range(len(self._frames))]
+
+    def __len__(self) -> int:
+        """Return how many frames there are."""
+        return len(self._frames)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return counts, times, sensors and folder."""
+        if self.parts:
+            return f"Dataset for each of {', '.join(self.parts)} ({self.folder})"
+        counts = self.manifest["counts"]
+        sensors = ", ".join(
+            f"{one['name']} ({one['model']})" for one in self.manifest["rig"]["sensors"]
+        )
+        return (
+            f"Dataset of {len(self)} frames from {self.times_s[0]:g} to {self.times_s[-1]:g} s: "
+            f"{counts['points']:,} points, {sum(counts['boxes'].values()):,} boxes, by {sensors} "
+            f"({self.folder})"
+        )
+
+    def plot(self, frame: int | str | None = None, picture: str = "birdseye") -> Figure:
+        """Draw a frame, or how many points and boxes of each class there are.
+
+        Drawing is defined in `urbantwin.interface.dataset`: `urbantwin.open` returns datasets that
+        can be drawn.
+
+        Args:
+            frame: number or name of the frame; without it, the frame with the most labelled actors.
+            picture: ``birdseye``, from above with boxes; ``range_image``, as seen by the sensor
+                nearest to the middle of the points; or ``histogram``, of all frames.
+
+        Raises:
+            InputError: there is no such frame or picture.
+        """
+        raise NotImplementedError

@@ -16,7 +16,7 @@ from urbantwin.lidar.labels.difficulty import LEVELS
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from urbantwin.interface.dataset import Dataset
+    from urbantwin.dataset.reading.dataset import Dataset
 
 __all__ = ["BoxFilter", "FrameFilter"]
 

@@ -6,17 +6,13 @@ import os
 from collections.abc import Collection, Iterable
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import ClassVar, Self
 
 from urbantwin.artefact import kind_of
-from urbantwin.dataset.split import PARTS, SplitDocument, read_split_document, says_split
+from urbantwin.dataset.reading.dataset import Dataset
+from urbantwin.dataset.reading.selection import Frames, Located
+from urbantwin.dataset.split import SplitDocument, read_split_document, says_split
 from urbantwin.errors import InputError
-from urbantwin.interface.place import AnyPath
-from urbantwin.interface.selection import Frames, Located
-from urbantwin.interface.summary import Summary
-
-if TYPE_CHECKING:
-    from urbantwin.interface.dataset import Dataset
 
 __all__ = ["Datasets", "datasets_inside", "short_names"]
 
@@ -25,29 +21,22 @@ _DEEP = 3
 
 
 class Datasets(Frames):
-    """Several datasets as one: an index over their frames, nothing is copied.
-
-    The dataset of each sensor, where a rig's are not fused, counts as one. A sequence is named by
-    the folder of its dataset, and by those above it as far as names would be the same.
+    """Several datasets as one: an index over their frames; `urbantwin.Datasets` adds a summary.
 
     Args:
         paths: folders of datasets.
 
     Raises:
         InputError: one is none, or there are none.
-
-    Example:
-        >>> both = ut.Datasets(["dry/dataset", "rain/dataset"])
-        >>> both.where(sequences=["rain/dataset"], classes=["car"])
-        >>> ut.Datasets.open("split.json").where(split="train")
     """
 
-    def __init__(self, paths: Iterable[AnyPath]) -> None:
-        from urbantwin.interface.dataset import Dataset
+    #: What a folder is opened as.
+    dataset_type: ClassVar[type[Dataset]] = Dataset
 
+    def __init__(self, paths: Iterable[str | os.PathLike[str]]) -> None:
         found: list[Dataset] = []
         for path in paths:
-            one = path if isinstance(path, Dataset) else Dataset(path)
+            one = path if isinstance(path, Dataset) else self.dataset_type(path)
             found += one.parts.values() or [one]
         if not found:
             raise InputError("there are no datasets", expected="folders of datasets")
@@ -59,7 +48,7 @@ class Datasets(Frames):
         self._divided: SplitDocument | None = None
 
     @classmethod
-    def open(cls, folder: AnyPath) -> Datasets:
+    def open(cls, folder: str | os.PathLike[str]) -> Self:
         """Open all datasets in a folder, in the order of their names, or of a split by scenario.
 
         Raises:
@@ -101,15 +90,6 @@ class Datasets(Frames):
     def __repr__(self) -> str:
         """Return how many there are, and their names."""
         return f"{len(self.datasets)} datasets of {len(self)} frames: {', '.join(self._names)}"
-
-    def summary(self) -> Summary:
-        """Return how many frames each has."""
-        pairs = zip(self._names, self._datasets, strict=True)
-        told = Summary(frames=len(self), datasets={name: len(one.names) for name, one in pairs})
-        if self._divided is not None:
-            parts = {part for _, part, _ in self._divided.rows}
-            told["parts"] = {part: len(self.where(split=part)) for part in PARTS if part in parts}
-        return told
 
 
 def datasets_inside(folder: Path) -> list[Path]:

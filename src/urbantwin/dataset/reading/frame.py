@@ -1,0 +1,306 @@
+"""One labelled frame of a dataset: its points, its boxes, and what the other frames say of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.dataset.reading.frame_files import FrameFiles
+from urbantwin.dataset.reading.manifest import pose_of_matrix
+from urbantwin.errors import InputError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from matplotlib.figure import Figure
+
+    from urbantwin.dataset.reading.dataset import Dataset
+    from urbantwin.geometry import Pose
+
+__all__ = ["Frame"]
+
+_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
+_PLACE = ("x", "y", "z", "intensity")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One labelled frame of a dataset; each array is read when it is first asked for.
+
+    Attributes:
+        dataset: that it is of.
+        name: of the frame, which its files have.
+        time_s: seconds from the start of the motion.
+        chosen: tells which rows of the dataset's boxes somebody asked for (`Dataset.where`).
+
+    Example:
+        >>> frame = dataset[3]
+        >>> frame.points[frame.instance > 0]  # those on actors
+    """
+
+    dataset: Dataset
+    name: str
+    time_s: float
+    chosen: Callable[[], NDArray[np.bool_] | None] | None = None
+
+    @cached_property
+    def points(self) -> NDArray[np.float32]:
+        """Points (N, 4): x, y, z in metres, dataset frame, and intensity 0..1."""
+        return self._files.points
+
+    @cached_property
+    def labels(self) -> NDArray[np.uint32]:
+        """Labels (N,) as they are in the file: class in the low 16 bits, track in the high."""
+        return self._files.labels
+
+    @cached_property
+    def semantic(self) -> NDArray[np.uint16]:
+        """Number (N,) of each point's class; `Dataset.class_names` has their names."""
+        return (self.labels & 0xFFFF).astype(np.uint16)
+
+    @cached_property
+    def instance(self) -> NDArray[np.uint16]:
+        """Track (N,) of the actor that each point is on; 0 for the static world."""
+        return (self.labels >> 16).astype(np.uint16)
+
+    @cached_property
+    def rays(self) -> NDArray[np.void]:
+        """The ray (N,) of each point: ``sensor``, ``ring``, ``column``, ``time``, ``echo``."""
+        return self._files.rays
+
+    @cached_property
+    def _files(self) -> FrameFiles:
+        return FrameFiles(self.dataset.folder, self.name)
+
+    @cached_property
+    def boxes(self) -> pa.Table:
+        """Labelled boxes, one row each: the frame's rows of `Dataset.boxes` that were asked for."""
+        rows = self.dataset.box_rows(self.name)
+        kept = None if self.chosen is None else self.chosen()
+        return self.dataset.boxes.take(rows if kept is None else rows[kept[rows]])
+
+    @cached_property
+    def box_array(self) -> NDArray[np.float64]:
+        """Boxes (B, 7): centre x, y, z, length, width, height in metres, yaw in radians."""
+        return np.column_stack([self.boxes[name].to_numpy() for name in _BOX]).reshape(-1, 7)
+
+    @cached_property
+    def site_SE3_dataset(self) -> Pose:  # noqa: N802
+        """The pose that takes the frame's points to the site."""
+        manifest = self.dataset.manifest
+        told = manifest["frames"][self.dataset.numbers[self.name]]
+        rows = told.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
+        return pose_of_matrix(rows).inverse()
+
+    @property
+    def x(self) -> NDArray[np.float32]:
+        """X (N,) of each point, metres."""
+        return self.points[:, 0]
+
+    @property
+    def y(self) -> NDArray[np.float32]:
+        """Y (N,) of each point, metres."""
+        return self.points[:, 1]
+
+    @property
+    def z(self) -> NDArray[np.float32]:
+        """Z (N,) of each point, metres."""
+        return self.points[:, 2]
+
+    @property
+    def intensity(self) -> NDArray[np.float32]:
+        """Intensity (N,) of each point, 0..1."""
+        return self.points[:, 3]
+
+    @property
+    def sensor(self) -> NDArray[np.uint8]:
+        """Number (N,) of the sensor in the rig that saw each point."""
+        return self._of_rays("sensor")
+
+    @property
+    def ring(self) -> NDArray[np.uint16]:
+        """Channel (N,) of each point, as the maker numbers them."""
+        return self._of_rays("ring")
+
+    @property
+    def column(self) -> NDArray[np.uint16]:
+        """Firing (N,) within the turn of each point."""
+        return self._of_rays("column")
+
+    @property
+    def time(self) -> NDArray[np.float32]:
+        """When each point (N,) was measured by its sensor's clock, seconds from the frame's."""
+        return self._of_rays("time")
+
+    @property
+    def echo(self) -> NDArray[np.uint8]:
+        """Which echo (N,) of its beam each point is: 0, the first that is reported, or 1."""
+        return self._of_rays("echo")
+
+    @cached_property
+    def cloud(self) -> NDArray[np.void]:
+        """All of it (N,) as one structured array: ``cloud["ring"]``, ``cloud[cloud["x"] > 3]``.
+
+        Its fields are ``x``, ``y``, ``z``, ``intensity``, those of the rays (``sensor``, ``ring``,
+        ``column``, ``time``, ``echo``; datasets of older versions lack some), ``semantic`` and
+        ``instance``.
+        """
+        rays = self.rays
+        kinds: list[tuple[str, Any]] = [(name, "<f4") for name in _PLACE]
+        kinds += [(name, rays.dtype[name]) for name in rays.dtype.names or ()]
+        kinds += [("semantic", "<u2"), ("instance", "<u2")]
+        cloud = np.empty(len(self.points), kinds)
+        for axis, name in enumerate(_PLACE):
+            cloud[name] = self.points[:, axis]
+        for name in rays.dtype.names or ():
+            cloud[name] = rays[name]
+        cloud["semantic"], cloud["instance"] = self.semantic, self.instance
+        return cloud
+
+    def _of_rays(self, name: str) -> NDArray[Any]:
+        if name not in (self.rays.dtype.names or ()):
+            raise InputError(
+                f"does not say the {name} of its points",
+                file=self._files.rays_file,
+                expected="rays as they are recorded now; this dataset is of an older version",
+            )
+        return self.rays[name]
+
+    @property
+    def next(self) -> Frame | None:
+        """The frame after it in the dataset; ``None`` of the last one."""
+        number = self.dataset.numbers[self.name] + 1
+        return self.dataset[number] if number < len(self.dataset.names) else None
+
+    @property
+    def on_boxes(self) -> NDArray[np.bool_]:
+        """Which points (N,) are on an actor whose box is in `boxes`."""
+        tracks = self.boxes["track"].to_numpy()
+        return np.isin(self.instance, tracks[tracks > 0])
+
+    def measured_s(self) -> NDArray[np.float64]:
+        """Return when each point (N,) was measured, true, seconds from the motion's start."""
+        ahead = np.zeros(256)
+        for number, one in enumerate(self.dataset.manifest["rig"]["sensors"]):
+            key = (self.name, one["name"])
+            ahead[one.get("number", number)] = self.dataset.clock_ahead_s.get(key, 0.0)
+        return self.time_s + self.time.astype(np.float64) - ahead[self.sensor]
+
+    def flow(self, *, ego: bool = False) -> NDArray[np.float32]:
+        """Return where each point (N, 3) goes until the next frame sees it, metres.
+
+        A point goes with the body that it is on, rigidly, from where the body was when the point
+        was measured to where the next frame's box has it; the static world stays. It is ``nan``
+        where nobody knows it: of points beside actors (class ``outlier``), of an actor that is not
+        in the next frame, and of all points of the last frame. See docs/sequences.md.
+
+        Args:
+            ego: with the motion of who looks: the flow goes from where a point is in this frame's
+                coordinates to where it will be in the next one's (Argoverse 2). Without it, both
+                are in this frame's (Waymo). Of a rig that stands, they are the same.
+        """
+        from urbantwin.dataset.point_flow import flow_of
+
+        then = self.next
+        if then is None:
+            return np.full((len(self.points), 3), np.nan, np.float32)
+        rows = self.dataset.boxes.take(self.dataset.box_rows(then.name))
+        seen_s = then.time_s + rows["observed_s"].to_numpy()
+        return flow_of(
+            self.points[:, :3],
+            self.semantic,
+            self.instance,
+            self.measured_s(),
+            self.dataset.paths,
+            dict(zip(rows["track"].to_pylist(), seen_s.tolist(), strict=True)),
+            self.site_SE3_dataset,
+            then.site_SE3_dataset.inverse() if ego else None,
+        )
+
+    def trajectories(self, past: float = 2.0, future: float = 6.0) -> pa.Table:
+        """Return where the actors of `boxes` were before this frame and will be after it.
+
+        Args:
+            past: seconds before the frame.
+            future: seconds after it.
+
+        Returns:
+            The rows of `Dataset.trajectories` between these times, by time, then track.
+
+        Raises:
+            InputError: a time is negative, or the dataset is of a version without trajectories.
+        """
+        import pyarrow as pa
+
+        for name, value in (("past", past), ("future", future)):
+            if not value >= 0:
+                raise InputError(f"is {value}", place=name, expected="seconds, 0 or more")
+        table = self.dataset.trajectories
+        times = table["time_s"].to_numpy()
+        first = int(np.searchsorted(times, self.time_s - past - 1e-6))
+        last = int(np.searchsorted(times, self.time_s + future + 1e-6, side="right"))
+        some = table.slice(first, last - first)
+        mine = np.isin(some["track"].to_numpy(), self.boxes["track"].to_numpy())
+        return some.filter(pa.array(mine))
+
+    @property
+    def site_SE3_ego(self) -> Pose:  # noqa: N802
+        """Where the vehicle was that carries the sensors; of a rig that stands, `site_SE3_dataset`.
+
+        It is the true pose at the beginning of the first turn in the frame.
+        """
+        from urbantwin.dataset.pose_table import EGO
+
+        return self._pose(EGO, reported=False)
+
+    def site_SE3_sensor(  # noqa: N802
+        self, sensor: str | None = None, *, reported: bool = False
+    ) -> Pose:
+        """Return where a sensor was at the beginning of its first turn in the frame.
+
+        Args:
+            sensor: its name in the rig; the first one if not given.
+            reported: where points were computed from, as far as the sensor knew; else where it was.
+
+        Raises:
+            InputError: there is no such sensor in this frame.
+        """
+        names = [one["name"] for one in self.dataset.manifest["rig"]["sensors"]]
+        name = names[0] if sensor is None else sensor
+        if name not in names:
+            raise InputError(
+                f"there is no sensor {name!r}", file=self.dataset.folder, expected=", ".join(names)
+            )
+        return self._pose(name, reported=reported)
+
+    def _pose(self, name: str, *, reported: bool) -> Pose:
+        import pyarrow.compute as pc
+
+        from urbantwin.dataset.pose_table import true_and_reported
+
+        table = self.dataset.poses
+        mine = pc.and_(pc.equal(table["frame"], self.name), pc.equal(table["name"], name))
+        rows = table.filter(mine).slice(0, 1).to_pylist()
+        if not rows:
+            raise InputError(
+                f"has no pose of {name}",
+                file=self.dataset.folder,
+                place=f"frame {self.name}",
+                expected="a sensor that took a turn in the frame",
+            )
+        return true_and_reported(rows[0])[reported]
+
+    def __repr__(self) -> str:
+        """Return name, time and counts."""
+        return (
+            f"Frame {self.name} at {self.time_s:g} s: {len(self.points):,} points, "
+            f"{self.boxes.num_rows} boxes"
+        )
+
+    def plot(self, picture: str = "birdseye") -> Figure:
+        """Draw the frame; see `Dataset.plot`."""
+        return self.dataset.plot(self.name, picture)
