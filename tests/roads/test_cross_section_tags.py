@@ -364,3 +364,31 @@ def test_left_hand_traffic_is_the_mirror_image(tags, highway):
             sorted(mirrored(turn) for turn in lane.turns) for lane in other
         ]
     assert right.middle == pytest.approx(tuple(-m for m in left.middle))
+
+
+@pytest.mark.parametrize(
+    ("tags", "shared", "width"),
+    [
+        ({"lanes": "1"}, True, 3.5),
+        ({"lanes": "1", "width": "4"}, True, 4.0),
+        ({"lanes": "1", "width": "3"}, True, 3.0),
+        ({"oneway": "alternating"}, True, 3.5),
+        ({"lanes": "1", "cycleway:both": "track"}, True, 3.5),
+        # Wide enough that two cars meet without waiting (RASt 06, 4.75 m; 4.10 m at low speed).
+        ({"lanes": "1", "width": "5.5"}, False, 5.5),
+        ({"lanes": "1.5"}, False, 4.5),
+        ({"lanes": "2"}, False, 5.5),
+        ({"lanes": "1", "lanes:forward": "1", "lanes:backward": "1"}, False, 4.5),
+        ({"lanes": "1", "oneway": "yes"}, False, 2.75),
+    ],
+)
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_one_lane_for_both_directions(tags, shared, width, side):
+    """OSM wiki, "Key:lanes": the lanes of a street of both directions are counted together."""
+    found = section({"highway": "residential", **tags}, side)
+    assert found.one_lane is shared
+    assert found.width == pytest.approx(width)
+    if shared:
+        ahead, back = found.forward[0], found.backward[0]
+        assert (len(found.forward), len(found.backward)) in ((1, 1), (2, 2))
+        assert ahead.width == back.width == pytest.approx(width / 2)

@@ -18,6 +18,7 @@ from urbantwin.traffic.sumo.route_file import write_routes
 from urbantwin.traffic.sumo.simulation import (
     curves_of,
     gates_of,
+    one_lane_streets,
     sumo_options,
     sumo_substeps,
     write_stops,
@@ -42,7 +43,8 @@ def write_sumo(twin: Twin, folder: Path) -> None:
     demand, duration and seed. ``buildings.add.xml`` and ``view.settings.xml`` are for the eye. The
     first second of the motion is SUMO's second ``warmup_s``. What SUMO cannot be told in a file is
     in ``curves.json``: how fast vehicles are in the bends of streets; and in ``gates.json``: how
-    gates meter the vehicles that come into the region. ``drive.py`` runs the folder with both.
+    gates meter the vehicles that come into the region. ``drive.py`` runs the folder with both,
+    and with ``one_lane.json``: the streets on which vehicles wait for oncoming ones.
 
     Raises:
         InputError: the folder holds something else, or the step is none that SUMO can make.
@@ -59,6 +61,9 @@ def write_sumo(twin: Twin, folder: Path) -> None:
             shutil.copyfile(driven_net(twin, asked, demand, duration_s, made), net)
         write_json(scratch / "curves.json", curves_of(net))
         shutil.copyfile(DRIVER, scratch / "drive.py")
+        if streets := one_lane_streets(net):
+            write_json(scratch / "one_lane.json", streets)
+            shutil.copyfile(DRIVER.with_name("one_lane.py"), scratch / "one_lane.py")
         if demand.gates.gates:
             gates = {**gates_of(demand, warmup_s, seed), "outer": sorted(demand.outer)}
             write_json(scratch / "gates.json", gates)

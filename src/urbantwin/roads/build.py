@@ -233,6 +233,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
             level_of_way=level_of_way,
             origin={piece.id: piece.way for piece in pieces},
             arrows=prepared.arrows,
+            one_lane=prepared.one_lane,
         ),
         buildings,
     )

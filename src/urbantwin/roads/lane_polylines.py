@@ -11,7 +11,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, SectionLane
+from urbantwin.roads.model import (
+    LaneModel,
+    LaneSection,
+    ModelRoad,
+    SectionLane,
+    turned_round,
+)
 from urbantwin.roads.network import Junction, Lane, RoadNetwork, SignalHead
 
 __all__ = ["SurfaceHeight", "network_of_model"]
@@ -139,6 +145,8 @@ def _section_runs(
             if not lane.strip:
                 named = dataclasses.replace(lane, strip=f"{road.id}:{number}:{lane.id}")
             yield _Run(road, named, s, points, np.maximum(width, 0.0))
+            if named.opposite:
+                yield _Run(road, turned_round(named), s, points, np.maximum(width, 0.0))
 
 
 def _joined(parts: list[_Run]) -> _Run:
@@ -232,6 +240,7 @@ def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
         arrows=None if raw is None else raw.arrows,
         widths=np.zeros(0) if constant else widths,
         parking=run.lane.parking,
+        opposite=run.lane.opposite,
     )
 
 

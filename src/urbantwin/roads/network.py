@@ -61,6 +61,8 @@ class Lane:
             ``none``; empty where nobody told.
         parking: how vehicles stand on a parking lane: ``parallel``, ``diagonal`` or
             ``perpendicular``; empty where nobody told.
+        opposite: id of the lane that the other direction drives on in the same place, where a
+            street has one lane for both directions; empty elsewhere.
     """
 
     id: str
@@ -78,6 +80,7 @@ class Lane:
     arrows: tuple[str, ...] | None = None
     marking: str = ""
     parking: str = ""
+    opposite: str = ""
 
     @cached_property
     def polygon(self) -> shapely.Polygon:

@@ -14,8 +14,10 @@ from urbantwin.roads.curve_speed import lane_speeds
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.walking_line import Walls
 
-__all__ = ["redraw_sumo_network"]
+__all__ = ["ONE_LANE", "redraw_sumo_network"]
 
+#: Parameter of an edge whose vehicles share their lane with those of the edge that it names.
+ONE_LANE = "oneLane"
 #: The shortest lane that SUMO drives on, metres.
 SHORTEST_M = 0.1
 
@@ -53,6 +55,10 @@ def redraw_sumo_network(
                 lines[lane.id], width = walls.walked(lane)
                 if width is not None:
                     item.set("width", f"{width:.2f}")
+            if lane.opposite:
+                item.set("width", f"{lane.width:.2f}")
+                note = {"key": ONE_LANE, "value": lane.opposite.rsplit("_", 1)[0]}
+                edge.append(etree.Element("param", note))
             points = lines[lane.id].tolist()
             item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in points]))
         drawn = [lane for _, lane in rows if lane is not None]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Set
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from urbantwin.geometry import moved_left
 from urbantwin.roads.cross_section import SignedTurns
 from urbantwin.roads.network import Junction, Lane, Road, RoadNetwork, SignalHead, SignalProgram
 
@@ -36,6 +38,7 @@ def read_sumo_network(
     level_of_way: dict[int, int],
     origin: dict[int, int],
     arrows: SignedTurns | None = None,
+    one_lane: Set[int] = frozenset(),
 ) -> RoadNetwork:
     """Read ``.net.xml``; heights are left at zero.
 
@@ -45,6 +48,8 @@ def read_sumo_network(
         level_of_way: way -> level, for ways that cross over others.
         origin: id of a cut piece -> id of the way of the map.
         arrows: turns that ways sign for their lanes.
+        one_lane: pieces on which both directions share a lane: netconvert has one half of it for
+            each, side by side.
     """
     root = etree.parse(path).getroot()
     levels = {
@@ -95,7 +100,10 @@ def read_sumo_network(
         )
         for item in root.findall("tlLogic")
     )
+    shared = _edges_of_pieces(root, one_lane)
     by_id = {lane.id: lane for lane in lanes}
+    by_id |= _shared_lanes(by_id, [road for road in roads if road.id in shared], driving_side)
+    lanes = list(by_id.values())
     signals = tuple(
         _head(program, by_id[lane], links)
         for (program, lane), links in sorted(heads.items())
@@ -104,10 +112,39 @@ def read_sumo_network(
     return RoadNetwork(driving_side, tuple(roads), tuple(lanes), junctions, signals, programs)
 
 
+def _shared_lanes(
+    lanes: Mapping[str, Lane], edges: Sequence[Road], driving_side: str
+) -> dict[str, Lane]:
+    """Return the innermost lanes of opposite edges in one place, as the one lane that they share.
+
+    Args:
+        lanes: all lanes by id.
+        edges: those of streets with one lane for both directions.
+        driving_side: ``right`` or ``left``.
+    """
+    found: dict[str, Lane] = {}
+    edge_of = {(edge.id, edge.from_junction, edge.to_junction): edge for edge in edges}
+    inward = 1 if driving_side == "right" else -1
+    for edge in edges:
+        turned = edge.id[1:] if edge.id.startswith("-") else f"-{edge.id}"
+        other = edge_of.get((turned, edge.to_junction, edge.from_junction))
+        if other is None:
+            continue
+        lane, half = (lanes[road.lanes[-1]] for road in (edge, other))
+        centre = lane.centre.copy()
+        centre[:, :2] = moved_left(centre[:, :2], inward * half.width / 2)
+        width = lane.width + half.width
+        found[lane.id] = replace(lane, centre=centre, width=width, opposite=half.id)
+    return found
+
+
 def edges_of_pieces(net: Path, pieces: Set[int]) -> frozenset[str]:
     """Return the ids of the edges that are made of some pieces of ways alone."""
-    edges = etree.parse(net).getroot().iterfind("edge")
-    own = ((str(edge.get("id")), _ways(edge, {})) for edge in edges)
+    return _edges_of_pieces(etree.parse(net).getroot(), pieces)
+
+
+def _edges_of_pieces(root: etree._Element, pieces: Set[int]) -> frozenset[str]:
+    own = ((str(edge.get("id")), _ways(edge, {})) for edge in root.iterfind("edge"))
     return frozenset(name for name, found in own if found and set(found) <= pieces)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 
 from urbantwin.roads.cross_section.defaults import MAIN, MOTORWAYS
+from urbantwin.roads.cross_section.from_tags import ONE_LANE_LEAST_M
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.segment import Segment
 
@@ -61,6 +62,7 @@ def _fitted(section: CrossSection, segment: Segment, walls: shapely.STRtree) -> 
     if lacking <= 0.0:
         return section
     least = MAIN_M if section.kind in MAIN | MOTORWAYS else LOCAL_M
+    least = ONE_LANE_LEAST_M / 2 if section.one_lane else least
     share = max(0.0, 1.0 - lacking / assumed)
 
     def fitted(lane: CarriagewayLane) -> CarriagewayLane:

@@ -26,8 +26,13 @@ __all__ = ["cross_section"]
 #: Widths that lanes of motor traffic can have, metres; a width of the whole road that would give
 #: others is taken for something else.
 NARROWEST_M, WIDEST_M = 2.0, 8.0
-#: Half of a road with one lane for both directions, metres.
-HALF_LANE_M = 2.25
+#: A road with one lane for both directions where nobody mapped how wide it is, metres, and one on
+#: which cars can pass each other (``lanes=1.5``; RASt 06: 4.10 m for two cars at low speed).
+ONE_LANE_M, LANE_AND_A_HALF_M = 3.5, 4.5
+#: The least width of one lane for both directions, metres: a lorry of 2.5 m fits.
+ONE_LANE_LEAST_M = 2.75
+#: On a carriageway of this width or more two cars meet without waiting (RASt 06), metres.
+PASSING_M = 4.75
 #: Lists that say whether motor traffic may use a lane, the narrowest first.
 _ACCESS = ("motor_vehicle:lanes", "vehicle:lanes", "access:lanes")
 ARROWS = frozenset(
@@ -67,7 +72,8 @@ def cross_section(
         middle = replace(middle, allowed=permissions["forward"].motor, width=0.0)
         forward = [middle] * shared + forward
     forward, backward = _with_cycleways(tags, way, forward, backward, cycles, country)
-    forward, backward = _with_widths(tags, forward, backward, standard)
+    one_lane = _is_one_lane(tags, forward, backward)
+    forward, backward = _with_widths(tags, forward, backward, standard, one_lane=one_lane)
     outward = 1 if driving_side == "left" else -1
     sides = {}
     for side in ("left", "right"):
@@ -88,7 +94,30 @@ def cross_section(
         sides["left"],
         sides["right"],
         middle_of_road(tags, forward, backward, outward),
+        one_lane,
     )
+
+
+def _is_one_lane(
+    tags: Mapping[str, str], forward: list[CarriagewayLane], backward: list[CarriagewayLane]
+) -> bool:
+    """Return whether both directions of motor traffic share one lane.
+
+    So say ``lanes=1`` without ``oneway`` (OSM wiki, "Key:lanes") and ``oneway=alternating``, unless
+    the carriageway is mapped so wide that two cars can pass each other.
+    """
+    if one_way(tags) != "both" or any(
+        [lane.kind == "bicycle" for lane in lanes[:2]] not in ([False], [False, True])
+        for lanes in (forward, backward)
+    ):
+        return False
+    if any(lane.both_ways for lane in (*forward, *backward)):
+        return False
+    parts = sum(count(tags.get(f"lanes:{name}")) or 0 for name in ("forward", "backward"))
+    said = tags.get("lanes", "").strip() in ("1", "1.0") and parts < 2
+    alternating = tags.get("oneway") == "alternating" and "lanes" not in tags
+    wide = (_carriageway(tags) or 0.0) >= PASSING_M
+    return (said or alternating) and not wide
 
 
 def _lanes(
@@ -197,14 +226,18 @@ def _with_widths(
     forward: list[CarriagewayLane],
     backward: list[CarriagewayLane],
     standard: Standard,
+    *,
+    one_lane: bool,
 ) -> tuple[list[CarriagewayLane], list[CarriagewayLane]]:
-    """Fill in widths of lanes without a tag of their own."""
+    """Fill in widths of lanes without a tag of their own; of one lane for both, half for each."""
     lanes = [*forward, *backward]
     open_lanes = sum(not lane.width for lane in lanes)
     known = sum(lane.width for lane in lanes if not lane.track)
-    each = _share(tags, known, open_lanes, standard) if open_lanes else None
     highway = tags.get("highway", "")
     single = one_way(tags) == "both" and count(tags.get("lanes")) == 1
+    half = (ONE_LANE_M if one_lane else LANE_AND_A_HALF_M) / 2
+    least = ONE_LANE_LEAST_M / 2 if one_lane else NARROWEST_M
+    each = _share(tags, known, open_lanes, standard, least) if open_lanes else None
 
     def filled(lane: CarriagewayLane) -> CarriagewayLane:
         if lane.width:
@@ -212,17 +245,16 @@ def _with_widths(
         if each is not None:
             return replace(lane, width=each)
         usual = standard.bus if lane.kind == "bus" else standard.lane(highway)
-        return replace(lane, width=HALF_LANE_M if single else usual, assumed=True)
+        return replace(lane, width=half if single or one_lane else usual, assumed=True)
 
     return [filled(lane) for lane in forward], [filled(lane) for lane in backward]
 
 
 def _share(
-    tags: Mapping[str, str], known: float, open_lanes: int, standard: Standard
+    tags: Mapping[str, str], known: float, open_lanes: int, standard: Standard, least: float
 ) -> float | None:
     """Return the width of a lane that ``width``, from curb to curb, leaves to each."""
-    narrow = metres(tags.get("width:carriageway"))
-    whole = narrow or metres(tags.get("width")) or metres(tags.get("est_width"))
+    whole = _carriageway(tags)
     if whole is None:
         return None
     cars = 0.0
@@ -232,6 +264,12 @@ def _share(
             cars += found.width
     for beside in (cars, 0.0):
         each = (whole - known - beside) / open_lanes
-        if NARROWEST_M <= each <= WIDEST_M:
+        if least <= each <= WIDEST_M:
             return each
     return None
+
+
+def _carriageway(tags: Mapping[str, str]) -> float | None:
+    """Return the mapped width from curb to curb, metres."""
+    narrow = metres(tags.get("width:carriageway"))
+    return narrow or metres(tags.get("width")) or metres(tags.get("est_width"))

@@ -55,6 +55,7 @@ class PreparedWays:
         segments: the same segments with their cross sections.
         parts: piece that was given -> the segments that it was cut into.
         arrows: the turns that are signed for lanes.
+        one_lane: ids of the segments on which both directions share one lane.
     """
 
     pieces: tuple[WayPiece, ...]
@@ -62,6 +63,7 @@ class PreparedWays:
     segments: tuple[MappedSegment, ...]
     parts: Mapping[int, tuple[WayPiece, ...]]
     arrows: SignedTurns
+    one_lane: frozenset[int] = frozenset()
 
     def turns(self, forbidden: Iterable[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
         """Return forbidden turns (from piece, over node, to piece) as ones between segments."""
@@ -124,7 +126,10 @@ def prepare_ways(
     for segment, piece in zip(segments, prepared, strict=True):
         parts[segment.origin] += (piece,)
     arrows = signed_turns(segments, sections)
-    return PreparedWays(tuple(prepared), tuple(edges), mapped, parts, arrows)
+    one_lane = frozenset(
+        piece.id for piece, section in zip(prepared, sections, strict=True) if section.one_lane
+    )
+    return PreparedWays(tuple(prepared), tuple(edges), mapped, parts, arrows, one_lane)
 
 
 def _named(piece: WayPiece, old: Mapping[str, str]) -> WayPiece:

@@ -69,6 +69,8 @@ class CrossSection:
         forward: lanes along the way, from the middle of the road outwards.
         backward: lanes against it, from the middle outwards.
         left, right: what lies beside the lanes, as seen along the way.
+        one_lane: whether both directions share the innermost lane: ``forward`` and ``backward``
+            begin with one half of it each.
         middle: how far the middle of the road (where forward and backward lanes meet; for a road
             of one direction the inner border of its lanes) lies to the left of the mapped line,
             metres, at the way's start and end; ``None`` where the tags leave that open.
@@ -81,6 +83,7 @@ class CrossSection:
     left: Roadside
     right: Roadside
     middle: tuple[float | None, float | None]
+    one_lane: bool = False
 
     @property
     def outward(self) -> int:

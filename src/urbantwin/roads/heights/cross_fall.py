@@ -162,6 +162,8 @@ def line_across(
 def _outer_side(road: ModelRoad) -> int:
     """Return 0 for a two-way street, 1 where the outer side of a one-way road is its left."""
     lanes = [lane for section in road.sections for lane in section.lanes if lane.allowed]
+    if shared := [lane for lane in lanes if lane.opposite]:
+        return int(np.sign(shared[0].id))
     if len({lane.forward for lane in lanes}) == 2:
         return 0
     return int(np.sign(sum(np.sign(lane.id) for lane in lanes)))

@@ -39,7 +39,7 @@ def teeth(model: LaneModel) -> Iterator[tuple[int, list[NDArray[np.float64]]]]:
         section = road.section_at(sign.s if road.junction >= 0 else road.length * forward)
         lanes = {
             lane.id
-            for lane in section.lanes
+            for lane in section.directed
             if lane.kind in MOTOR
             and lane.forward == forward
             and (not sign.lanes or lane.id in sign.lanes)
@@ -51,7 +51,7 @@ def teeth(model: LaneModel) -> Iterator[tuple[int, list[NDArray[np.float64]]]]:
         ahead = 1.0 if forward else -1.0
         base = road.length - BEFORE_M if forward else BEFORE_M
         section = road.section_at(base)
-        for lane in section.lanes:
+        for lane in section.directed:
             key = (road.id, forward, lane.id)
             asked = lane.id in lanes and lane.kind in MOTOR and lane.forward == forward
             if asked and key not in drawn and road.length >= 4 * LONG_M:
@@ -82,7 +82,7 @@ def _street_before(
         road, forward = model.road_by_id[link.id], link.contact == "end"
         last = road.sections[-1 if forward else 0]
         lanes = {number for number in back if number is not None and number in last.by_id}
-        lanes = lanes or {lane.id for lane in last.lanes if lane.forward == forward}
+        lanes = lanes or {lane.id for lane in last.directed if lane.forward == forward}
     return road, lanes, forward
 
 

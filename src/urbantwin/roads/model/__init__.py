@@ -15,6 +15,7 @@ from urbantwin.roads.model.lane_section import (
     RAISED_KINDS,
     LaneSection,
     SectionLane,
+    turned_round,
 )
 from urbantwin.roads.model.model import LaneModel
 from urbantwin.roads.model.profile import Profile, fitted
@@ -44,4 +45,5 @@ __all__ = [
     "fitted",
     "splined",
     "turned",
+    "turned_round",
 ]

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from urbantwin.roads.model.profile import Profile
 
-__all__ = ["CURB_HEIGHT_M", "LANE_KINDS", "RAISED_KINDS", "LaneSection", "SectionLane"]
+__all__ = [
+    "CURB_HEIGHT_M",
+    "LANE_KINDS",
+    "RAISED_KINDS",
+    "LaneSection",
+    "SectionLane",
+    "turned_round",
+]
 
 #: Kinds of lanes. ``connection`` lanes of junctions are of the kind of what drives on them.
 LANE_KINDS = (
@@ -52,6 +59,8 @@ class SectionLane:
         change: who may change lanes over that line: none, both, increase, decrease.
         parking: how vehicles stand on a parking lane: parallel, diagonal or perpendicular; empty
             where nobody told. On one less than 3.5 m wide they stand along it all the same.
+        opposite: of a lane that both directions share, the strip of those who drive against
+            ``forward``; empty where traffic runs one way.
     """
 
     id: int
@@ -67,6 +76,12 @@ class SectionLane:
     mark: str = "none"
     change: str = "none"
     parking: str = ""
+    opposite: str = ""
+
+
+def turned_round(lane: SectionLane) -> SectionLane:
+    """Return a lane that both directions share as those see it who drive against it."""
+    return replace(lane, strip=lane.opposite, opposite=lane.strip, forward=not lane.forward)
 
 
 @dataclass(frozen=True)
@@ -89,6 +104,15 @@ class LaneSection:
     def by_id(self) -> dict[int, SectionLane]:
         """Lanes by their ids."""
         return {lane.id: lane for lane in self.lanes}
+
+    @cached_property
+    def directed(self) -> tuple[SectionLane, ...]:
+        """Lanes by direction: one that both directions share comes once for each of them."""
+        return tuple(
+            found
+            for lane in self.lanes
+            for found in ((lane, turned_round(lane)) if lane.opposite else (lane,))
+        )
 
     def inwards(self, lane: SectionLane) -> Iterable[SectionLane]:
         """Return the lanes between a lane and the reference line, from the line outwards."""

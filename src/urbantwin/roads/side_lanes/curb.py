@@ -37,11 +37,13 @@ def with_curbs(model: LaneModel) -> LaneModel:
 
 def _has_sidewalk(road: ModelRoad, side: int) -> bool:
     """Whether the innermost raised lane of a side is a wide enough sidewalk all along."""
+    shared = any(lane.opposite for section in road.sections for lane in section.lanes)
     for section in road.sections:
         lanes = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))
         raised = next((lane for lane in lanes if lane.kind in RAISED_KINDS), None)
-        # Connecting roads start at a sidewalk that is the only lane of a side: it stays in place.
-        if raised is None or raised.kind != "sidewalk" or abs(raised.id) == 1:
+        # Connecting roads start at a sidewalk that is the only lane of a side, unless both
+        # directions share the lane on the other side: it stays in place.
+        if raised is None or raised.kind != "sidewalk" or (abs(raised.id) == 1 and not shared):
             return False
         ends = [0.0, *raised.width.start]
         if np.min(raised.width.at(ends)) < NARROWEST_M:

@@ -59,6 +59,8 @@ def medians(
 
 def _inner_side(road: ModelRoad) -> int:
     """Return the side without lanes of a road of one direction: 1, -1; 0 if it has both."""
+    if any(lane.opposite for section in road.sections for lane in section.lanes):
+        return 0
     ids = {lane.id > 0 for section in road.sections for lane in section.lanes}
     return 0 if len(ids) != 1 else (-1 if ids.pop() else 1)
 

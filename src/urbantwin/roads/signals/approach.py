@@ -223,7 +223,7 @@ def _lane_of(road: ModelRoad, signal: RoadSignal) -> SectionLane:
     """Return the lane that a signal at its stop line is for."""
     section = road.section_at(min(signal.s, road.length - 1e-6))
     names = set(signal.strip.split())
-    return next((x for x in section.lanes if names & set(x.strip.split())), section.lanes[0])
+    return next((x for x in section.directed if names & set(x.strip.split())), section.lanes[0])
 
 
 def _waiting(
@@ -284,7 +284,7 @@ def _exit(
     s = 0.0 if at_start else street.length
     borders = [
         float(street.border(section, lane, s, outer=o)[0]) * (1 if at_start else -1)
-        for lane in section.lanes
+        for lane in section.directed
         if lane.kind in ("driving", "bus", "bicycle") and lane.forward == at_start
         for o in (False, True)
     ]

@@ -62,7 +62,7 @@ class _Course:
         return max(
             (
                 lane.speed_limit
-                for lane in section.lanes
+                for lane in section.directed
                 if lane.kind in DRIVEN and lane.forward == self.forward
             ),
             default=0.0,
@@ -71,7 +71,7 @@ class _Course:
     def lanes(self, section: LaneSection) -> tuple[int, ...]:
         return tuple(
             lane.id
-            for lane in section.lanes
+            for lane in section.directed
             if lane.kind in DRIVEN and lane.forward == self.forward
         )
 

@@ -124,7 +124,7 @@ def _places(model: LaneModel) -> dict[str, _Place]:
     found: dict[str, _Place] = {}
     for road in model.roads:
         for section in road.sections:
-            for lane in section.lanes:
+            for lane in section.directed:
                 for name in lane.strip.split():
                     if name not in found or lane.forward:
                         found[name] = _Place(road, section, lane)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -85,7 +86,11 @@ def _ends(manoeuvres: Sequence[Manoeuvre], number: Mapping[str, int]) -> dict[tu
 
 
 def _street(street: Street, ends: Mapping[tuple[int, str], int]) -> ModelRoad:
-    section = with_lane_marks(LaneSection(0.0, tuple(_lane(strip) for strip in street.strips)))
+    # A lane that both directions share is one lane, seen as those do who drive along the road.
+    own = [x for x in street.strips if x.forward or x.lane.opposite not in street.strip_of]
+    lanes = [replace(_lane(x), opposite=x.lane.opposite) for x in own]
+    lanes = [x if x.opposite in street.strip_of else replace(x, opposite="") for x in lanes]
+    section = with_lane_marks(LaneSection(0.0, tuple(lanes)))
     before, after = (ends.get((street.number, at)) for at in ("start", "end"))
     return ModelRoad(
         id=street.number,

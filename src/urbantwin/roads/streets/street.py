@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -121,9 +121,10 @@ def _partners(network: RoadNetwork, edges: list[Road], side: int) -> dict[str, R
         for other in by_ends.get((edge.to_junction, edge.from_junction), []):
             if {edge.id, other.id} & found.keys() or other.id == edge.id:
                 continue
+            inner = network.lane_by_id[edge.lanes[-1]]
             borders = [_inner_border(network, e, side) for e in (edge, other)]
             shorter, longer = sorted(borders, key=lambda line: float(line.length))
-            if _furthest(shorter, longer) < PAIRED_M:
+            if inner.opposite == other.lanes[-1] or _furthest(shorter, longer) < PAIRED_M:
                 found[edge.id], found[other.id] = other, edge
     return found
 
@@ -150,6 +151,10 @@ def _street(
     strips = _strips(outwards, side, forward=True)
     if other is not None:
         against = [network.lane_by_id[name] for name in other.lanes[::-1]]
+        if outwards[0].opposite == against[0].id:
+            # One lane for both: it lies on the side of those who drive along the road.
+            strips.append(replace(strips[0], lane=against[0], forward=False))
+            against = against[1:]
         strips += _strips(against, -side, forward=False)
     base = next((s for s in strips if s.forward and s.lane.kind != "sidewalk"), strips[0])
     line = moved_left(_thinned(base.lane.centre[:, :2]), -base.t)

@@ -1,6 +1,7 @@
 """Drives SUMO so that vehicles slow down in bends: ``python drive.py``, or part of a simulation.
 
-Where ``gates.json`` is beside it, gates meter the inflow, too (``gates.py``).
+Where ``gates.json`` is beside it, gates meter the inflow, too (``gates.py``), and where
+``one_lane.json`` is, vehicles wait for oncoming ones on streets of one lane (``one_lane.py``).
 
 A lane has one speed in SUMO, so a street that bends somewhere has the speed of its straight part.
 Here each vehicle's greatest speed is set, step by step, to what the lane allows where it is.
@@ -68,7 +69,10 @@ def drive(folder: Path, options: list[str]) -> None:
     """Run an exported folder to its end, with further options of SUMO."""
     libsumo.start(["sumo", "-c", str(folder / "twin.sumocfg"), *options])
     curves = Curves(json.loads((folder / "curves.json").read_text(encoding="utf-8")))
-    gates = None
+    gates = one_lane = None
+    if (folder / "one_lane.json").is_file():
+        known = json.loads((folder / "one_lane.json").read_text(encoding="utf-8"))
+        one_lane = run_path(str(folder / "one_lane.py"))["OneLaneStreets"](known)
     if (folder / "gates.json").is_file():
         job = json.loads((folder / "gates.json").read_text(encoding="utf-8"))
         gates = run_path(str(folder / "gates.py"))["Gates"](job, job["outer"])
@@ -77,6 +81,8 @@ def drive(folder: Path, options: list[str]) -> None:
     made = 0
     while libsumo.simulation.getTime() < end_s:
         curves.slow_down()
+        if one_lane is not None:
+            one_lane.heed(libsumo.simulation.getDeltaT())
         libsumo.simulationStep()
         if gates is not None and made % per_second == 0:
             gates.act(libsumo.simulation.getTime())

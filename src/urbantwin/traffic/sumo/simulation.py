@@ -24,6 +24,7 @@ from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
+from urbantwin.roads.sumo_geometry import ONE_LANE
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
@@ -42,6 +43,7 @@ __all__ = [
     "curves_of",
     "gates_of",
     "observe",
+    "one_lane_streets",
     "simulate",
     "sumo_options",
     "sumo_substeps",
@@ -58,6 +60,8 @@ _STUCK_S = (
 _BLOCKER_S = 60
 _SQUEEZE_S = 120  # people who stand in each other's way for so long squeeze past
 _FASTEST = 1.25  # nobody drives faster than so many times a lane's speed
+#: On a shorter edge no vehicle waits for another one, metres.
+WAITING_M = 12.0
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
@@ -287,6 +291,7 @@ def _worked(
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
             "trams": trams,
+            "one_lane": one_lane_streets(net_path),
             "approaches": demand.approaches,
             "queue_headways": any(IN_QUEUES in told for told in demand.manners.values()),
             "boarding": boarding_job(demand.passengers),
@@ -337,6 +342,44 @@ def curves_of(net_path: Path) -> dict[str, Any]:
         if speeds.min() < _FASTEST * limit[name]
     }
     return found
+
+
+def one_lane_streets(net_path: Path) -> dict[str, Any]:
+    """Return the streets with one lane for both directions, as ``one_lane.OneLaneStreets`` takes.
+
+    - ``street``: edge -> name of its street, the same for both directions;
+    - ``mouths``: edges from which vehicles come to one;
+    - ``short``: edges on which no vehicle can wait for another.
+    """
+    try:
+        root = etree.parse(net_path).getroot()
+    except etree.XMLSyntaxError:
+        return {}  # SUMO says what is wrong with it
+    street = {
+        edge.get("id", ""): min(edge.get("id", ""), note.get("value", ""))
+        for edge in root.iterfind("edge")
+        for note in edge.iterfind("param")
+        if note.get("key") == ONE_LANE
+    }
+    if not street:
+        return {}
+    length = {
+        edge.get("id", ""): float(edge.find("lane").get("length", "0"))
+        for edge in root.iterfind("edge")
+        if not edge.get("function")
+    }
+    short = {edge for edge, metres in length.items() if metres < WAITING_M and edge not in street}
+    before: dict[str, set[str]] = {}
+    for item in root.iterfind("connection"):
+        if item.get("from", "") in length:
+            before.setdefault(item.get("to", ""), set()).add(item.get("from", ""))
+    mouths: set[str] = set()
+    new = set(street)
+    while new:
+        new = {edge for to in new for edge in before.get(to, ())} - mouths
+        mouths |= new
+        new &= short
+    return {"street": street, "mouths": sorted(mouths), "short": sorted(short)}
 
 
 @contextmanager

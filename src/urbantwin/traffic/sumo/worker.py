@@ -37,7 +37,7 @@ def _beside(name: str) -> ModuleType:
 
 curving, railways, events = _beside("curves"), _beside("trams"), _beside("staging")
 wrong_lanes, boarding = _beside("wrong_lanes"), _beside("boarding")
-metering = _beside("gates")
+metering, narrow = _beside("gates"), _beside("one_lane")
 lane_use, queues = _beside("lane_use"), _beside("queue_headway")
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
@@ -284,11 +284,13 @@ def simulate(job: dict[str, Any]) -> None:
     curves = curving.Curves(job["curves"])
     staging = events.Staging(job["staged"])
     trams = railways.Trams(job["trams"])
+    one_lane = narrow.OneLaneStreets(job["one_lane"])
     step_s = libsumo.simulation.getDeltaT()
     reported = 0.0
     for made in range(total):
         curves.slow_down()
         trams.heed(step_s)
+        one_lane.heed(step_s)
         staging.act()
         libsumo.simulationStep()
         recorder.count_incidents()

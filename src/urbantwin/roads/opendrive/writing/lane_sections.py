@@ -111,8 +111,9 @@ def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
     item = etree.SubElement(parent, "lane", id=str(lane.id), type=kind, level="false")
     along = (lane.id < 0) == (place.model.driving_side == "right")
     reversed_ = lane.kind in DRIVEN and lane.forward != along
-    if reversed_ and place.version != "1.4":
-        item.set("direction", "reversed")
+    direction = "both" if lane.opposite else "reversed" if reversed_ else ""
+    if direction and place.version != "1.4":
+        item.set("direction", direction)
     _links(item, lane, place)
     for start, row in records(lane.width, place.length):
         etree.SubElement(item, "width", sOffset=number(start), **abcd(row))
@@ -133,8 +134,8 @@ def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
         etree.SubElement(item, "userData", code="kind", value=lane.kind)
     if lane.parking:
         etree.SubElement(item, "userData", code="parking", value=lane.parking)
-    if reversed_ and place.version == "1.4":
-        etree.SubElement(item, "userData", code="direction", value="reversed")
+    if direction and place.version == "1.4":
+        etree.SubElement(item, "userData", code="direction", value=direction)
 
 
 def _mark(lane: etree._Element, kind: str, change: str) -> None:

@@ -1,0 +1,188 @@
+"""Streets with one lane for both directions: vehicles wait until nobody comes towards them.
+
+In SUMO both directions are edges of their own in one place, so SUMO knows of no oncoming traffic
+there. Before every step this finds the vehicles that come to such a street. One enters when no
+vehicle drives against it on all of the streets of this kind that follow each other on its route, up
+to the next place where two can pass: it then needs nothing that another vehicle has, and no two
+wait for each other. The vehicle that came first goes first, and those close behind follow it.
+Bicycles pass beside a car and do not wait.
+
+Part of SUMO's worker: imports nothing of UrbanTwin (see ``worker``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import libsumo
+
+#: Braking before the street, m/s2, hardest braking, m/s2, and where a vehicle waits before the end
+#: of its lane, m.
+BRAKING_MS2, HARDEST_MS2, BEFORE_M = 2.0, 4.5, 1.0
+#: A vehicle asks to enter where it would have to brake, or so much farther away, s and m.
+AHEAD_S, AHEAD_M = 1.0, 8.0
+#: A vehicle that comes so soon after another one follows it, s, unless an oncoming one has waited
+#: for so long, s.
+FOLLOWS_S, PATIENCE_S = 5.0, 40.0
+#: A vehicle that has entered has left the road before when its rear is so far beyond, m.
+CLEAR_M = 1.0
+#: Classes of vehicles that do not wait: bicycles have room, trams have rails.
+_OTHERS = ("bicycle", "tram")
+
+#: What a vehicle that may enter has: the edge that it comes from, and the edges of its own.
+_Passage = tuple[str, list[str]]
+
+
+class OneLaneStreets:
+    """Streets on which vehicles wait for each other.
+
+    Args:
+        known: what ``one_lane_streets`` returned.
+    """
+
+    def __init__(self, known: dict[str, Any]) -> None:
+        self.street: dict[str, str] = known.get("street", {})
+        self.mouths: list[str] = known.get("mouths", [])
+        self.short = frozenset(known.get("short", ()))
+        self.passages: dict[str, _Passage] = {}
+        self.waiting: dict[str, float] = {}
+        self.entered: dict[str, float] = {}
+        self.slowed: set[str] = set()
+
+    def heed(self, step_s: float) -> None:
+        """Admit or hold the vehicles that come to these streets; called before every step."""
+        if not self.street:
+            return
+        self._leave()
+        now_s = libsumo.simulation.getTime()
+        asking: dict[str, tuple[str, list[str], float]] = {}
+        for edge in self.mouths:
+            held: set[str] = set()
+            for name in self._motor(edge):
+                ahead_m = self._asks(name, edge)
+                lane = libsumo.vehicle.getLaneID(name)
+                if ahead_m is None or lane in held:
+                    continue
+                run = self._run(name)
+                if not run or set(run) <= set(self._own(name)):
+                    continue
+                asking[name] = edge, run, ahead_m
+                held.add(lane)
+        self.waiting = {name: self.waiting.get(name, now_s) for name in asking}
+        slowed: set[str] = set()
+        before: list[tuple[float, list[str]]] = []
+        for name in sorted(asking, key=lambda one: (self.waiting[one], len(one), one)):
+            edge, run, ahead_m = asking[name]
+            oncoming = [since for since, other in before if _meet(run, other, self.street)]
+            follows = now_s - self.entered.get(run[0], -math.inf) < FOLLOWS_S
+            may = not oncoming or (follows and now_s - min(oncoming) < PATIENCE_S)
+            if may and self._is_free(name, run):
+                self.passages[name] = edge, run
+                self.entered[run[0]] = now_s
+                del self.waiting[name]
+                continue
+            before.append((self.waiting[name], run))
+            speed = libsumo.vehicle.getSpeed(name)
+            most = max(_safe(ahead_m - BEFORE_M), speed - HARDEST_MS2 * step_s, 0.0)
+            libsumo.vehicle.setSpeed(name, most)
+            slowed.add(name)
+        here = set(libsumo.vehicle.getIDList())
+        for name in sorted((self.slowed - slowed) & here):
+            libsumo.vehicle.setSpeed(name, -1)
+        self.slowed = slowed
+
+    def _motor(self, edge: str) -> list[str]:
+        """Return the motor vehicles on an edge, the first one first."""
+        vehicle = libsumo.vehicle
+        there = [
+            name
+            for name in libsumo.edge.getLastStepVehicleIDs(edge)
+            if vehicle.getVehicleClass(name) not in _OTHERS
+        ]
+        return sorted(there, key=lambda name: (-vehicle.getLanePosition(name), name))
+
+    def _own(self, name: str) -> list[str]:
+        return self.passages[name][1] if name in self.passages else []
+
+    def _asks(self, name: str, edge: str) -> float | None:
+        """Return how far a vehicle is from the end of its lane; ``None`` if it need not ask yet.
+
+        Nor does one that waits at a red light or at a stop.
+        """
+        vehicle = libsumo.vehicle
+        speed = vehicle.getSpeed(name)
+        ahead_m = libsumo.lane.getLength(vehicle.getLaneID(name)) - vehicle.getLanePosition(name)
+        if ahead_m > speed * speed / (2.0 * BRAKING_MS2) + AHEAD_S * speed + AHEAD_M:
+            return None
+        if self._waits_at_red(name):
+            return None
+        if any(stop.lane.rpartition("_")[0] == edge for stop in vehicle.getStops(name, 1)):
+            return None
+        return float(ahead_m)
+
+    def _waits_at_red(self, name: str) -> bool:
+        """Whether the end of a vehicle's lane has a signal that is red."""
+        vehicle = libsumo.vehicle
+        ahead_m = libsumo.lane.getLength(vehicle.getLaneID(name)) - vehicle.getLanePosition(name)
+        signals: Any = vehicle.getNextTLS(name)
+        return bool(signals and signals[0][2] < ahead_m + 1.0 and signals[0][3] in "rR")
+
+    def _run(self, name: str) -> list[str]:
+        """Return the edges of one lane ahead of a vehicle, to where the next two can pass."""
+        run: list[str] = []
+        route = libsumo.vehicle.getRoute(name)
+        for edge in route[libsumo.vehicle.getRouteIndex(name) + 1 :]:
+            if edge in self.street:
+                run.append(edge)
+            elif edge not in self.short:
+                break
+        return run
+
+    def _is_free(self, name: str, run: list[str]) -> bool:
+        return not any(
+            _meet(run, edges, self.street)
+            for other, (_, edges) in self.passages.items()
+            if other != name
+        )
+
+    def _leave(self) -> None:
+        """Give back the edges that vehicles have left, and note those that entered regardless."""
+        vehicle = libsumo.vehicle
+        here = set(vehicle.getIDList())
+        for name, (entry, edges) in list(self.passages.items()):
+            if name not in here:
+                del self.passages[name]
+                continue
+            road = vehicle.getRoadID(name)
+            if road == entry and self._waits_at_red(name):
+                del self.passages[name]
+                continue
+            rear_m = vehicle.getLanePosition(name) - vehicle.getLength(name)
+            if road.startswith(":") or road == entry or rear_m < CLEAR_M:
+                continue
+            if road in edges:
+                self.passages[name] = entry, edges[edges.index(road) :]
+            elif road not in self.short:
+                del self.passages[name]
+        for edge in self.street:
+            for name in self._motor(edge):
+                if edge not in self._own(name):
+                    self.passages[name] = "", [edge, *self._run(name)]
+
+
+def _meet(first: list[str], second: list[str], street: dict[str, str]) -> bool:
+    """Whether vehicles that drive over some edges meet on a street."""
+    there: dict[str, set[str]] = {}
+    for edge in second:
+        there.setdefault(street[edge], set()).add(edge)
+    mine: dict[str, set[str]] = {}
+    for edge in first:
+        mine.setdefault(street[edge], set()).add(edge)
+    return any(len(edges | there[key]) > 1 for key, edges in mine.items() if key in there)
+
+
+def _safe(gap_m: float) -> float:
+    """Return the speed from which a vehicle stops within a distance, m/s."""
+    reaction = BRAKING_MS2 * 0.5
+    return max(-reaction + math.sqrt(reaction**2 + 2 * BRAKING_MS2 * max(gap_m, 0.0)), 0.0)
