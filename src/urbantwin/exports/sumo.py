@@ -43,8 +43,8 @@ def write_sumo(twin: Twin, folder: Path) -> None:
     demand, duration and seed. ``buildings.add.xml`` and ``view.settings.xml`` are for the eye. The
     first second of the motion is SUMO's second ``warmup_s``. What SUMO cannot be told in a file is
     in ``curves.json``: how fast vehicles are in the bends of streets; and in ``gates.json``: how
-    gates meter the vehicles that come into the region. ``drive.py`` runs the folder with both,
-    and with ``one_lane.json``: the streets on which vehicles wait for oncoming ones.
+    gates meter the vehicles that come into the region; and in ``one_lane.json``: on which streets
+    vehicles wait for oncoming ones. ``drive.py`` runs the folder with all of them.
 
     Raises:
         InputError: the folder holds something else, or the step is none that SUMO can make.
