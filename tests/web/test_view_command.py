@@ -4,10 +4,12 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import urllib.request
 from dataclasses import replace
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -35,6 +37,7 @@ def test_it_serves_until_it_is_ended(dataset, number, built_page):
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "DISPLAY": "", "WAYLAND_DISPLAY": ""},
     )  # fmt: skip
+    clients = []
     try:
         lines = []
         while not lines or not lines[-1].startswith("}"):
@@ -43,10 +46,20 @@ def test_it_serves_until_it_is_ended(dataset, number, built_page):
         address = re.search(r"http://127\.0\.0\.1:\d+/[0-9a-f]{32}/", "".join(lines))[0]
         with urllib.request.urlopen(address, timeout=20) as answer:
             assert answer.status == 200
+        # Requests under way neither delay the end nor leave a traceback.
+        port = int(address.split(":")[2].split("/")[0])
+        path = urlsplit(address).path
+        for which in range(50):
+            client = socket.create_connection(("127.0.0.1", port), timeout=20)
+            clients.append(client)
+            request = f"GET {path}packet/points/0/{which % 2} HTTP/1.1\r\nHost: 127.0.0.1:{port}"
+            client.sendall(f"{request}\r\n\r\n".encode())
         process.send_signal(number)
         out, error = process.communicate(timeout=20)
         assert (process.returncode, out, error) == (0, "", "")
     finally:
+        for client in clients:
+            client.close()
         process.kill()
         process.wait()
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
 import re
 import secrets
 import socket
 from collections.abc import Callable
-from threading import Thread
+from threading import Event, Semaphore, Thread
 
 import uvicorn
 from starlette.applications import Starlette
@@ -57,8 +58,10 @@ class PageServer:
         self.port = int(self._socket.getsockname()[1])
         token = secrets.token_hex(16)
         self.address = f"http://{_HOST}:{self.port}/{token}/"
+        self._closing = Event()
+        application = _application(shown, token, script, style, self._closing)
         config = uvicorn.Config(
-            _Guarded(_application(shown, token, script, style), self.port),
+            _Guarded(application, self.port),
             log_config=None,
             access_log=False,
             server_header=False,
@@ -85,6 +88,7 @@ class PageServer:
         for one in loggers:
             one.addFilter(_nothing)
         try:
+            self._closing.set()
             self._server.should_exit = True
             self._thread.join(timeout=5)
             self._socket.close()
@@ -115,7 +119,13 @@ def _bound(port: int) -> socket.socket:
     return listening
 
 
-def _application(shown: Shown, token: str, script: bytes, style: bytes) -> Starlette:
+def _application(
+    shown: Shown, token: str, script: bytes, style: bytes, closing: Event
+) -> Starlette:
+    # As many packets at once as there are processors. The other requests wait, and are refused when
+    # the server closes: else it would end only after all that a page had requested in advance.
+    room = Semaphore(os.cpu_count() or 1)
+
     def index(request: Request) -> Response:
         return _whole(request, served_html(shown.document()), "text/html; charset=utf-8")
 
@@ -128,7 +138,10 @@ def _application(shown: Shown, token: str, script: bytes, style: bytes) -> Starl
 
     def packet(request: Request) -> Response:
         try:
-            content = shown.packet(request.path_params["name"])
+            with room:
+                if closing.is_set():
+                    return PlainTextResponse("the server is closing", 503)
+                content = shown.packet(request.path_params["name"])
         except KeyError:
             return PlainTextResponse("not found", 404)
         except UrbanTwinError as error:
