@@ -6,7 +6,6 @@ import os
 import shutil
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 import urbantwin as ut
@@ -18,6 +17,8 @@ from urbantwin.dataset.split.actor_places import Recorded
 from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
 from urbantwin.view.pictures import redraw_split
+
+from ..box_tables import write_table
 
 PARTS = ("train", "val", "test")
 POSE = np.eye(4).tolist()
@@ -35,19 +36,13 @@ def table_of(path, rows):
         {**usual, "frame": f"{frame:06d}", "track": track, "x": x, "y": y, **more}
         for frame, track, x, y, more in rows
     ]
-    import pyarrow as pa
-
-    names = ["frame", "track", *usual]
-    kinds = {"frame": pa.string(), "track": pa.int32(), "ignored": pa.string()}
-    kinds |= {"parked": pa.bool_()}
-    schema = pa.schema([(name, kinds.get(name, pa.float64())) for name in names])
-    pq.write_table(pa.Table.from_pylist(full, schema=schema), path)
+    write_table(path, full)
 
 
 def recorded(tmp_path, count, rows, step_s=0.1):
     table_of(tmp_path / "boxes.parquet", rows)
     frames = [{"name": f"{k:06d}", "time_s": k * step_s} for k in range(count)]
-    return Recorded(tmp_path / "boxes.parquet", frames, POSE)
+    return Recorded(tmp_path, frames, POSE)
 
 
 def passing(count, step_s=0.1, speed=8.0):

@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import yaml
 
 import urbantwin as ut
 from urbantwin.errors import InputError
+
+from ..box_tables import write_table
 
 
 def dataset(folder: Path, count: int) -> dict[str, np.ndarray]:
@@ -25,7 +25,9 @@ def dataset(folder: Path, count: int) -> dict[str, np.ndarray]:
     (folder / "ImageSets").mkdir()
     (folder / "ImageSets" / "train.txt").write_text("".join(f"{k:06d}\n" for k in range(8)))
     rows["num_points"] = draw.integers(0, 50, len(names))
-    pq.write_table(pa.table({"class": names, **rows}), folder / "boxes.parquet")
+    columns = {"class": names, **rows}
+    values = zip(*(one.tolist() for one in columns.values()), strict=True)
+    write_table(folder / "boxes.parquet", [dict(zip(columns, row, strict=True)) for row in values])
     return {"class": names, **rows}
 
 

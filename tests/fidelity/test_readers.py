@@ -13,6 +13,7 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import LAYOUTS, open_recording
 from urbantwin.geometry import points_in_box
 
+from ..box_tables import write_table
 from ..real_files import AHN3, FOREGROUND, argoverse_log
 
 POINTS = np.random.default_rng(3).uniform(-50, 50, (60, 4)).astype(np.float32)
@@ -186,8 +187,6 @@ def test_every_layout_refuses_an_empty_folder(tmp_path, layout):
 
 def write_own(root):
     """Write a dataset by docs/architecture.md: two sensors, one frame."""
-    import pyarrow as pa
-    from pyarrow import parquet
 
     for name in ("points", "rays", "semantic"):
         (root / name).mkdir(parents=True)
@@ -205,21 +204,17 @@ def write_own(root):
         json.dumps({"kind": "dataset", "dataset_SE3_site": site.tolist(), "frames": []})
     )
     box = dict(zip(("x", "y", "z", "length", "width", "height", "yaw"), range(7), strict=True))
-    parquet.write_table(
-        pa.Table.from_pylist(
-            [{"frame": "000004", "track": 5, "class": "car", **box}, {"frame": "000005"}]
-        ),
+    write_table(
         root / "boxes.parquet",
+        [{"frame": "000004", "track": 5, "class": "car", **box}, {"frame": "000005"}],
     )
-    parquet.write_table(
-        pa.Table.from_pylist(
-            [
-                {"frame": "000004", "sensor": "ne", "true_x": 20.0, "true_y": 10.0, "true_z": 6.0},
-                {"frame": "000004", "sensor": "ne", "true_x": 20.0, "true_y": 10.0, "true_z": 6.0},
-                {"frame": "000004", "sensor": "a", "true_x": 0.0, "true_y": 0.0, "true_z": 5.0},
-            ]
-        ),
+    write_table(
         root / "sweeps.parquet",
+        [
+            {"frame": "000004", "sensor": "ne", "true_x": 20.0, "true_y": 10.0, "true_z": 6.0},
+            {"frame": "000004", "sensor": "ne", "true_x": 20.0, "true_y": 10.0, "true_z": 6.0},
+            {"frame": "000004", "sensor": "a", "true_x": 0.0, "true_y": 0.0, "true_z": 5.0},
+        ],
     )
 
 

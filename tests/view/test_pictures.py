@@ -7,8 +7,6 @@ import time
 from dataclasses import replace
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import shapely
 from matplotlib.colors import to_rgb
@@ -37,6 +35,8 @@ from urbantwin.view.plan import plan, plan_figure
 from urbantwin.view.plan_style import DARK
 from urbantwin.view.range_image import range_image, spread_rays
 from urbantwin.view.scene import Camera, render, scene_picture
+
+from ..box_tables import write_table
 
 COLUMNS = 90
 ELEVATION_DEG = np.array([-30.0, -10.0, -20.0, 0.0])  # channels not in the order of their height
@@ -441,10 +441,13 @@ def write_dataset(folder, frames):
             )
             told = {"frame": frame.name, "track": 5, "class": name, "num_points": int(count)}
             rows.append({**told, **values})
-    pq.write_table(pa.Table.from_pylist(rows), folder / "boxes.parquet")
+    write_table(folder / "boxes.parquet", rows)
     place = np.eye(4)
     place[:3, :3] = frames[0].sensors[0].dataset_SE3_sensor.rotation
     place[:3, 3] = frames[0].sensors[0].dataset_SE3_sensor.translation
+    there = {f"true_{axis}": float(place[k, 3]) for k, axis in enumerate("xyz")}
+    turns = [{"frame": frame.name, "sensor": "pole", **there} for frame in frames]
+    write_table(folder / "sweeps.parquet", turns)
     sensor = {
         "name": "pole",
         "model": "MODEL",

@@ -9,19 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.dataset.reading.columns import BOX, VELOCITY
 from urbantwin.geometry import wrapped
 from urbantwin.lidar import BoxLabel
 
-__all__ = ["BOX_FIELDS", "UNKNOWN_IS_NAN", "box_columns", "box_rows", "label_line", "label_lines"]
+__all__ = ["UNKNOWN_IS_NAN", "box_columns", "box_rows", "label_line", "label_lines"]
 __all__ += ["packed_columns"]
 
-BOX_FIELDS = ("x", "y", "z", "length", "width", "height", "yaw")
-_VELOCITY = ("vx", "vy", "vz")
 _WHOLE = ("track", "num_points", "num_points_alone")
 _TEXT = ("class", "difficulty", "ignored")
 #: Columns in which a number may be unknown.
 UNKNOWN_IS_NAN = ("occlusion", "visibility")
-_LINE = " ".join(["%.4f"] * len(BOX_FIELDS)) + " %s\n"
+_LINE = " ".join(["%.4f"] * len(BOX)) + " %s\n"
 
 
 def label_lines(boxes: Sequence[BoxLabel]) -> str:
@@ -50,7 +49,7 @@ def box_columns(boxes: Sequence[BoxLabel]) -> dict[str, list[Any]]:
     return {
         "track": [one.track for one in boxes],
         "class": [one.actor_class for one in boxes],
-        **dict(zip(BOX_FIELDS, placed.T.tolist(), strict=True)),
+        **dict(zip(BOX, placed.T.tolist(), strict=True)),
         "num_points": [one.num_points for one in boxes],
         "num_points_alone": [one.num_points_alone for one in boxes],
         "occlusion": [one.occlusion if one.num_points_alone else None for one in boxes],
@@ -59,7 +58,7 @@ def box_columns(boxes: Sequence[BoxLabel]) -> dict[str, list[Any]]:
         "difficulty": [one.difficulty for one in boxes],
         "ignored": [one.ignored for one in boxes],
         "observed_s": [one.observed_s for one in boxes],
-        **dict(zip(_VELOCITY, moving.T.tolist(), strict=True)),
+        **dict(zip(VELOCITY, moving.T.tolist(), strict=True)),
     }
 
 

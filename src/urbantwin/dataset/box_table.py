@@ -11,36 +11,13 @@ import numpy as np
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.dataset.box_columns import UNKNOWN_IS_NAN
 from urbantwin.dataset.layout import frame_name
+from urbantwin.dataset.reading.columns import BOXES, arrow_schema
 from urbantwin.lidar.annotated import truck_of_load
 
 if TYPE_CHECKING:
     from urbantwin.traffic.motion import Motion
 
 __all__ = ["write_boxes"]
-
-#: Columns and Arrow types. Boxes and velocities are in the dataset's frame: metres, radians,
-#: metres per second. A box stands where its actor was ``observed_s`` after the frame's time, when
-#: the rays met it. ``occlusion`` and ``visibility`` are null for an actor that no ray reaches even
-#: when it is alone in the world; of ``difficulty`` and ``ignored`` one is (``docs/labels.md``).
-#: ``towed_by`` is the track that it hangs on, null for most.
-_COLUMNS = {
-    "frame": "string",
-    "time_s": "float64",
-    "track": "int32",
-    "class": "string",
-    **dict.fromkeys(("x", "y", "z", "length", "width", "height", "yaw"), "float64"),
-    "num_points": "int32",
-    "num_points_alone": "int32",
-    "occlusion": "float64",
-    "visibility": "float64",
-    "truncation": "float64",
-    "difficulty": "string",
-    "ignored": "string",
-    "observed_s": "float64",
-    **dict.fromkeys(("vx", "vy", "vz"), "float64"),
-    "parked": "bool_",
-    "towed_by": "int32",
-}
 
 
 def write_boxes(
@@ -78,7 +55,7 @@ def write_boxes(
     columns["parked"] = np.array([one in parked for one in track], np.bool_)
     both = zip(track, columns["class"].tolist(), strict=True)
     columns["towed_by"] = [pulls.get(one, _carries(one, kind)) for one, kind in both]
-    schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
+    schema = arrow_schema(BOXES)
     arrays = [
         pa.array(columns[one.name], one.type, from_pandas=one.name in UNKNOWN_IS_NAN)
         for one in schema

@@ -13,6 +13,7 @@ from urbantwin.artefact.document import read_json_value
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.block_sums import damaged_block
 from urbantwin.dataset.box_columns import label_line
+from urbantwin.dataset.reading.columns import BOX
 from urbantwin.dataset.reading.frame_files import read_labels, read_rays
 from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.errors import InputError
@@ -73,10 +74,9 @@ def _written_labels(path: Path) -> bytes:
     """Return what the labels of a frame are, by the dataset's table of boxes."""
     table = read_parquet(path.parent.parent / "boxes.parquet", _EXPECTED)
     rows = [row for row in table.to_pylist() if row.get("frame") == path.stem]
-    box = ("x", "y", "z", "length", "width", "height", "yaw")
     try:
         lines = [
-            label_line(np.array([row[name] for name in box], np.float64), row["class"])
+            label_line(np.array([row[name] for name in BOX], np.float64), row["class"])
             for row in rows
         ]
     except (KeyError, TypeError, ValueError):

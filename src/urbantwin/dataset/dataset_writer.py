@@ -16,8 +16,9 @@ from urbantwin.dataset.frame_place import MARKS, FramePlace
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, areas_of, write_ignore_regions
 from urbantwin.dataset.layout import folders_of, frame_name
 from urbantwin.dataset.manifest import frames_of, manifest_of
+from urbantwin.dataset.reading.columns import SEQUENCE_TABLES
 from urbantwin.dataset.reading.frame_files import RAY_TYPE
-from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
+from urbantwin.dataset.sequence_tables import write_sequence_tables
 from urbantwin.dataset.split.actor_places import Recorded
 from urbantwin.dataset.split.asked import SplitAsked
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
@@ -224,7 +225,7 @@ def write_tables(
     write_sweeps(sweeps, list(times_s), entries)
     frames = frames_of(times_s, entries)
     write_sequence_tables(folder, {**recipe, "frames": frames}, folder, motion, twin)
-    return Recorded(boxes, frames, recipe["dataset_SE3_site"])
+    return Recorded(folder, frames, recipe["dataset_SE3_site"])
 
 
 def finish_dataset(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import read_parquet
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.errors import InputError
 
 __all__ = [
@@ -30,7 +31,7 @@ __all__ = [
 
 #: NumPy's type of each column.
 COLUMNS = {
-    **dict.fromkeys(("x", "y", "z", "intensity"), "f4"),
+    **dict.fromkeys(POINT, "f4"),
     **dict.fromkeys(("semantic", "instance"), "u2"),
     "sensor": "u1",
     "ring": "u2",
@@ -53,7 +54,7 @@ def columns_of_frame(
 ) -> dict[str, NDArray[Any]]:
     """Return the columns (N,) of a frame; the arrays are those of `frame_files.FrameFiles`."""
     return {
-        **{name: points[:, k] for k, name in enumerate(("x", "y", "z", "intensity"))},
+        **{name: points[:, k] for k, name in enumerate(POINT)},
         "semantic": (labels & 0xFFFF).astype("u2"),
         "instance": (labels >> 16).astype("u2"),
         **{name: rays[name] for name in rays.dtype.names or ()},

@@ -21,12 +21,12 @@ from urbantwin.dataset.motion_interpolation import (
     Rows,
     interpolated,
 )
+from urbantwin.dataset.reading.columns import POSE
 from urbantwin.geometry import rotation_from_ypr
 from urbantwin.lidar.actor_path import ActorPath
 
 __all__ = ["FrameMotion", "FrameMotions"]
 
-_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
 #: Steps that are kept because the next frame needs them too.
 _KEPT_STEPS = 64
 
@@ -142,13 +142,13 @@ class FrameMotions:
 
 
 def _poses(rows: Rows) -> NDArray[np.float64]:
-    return np.stack([rows[name] for name in _POSE], axis=-1)
+    return np.stack([rows[name] for name in POSE], axis=-1)
 
 
 def _poses_of(track: NDArray[np.int32], step: _Step) -> NDArray[np.float64]:
     """Return the poses (A, 6) that actors have in a step, by their tracks; NaN where absent."""
     if not len(step.track):
-        return np.full((len(track), len(_POSE)), np.nan)
+        return np.full((len(track), len(POSE)), np.nan)
     at = np.minimum(step.track.searchsorted(track), len(step.track) - 1)
     poses = step.poses[at]
     poses[step.track[at] != track] = np.nan

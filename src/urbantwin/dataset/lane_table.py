@@ -5,19 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from urbantwin.dataset.reading.columns import LANES, PLACE, arrow_schema
+
 if TYPE_CHECKING:
     from urbantwin.roads.network import RoadNetwork
 
-__all__ = ["LANES", "write_lanes"]
-
-LANES = "lanes.parquet"
-
-#: What of a lane is told as it is (`roads.network.Lane`), and its Arrow type.
-_TOLD = {
-    **dict.fromkeys(("id", "road", "junction", "kind"), "string"),
-    **dict.fromkeys(("width", "speed_limit"), "float64"),
-    "level": "int32",
-}
+__all__ = ["write_lanes"]
 
 
 def write_lanes(path: Path, roads: RoadNetwork) -> None:
@@ -35,16 +28,10 @@ def write_lanes(path: Path, roads: RoadNetwork) -> None:
 
     rows: list[dict[str, Any]] = [
         {
-            **{name: getattr(lane, name) for name in _TOLD},
-            "allowed": list(lane.allowed),
-            "successors": list(lane.successors),
-            **dict(zip(("x", "y", "z"), lane.centre.T.tolist(), strict=True)),
+            **{name: getattr(lane, name) for name in LANES if name not in PLACE},
+            **dict(zip(PLACE, lane.centre.T.tolist(), strict=True)),
         }
         for lane in sorted(roads.lanes, key=lambda one: one.id)
     ]
-    schema = pa.schema(
-        [(name, getattr(pa, kind)()) for name, kind in _TOLD.items()]
-        + [(name, pa.list_(pa.string())) for name in ("allowed", "successors")]
-        + [(name, pa.list_(pa.float64())) for name in ("x", "y", "z")]
-    )
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, compression="zstd")
+    table = pa.Table.from_pylist(rows, schema=arrow_schema(LANES))
+    pq.write_table(table, path, compression="zstd")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from urbantwin.dataset.reading.columns import ANGLES, PLACE, POSE, POSES, arrow_schema
 from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, rotation_from_ypr, ypr_from_rotation
@@ -19,17 +20,6 @@ __all__ = ["EGO", "frame_poses", "pose_of_frame", "pose_table", "true_and_report
 
 #: Name of the row of the vehicle that carries the sensors; of a rig that stands, of its points.
 EGO = "ego"
-_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
-#: Columns and Arrow types. ``time_s`` is true, seconds from the motion's start: of a sensor when
-#: its turn began. ``true_*`` is where it was, ``reported_*`` where points were computed from.
-_COLUMNS = {
-    "frame": "string",
-    "name": "string",
-    "turn": "int32",
-    "time_s": "float64",
-    **{f"true_{name}": "float64" for name in _POSE},
-    **{f"reported_{name}": "float64" for name in _POSE},
-}
 
 
 def frame_poses(manifest: Mapping[str, Any]) -> dict[str, Pose]:
@@ -93,12 +83,11 @@ def pose_table(manifest: Mapping[str, Any], sweeps: pa.Table) -> pa.Table:
                 "name": turn["sensor"],
                 "turn": turn["turn"],
                 "time_s": turn["start_s"],
-                **{key: turn[key] for key in _COLUMNS if key.startswith(("true_", "reported_"))},
+                **{key: turn[key] for key in POSES if key.startswith(("true_", "reported_"))},
             }
             for turn in own
         ]
-    schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
-    return pa.Table.from_pylist(rows, schema=schema)
+    return pa.Table.from_pylist(rows, schema=arrow_schema(POSES))
 
 
 def write_poses(path: Path, manifest: Mapping[str, Any], sweeps: pa.Table) -> None:
@@ -112,8 +101,8 @@ def true_and_reported(row: Mapping[str, Any]) -> tuple[Pose, Pose]:
     """Return the true pose of a row of the table or of ``sweeps.parquet``, and the reported one."""
     true, reported = (
         Pose(
-            rotation_from_ypr(*(row[f"{kind}_{name}"] for name in _POSE[3:])),
-            np.array([row[f"{kind}_{name}"] for name in _POSE[:3]], np.float64),
+            rotation_from_ypr(*(row[f"{kind}_{name}"] for name in ANGLES)),
+            np.array([row[f"{kind}_{name}"] for name in PLACE], np.float64),
         )
         for kind in ("true", "reported")
     )
@@ -140,5 +129,5 @@ def _ego_rows(
     told: dict[str, Any] = {"frame": frame, "name": EGO, "turn": 0, "time_s": time_s}
     for kind, pose in zip(("true", "reported"), both, strict=True):
         values = (*pose.translation.tolist(), *ypr_from_rotation(pose.rotation))
-        told |= {f"{kind}_{n}": v + 0.0 for n, v in zip(_POSE, values, strict=True)}
+        told |= {f"{kind}_{n}": v + 0.0 for n, v in zip(POSE, values, strict=True)}
     return [told]

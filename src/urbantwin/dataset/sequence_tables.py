@@ -6,19 +6,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.dataset.lane_table import LANES, write_lanes
+from urbantwin.dataset.lane_table import write_lanes
 from urbantwin.dataset.pose_table import frame_poses, write_poses
+from urbantwin.dataset.reading.columns import LANES_FILE, TRAJECTORIES_FILE
 from urbantwin.dataset.reading.tables import read_table
 from urbantwin.dataset.tracklets import write_tracklets
-from urbantwin.dataset.trajectories import TRAJECTORIES, write_trajectories
+from urbantwin.dataset.trajectories import write_trajectories
 
 if TYPE_CHECKING:
     from urbantwin.traffic.motion import Motion
     from urbantwin.twin import Twin
 
-__all__ = ["SEQUENCE_TABLES", "write_sequence_tables"]
-
-SEQUENCE_TABLES = ("tracks.parquet", "tracklets.parquet", TRAJECTORIES, "poses.parquet", LANES)
+__all__ = ["write_sequence_tables"]
 
 
 def write_sequence_tables(
@@ -28,7 +27,7 @@ def write_sequence_tables(
     motion: Motion | None,
     twin: Twin | None = None,
 ) -> None:
-    """Write the tables of `SEQUENCE_TABLES`.
+    """Write the tables of `columns.SEQUENCE_TABLES`.
 
     Without a motion there are no trajectories, and without a twin that has streets no lanes.
 
@@ -47,12 +46,12 @@ def write_sequence_tables(
     write_poses(folder / "poses.parquet", manifest, sweeps)
     write_tracklets(folder, boxes, frame_poses(manifest))
     if twin is not None and "roads.json" in twin.manifest["files"]:
-        write_lanes(folder / LANES, twin.roads)
+        write_lanes(folder / LANES_FILE, twin.roads)
     if motion is None:
         return
     times = [float(one["time_s"]) for one in manifest["frames"]]
     write_trajectories(
-        folder / TRAJECTORIES,
+        folder / TRAJECTORIES_FILE,
         motion,
         set(boxes["track"].to_pylist()),
         (times[0], times[-1]),

@@ -10,30 +10,13 @@ import numpy as np
 
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.dataset.layout import frame_name
+from urbantwin.dataset.reading.columns import POSE, SWEEPS, arrow_schema
 from urbantwin.geometry import ypr_from_rotation
 from urbantwin.lidar.actor_path import ActorPath
 from urbantwin.lidar.rig import Rig
 from urbantwin.lidar.timing import turns_of
 
 __all__ = ["sweep_rows", "write_sweeps"]
-
-_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
-
-#: Columns and Arrow types. Times are true, seconds from the motion's start, but ``clock_start_s``,
-#: which is what the sensor's clock says at ``start_s``. Poses are ``site_SE3_sensor`` at
-#: ``start_s``, metres and radians: the true one, and the one that points are computed with.
-_COLUMNS = {
-    "frame": "string",
-    "sensor": "string",
-    "turn": "int32",
-    "start_s": "float64",
-    "stop_s": "float64",
-    "clock_start_s": "float64",
-    "arrival_s": "float64",
-    "lost": "bool_",
-    **{f"true_{name}": "float64" for name in _POSE},
-    **{f"reported_{name}": "float64" for name in _POSE},
-}
 
 
 def sweep_rows(
@@ -72,7 +55,7 @@ def sweep_rows(
                         f"{kind}_{name}": float(value) + 0.0
                         for kind, (rotation, translation) in poses.items()
                         for name, value in zip(
-                            _POSE,
+                            POSE,
                             (*translation[number], *ypr_from_rotation(rotation[number])),
                             strict=True,
                         )
@@ -99,5 +82,4 @@ def write_sweeps(path: Path, indices: Sequence[int], entries: Sequence[Mapping[s
         for index, entry in zip(indices, entries, strict=True)
         for row in entry["sweeps"]
     ]
-    schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, **PARQUET)
+    pq.write_table(pa.Table.from_pylist(rows, schema=arrow_schema(SWEEPS)), path, **PARQUET)

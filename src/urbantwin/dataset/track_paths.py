@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from urbantwin.dataset.motion_interpolation import FASTEST_M_S
+from urbantwin.dataset.reading.columns import POSE
 from urbantwin.geometry import rotation_from_ypr
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ __all__ = ["BodyPoses", "TrackPaths", "paths_of_boxes"]
 
 #: A body that lies within this of where it was has not moved, metres.
 _SAME_PLACE_M = 1e-3
-_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
 
 
 class BodyPoses(NamedTuple):
@@ -58,7 +58,7 @@ class TrackPaths:
         fresh = np.ones(len(track), np.bool_)
         fresh[1:] = (np.diff(track) != 0) | (np.diff(time_s) > 0)
         order, track, self._time_s = order[fresh], track[fresh], time_s[fresh]
-        self._pose = np.column_stack([table[name].to_numpy()[order] for name in _POSE])
+        self._pose = np.column_stack([table[name].to_numpy()[order] for name in POSE])
         self._tracks, self._first = np.unique(track, return_index=True)
         self._beyond_s = beyond_s
         step_s = np.diff(self._time_s)

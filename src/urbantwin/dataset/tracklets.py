@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.pose_table import pose_of_frame
+from urbantwin.dataset.reading.columns import ANGLES, PLACE, SIZE, VELOCITY
 from urbantwin.dataset.reading.tables import frames_of
 from urbantwin.geometry import Pose
 
@@ -25,7 +26,6 @@ __all__ = ["track_table", "tracklet_table", "write_tracklets"]
 #: Of the boxes' columns, those that a tracklet keeps as they are.
 _KEPT = ("length", "width", "height", "num_points", "num_points_alone", "occlusion", "visibility",
          "truncation", "difficulty", "ignored")  # fmt: skip
-_SIZE = ("length", "width", "height")
 
 
 def tracklet_table(boxes: pa.Table, site_SE3_dataset: Mapping[str, Pose]) -> pa.Table:
@@ -46,8 +46,8 @@ def tracklet_table(boxes: pa.Table, site_SE3_dataset: Mapping[str, Pose]) -> pa.
     poses = [pose_of_frame(site_SE3_dataset, name) for name in names]
     turns = np.array([one.rotation for one in poses]).reshape(-1, 3, 3)[number]
     places = np.array([one.translation for one in poses]).reshape(-1, 3)[number]
-    place = _turned(turns, _columns(boxes, "x", "y", "z")) + places
-    velocity = _turned(turns, _columns(boxes, "vx", "vy", "vz"))
+    place = _turned(turns, _columns(boxes, *PLACE)) + places
+    velocity = _turned(turns, _columns(boxes, *VELOCITY))
     angles = _angles(turns, boxes["yaw"].to_numpy())
     time_s = boxes["time_s"].to_numpy() + boxes["observed_s"].to_numpy()
     table = pa.table(
@@ -56,9 +56,9 @@ def tracklet_table(boxes: pa.Table, site_SE3_dataset: Mapping[str, Pose]) -> pa.
             "class": boxes["class"],
             "frame": boxes["frame"],
             "time_s": time_s,
-            **dict(zip(("x", "y", "z"), place.T, strict=True)),
-            **dict(zip(("yaw", "pitch", "roll"), angles.T, strict=True)),
-            **dict(zip(("vx", "vy", "vz"), velocity.T, strict=True)),
+            **dict(zip(PLACE, place.T, strict=True)),
+            **dict(zip(ANGLES, angles.T, strict=True)),
+            **dict(zip(VELOCITY, velocity.T, strict=True)),
             **{name: boxes[name] for name in _KEPT if name in boxes.column_names},
         }
     )
@@ -82,19 +82,19 @@ def track_table(tracklets: pa.Table, boxes: pa.Table) -> pa.Table:
     tracks, first = np.unique(track, return_index=True)
     last = np.append(first, len(track))[1:] - 1
     points = tracklets["num_points"].to_numpy()
-    place = _columns(tracklets, "x", "y", "z")
+    place = _columns(tracklets, *PLACE)
     step = np.zeros(len(track))
     step[1:] = np.linalg.norm(np.diff(place, axis=0), axis=1)
     step[first] = 0.0
-    speed = np.linalg.norm(_columns(tracklets, "vx", "vy", "vz"), axis=1)
-    sizes = _columns(tracklets, *_SIZE)
+    speed = np.linalg.norm(_columns(tracklets, *VELOCITY), axis=1)
+    sizes = _columns(tracklets, *SIZE)
     own = [slice(a, b + 1) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
     middle = np.array([np.median(sizes[one], axis=0) for one in own]).reshape(-1, 3)
     time_s = tracklets["time_s"].to_numpy()
     told: dict[str, Any] = {
         "track": pa.array(tracks, pa.int32()),
         "class": tracklets["class"].take(pa.array(first)),
-        **{name: middle[:, axis] for axis, name in enumerate(_SIZE)},
+        **{name: middle[:, axis] for axis, name in enumerate(SIZE)},
         "first_frame": tracklets["frame"].take(pa.array(first)),
         "last_frame": tracklets["frame"].take(pa.array(last)),
         "first_s": time_s[first],

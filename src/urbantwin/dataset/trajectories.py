@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.motion_interpolation import SAME_TIME_S
+from urbantwin.dataset.reading.columns import ANGLES, PLACE, TRAJECTORIES, arrow_schema
 from urbantwin.dataset.track_paths import TrackPaths
 from urbantwin.geometry import Pose, rotation_from_ypr
 from urbantwin.lidar.actor_path import PosedActor
@@ -26,23 +27,12 @@ if TYPE_CHECKING:
 
     from urbantwin.traffic.motion import Motion
 
-__all__ = ["AROUND_S", "TRAJECTORIES", "paths_of_trajectories", "write_trajectories"]
+__all__ = ["AROUND_S", "paths_of_trajectories", "write_trajectories"]
 
-TRAJECTORIES = "trajectories.parquet"
 #: So long before the first frame and after the last, seconds.
 AROUND_S = 20.0
 #: So much of a motion is in memory at once, seconds.
 _PART_S = 60.0
-
-#: Columns and Arrow types: the middle of the track's box and the attitude of its body, site frame,
-#: metres and radians; speed along the heading, m/s; the lane of the twin that it is in.
-_COLUMNS = {
-    "time_s": "float64",
-    "track": "int32",
-    "class": "string",
-    **dict.fromkeys(("x", "y", "z", "yaw", "pitch", "roll", "speed"), "float64"),
-    "lane": "string",
-}
 
 
 def write_trajectories(
@@ -71,7 +61,7 @@ def write_trajectories(
     """
     import pyarrow.parquet as pq
 
-    schema = _schema()
+    schema = arrow_schema(TRAJECTORIES)
     middles = _Middles(boxes, seed)
     wanted = np.array(sorted({*tracks} | ({carrier} if carrier is not None else set())), np.int64)
     with pq.ParquetWriter(path, schema, compression="zstd") as writer:
@@ -85,12 +75,6 @@ def paths_of_trajectories(table: pa.Table) -> TrackPaths:
     times = np.unique(table["time_s"].to_numpy())
     step_s = float(np.diff(times).min()) if len(times) > 1 else 1.0
     return TrackPaths(table, gap_s=1.5 * step_s, beyond_s=step_s + SAME_TIME_S)
-
-
-def _schema() -> pa.Schema:
-    import pyarrow as pa
-
-    return pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
 
 
 def _parts(motion: Motion, span_s: tuple[float, float]) -> Iterator[pa.Table]:
@@ -167,8 +151,8 @@ def _labelled(
         )
         for one in heads
     ]
-    turns = rotation_from_ypr(*(rows[name].to_numpy() for name in ("yaw", "pitch", "roll")))
-    place = np.column_stack([rows[name].to_numpy() for name in ("x", "y", "z")])
+    turns = rotation_from_ypr(*(rows[name].to_numpy() for name in ANGLES))
+    place = np.column_stack([rows[name].to_numpy() for name in PLACE])
     parts = []
     for part in range(max(map(len, labels), default=0)):
         own = [one[part] if part < len(one) else (0, "", (0.0, 0.0, 0.0)) for one in labels]
@@ -177,10 +161,10 @@ def _labelled(
         offset = np.array([one[2] for one in own]).reshape(-1, 3)[number]
         middle = place + np.einsum("nij,nj->ni", turns, offset)
         some = rows.take(pa.array(kept))
-        columns = {name: some[name] for name in _COLUMNS}
+        columns = {name: some[name] for name in TRAJECTORIES}
         columns["track"] = pa.array(label[kept], pa.int32())
         columns["class"] = pa.array([own[k][1] for k in number[kept]], pa.string())
-        columns |= {name: pa.array(middle[kept, axis]) for axis, name in enumerate(("x", "y", "z"))}
+        columns |= {name: pa.array(middle[kept, axis]) for axis, name in enumerate(PLACE)}
         parts.append(pa.table(columns, schema=schema))
     if not parts:
         return

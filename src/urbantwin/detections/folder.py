@@ -12,6 +12,7 @@ from pydantic import Field
 from urbantwin.artefact import check_folder, read_json, replaced_folder, write_json
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.artefact.tables import PARQUET, columns_of, read_parquet
+from urbantwin.dataset.reading.columns import BOX
 from urbantwin.detections.checks import checked
 from urbantwin.detections.detections import Detections
 from urbantwin.errors import InputError
@@ -24,11 +25,10 @@ KIND = "detections"
 SCHEMA = 1
 _EXPECTED = "a folder of detections"
 _TABLE = "detections.parquet"
-_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 _COLUMNS = {
     "frame": "text",
     "class": "text",
-    **dict.fromkeys((*_BOX, "score"), "number"),
+    **dict.fromkeys((*BOX, "score"), "number"),
     "track": "whole",
 }
 #: Whether a tracker put the box there; only what a tracker wrote has it.
@@ -83,7 +83,7 @@ def put_detections(folder: Path, detections: Detections, made_by: Mapping[str, A
         "frame": pa.array(names[detections.frame].tolist(), pa.string()),
         "time_s": pa.array(times[detections.frame], pa.float64(), from_pandas=True),
         "class": pa.array(detections.class_names, pa.string()),
-        **{name: pa.array(detections.box[:, k], pa.float64()) for k, name in enumerate(_BOX)},
+        **{name: pa.array(detections.box[:, k], pa.float64()) for k, name in enumerate(BOX)},
         "score": pa.array(detections.score, pa.float64()),
         "track": pa.array(detections.track, pa.int64()),
     }
@@ -133,7 +133,7 @@ def read_detections(path: Path) -> Detections:
     found = Detections(
         frames=tuple(told.frames),
         frame=np.array(frames, np.int64),
-        box=np.column_stack([columns[name] for name in _BOX]).reshape(-1, 7),
+        box=np.column_stack([columns[name] for name in BOX]).reshape(-1, 7),
         class_names=tuple(columns["class"].tolist()),
         score=columns["score"],
         track=columns["track"],

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import may_unpack, one_line, read_array
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.errors import InputError
 from urbantwin.fidelity.pcd import read_pcd
 
@@ -225,9 +226,7 @@ def _width(values: NDArray[np.float64]) -> int:
 
 
 def _columns(table: NDArray[np.float64]) -> Fields:
-    return {
-        name: table[:, k] for k, name in enumerate(("x", "y", "z", "intensity")[: len(table.T)])
-    }
+    return {name: table[:, k] for k, name in enumerate(POINT[: len(table.T)])}
 
 
 def _from_ply(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int]]:

@@ -15,6 +15,7 @@ from pydantic import Field
 from urbantwin.artefact import check_folder, read_json, replaced_folder, sha256_of, write_json
 from urbantwin.artefact.arrays import read_array
 from urbantwin.artefact.manifest import Part, validated
+from urbantwin.dataset.reading.columns import LANES_FILE, SEQUENCE_TABLES, TRAJECTORIES_FILE
 from urbantwin.dataset.reading.tables import read_table
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath, beside
@@ -159,9 +160,8 @@ def sequence(
     Example:
         >>> ut.sequence("out/dataset", flow=True).flow("000003")
     """
-    from urbantwin.dataset.lane_table import LANES
-    from urbantwin.dataset.sequence_tables import SEQUENCE_TABLES, write_sequence_tables
-    from urbantwin.dataset.trajectories import TRAJECTORIES, paths_of_trajectories
+    from urbantwin.dataset.sequence_tables import write_sequence_tables
+    from urbantwin.dataset.trajectories import paths_of_trajectories
     from urbantwin.interface.dataset import Dataset
     from urbantwin.progress import each
 
@@ -191,19 +191,19 @@ def sequence(
     ):
         tell(0.0, "tables")
         write_sequence_tables(folder, frames.manifest, source, driven)
-        for name in (TRAJECTORIES, LANES):  # what boxes and sweeps do not tell
+        for name in (TRAJECTORIES_FILE, LANES_FILE):  # what boxes and sweeps do not tell
             if not (folder / name).is_file() and (source / name).is_file():
                 read_table(source / name)  # what is damaged is not passed on
                 (folder / name).write_bytes((source / name).read_bytes())
         there = [name for name in SEQUENCE_TABLES if (folder / name).is_file()]
         if csv:
             for name in there:
-                if name != LANES:  # its lists do not go into a CSV's cells
+                if name != LANES_FILE:  # its lists do not go into a CSV's cells
                     _write_csv(folder / name)
         if flow:
             (folder / "flow").mkdir(exist_ok=True)
             if driven is not None:  # the dataset itself may be without
-                frames.paths = paths_of_trajectories(read_table(folder / TRAJECTORIES))
+                frames.paths = paths_of_trajectories(read_table(folder / TRAJECTORIES_FILE))
             for k in each(range(number), tell, "flow"):
                 file = folder / "flow" / f"{frames.names[k]}.npy"
                 if not file.is_file():  # what an interrupted run left is whole
@@ -214,8 +214,8 @@ def sequence(
                 "kind": "sequence",
                 "dataset_sha256": sha256_of(manifest_file),
                 "frames": number,
-                "tracks": read_table(folder / "tracks.parquet").num_rows,
-                "trajectories": TRAJECTORIES in there,
+                "tracks": read_table(folder / SEQUENCE_TABLES[0]).num_rows,
+                "trajectories": TRAJECTORIES_FILE in there,
                 "flow": flow,
                 "ego_motion": flow and ego,
                 "layout": {

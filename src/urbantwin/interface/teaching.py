@@ -337,16 +337,15 @@ def _classes_of(datasets: Sequence[Path]) -> list[str]:
     Raises:
         InputError: there is nobody in them.
     """
-    from urbantwin.artefact.tables import read_parquet
+    from urbantwin.dataset.reading.objects import LabelledObjects
     from urbantwin.detections import DETECTED_CLASSES, detected_class
     from urbantwin.evaluation import FEWEST_POINTS
 
     seen: set[str] = set()
     for one in datasets:
-        file = one / "boxes.parquet"
-        table = read_parquet(file, "a dataset of urbantwin record", columns=["class", "num_points"])
-        rows = zip(table["class"].to_pylist(), table["num_points"].to_pylist(), strict=True)
-        seen |= {str(detected_class(name)) for name, points in rows if points >= FEWEST_POINTS}
+        objects = LabelledObjects.in_folder(one)
+        names = objects.class_name[objects.num_points >= FEWEST_POINTS]
+        seen |= {str(detected_class(name)) for name in set(names.tolist())}
     found = [name for name in DETECTED_CLASSES if name in seen]
     if not found:
         raise InputError(

@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.motion_interpolation import Rows, rows_at
+from urbantwin.dataset.reading import Dataset
 from urbantwin.progress import Progress, each, untold
 from urbantwin.traffic import Motion
 from urbantwin.twin import Twin
@@ -60,16 +60,15 @@ def fates_of(dataset: Path, motion: Motion, twin: Twin, *, tell: Progress = unto
     Raises:
         InputError: a table of the dataset is missing or damaged.
     """
-    boxes = read_parquet(dataset / "boxes.parquet", "the boxes of a dataset").to_pylist()
-    sweeps = read_parquet(dataset / "sweeps.parquet", "the sweeps of a dataset").to_pylist()
+    recorded = Dataset(dataset)
+    turns = recorded.turns
     eyes: dict[str, list[NDArray[np.float64]]] = {}
-    for row in sweeps:
-        if not row["lost"]:
-            at = np.array([row["true_x"], row["true_y"], row["true_z"]])
-            eyes.setdefault(row["frame"], []).append(at)
+    for name, lost, pose in zip(turns.frame, turns.lost, turns.true, strict=True):
+        if not lost:
+            eyes.setdefault(name, []).append(pose[:3])
     hiding = Hiding(twin)
     frames: dict[str, list[dict[str, object]]] = {}
-    for row in boxes:
+    for row in recorded.boxes.to_pylist():
         frames.setdefault(row["frame"], []).append(row)
     told: list[dict[str, object]] = []
     for frame in each(list(frames), tell, "what became of every object"):

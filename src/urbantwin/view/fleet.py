@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from urbantwin.dataset.box_columns import BOX_FIELDS
 from urbantwin.dataset.reading import Fleet, fused_cloud
+from urbantwin.dataset.reading.columns import BOX
 from urbantwin.geometry import Pose, box_corners
 from urbantwin.view import style
 
@@ -120,7 +120,7 @@ def _boxes(axes: Axes, fleet: Fleet, rows: pa.Table) -> dict[str, int]:
     """Draw the common labels and return how many are seen by none, by one and by more."""
     counts = {"none": 0, "one": 0, "more": 0}
     for row in rows.to_pylist():
-        box = np.array([row[name] for name in BOX_FIELDS], np.float64)
+        box = np.array([row[name] for name in BOX], np.float64)
         seen = [k for k, name in enumerate(fleet.node_names) if row[f"num_points.{name}"]]
         kind = "more" if len(seen) > 1 else "one" if seen else "none"
         counts[kind] += 1

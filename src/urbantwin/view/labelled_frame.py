@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
-from urbantwin.dataset.reading.frame_files import FrameFiles, ray_place
-from urbantwin.dataset.reading.manifest import pose_of_matrix, read_manifest
+from urbantwin.dataset.reading import Dataset, pose_of_matrix
+from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 
 __all__ = ["LabelledPoints", "SensorPlace", "read_labelled_points"]
-
-_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,54 +79,35 @@ class LabelledPoints:
     ignored: Mapping[str, shapely.Geometry] = field(default_factory=dict)
 
 
-def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoints:
+def read_labelled_points(folder: Path, name: str | None = None) -> LabelledPoints:
     """Read a frame of a dataset; without a name the one with the most labelled actors.
 
     Raises:
         InputError: there is no dataset, no such frame, or a file of it is missing.
     """
-    manifest = _manifest(dataset)
-    table = _boxes(dataset)
-    names = [frame["name"] for frame in manifest["frames"]]
+    dataset = Dataset(folder)
+    dataset.check_single()
+    objects = LabelledObjects.in_folder(folder)
     if name is None:
-        name = _busiest(names, table)
-    if name not in names:
-        raise InputError(f"has no frame {name}", file=dataset, expected="a frame of the dataset")
-    kept = FrameFiles(dataset, name)
-    points, label, rays = kept.points, kept.labels, kept.rays
-    lacking = sorted({"sensor", "ring", "column"} - set(rays.dtype.names or ()))
-    if lacking:
-        raise InputError(
-            f"has no {lacking[0]}",
-            file=kept.rays_file,
-            expected="sensor, ring and column of each point",
-        )
-    sensors = manifest["rig"]["sensors"]
-    if len(rays) and int(rays["sensor"].max()) >= len(sensors):
-        raise InputError(
-            "names a sensor that is not there",
-            file=kept.rays_file,
-            place=ray_place(kept.rays_file, rays, "sensor", int(np.argmax(rays["sensor"])))
-            if kept.is_plain
-            else None,
-            expected=f"numbers below {len(sensors)}",
-        )
-    mine = np.flatnonzero(table["frame"] == name)
-    told = manifest["frames"][names.index(name)]
-    matrix = told.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
-    if matrix is None:
-        raise InputError("is missing", file=dataset / "dataset.json", place="dataset_SE3_site")
-    dataset_SE3_site = pose_of_matrix(matrix)
-    moved = _poses_of_turns(dataset, name) if manifest["dataset_SE3_site"] is None else {}
+        seen = Counter(objects.frame[objects.num_points > 0].tolist())
+        name = max(dataset.names, key=lambda name: seen[name])
+    if name not in dataset.names:
+        raise InputError(f"has no frame {name}", file=folder, expected="a frame of the dataset")
+    frame, objects = dataset[name], objects.of_frame(name)
+    sensors = dataset.manifest["rig"]["sensors"]
+    rays = frame.rays_of("sensor", "ring", "column", sensors=len(sensors))
+    dataset_SE3_site = frame.site_SE3_dataset.inverse()
+    # Only of a rig that rides do sensors move so far that it shows.
+    moved = frame.site_SE3_sensors if dataset.manifest["dataset_SE3_site"] is None else {}
     return LabelledPoints(
         name=name,
-        time_s=float(told["time_s"]),
-        points=points,
-        semantic=label & 0xFFFF,
-        instance=label >> 16,
-        boxes=np.column_stack([table[key][mine] for key in _BOX]).reshape(-1, 7),
-        classes=tuple(table["class"][mine]),
-        box_points=table["num_points"][mine],
+        time_s=frame.time_s,
+        points=frame.points,
+        semantic=frame.labels & 0xFFFF,
+        instance=frame.labels >> 16,
+        boxes=objects.box,
+        classes=tuple(objects.class_name.tolist()),
+        box_points=objects.num_points,
         sensors=tuple(
             SensorPlace(
                 one["name"],
@@ -148,36 +126,9 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
         x_axis_yaw=-float(
             np.arctan2(dataset_SE3_site.rotation[1, 0], dataset_SE3_site.rotation[0, 0])
         ),
-        difficulty=tuple(table["difficulty"][mine]) if "difficulty" in table else (),
-        ignored=_ignored(dataset, dataset_SE3_site),
+        difficulty=tuple(one or None for one in objects.difficulty.tolist()),
+        ignored=_ignored(folder, dataset_SE3_site),
     )
-
-
-def _busiest(names: Sequence[str], table: Mapping[str, NDArray[Any]]) -> str:
-    """Return the frame in which the most actors have points; the first of equals."""
-    seen = Counter(table["frame"][table["num_points"] > 0].tolist())
-    return max(names, key=lambda name: seen[name])
-
-
-def _manifest(dataset: Path) -> dict[str, Any]:
-    manifest = read_manifest(dataset)
-    if manifest["kind"] != "dataset":
-        raise InputError("holds a dataset for each sensor", file=dataset, expected="one of them")
-    return manifest
-
-
-def _poses_of_turns(dataset: Path, frame: str) -> dict[str, Pose]:
-    """Return where each sensor of a rig that rides was when its first turn of a frame began."""
-    path = dataset / "sweeps.parquet"
-    names = [f"reported_{name}" for name in ("x", "y", "z", "yaw", "pitch", "roll")]
-    kinds = {"frame": "text", "sensor": "text", **dict.fromkeys(names, "number")}
-    table = columns_of(read_parquet(path, "sweeps", columns=list(kinds)), kinds, path, "sweeps")
-    return {
-        table["sensor"][row]: Pose.from_ypr(
-            [table[name][row] for name in names[:3]], *(table[name][row] for name in names[3:])
-        )
-        for row in np.flatnonzero(table["frame"] == frame)[::-1]
-    }
 
 
 def _ignored(dataset: Path, dataset_SE3_site: Pose) -> dict[str, shapely.Geometry]:
@@ -190,14 +141,3 @@ def _ignored(dataset: Path, dataset_SE3_site: Pose) -> dict[str, shapely.Geometr
         one.reason: shapely.transform(one.area, lambda xy: xy @ turn.T + place)
         for one in read_ignore_regions(path)
     }
-
-
-def _boxes(dataset: Path) -> dict[str, NDArray[Any]]:
-    path = dataset / "boxes.parquet"
-    kinds = {"frame": "text", "class": "text", "num_points": "whole"}
-    kinds |= dict.fromkeys(_BOX, "number")
-    table = read_parquet(path, "boxes", columns=[*kinds, "difficulty"])
-    # Datasets of older versions have no levels of difficulty.
-    if "difficulty" in table.column_names:
-        kinds["difficulty"] = "text or none"
-    return columns_of(table, kinds, path, "boxes")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, wrapped
 from urbantwin.web.motion_side import MotionSide
@@ -51,8 +51,8 @@ def tracks_of(side: RecordedSide | MotionSide) -> Tracks | None:
     """Return the tracks of a side; None where it has none, or would have to be read for them."""
     if isinstance(side, MotionSide):
         return _of_frames(side, [side.boxes(index) for index in range(len(side.entries))])
-    if side.own is not None and (side.own.folder / "boxes.parquet").is_file():
-        return _of_table(side)
+    if side.own is not None and side.own.objects is not None:
+        return _of_objects(side, side.own.objects)
     if not (side.surveyed and side.tracked):
         return None
     found = []
@@ -85,52 +85,29 @@ def _of_frames(side: RecordedSide | MotionSide, found: Sequence[ShownBoxes]) -> 
     )
 
 
-def _of_table(side: RecordedSide) -> Tracks:
+def _of_objects(side: RecordedSide, objects: LabelledObjects) -> Tracks:
     """Return the tracks of a dataset of ours: no frame is read."""
-    own = side.own
-    assert own is not None
-    table = own.boxes
-    file = own.folder / "boxes.parquet"
     number = {entry.name: index for index, entry in enumerate(side.entries)}
-    try:
-        frame = np.array([number.get(one, -1) for one in table["frame"].to_pylist()], np.int64)
-
-        def column(name: str) -> NDArray[Any]:
-            return np.asarray(table[name].to_numpy(zero_copy_only=False))
-
-        rows = np.flatnonzero(frame >= 0)
-        rows = rows[np.lexsort((column("track")[rows], frame[rows]))]
-        box = np.column_stack(
-            [
-                column(name)[rows].astype(float)
-                for name in ("x", "y", "z", "length", "width", "height", "yaw")
-            ]
-        )
-        velocity = np.zeros((len(rows), 3))
-        if "vx" in table.column_names:
-            velocity = np.column_stack([column(f"v{one}")[rows].astype(float) for one in "xyz"])
-        names = column("class")[rows].astype(str)
-        companion = np.isin(names, ("trailer", "animal"))
-        track = column("track")[rows].astype(np.int64)
-        points = (
-            column("num_points")[rows].astype(np.int64)
-            if "num_points" in table.column_names
-            else np.full(len(rows), -1, np.int64)
-        )
-    except (KeyError, ValueError, TypeError):
-        raise InputError(
-            "has columns of other types", file=file, expected="boxes of urbantwin record"
-        ) from None
-    if not np.isfinite(box).all():
-        raise InputError("has a box that is not finite", file=file, expected="finite numbers")
-    frame = frame[rows]
+    frame = np.array([number.get(one, -1) for one in objects.frame.tolist()], np.int64)
+    rows = np.flatnonzero(frame >= 0)
+    rows = rows[np.lexsort((objects.track[rows], frame[rows]))]
+    objects, frame = objects.take(rows), frame[rows]
+    box, velocity = objects.box, objects.velocity
     for index in np.unique(frame):
         pose = side.scene_SE3_frame(int(index))
         if pose is not None:
             mine = frame == index
             box[mine], velocity[mine] = _moved(box[mine], velocity[mine], pose)
-    times = np.array([one.time_s for one in side.entries])
-    return Tracks(frame, times, track, box, velocity, points, names, companion)
+    return Tracks(
+        frame=frame,
+        time_s=np.array([one.time_s for one in side.entries]),
+        track=objects.track,
+        box=box,
+        velocity=velocity,
+        points=objects.num_points,
+        class_names=objects.class_name,
+        companion=np.isin(objects.class_name, ("trailer", "animal")),
+    )
 
 
 def _moved(

@@ -97,7 +97,7 @@ def test_laspy_finds_the_points_where_they_are_on_the_earth(written):
     azimuth, _, away = geod.inv(
         np.full(len(lon), anchor["longitude"]), np.full(len(lat), anchor["latitude"]), lon, lat
     )
-    site = frame.site_SE3_frame.apply(frame.points)
+    site = frame.site_SE3_dataset.apply(frame.points)
     assert away == pytest.approx(np.hypot(site[:, 0], site[:, 1]), abs=2e-4)
     assert np.sin(np.radians(azimuth)) * away == pytest.approx(site[:, 0], abs=2e-3)
     assert cloud.z == pytest.approx(site[:, 2], abs=5.1e-5)
@@ -151,7 +151,7 @@ def test_pyarrow_reads_a_row_for_each_frame(written):
         boxes = [[one[key] for key in ("x", "y", "z", "length")] for one in row["boxes"]]
         assert boxes == frame.boxes.box[:, :4].tolist()
         pose = np.reshape(row["site_SE3_frame"], (4, 4))
-        assert (pose[:3, 3] == frame.site_SE3_frame.translation).all()
+        assert (pose[:3, 3] == frame.site_SE3_dataset.translation).all()
         sensors = {one["sensor"] for one in row["site_SE3_sensors"]}
         assert sensors == set(frame.site_SE3_sensors)
 
@@ -192,7 +192,7 @@ def test_ros_decodes_the_messages_of_an_mcap(written):
         assert (points["instance"] == frame.instance).all()
         assert (points["time"] == frame.rays["time"]).all()
         place = tf.transforms[0].transform.translation
-        assert [place.x, place.y, place.z] == frame.site_SE3_frame.translation.tolist()
+        assert [place.x, place.y, place.z] == frame.site_SE3_dataset.translation.tolist()
         assert [one.child_frame_id for one in tf.transforms[1:]] == ["sensor/pole", "sensor/mast"]
         assert [one.id for one in markers.markers] == frame.boxes.track.tolist()
         assert [one.scale.x for one in markers.markers] == frame.boxes.box[:, 3].tolist()

@@ -214,7 +214,7 @@ def test_kitti_comes_back(name, request, tmp_path):
     source = FrameSource(dataset)
     parts = [open_recording(out / part) for part in ("training", "testing")]
     assert {one.layout for one in parts} == {"kitti"}
-    assert parts[1].names == source.split["test"]
+    assert parts[1].names == source.splits["test"]
     back = {found.name: found for one in parts for found in one}
     assert sorted(back) == list(source.names)
     middles = {0: 0.0, 1: 0.4, 2: 0.8}
@@ -239,7 +239,7 @@ def test_kitti_comes_back(name, request, tmp_path):
     camera = calibration(out / "training" / "calib" / f"{source.names[3]}.txt")["Tr_velo_to_cam"]
     frame = source[3]
     at = frame.site_SE3_sensors[source.sensors[0]["name"]].translation
-    in_frame = frame.site_SE3_frame.rotation.T @ (at - frame.site_SE3_frame.translation)
+    in_frame = frame.site_SE3_dataset.rotation.T @ (at - frame.site_SE3_dataset.translation)
     assert camera @ [*in_frame, 1] == pytest.approx(np.zeros(3), abs=1e-9)
     # What is on all sides is labelled: nothing is left out where it stands.
     frame = next(iter(parts[0]))

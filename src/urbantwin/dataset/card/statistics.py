@@ -7,26 +7,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset.reading.manifest import pose_of_matrix, read_manifest
+from urbantwin.dataset.reading.objects import LabelledObjects
+from urbantwin.dataset.reading.turns import SensorTurns
 
 __all__ = ["BoxStatistics", "ClassFigures", "read_statistics"]
-
-_EXPECTED = "the boxes of a dataset"
-_KINDS = {
-    "frame": "text",
-    "track": "whole",
-    "class": "text",
-    "num_points": "whole",
-    **dict.fromkeys(("x", "y", "z", "length", "width", "height"), "number"),
-}
-_LEVELS = ("difficulty", "ignored")
-_EYES = {"frame": "text", **dict.fromkeys(("true_x", "true_y", "true_z"), "number")}
 
 
 @dataclass(frozen=True)
@@ -72,7 +61,7 @@ class BoxStatistics:
 
     frames: tuple[str, ...]
     frame: NDArray[np.int64]
-    kind: NDArray[np.object_]
+    kind: NDArray[np.str_]
     track: NDArray[np.int64]
     points: NDArray[np.int64]
     size_m: NDArray[np.float64]
@@ -133,61 +122,38 @@ def read_statistics(folder: Path) -> BoxStatistics:
     """
     manifest = read_manifest(folder)
     names = [one["name"] for one in manifest.get("frames", [])]
-    file = folder / "boxes.parquet"
-    read = read_parquet(file, _EXPECTED, columns=[*_KINDS, *_LEVELS])
-    levels = {name: "text or none" for name in _LEVELS if name in read.column_names}
-    table = columns_of(read, _KINDS | levels, file, _EXPECTED)
     number = {name: index for index, name in enumerate(names)}
-    kept = np.array([name in number for name in table["frame"]], bool)
-    table = {name: values[kept] for name, values in table.items()}
-    frame = np.array([number[name] for name in table["frame"]], np.int64)
-    xyz = np.column_stack([table[axis] for axis in "xyz"]).reshape(-1, 3)
-    eyes = _eyes(folder, manifest, number)
+    objects = LabelledObjects.in_folder(folder)
+    objects = objects.take(np.array([name in number for name in objects.frame], bool))
+    frame = np.array([number[name] for name in objects.frame], np.int64)
+    turns = SensorTurns.in_folder(folder)
     site_xy, range_m = np.zeros((len(frame), 2)), np.full(len(frame), np.nan)
     for index, told in enumerate(manifest.get("frames", [])):
         mine = np.flatnonzero(frame == index) if len(frame) else frame
         rows = told.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
         if rows is None or not len(mine):
             continue
-        site = pose_of_matrix(rows).inverse().apply(xyz[mine])
+        site = pose_of_matrix(rows).inverse().apply(objects.box[mine, :3])
         site_xy[mine] = site[:, :2]
-        if len(eyes.get(index, ())):
-            away = np.hypot(*(site[:, None, :2] - eyes[index][None, :, :2]).transpose(2, 0, 1))
+        eyes = turns.true[turns.of_frame(told["name"])]
+        if len(eyes):
+            away = np.hypot(*(site[:, None, :2] - eyes[None, :, :2]).transpose(2, 0, 1))
             range_m[mine] = away.min(axis=1)
     return BoxStatistics(
         frames=tuple(names),
         frame=frame,
-        kind=table["class"],
-        track=table["track"],
-        points=table["num_points"],
-        size_m=np.column_stack([table[one] for one in ("length", "width", "height")]).reshape(
-            -1, 3
-        ),
+        kind=objects.class_name,
+        track=objects.track,
+        points=objects.num_points,
+        size_m=objects.box[:, 3:6],
         site_xy=site_xy,
         range_m=range_m,
-        **{name: _counted(table.get(name)) for name in _LEVELS},
+        difficulty=_counted(objects.difficulty),
+        ignored=_counted(objects.ignored),
     )
 
 
-def _counted(values: NDArray[Any] | None) -> dict[str, int]:
+def _counted(values: NDArray[np.str_]) -> dict[str, int]:
     """Return how often each text of a column stands there, the most frequent first."""
-    texts = Counter(str(one) for one in (() if values is None else values) if one is not None)
+    texts = Counter(one for one in values.tolist() if one)
     return dict(sorted(texts.items(), key=lambda one: (-one[1], one[0])))
-
-
-def _eyes(
-    folder: Path, manifest: Mapping[str, Any], number: Mapping[str, int]
-) -> dict[int, NDArray[np.float64]]:
-    """Return where the sensors are in each frame, (S, 3), in the site."""
-    file = folder / "sweeps.parquet"
-    if not file.is_file():
-        places = [one["site_SE3_sensor"] for one in manifest["rig"]["sensors"]]
-        fixed = np.array(places, np.float64).reshape(-1, 4, 4)[:, :3, 3]
-        return dict.fromkeys(number.values(), fixed)
-    expected = "the sweeps of a dataset"
-    table = columns_of(read_parquet(file, expected, columns=list(_EYES)), _EYES, file, expected)
-    eyes = np.column_stack([table[f"true_{axis}"] for axis in "xyz"])
-    frames = np.array([number.get(name, -1) for name in table["frame"]], np.int64)
-    order = np.argsort(frames, kind="stable")
-    parts = np.split(order, np.flatnonzero(np.diff(frames[order])) + 1) if len(order) else []
-    return {int(frames[part[0]]): eyes[part] for part in parts}

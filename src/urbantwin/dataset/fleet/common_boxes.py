@@ -12,11 +12,18 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import PARQUET
-from urbantwin.dataset.box_columns import BOX_FIELDS, box_rows
+from urbantwin.dataset.box_columns import box_rows
 from urbantwin.dataset.fleet.node import Node
 from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.motion_interpolation import posed_actors
+from urbantwin.dataset.reading.columns import (
+    BOX,
+    FLEET_BOXES,
+    FLEET_BOXES_OF_NODE,
+    VELOCITY,
+    arrow_schema,
+)
 from urbantwin.geometry import LabelledMesh, wrapped
 from urbantwin.lidar import PosedActor
 from urbantwin.lidar.annotated import annotated_actors, annotated_size, truck_of_load
@@ -30,29 +37,7 @@ if TYPE_CHECKING:
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
-__all__ = ["OF_NODES", "common_rows", "write_common_boxes"]
-
-#: Of each node, as ``NAME.NODE``: null where it is absent, or rides on that very actor.
-OF_NODES = {
-    **dict.fromkeys(("num_points", "num_points_alone"), "int32"),
-    **dict.fromkeys(("occlusion", "visibility", "truncation"), "float64"),
-    **dict.fromkeys(("difficulty", "ignored"), "string"),
-}
-#: Columns and Arrow types; boxes and velocities in the site frame, metres, radians, metres per
-#: second. A box stands where its actor is at ``time_s`` exactly.
-_COLUMNS = {
-    "frame": "string",
-    "time_s": "float64",
-    "track": "int32",
-    "class": "string",
-    **dict.fromkeys((*BOX_FIELDS, "vx", "vy", "vz"), "float64"),
-    **dict.fromkeys(("num_points", "num_nodes"), "int32"),
-    **dict.fromkeys(("occlusion", "visibility"), "float64"),
-    **dict.fromkeys(("difficulty", "ignored"), "string"),
-    "parked": "bool_",
-    "towed_by": "int32",
-    "carries": "string",
-}
+__all__ = ["common_rows", "write_common_boxes"]
 #: Why a box does not count, that which is nearest to counting first.
 _IGNORED = ("unseen", "truncated", "far", "outside")
 _LEVELS = tuple(level.name for level in LEVELS)
@@ -87,10 +72,10 @@ def write_common_boxes(
     from urbantwin.traffic.paths.coupling import towed_by
 
     parked, pulls = frozenset(motion.parked["track"].to_pylist()), towed_by(motion.rows)
-    kinds = _COLUMNS | {
-        f"{name}.{node.name}": kind for node in nodes for name, kind in OF_NODES.items()
+    of_nodes = {
+        f"{name}.{node.name}": kind for node in nodes for name, kind in FLEET_BOXES_OF_NODE.items()
     }
-    schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in kinds.items()])
+    schema = arrow_schema(FLEET_BOXES | of_nodes)
     boxes = _SiteBoxes(motion, nodes[0].rig.boxes, seed)
     motions = FrameMotions(motion)
     with pq.ParquetWriter(path, schema, **PARQUET) as writer:
@@ -138,8 +123,8 @@ def common_rows(
         row: dict[str, Any] = {
             "track": actor.track,
             "class": actor.actor_class,
-            **dict(zip(BOX_FIELDS, [*box[:6].tolist(), float(wrapped(box[6]))], strict=True)),
-            **dict(zip(("vx", "vy", "vz"), (actor.velocity + 0.0).tolist(), strict=True)),
+            **dict(zip(BOX, [*box[:6].tolist(), float(wrapped(box[6]))], strict=True)),
+            **dict(zip(VELOCITY, (actor.velocity + 0.0).tolist(), strict=True)),
             "num_points": sum(one["num_points"] for one in told),
             "num_nodes": sum(one["num_points"] > 0 for one in told),
             "occlusion": _best(min, told, "occlusion"),
@@ -152,7 +137,7 @@ def common_rows(
         }
         for name, one in seen.items():
             if one is not None:
-                row |= {f"{column}.{name}": one[column] for column in OF_NODES}
+                row |= {f"{column}.{name}": one[column] for column in FLEET_BOXES_OF_NODE}
         rows.append(row)
     return rows
 

@@ -14,30 +14,14 @@ from urbantwin.dataset.fleet.pose_error import pose_errors, reported_pose
 from urbantwin.dataset.fleet.radio import received
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.motion_interpolation import rows_at
+from urbantwin.dataset.reading.columns import NODES, POSE, arrow_schema
 from urbantwin.dataset.reading.manifest import pose_matrix, pose_of_matrix
 from urbantwin.geometry import Pose, ypr_from_rotation
 
 if TYPE_CHECKING:
     from urbantwin.traffic import Motion
 
-__all__ = ["NODE_COLUMNS", "node_rows", "write_nodes"]
-
-_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
-#: Columns and Arrow types. Times are true, seconds from the motion's start, but ``clock_s``, which
-#: is what the node's clock says at ``time_s``. Poses are in the site, metres and radians:
-#: ``true_*`` and ``reported_*`` of the frame of its points, ``node_*`` where the vehicle truly is,
-#: or the pole's first sensor, made upright.
-NODE_COLUMNS = {
-    "frame": "string",
-    "time_s": "float64",
-    "node": "string",
-    "present": "bool_",
-    "points": "int64",
-    **dict.fromkeys(("clock_s", "sent_s"), "float64"),
-    "lost": "bool_",
-    "arrival_s": "float64",
-    **{f"{kind}_{name}": "float64" for kind in ("true", "reported", "node") for name in _POSE},
-}
+__all__ = ["node_rows", "write_nodes"]
 
 
 def node_rows(
@@ -84,7 +68,7 @@ def node_rows(
                 f"{kind}_{name}": float(value) + 0.0
                 for kind, pose in poses.items()
                 for name, value in zip(
-                    _POSE, (*pose.translation, *ypr_from_rotation(pose.rotation)), strict=True
+                    POSE, (*pose.translation, *ypr_from_rotation(pose.rotation)), strict=True
                 )
             },
         }
@@ -119,8 +103,7 @@ def write_nodes(
         for index, time_s in times_s.items()
         for node in nodes
     ]
-    schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in NODE_COLUMNS.items()])
-    pq.write_table(pa.Table.from_pylist(found, schema=schema), path, **PARQUET)
+    pq.write_table(pa.Table.from_pylist(found, schema=arrow_schema(NODES)), path, **PARQUET)
 
 
 def _points(node: Node, entry: Mapping[str, Any]) -> Pose:

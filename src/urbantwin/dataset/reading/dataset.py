@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.reading.manifest import read_manifest
+from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.dataset.reading.selection import Frames, Located
-from urbantwin.dataset.reading.tables import frames_of, read_table
+from urbantwin.dataset.reading.tables import read_table, rows_by_frame
+from urbantwin.dataset.reading.turns import SensorTurns
 from urbantwin.errors import InputError
 from urbantwin.result_warning import ResultWarning, warnings_of
 
@@ -74,6 +76,20 @@ class Dataset(Frames):
         """``sweeps.parquet``: one row for each turn of a sensor."""
         self.check_single()
         return read_table(self.folder / "sweeps.parquet")
+
+    @cached_property
+    def objects(self) -> LabelledObjects:
+        """The rows of `boxes` as arrays.
+
+        Raises:
+            InputError: the table is damaged.
+        """
+        return LabelledObjects.of_table(self.boxes, self.folder)
+
+    @cached_property
+    def turns(self) -> SensorTurns:
+        """The rows of `sweeps` as arrays."""
+        return SensorTurns.of_table(self.sweeps, self.folder)
 
     @cached_property
     def class_names(self) -> dict[int, str]:
@@ -166,10 +182,7 @@ class Dataset(Frames):
 
     @cached_property
     def _rows_of_frames(self) -> dict[str, NDArray[np.int64]]:
-        names, codes = frames_of(self.boxes)
-        order = np.argsort(codes, kind="stable")
-        cuts = np.flatnonzero(np.diff(codes[order])) + 1
-        return {names[codes[own[0]]]: own for own in np.split(order, cuts) if len(own)}
+        return rows_by_frame(self.boxes)
 
     def box_rows(self, frame: str) -> NDArray[np.int64]:
         """Return the numbers of the rows of `boxes` that a frame has."""

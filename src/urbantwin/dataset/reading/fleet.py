@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.dataset.reading.columns import BOX, FLEET_BOXES, NODES, POSE
 from urbantwin.dataset.reading.dataset import Dataset
 from urbantwin.dataset.reading.fleet_manifest import read_fleet_manifest
 from urbantwin.dataset.reading.frame import Frame
 from urbantwin.dataset.reading.frame_files import FrameFiles
+from urbantwin.dataset.reading.objects import LabelledObjects
+from urbantwin.dataset.reading.tables import read_table
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 from urbantwin.result_warning import ResultWarning, warnings_of
@@ -29,20 +31,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Fleet", "FleetFrame", "NodeFrame", "NodeState"]
 
-_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
-_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
+NODES_FILE = "nodes.parquet"
 _POSES = ("true", "reported", "node")
 _EXPECTED = "a fleet of urbantwin record --nodes"
-_OF_BOXES = {
-    **dict.fromkeys(("frame", "class"), "text"),
-    **dict.fromkeys(("track", "num_points", "num_nodes"), "whole"),
-    **dict.fromkeys(("time_s", *_BOX, "vx", "vy", "vz"), "number"),
-}
-_OF_NODES = {
-    **dict.fromkeys(("frame", "node"), "text"),
-    "time_s": "number",
-    "points": "whole",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +188,7 @@ class FleetFrame:
     @cached_property
     def box_array(self) -> NDArray[np.float64]:
         """Boxes (B, 7) in the site: centre x, y, z, length, width, height in metres, yaw."""
-        return np.column_stack([self.boxes[name].to_numpy() for name in _BOX]).reshape(-1, 7)
+        return np.column_stack([self.boxes[name].to_numpy() for name in BOX]).reshape(-1, 7)
 
     def fused(
         self,
@@ -273,12 +264,17 @@ class Fleet(Sequence[FleetFrame]):
     @cached_property
     def boxes(self) -> pa.Table:
         """``boxes.parquet``: one row for each frame and actor, in the site; see docs/nodes.md."""
-        return _table(self.folder / "boxes.parquet", _OF_BOXES)
+        return read_table(self.folder / "boxes.parquet", FLEET_BOXES)
+
+    @cached_property
+    def objects(self) -> LabelledObjects:
+        """The rows of `boxes` as arrays."""
+        return LabelledObjects.of_table(self.boxes, self.folder)
 
     @cached_property
     def states(self) -> pa.Table:
         """``nodes.parquet``: one row for each frame and node: poses, clock, radio."""
-        return _table(self.folder / "nodes.parquet", _OF_NODES)
+        return read_table(self.folder / NODES_FILE, NODES)
 
     def boxes_of(self, frame: str) -> pa.Table:
         """Return the common labels of a frame."""
@@ -309,7 +305,7 @@ class Fleet(Sequence[FleetFrame]):
         if (frame, node) not in self._states:
             raise InputError(
                 f"has no row of {node} in frame {frame!r:.40}",
-                file=self.folder / "nodes.parquet",
+                file=self.folder / NODES_FILE,
                 expected=f"frames {self.names[0]} to {self.names[-1]}",
             )
         return self._states[frame, node]
@@ -339,7 +335,7 @@ class Fleet(Sequence[FleetFrame]):
 
     @cached_property
     def _states(self) -> dict[tuple[str, str], NodeState]:
-        file = self.folder / "nodes.parquet"
+        file = self.folder / NODES_FILE
         rows = self.states.to_pylist()
         return {(str(row["frame"]), str(row["node"])): _state(row, file) for row in rows}
 
@@ -404,7 +400,7 @@ class Fleet(Sequence[FleetFrame]):
 def _state(row: dict[str, Any], file: Path) -> NodeState:
     if not row.get("present"):
         return NodeState(present=False)
-    names = ["clock_s", "sent_s", *(f"{k}_{n}" for k in _POSES for n in _POSE)]
+    names = ["clock_s", "sent_s", *(f"{k}_{n}" for k in _POSES for n in POSE)]
     values: dict[str, Any] = {name: row.get(name) for name in names}
     late = None if row.get("lost") else row.get("arrival_s", np.nan)
     missing = [name for name, value in values.items() if not _is_number(value)]
@@ -417,8 +413,8 @@ def _state(row: dict[str, Any], file: Path) -> NodeState:
             expected=_EXPECTED,
         )
     true, reported, place = (
-        Pose.from_ypr([values[f"{kind}_{name}"] for name in _POSE[:3]],
-                      *(values[f"{kind}_{name}"] for name in _POSE[3:]))
+        Pose.from_ypr([values[f"{kind}_{name}"] for name in POSE[:3]],
+                      *(values[f"{kind}_{name}"] for name in POSE[3:]))
         for kind in _POSES
     )  # fmt: skip
     return NodeState(
@@ -436,10 +432,3 @@ def _state(row: dict[str, Any], file: Path) -> NodeState:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, float) and bool(np.isfinite(value))
-
-
-def _table(path: Path, columns: dict[str, str]) -> pa.Table:
-    """Read a table and check the columns that everybody relies on."""
-    table = read_parquet(path, _EXPECTED)
-    columns_of(table, columns, path, _EXPECTED)
-    return table

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.reading.frame_files import FrameFiles
+from urbantwin.dataset.reading.columns import BOX, POINT
+from urbantwin.dataset.reading.frame_files import FrameFiles, ray_place
 from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.errors import InputError
 
@@ -19,12 +20,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from urbantwin.dataset.reading.dataset import Dataset
+    from urbantwin.dataset.reading.objects import LabelledObjects
     from urbantwin.geometry import Pose
 
 __all__ = ["Frame"]
-
-_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
-_PLACE = ("x", "y", "z", "intensity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,15 +85,41 @@ class Frame:
     @cached_property
     def box_array(self) -> NDArray[np.float64]:
         """Boxes (B, 7): centre x, y, z, length, width, height in metres, yaw in radians."""
-        return np.column_stack([self.boxes[name].to_numpy() for name in _BOX]).reshape(-1, 7)
+        return np.column_stack([self.boxes[name].to_numpy() for name in BOX]).reshape(-1, 7)
+
+    @cached_property
+    def objects(self) -> LabelledObjects:
+        """Labelled boxes as arrays: all of the frame, as they are in the table."""
+        return self.dataset.objects.of_frame(self.name)
+
+    @property
+    def number(self) -> int:
+        """Number of the frame in the data set, from 0."""
+        return self.dataset.numbers[self.name]
 
     @cached_property
     def site_SE3_dataset(self) -> Pose:  # noqa: N802
-        """The pose that takes the frame's points to the site."""
+        """The pose that takes the frame's points to the site.
+
+        Raises:
+            InputError: the manifest does not say it.
+        """
         manifest = self.dataset.manifest
-        told = manifest["frames"][self.dataset.numbers[self.name]]
+        told = manifest["frames"][self.number]
         rows = told.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
+        if rows is None:
+            raise InputError(
+                "does not say where the points are",
+                file=self.dataset.folder / "dataset.json",
+                place=f"frames: {self.name}",
+                expected="dataset_SE3_site",
+            )
         return pose_of_matrix(rows).inverse()
+
+    @property
+    def xyz(self) -> NDArray[np.float32]:
+        """Places (N, 3) of the points, metres."""
+        return self.points[:, :3]
 
     @property
     def x(self) -> NDArray[np.float32]:
@@ -150,30 +175,53 @@ class Frame:
         ``instance``.
         """
         rays = self.rays
-        kinds: list[tuple[str, Any]] = [(name, "<f4") for name in _PLACE]
+        kinds: list[tuple[str, Any]] = [(name, "<f4") for name in POINT]
         kinds += [(name, rays.dtype[name]) for name in rays.dtype.names or ()]
         kinds += [("semantic", "<u2"), ("instance", "<u2")]
         cloud = np.empty(len(self.points), kinds)
-        for axis, name in enumerate(_PLACE):
+        for axis, name in enumerate(POINT):
             cloud[name] = self.points[:, axis]
         for name in rays.dtype.names or ():
             cloud[name] = rays[name]
         cloud["semantic"], cloud["instance"] = self.semantic, self.instance
         return cloud
 
-    def _of_rays(self, name: str) -> NDArray[Any]:
-        if name not in (self.rays.dtype.names or ()):
+    def rays_of(self, *fields: str, sensors: int = 256) -> NDArray[np.void]:
+        """Return the ray (N,) of each point, checked.
+
+        Args:
+            fields: what they must say.
+            sensors: number of sensors of the rig.
+
+        Raises:
+            InputError: a field is missing, or a ray is of a sensor that there is not.
+        """
+        file = self._files.rays_file
+        for name in fields:
+            if name not in (self.rays.dtype.names or ()):
+                raise InputError(
+                    f"does not say the {name} of its points",
+                    file=file,
+                    expected="rays as they are recorded now; this dataset is of an older version",
+                )
+        if "sensor" in fields and len(self.rays) and int(self.rays["sensor"].max()) >= sensors:
+            row = int(np.argmax(self.rays["sensor"]))
+            place = ray_place(file, self.rays, "sensor", row) if self._files.is_plain else None
             raise InputError(
-                f"does not say the {name} of its points",
-                file=self._files.rays_file,
-                expected="rays as they are recorded now; this dataset is of an older version",
+                "names a sensor that is not there",
+                file=file,
+                place=place,
+                expected=f"numbers below {sensors}",
             )
-        return self.rays[name]
+        return self.rays
+
+    def _of_rays(self, name: str) -> NDArray[Any]:
+        return self.rays_of(name)[name]
 
     @property
     def next(self) -> Frame | None:
         """The frame after it in the dataset; ``None`` of the last one."""
-        number = self.dataset.numbers[self.name] + 1
+        number = self.number + 1
         return self.dataset[number] if number < len(self.dataset.names) else None
 
     @property
@@ -276,6 +324,15 @@ class Frame:
                 f"there is no sensor {name!r}", file=self.dataset.folder, expected=", ".join(names)
             )
         return self._pose(name, reported=reported)
+
+    @cached_property
+    def site_SE3_sensors(self) -> dict[str, Pose]:  # noqa: N802
+        """Pose of every sensor by name: reported at its first turn; without a turn, at rest."""
+        found = self.dataset.turns.first_poses(self.name, "reported")
+        for one in self.dataset.manifest["rig"]["sensors"]:
+            if one["name"] not in found:
+                found[one["name"]] = pose_of_matrix(one["site_SE3_sensor"])
+        return found
 
     def _pose(self, name: str, *, reported: bool) -> Pose:
         import pyarrow.compute as pc

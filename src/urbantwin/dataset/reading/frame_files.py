@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.arrays import ArrayOf, read_array
+from urbantwin.artefact.arrays import ArrayOf, array_header, read_array
 from urbantwin.dataset.frame_columns import read_columns
 from urbantwin.dataset.frame_las import read_laz
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.errors import InputError
 
 __all__ = ["FOLDERS", "RAY_TYPE", "STORED", "FrameFiles", "ray_place", "read_labels", "read_rays"]
@@ -29,7 +30,6 @@ RAY_TYPE = np.dtype(
 STORED = {"npy": ".npy", "zstd": ".parquet", "laz": ".laz"}
 
 _POINTS, _RAYS = "the points of a frame", "a table of rays, one for each point"
-_PLACE = ("x", "y", "z", "intensity")
 #: No sensor has more channels.
 _MOST_RINGS = 4096
 
@@ -40,15 +40,45 @@ class FrameFiles:
     Args:
         dataset: its folder.
         name: of the frame.
+        storage: of the dataset, one of `STORED`; found by the files when not given.
 
     Attributes:
         file: of its points; with a storage in columns, of all.
     """
 
-    def __init__(self, dataset: Path, name: str) -> None:
+    def __init__(self, dataset: Path, name: str, storage: str | None = None) -> None:
         self.dataset, self.name = dataset, name
-        files = [dataset / "points" / f"{name}{ending}" for ending in STORED.values()]
+        endings = STORED.values() if storage is None else [STORED.get(storage, STORED["npy"])]
+        files = [dataset / "points" / f"{name}{ending}" for ending in endings]
         self.file = next((one for one in files if one.is_file()), files[0])
+
+    def __str__(self) -> str:
+        """Return the name of the file of the points in the dataset."""
+        return f"points/{self.file.name}"
+
+    def problem_of_sizes(self) -> str | None:
+        """Return what is wrong with the sizes of plain files; their contents are not read."""
+        rows: int | None = None
+        for folder in ("points", "rays"):
+            file = self.dataset / folder / f"{self.name}.npy"
+            if not file.is_file():
+                continue
+            try:
+                with file.open("rb") as stream:
+                    _, whole, shape = array_header(stream)
+            except Exception:  # a header is Python's syntax: its parser raises what it likes
+                return f"{folder}/{file.name}: is no array"
+            size = file.stat().st_size
+            if size != whole:
+                return f"{folder}/{file.name}: has {size:,} bytes; expected {whole:,}"
+            if rows is not None and shape and shape[0] != rows:
+                return f"{folder}/{file.name}: has {shape[0]:,} rows for {rows:,} points"
+            rows = shape[0] if shape else 0
+        labels = self.dataset / "semantic" / f"{self.name}.label"
+        if rows is not None and labels.is_file() and labels.stat().st_size != 4 * rows:
+            size = labels.stat().st_size
+            return f"semantic/{labels.name}: has {size:,} bytes; expected 4 for each of {rows:,}"
+        return None
 
     @cached_property
     def points(self) -> NDArray[np.float32]:
@@ -59,9 +89,9 @@ class FrameFiles:
         """
         if self.is_plain:
             return read_array(self.file, _POINTS, ArrayOf("f4", ("N", 4)))
-        columns = self._columns(_PLACE)
+        columns = self._columns(POINT)
         points = np.empty((len(columns["x"]), 4), np.float32)
-        for k, name in enumerate(_PLACE):
+        for k, name in enumerate(POINT):
             points[:, k] = columns[name]
         if not np.isfinite(points).all():
             raise InputError("has a value that is not finite", file=self.file)
@@ -119,7 +149,7 @@ class FrameFiles:
     @property
     def fields(self) -> dict[str, NDArray[Any]]:
         """The points as fields by name: x, y, z and intensity."""
-        return {name: self.points[:, k] for k, name in enumerate(_PLACE)}
+        return {name: self.points[:, k] for k, name in enumerate(POINT)}
 
     def _columns(self, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         if self.file.suffix == STORED["zstd"]:

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.dataset.reading.columns import VELOCITY
 from urbantwin.dataset.reading.fleet import Fleet, NodeState
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
@@ -178,7 +179,7 @@ def _velocities(
     mine = np.flatnonzero(np.asarray(table["frame"].to_pylist(), object) == frame)
     rows = table.take(mine)
     tracks = rows["track"].to_numpy()
-    speed = np.column_stack([rows[axis].to_numpy() for axis in ("vx", "vy", "vz")])
+    speed = np.column_stack([rows[axis].to_numpy() for axis in VELOCITY])
     track = labels >> 16
     found = np.zeros((len(track), 3))
     for number, velocity in zip(tracks.tolist(), speed, strict=True):

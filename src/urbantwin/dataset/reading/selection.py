@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.dataset.reading.filters import BoxFilter, FrameFilter
 from urbantwin.dataset.reading.frame import Frame
 from urbantwin.errors import InputError
@@ -217,7 +218,7 @@ class Frames(Sequence[Frame]):
 
     def torch(
         self,
-        fields: Sequence[str] = ("x", "y", "z", "intensity"),
+        fields: Sequence[str] = POINT,
         *,
         labels: bool = True,
         flow: bool = False,

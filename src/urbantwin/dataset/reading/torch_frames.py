@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
+from urbantwin.dataset.reading.columns import POINT, VELOCITY
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,9 +24,8 @@ Sample = dict[str, Any]
 #: Changes a sample; draws only from the generator that it is given.
 Transform = Callable[[Sample, np.random.Generator], Sample]
 
-_PLACE = ("x", "y", "z", "intensity")
 #: What columns of ``points`` may be.
-FIELDS = (*_PLACE, "sensor", "ring", "column", "time", "echo", "semantic", "instance")
+FIELDS = (*POINT, "sensor", "ring", "column", "time", "echo", "semantic", "instance")
 #: What has a row for each point, and for each box: put one after the other in a batch.
 _OF_POINTS = ("points", "semantic", "instance", "flow")
 _OF_BOXES = ("boxes", "box_class", "box_track", "box_points", "box_occlusion", "box_velocity")
@@ -81,7 +81,7 @@ class FrameDataset(Dataset[Sample]):
         frames: Sequence[LabelledPoints],
         *,
         classes: Sequence[str],
-        fields: Sequence[str] = _PLACE,
+        fields: Sequence[str] = POINT,
         labels: bool = True,
         flow: bool = False,
         transform: Transform | None = None,
@@ -125,7 +125,7 @@ class FrameDataset(Dataset[Sample]):
                     place=f"frame {frame.name}",
                     expected=", ".join(self.classes),
                 )
-        velocity = np.column_stack([boxes[one].to_numpy() for one in ("vx", "vy", "vz")])
+        velocity = np.column_stack([boxes[one].to_numpy() for one in VELOCITY])
         occlusion = boxes["occlusion"].to_numpy(zero_copy_only=False)
         sample: Sample = {
             "points": _tensor(self._points(frame), np.float32),
@@ -150,10 +150,10 @@ class FrameDataset(Dataset[Sample]):
         return sample
 
     def _points(self, frame: LabelledPoints) -> NDArray[np.float32]:
-        if self.fields == _PLACE:
+        if self.fields == POINT:
             return frame.points
         columns = [
-            frame.points[:, _PLACE.index(name)] if name in _PLACE else getattr(frame, name)
+            frame.points[:, POINT.index(name)] if name in POINT else getattr(frame, name)
             for name in self.fields
         ]
         return np.column_stack(columns).astype(np.float32).reshape(len(frame.points), -1)

@@ -11,26 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset.reading.manifest import pose_of_matrix
+from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.dataset.result_warnings import BEYOND
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 
 __all__ = ["ActorPlaces", "Recorded", "moments_of", "places_of"]
 
-_EXPECTED = "the boxes of a dataset"
-_KINDS = {
-    "frame": "text",
-    "track": "whole",
-    **dict.fromkeys(("x", "y", "z", "length", "yaw"), "number"),
-}
-_LATER = {
-    "ignored": "text or none",
-    **dict.fromkeys(("observed_s", "vx", "vy"), "number"),
-}
-#: Tracks of parked vehicles are these or more (``motion/``), where no column says who is parked.
-_PARKED = 30_001
 #: There are fewer tracks than this: they have 16 bits.
 _TRACKS = 1 << 20
 #: The track of the sensors of a rig that rides: no actor has it.
@@ -46,12 +34,12 @@ class Recorded:
     """A dataset as far as a split needs it.
 
     Attributes:
-        boxes: its ``boxes.parquet``.
+        folder: its folder.
         frames: ``name`` and ``time_s`` of each, and ``dataset_SE3_site`` of a rig that rides.
         dataset_SE3_site: rows of the pose of a rig that stands.
     """
 
-    boxes: Path
+    folder: Path
     frames: Sequence[Mapping[str, Any]]
     dataset_SE3_site: Any  # noqa: N815
 
@@ -153,12 +141,12 @@ def _times(one: Recorded) -> list[float]:
 
 def _rows(one: Recorded, times: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
     """Return moment, track, ends, length and parked of a dataset's actors and riding sensors."""
-    rows, frame = _boxes(one)
+    objects, frame = _boxes(one)
     moments = np.searchsorted(times, moments_of(_times(one)))
-    middle = np.column_stack([rows[axis] for axis in "xyz"])
-    middle[:, :2] -= np.column_stack([rows["vx"], rows["vy"]]) * rows["observed_s"][:, None]
-    along = np.column_stack([np.cos(rows["yaw"]), np.sin(rows["yaw"]), np.zeros(len(frame))])
-    along *= rows["length"][:, None] / 2
+    yaw, length = objects.box[:, 6], objects.box[:, 3]
+    middle = objects.box[:, :3].copy()
+    middle[:, :2] -= objects.velocity[:, :2] * objects.observed_s[:, None]
+    along = np.column_stack([np.cos(yaw), np.sin(yaw), np.zeros(len(frame))]) * length[:, None] / 2
     front, rear = middle + along, middle - along
     rides = any("dataset_SE3_site" in told for told in one.frames)
     poses = [_pose(one, told) for told in (one.frames if rides else one.frames[:1])]
@@ -170,29 +158,20 @@ def _rows(one: Recorded, times: NDArray[np.int64]) -> tuple[NDArray[Any], ...]:
     ridden = [pose.apply(np.array([[2.0, 0, 0], [-2.0, 0, 0]]))[:, :2].ravel() for pose in poses]
     return (
         np.concatenate([moments[frame], moments[:count]]),
-        np.concatenate([rows["track"], np.full(count, _RIG)]),
+        np.concatenate([objects.track, np.full(count, _RIG)]),
         np.concatenate([ends, np.array(ridden[:count]).reshape(-1, 4)]),
-        np.concatenate([rows["length"], np.full(count, 4.0)]),
-        np.concatenate([rows["parked"], np.zeros(count, bool)]),
+        np.concatenate([length, np.full(count, 4.0)]),
+        np.concatenate([objects.parked, np.zeros(count, bool)]),
     )
 
 
-def _boxes(one: Recorded) -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
+def _boxes(one: Recorded) -> tuple[LabelledObjects, NDArray[np.int64]]:
     """Return the boxes in reach, and the number of the frame of each."""
-    table = read_parquet(one.boxes, _EXPECTED)
-    later = {name: kind for name, kind in _LATER.items() if name in table.column_names}
-    rows = columns_of(table, _KINDS | later, one.boxes, _EXPECTED)
-    for name in ("vx", "vy", "observed_s"):
-        rows.setdefault(name, np.zeros(table.num_rows))
-    rows["parked"] = rows["track"] >= _PARKED
-    if "parked" in table.column_names:
-        rows["parked"] = np.array([bool(value) for value in table["parked"].to_pylist()], bool)
+    objects = LabelledObjects.in_folder(one.folder)
     number = {str(frame["name"]): k for k, frame in enumerate(one.frames)}
-    frame = np.array([number.get(name, -1) for name in rows["frame"].tolist()], np.int64)
-    known = frame >= 0
-    if "ignored" in rows:
-        known &= ~np.isin(rows["ignored"].astype(str), BEYOND)
-    return {name: column[known] for name, column in rows.items()}, frame[known]
+    frame = np.array([number.get(name, -1) for name in objects.frame.tolist()], np.int64)
+    known = (frame >= 0) & ~np.isin(objects.ignored, BEYOND)
+    return objects.take(known), frame[known]
 
 
 def _pose(one: Recorded, told: Mapping[str, Any]) -> Pose:
@@ -203,6 +182,6 @@ def _pose(one: Recorded, told: Mapping[str, Any]) -> Pose:
     """
     matrix = told.get("dataset_SE3_site", one.dataset_SE3_site)
     if matrix is None:
-        file = one.boxes.parent / "dataset.json"
+        file = one.folder / "dataset.json"
         raise InputError("is missing", file=file, place="dataset_SE3_site")
     return pose_of_matrix(matrix).inverse()

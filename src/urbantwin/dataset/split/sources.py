@@ -41,7 +41,7 @@ class Source:
     def recorded(self) -> tuple[Recorded, ...]:
         """What a split needs of each part."""
         return tuple(
-            Recorded(one / "boxes.parquet", manifest["frames"], manifest["dataset_SE3_site"])
+            Recorded(one, manifest["frames"], manifest["dataset_SE3_site"])
             for one, manifest in self.parts
         )
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from urbantwin.exports.frames.source import SourceBoxes
+from urbantwin.dataset.reading.columns import BOX
+from urbantwin.dataset.reading.objects import LabelledObjects
 
-__all__ = ["BOX", "BOX_KEYS", "box_rows"]
+__all__ = ["BOX_KEYS", "box_rows"]
 
-BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 #: The keys of a row, in its order; see docs/labels.md.
 BOX_KEYS = (
     *("track", "class", *BOX, "vx", "vy", "vz", "num_points", "num_points_alone", "occlusion"),
@@ -19,7 +19,7 @@ BOX_KEYS = (
 )
 
 
-def box_rows(boxes: SourceBoxes) -> Iterator[dict[str, Any]]:
+def box_rows(boxes: LabelledObjects) -> Iterator[dict[str, Any]]:
     """Yield a row for each box, in the frame of its points; ``None`` where nothing is known."""
     hidden = np.isnan(boxes.occlusion)
     columns = (

@@ -16,7 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from urbantwin.exports.frames.source import FrameSource, SourceBoxes, SourceFrame
+from urbantwin.dataset.reading import Frame
+from urbantwin.dataset.reading.objects import LabelledObjects
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.exports.frames.trainer_folder import left_out, write_splits
 from urbantwin.exports.frames.virtual_camera import (
     IMAGE,
@@ -72,7 +74,7 @@ def write_kitti(source: FrameSource, folder: Path, tell: Progress) -> Sequence[s
         place = folder / ("testing" if frame.name in testing else "training")
         for name in ("velodyne", "label_2", "label_all", "calib", "image_2"):
             (place / name).mkdir(parents=True, exist_ok=True)
-        points = np.column_stack([frame.points, frame.intensity]).astype("<f4")
+        points = frame.points
         (place / "velodyne" / f"{frame.name}.bin").write_bytes(points.tobytes())
         camera = camera_SE3_frame(source, frame)
         (place / "calib" / f"{frame.name}.txt").write_text(_calibration(camera), encoding="utf-8")
@@ -97,7 +99,7 @@ def _calibration(camera_SE3_lidar: Pose) -> str:
     )
 
 
-def _labels(frame: SourceFrame, camera: Pose, counted: Counter[str]) -> tuple[str, str]:
+def _labels(frame: Frame, camera: Pose, counted: Counter[str]) -> tuple[str, str]:
     """Return the labels of what the camera sees, and those of what is on all sides.
 
     Args:
@@ -105,7 +107,7 @@ def _labels(frame: SourceFrame, camera: Pose, counted: Counter[str]) -> tuple[st
         camera: camera_SE3_frame.
         counted: how many boxes were treated how, added to.
     """
-    boxes, theirs = frame.boxes, classes_in("kitti")
+    boxes, theirs = frame.objects, classes_in("kitti")
     seen, everywhere, regions = [], [], []
     for row in range(len(boxes)):
         name = theirs.get(str(boxes.class_name[row]))
@@ -129,7 +131,7 @@ def _labels(frame: SourceFrame, camera: Pose, counted: Counter[str]) -> tuple[st
     return "".join(seen + regions), "".join(everywhere)
 
 
-def _line(name: str, boxes: SourceBoxes, row: int, camera: Pose, found: Sequence[float]) -> str:
+def _line(name: str, boxes: LabelledObjects, row: int, camera: Pose, found: Sequence[float]) -> str:
     length, width, height, yaw = boxes.box[row, 3:]
     floor = boxes.box[row, :3] - [0, 0, height / 2]
     x, y, z = camera.apply(floor[None])[0]

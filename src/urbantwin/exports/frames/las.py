@@ -16,8 +16,9 @@ import numpy as np
 from pyproj import CRS
 
 from urbantwin import __version__
+from urbantwin.dataset.reading import Frame
 from urbantwin.exports.frames.lists import Lists
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import classes_in, semantic_classes
 
@@ -55,7 +56,7 @@ def _write(source: FrameSource, folder: Path, tell: Progress, ending: str) -> li
     ]
 
 
-def _las_of(frame: SourceFrame, crs: CRS) -> laspy.LasData:
+def _las_of(frame: Frame, crs: CRS) -> laspy.LasData:
     header = laspy.LasHeader(point_format=6, version="1.4")
     header.scales = np.full(3, SCALE_M)
     header.offsets = np.zeros(3)
@@ -72,7 +73,7 @@ def _las_of(frame: SourceFrame, crs: CRS) -> laspy.LasData:
         ]
     )
     cloud = laspy.LasData(header)
-    cloud.x, cloud.y, cloud.z = frame.site_SE3_frame.apply(frame.points.astype(np.float64)).T
+    cloud.x, cloud.y, cloud.z = frame.site_SE3_dataset.apply(frame.xyz.astype(np.float64)).T
     cloud.intensity = np.rint(np.clip(frame.intensity, 0, 1) * _BRIGHTEST).astype(np.uint16)
     cloud.classification = _standard_classes()[frame.semantic]
     for name in ("ring", "column", "sensor"):

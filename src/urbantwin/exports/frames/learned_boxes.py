@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.box_columns import label_line
-from urbantwin.exports.frames.source import SourceBoxes
+from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.taxonomy import classes_in
 
 __all__ = ["LearnedBoxes", "ObjectDatabase", "learned_boxes"]
@@ -39,7 +39,7 @@ class LearnedBoxes:
     lines: str
 
 
-def learned_boxes(boxes: SourceBoxes, format_name: str, marked: str) -> LearnedBoxes:
+def learned_boxes(boxes: LabelledObjects, format_name: str, marked: str) -> LearnedBoxes:
     """Return what a trainer reads of a frame's boxes.
 
     Args:

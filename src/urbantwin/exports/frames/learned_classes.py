@@ -8,24 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.document import read_bytes
-from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.errors import InputError
 from urbantwin.taxonomy import BOX_SEMANTICS
 
 __all__ = ["FEWEST_POINTS", "PILLAR_M", "LearnedClass", "LearnedClasses", "learned_classes"]
 
 _EXPECTED = "a dataset of urbantwin record"
-_COLUMNS = {
-    "frame": "text",
-    "class": "text", **dict.fromkeys(("x", "y", "z", "length", "width", "height"), "number"),
-    "num_points": "whole",
-}  # fmt: skip
 #: Boxes with fewer points are no example; of a class with fewer boxes nothing is learned.
 FEWEST_POINTS, _FEWEST_BOXES = 5, 10
 #: What stands still and belongs to nobody, and animals, is not learned.
@@ -97,47 +91,39 @@ def learned_classes(dataset: Path) -> LearnedClasses:
     """Return what is to be learned of a dataset.
 
     Args:
-        dataset: one of ours; its ``boxes.parquet`` and ``ImageSets/train.txt`` are read.
+        dataset: one of ours; its labels and ``ImageSets/train.txt`` are read.
 
     Raises:
         InputError: it is no dataset of ours, or no class has enough boxes.
     """
-    file = dataset / "boxes.parquet"
-    table = read_parquet(file, _EXPECTED)
-    boxes = columns_of(table, _COLUMNS, file, _EXPECTED)
-    counts = np.ones(table.num_rows, bool)
-    if "ignored" in table.column_names:
-        counts = ~np.array([bool(one) for one in table["ignored"].to_pylist()], bool)
-    labelled = sorted(set(boxes["class"].astype(str).tolist()))
+    objects = LabelledObjects.in_folder(dataset)
     split = dataset / "ImageSets" / "train.txt"
     training = read_bytes(split, _EXPECTED).decode(errors="replace").split()
-    seen = (boxes["num_points"] >= FEWEST_POINTS) & np.isin(boxes["frame"].astype(str), training)
-    boxes = {name: column[seen & counts] for name, column in boxes.items()}
-    names, found = np.unique(boxes["class"].astype(str), return_counts=True)
+    counts = (objects.ignored == "") & np.isin(objects.frame.astype(str), training)
+    learned = objects.take(counts & (objects.num_points >= FEWEST_POINTS))
+    names, found = np.unique(learned.class_name, return_counts=True)
     known = dict(zip(names.tolist(), found.tolist(), strict=True))
     chosen = [name for name in _LEARNED if known.get(name, 0) >= _FEWEST_BOXES]
     if not chosen:
         raise InputError(
             f"has no class with {_FEWEST_BOXES} boxes of {FEWEST_POINTS} points",
-            file=file,
+            file=objects.file,
             expected="labelled road users",
         )
     most = max(known[name] for name in chosen)
     return LearnedClasses(
-        classes=tuple(_of_class(name, boxes, most) for name in chosen),
-        range_m=_range(boxes),
-        labelled=tuple(labelled),
+        classes=tuple(_of_class(name, learned, most) for name in chosen),
+        range_m=_range(learned.box),
+        labelled=tuple(sorted(set(objects.class_name.tolist()))),
         few={name: known[name] for name in sorted(set(known) - set(chosen))},
     )
 
 
-def _of_class(name: str, boxes: dict[str, NDArray[Any]], most: int) -> LearnedClass:
-    mine = boxes["class"] == name
-    count = int(mine.sum())
-    length, width, height = (
-        round(float(np.median(boxes[one][mine])), 2) for one in ("length", "width", "height")
-    )
-    bottom = float(np.median((boxes["z"] - boxes["height"] / 2)[mine]))
+def _of_class(name: str, objects: LabelledObjects, most: int) -> LearnedClass:
+    box = objects.box[objects.class_name == name]
+    count = len(box)
+    length, width, height = (round(float(one), 2) for one in np.median(box[:, 3:6], axis=0))
+    bottom = float(np.median(box[:, 2] - box[:, 5] / 2))
     matched, unmatched = _SMALL if width < _SMALL_M else _LARGE
     sampled = max(2, round(_MOST_SAMPLED * (1 - count / most / 2)))
     return LearnedClass(
@@ -145,11 +131,11 @@ def _of_class(name: str, boxes: dict[str, NDArray[Any]], most: int) -> LearnedCl
     )
 
 
-def _range(boxes: dict[str, NDArray[Any]]) -> tuple[float, float, float, float, float, float]:
-    far = np.quantile(np.maximum(np.abs(boxes["x"]), np.abs(boxes["y"])), _HELD) + _MARGIN_M
+def _range(box: NDArray[np.float64]) -> tuple[float, float, float, float, float, float]:
+    far = np.quantile(np.abs(box[:, :2]).max(axis=1), _HELD) + _MARGIN_M
     step = PILLAR_M * _MULTIPLE / 2
     side = round(float(np.ceil(far / step) * step), 2)
-    low = np.quantile(boxes["z"] - boxes["height"] / 2, (1 - _HELD) / 2) - _MARGIN_M / 4
-    high = np.quantile(boxes["z"] + boxes["height"] / 2, (1 + _HELD) / 2) + _MARGIN_M / 4
+    low = np.quantile(box[:, 2] - box[:, 5] / 2, (1 - _HELD) / 2) - _MARGIN_M / 4
+    high = np.quantile(box[:, 2] + box[:, 5] / 2, (1 + _HELD) / 2) + _MARGIN_M / 4
     bottom, top = round(float(np.floor(10 * low) / 10), 1), round(float(np.ceil(10 * high) / 10), 1)
     return (-side, -side, bottom, side, side, top)

@@ -14,9 +14,11 @@ from typing import Any, Self
 
 import numpy as np
 
+from urbantwin.dataset.reading import Frame
+from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.box_rows import BOX_KEYS, box_rows
-from urbantwin.exports.frames.source import FrameSource, SourceBoxes, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.geometry import Pose
 
 __all__ = ["BOX_COLUMNS", "FRAME_COLUMNS", "Lists"]
@@ -45,14 +47,14 @@ class Lists:
         self._boxes.writerow(BOX_COLUMNS)
         self._frames.writerow(FRAME_COLUMNS)
 
-    def add(self, frame: SourceFrame) -> None:
+    def add(self, frame: Frame) -> None:
         """Write the rows of one frame."""
-        boxes = _in_site(frame) if self._in_site else frame.boxes
+        boxes = _in_site(frame) if self._in_site else frame.objects
         for row in box_rows(boxes):
             row |= {"frame": frame.name, "ignore": row["ignored"] is not None}
             self._boxes.writerow([_text(row[name]) for name in BOX_COLUMNS])
         told = (frame.name, repr(frame.time_s), self._source.part_of(frame.name) or "")
-        poses = {"frame": frame.site_SE3_frame, **frame.site_SE3_sensors}
+        poses = {"frame": frame.site_SE3_dataset, **frame.site_SE3_sensors}
         if self._in_site:
             poses["frame"] = Pose(np.eye(3), np.zeros(3))
         for name, pose in poses.items():
@@ -80,10 +82,10 @@ def _text(value: Any) -> str:  # noqa: ANN401
     return str(int(value)) if isinstance(value, bool) else str(value)
 
 
-def _in_site(frame: SourceFrame) -> SourceBoxes:
+def _in_site(frame: Frame) -> LabelledObjects:
     """Return the boxes of a frame in the site; they keep standing upright there."""
-    boxes = frame.boxes
+    boxes = frame.objects
     middles, turned = site_boxes(frame)
     yaw = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
     box = np.column_stack([middles, boxes.box[:, 3:6], yaw])
-    return replace(boxes, box=box, velocity=boxes.velocity @ frame.site_SE3_frame.rotation.T)
+    return replace(boxes, box=box, velocity=boxes.velocity @ frame.site_SE3_dataset.rotation.T)

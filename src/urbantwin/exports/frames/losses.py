@@ -61,7 +61,7 @@ def losses_of(source: FrameSource, format_name: str, holds: Collection[str]) -> 
         lost = "; ".join(f"of {kind}: {', '.join(names)}" for kind, names in by_kind.items())
         told.append(f"{format_name} cannot hold {lost}")
     if "boxes" in held:
-        told += _of_classes(classes_in(format_name), source.class_names, format_name, "boxes")
+        told += _of_classes(classes_in(format_name), source.labelled_classes, format_name, "boxes")
     if "semantic" in held:
         counts = source.manifest["counts"]["points_by_class"]
         names = [name for name in semantic_classes() if counts.get(name)]

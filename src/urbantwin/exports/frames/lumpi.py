@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact import write_json
+from urbantwin.dataset.reading import Frame
 from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.point_files import record_of, write_ply_file
 from urbantwin.exports.frames.scenes import scenes_of
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress, each
 from urbantwin.taxonomy import classes_in
 
@@ -68,7 +69,7 @@ def losses_lumpi(source: FrameSource) -> list[str]:
             expected="10, by which LUMPI numbers clouds (rate_hz: 10 in the rig)",
         )
     told = ["of points: time in whole microseconds"]
-    if source.manifest["frame"] == "sensor" and source.class_names:
+    if source.manifest["frame"] == "sensor" and source.labelled_classes:
         told.append("of boxes: only the heading, where the frame of the points is tilted")
     return told
 
@@ -126,7 +127,7 @@ def _session(source: FrameSource, measurement: int, sensor: int) -> int:
 
 
 def _columns(
-    source: FrameSource, frame: SourceFrame, measurement: int, start_s: float
+    source: FrameSource, frame: Frame, measurement: int, start_s: float
 ) -> dict[str, NDArray[Any]]:
     """Return what a cloud of LUMPI has of each point."""
     names = frame.rays.dtype.names or ()
@@ -134,7 +135,7 @@ def _columns(
     sensor = frame.rays["sensor"] if "sensor" in names else none.astype(np.uint8)
     ring = frame.rays["ring"] if "ring" in names else none.astype(np.uint16)
     time_s = frame.rays["time"].astype(np.float64) if "time" in names else none
-    site = frame.site_SE3_frame.apply(frame.points)
+    site = frame.site_SE3_dataset.apply(frame.xyz)
     azimuth, distance = none.copy(), none.copy()
     for number, one in enumerate(source.sensors):
         mine = sensor == number
@@ -152,8 +153,8 @@ def _columns(
     }
 
 
-def _labels(frame: SourceFrame, time_s: float) -> list[str]:
-    boxes = frame.boxes
+def _labels(frame: Frame, time_s: float) -> list[str]:
+    boxes = frame.objects
     theirs = classes_in("lumpi")
     middles, rotations = site_boxes(frame)
     heading = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])

@@ -17,10 +17,11 @@ import numpy as np
 
 from urbantwin import __version__
 from urbantwin.artefact import sha256_of
+from urbantwin.dataset.reading import Frame
 from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.exports.frames.box_rows import BOX_KEYS, box_rows
 from urbantwin.exports.frames.pcd import point_record
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.extras import check_extra
 from urbantwin.fidelity.readers.label_rows import LABELS
 from urbantwin.geometry import Pose
@@ -107,9 +108,7 @@ def write_mcap(source: FrameSource, file: Path, tell: Progress) -> list[str]:
     return []
 
 
-def _messages(
-    store: Typestore, source: FrameSource, frame: SourceFrame
-) -> Iterator[tuple[str, bytes]]:
+def _messages(store: Typestore, source: FrameSource, frame: Frame) -> Iterator[tuple[str, bytes]]:
     made = _Made(store, round(frame.time_s * 1e9))
     for topic, message in (
         ("/tf", made.transforms(frame)),
@@ -121,11 +120,11 @@ def _messages(
         "name": frame.name,
         "time_s": frame.time_s,
         "part": source.part_of(frame.name),
-        "site_SE3_frame": pose_matrix(frame.site_SE3_frame),
+        "site_SE3_frame": pose_matrix(frame.site_SE3_dataset),
         "site_SE3_sensors": {
             name: pose_matrix(pose) for name, pose in frame.site_SE3_sensors.items()
         },
-        "boxes": list(box_rows(frame.boxes)),
+        "boxes": list(box_rows(frame.objects)),
     }
     yield LABELS_TOPIC, json.dumps(told, separators=(",", ":"), allow_nan=False).encode()
 
@@ -138,7 +137,7 @@ class _Made:
         seconds, nanoseconds = divmod(stamp_ns, 10**9)
         self._stamp = self._of("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
 
-    def points(self, frame: SourceFrame) -> Any:  # noqa: ANN401 - a type of the store's
+    def points(self, frame: Frame) -> Any:  # noqa: ANN401 - a type of the store's
         record = point_record(frame)
         kinds = record.dtype
         fields = [
@@ -164,8 +163,8 @@ class _Made:
             is_dense=True,
         )
 
-    def transforms(self, frame: SourceFrame) -> Any:  # noqa: ANN401
-        poses = {_POINTS: frame.site_SE3_frame, **frame.site_SE3_sensors}
+    def transforms(self, frame: Frame) -> Any:  # noqa: ANN401
+        poses = {_POINTS: frame.site_SE3_dataset, **frame.site_SE3_sensors}
         return self._of(
             "tf2_msgs/msg/TFMessage",
             transforms=[
@@ -183,7 +182,7 @@ class _Made:
             ],
         )
 
-    def markers(self, frame: SourceFrame, lifetime_s: float) -> Any:  # noqa: ANN401
+    def markers(self, frame: Frame, lifetime_s: float) -> Any:  # noqa: ANN401
         colours = semantic_classes()
         lifetime = self._of(
             "builtin_interfaces/msg/Duration",
@@ -192,7 +191,7 @@ class _Made:
         )
         markers = []
         for track, name, box, ignored in zip(
-            frame.boxes.track, frame.boxes.class_name, frame.boxes.box, frame.boxes.ignored,
+            frame.objects.track, frame.objects.class_name, frame.objects.box, frame.objects.ignored,
             strict=True,
         ):  # fmt: skip
             red, green, blue = (part / 255 for part in colours[BOX_SEMANTICS[str(name)]].colour)

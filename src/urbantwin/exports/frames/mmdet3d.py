@@ -14,12 +14,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from urbantwin.dataset.reading import Frame
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
 from urbantwin.exports.frames.mmdet3d_config import CONFIGS, MODULE, dataset_module, mmdet3d_config
 from urbantwin.exports.frames.plain_pickle import write_plain_pickle
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.exports.frames.trainer_folder import left_out, write_configs, write_splits
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import classes_in
@@ -57,9 +56,9 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
     entries = {}
     for frame in source:
         tell(frame.number / len(source), f"frame {frame.name}")
-        points = np.column_stack([frame.points, frame.intensity]).astype("<f4")
+        points = frame.points
         (folder / "points" / f"{frame.name}.bin").write_bytes(points.tobytes())
-        found = learned_boxes(frame.boxes, "mmdet3d", _MARKED)
+        found = learned_boxes(frame.objects, "mmdet3d", _MARKED)
         (folder / "labels" / f"{frame.name}.txt").write_text(found.lines, encoding="utf-8")
         entries[frame.name] = _entry(frame, found, numbers)
         if frame.name in training:
@@ -74,7 +73,7 @@ def write_mmdet3d(source: FrameSource, folder: Path, tell: Progress) -> Sequence
     return write_configs(source, folder, configs)
 
 
-def _entry(frame: SourceFrame, found: LearnedBoxes, numbers: Mapping[str, int]) -> dict[str, Any]:
+def _entry(frame: Frame, found: LearnedBoxes, numbers: Mapping[str, int]) -> dict[str, Any]:
     rows = zip(found.names.tolist(), found.box.tolist(), found.rows.tolist(), strict=True)
     return {
         "sample_idx": frame.name,
@@ -84,9 +83,9 @@ def _entry(frame: SourceFrame, found: LearnedBoxes, numbers: Mapping[str, int]) 
             {
                 "bbox_3d": box,
                 "bbox_label_3d": numbers.get(name, _UNKNOWN),
-                "num_lidar_pts": int(frame.boxes.num_points[row]),
-                "velocity": frame.boxes.velocity[row, :2].tolist(),
-                "track_id": int(frame.boxes.track[row]),
+                "num_lidar_pts": int(frame.objects.num_points[row]),
+                "velocity": frame.objects.velocity[row, :2].tolist(),
+                "track_id": int(frame.objects.track[row]),
             }
             for name, box, row in rows
         ],

@@ -16,6 +16,7 @@ import numpy as np
 from PIL import Image
 
 from urbantwin.artefact import sha256_of, write_json
+from urbantwin.dataset.reading import Frame
 from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.nuscenes_names import scene_names
 from urbantwin.exports.frames.nuscenes_points import LabelledPoints, unnumbered_objects
@@ -26,7 +27,7 @@ from urbantwin.exports.frames.nuscenes_tables import (
     open_table,
 )
 from urbantwin.exports.frames.scenes import scenes_of
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress, each
 from urbantwin.taxonomy import classes_in
 
@@ -74,7 +75,7 @@ def losses_nuscenes(source: FrameSource) -> list[str]:
     beyond = unnumbered_objects(source)
     if beyond:
         told.append(f"of points: {beyond} instances, beyond 999 of a category in a scene")
-    return told if source.class_names else []
+    return told if source.labelled_classes else []
 
 
 def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
@@ -115,7 +116,7 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
             points.write(frame, tables.scene_of(number), lidarseg, panoptic)
     for table, rows in tables.small_tables().items():
         write_json(folder / VERSION / f"{table}.json", rows)
-    splits: dict[str, list[str]] = {CUSTOM_SPLIT.format(part): [] for part in source.split}
+    splits: dict[str, list[str]] = {CUSTOM_SPLIT.format(part): [] for part in source.splits}
     for name, scene in scenes.items():
         if scene.part is not None:
             splits[CUSTOM_SPLIT.format(scene.part)].append(name)
@@ -129,9 +130,9 @@ def write_nuscenes(source: FrameSource, folder: Path, tell: Progress) -> list[st
     ]
 
 
-def _detected_classes(frame: SourceFrame) -> set[str]:
+def _detected_classes(frame: Frame) -> set[str]:
     """Return the classes of the detection task that have an object in range in a frame."""
-    boxes = frame.boxes
+    boxes = frame.objects
     categories = classes_in("nuscenes")
     sensor = next(iter(frame.site_SE3_sensors.values())).translation
     away = np.linalg.norm((site_boxes(frame)[0] - sensor)[:, :2], axis=1)
@@ -155,7 +156,7 @@ def _ceiling(found: set[str]) -> list[str]:
     ]
 
 
-def _write_cloud(path: Path, frame: SourceFrame) -> None:
+def _write_cloud(path: Path, frame: Frame) -> None:
     """Write x, y, z, intensity, ring as float32."""
     rows = np.zeros((len(frame.points), 5), "<f4")
     rows[:, 0], rows[:, 1], rows[:, 2] = -frame.points[:, 1], frame.points[:, 0], frame.points[:, 2]

@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.dataset.reading import Frame
 from urbantwin.exports.frames.nuscenes_names import CATEGORIES
 from urbantwin.exports.frames.scenes import scenes_of
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.taxonomy import classes_in, semantic_classes
 
 __all__ = ["LabelledPoints", "unnumbered_objects"]
@@ -30,7 +31,7 @@ def unnumbered_objects(source: FrameSource) -> int:
     for scene in scenes_of(source):
         tracks: dict[str | None, set[int]] = defaultdict(set)
         for number in scene.numbers:
-            boxes = source.boxes_of(source.names[number])
+            boxes = source.objects.of_frame(source.names[number])
             seen = boxes.num_points > 0
             for kind in np.unique(boxes.class_name[seen]).tolist():
                 of_kind = seen & (boxes.class_name == kind)
@@ -54,7 +55,7 @@ class LabelledPoints:
             ours: CATEGORIES.index(name or "noise") for ours, name in classes_in("nuscenes").items()
         }
 
-    def write(self, frame: SourceFrame, scene: str, lidarseg: Path, panoptic: Path) -> None:
+    def write(self, frame: Frame, scene: str, lidarseg: Path, panoptic: Path) -> None:
         """Write the labels of a frame.
 
         A point of an actor has the category of its box, which says more: a trailer's points are
@@ -68,7 +69,9 @@ class LabelledPoints:
         """
         category = self._of_semantic[frame.semantic]
         number = np.zeros(len(category), np.uint16)
-        boxes = dict(zip(frame.boxes.track.tolist(), frame.boxes.class_name.tolist(), strict=True))
+        boxes = dict(
+            zip(frame.objects.track.tolist(), frame.objects.class_name.tolist(), strict=True)
+        )
         for track in np.unique(frame.instance[frame.instance > 0]).tolist():
             mine = frame.instance == track
             if track in boxes:

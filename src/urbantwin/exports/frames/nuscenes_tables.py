@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from urbantwin.dataset.reading import Frame
 from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.nuscenes_names import (
     ATTRIBUTES,
@@ -21,7 +22,7 @@ from urbantwin.exports.frames.nuscenes_names import (
     visibility_of,
 )
 from urbantwin.exports.frames.scenes import Scene
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.geometry import Pose
 from urbantwin.lidar.rig import dataset_frame
 from urbantwin.taxonomy import classes_in
@@ -65,7 +66,7 @@ class TablesOfFrames:
         self._class: dict[tuple[str, int], str] = {}
         self._calibrated: dict[str, Row] = {}
         for number, frame_name in enumerate(source.names):
-            boxes = source.boxes_of(frame_name)
+            boxes = source.objects.of_frame(frame_name)
             for track, kind in zip(boxes.track.tolist(), boxes.class_name.tolist(), strict=True):
                 if kind in self._category:
                     key = self._scene_of[number], track
@@ -83,11 +84,11 @@ class TablesOfFrames:
         """Return the name of the scene that a frame is in."""
         return self._scene_of[number]
 
-    def sweep(self, frame: SourceFrame) -> str:
+    def sweep(self, frame: Frame) -> str:
         """Return the token of a frame's cloud."""
         return self._token("sample_data", frame.name)
 
-    def add(self, frame: SourceFrame, files: dict[str, str]) -> None:
+    def add(self, frame: Frame, files: dict[str, str]) -> None:
         """Write the rows of a frame.
 
         Args:
@@ -102,7 +103,7 @@ class TablesOfFrames:
         site_SE3_ego = self._ego(frame)
         ego_SE3_site = site_SE3_ego.inverse()
         time_us = self._times_us[number]
-        lidar = ego_SE3_site @ frame.site_SE3_frame @ _FRAME_SE3_LIDAR
+        lidar = ego_SE3_site @ frame.site_SE3_dataset @ _FRAME_SE3_LIDAR
         if not self._calibrated:
             self._add_sensors(frame, ego_SE3_site)
         self.rows["ego_pose"](
@@ -138,8 +139,8 @@ class TablesOfFrames:
         for task in ("lidarseg", "panoptic"):
             self.rows[task]({"token": token, "sample_data_token": token, "filename": files[task]})
 
-    def _annotations(self, frame: SourceFrame) -> None:
-        boxes = frame.boxes
+    def _annotations(self, frame: Frame) -> None:
+        boxes = frame.objects
         middles, rotations = site_boxes(frame)
         scene = self._scene_of[frame.number]
         for row, (track, kind) in enumerate(
@@ -244,13 +245,13 @@ class TablesOfFrames:
         """Channels of the rig's own sensors: they have a place, and no clouds of their own."""
         return [f"LIDAR_{one['name']}" for one in self._source.sensors]
 
-    def _ego(self, frame: SourceFrame) -> Pose:
+    def _ego(self, frame: Frame) -> Pose:
         """Return the pose of the rig: upright, where the points' frame is, or the first sensor."""
         if self._source.manifest["frame"] == "site":
             return dataset_frame("level", frame.site_SE3_sensors[self._source.sensors[0]["name"]])
-        return dataset_frame("level", frame.site_SE3_frame)
+        return dataset_frame("level", frame.site_SE3_dataset)
 
-    def _add_sensors(self, frame: SourceFrame, ego_SE3_site: Pose) -> None:
+    def _add_sensors(self, frame: Frame, ego_SE3_site: Pose) -> None:
         for one, channel in zip(self._source.sensors, self._channels(), strict=True):
             pose = ego_SE3_site @ frame.site_SE3_sensors[one["name"]] @ _FRAME_SE3_LIDAR
             self._calibration(channel, pose)

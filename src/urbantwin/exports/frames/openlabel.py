@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from urbantwin.dataset.reading import Frame
 from urbantwin.dataset.reading.manifest import pose_matrix
+from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.exports.frames.pcd import point_record
 from urbantwin.exports.frames.point_files import write_pcd_file
-from urbantwin.exports.frames.source import FrameSource, SourceBoxes, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.exports.openlabel_document import openlabel_document, write_openlabel_file
 from urbantwin.geometry import Pose
 from urbantwin.progress import Progress, each
@@ -53,7 +55,7 @@ def write_openlabel(source: FrameSource, folder: Path, tell: Progress) -> list[s
         write_openlabel_file(
             folder / LABELS / cloud / f"{frame.name}.json", _document(frame, cloud, sensors)
         )
-    for part, names in source.split.items():
+    for part, names in source.splits.items():
         for kind, ending in ((CLOUDS, "pcd"), (LABELS, "json")):
             file = folder / SPLIT / part / kind / cloud / "file_names.txt"
             file.parent.mkdir(parents=True)
@@ -67,8 +69,8 @@ def _free(name: str, taken: Iterable[str]) -> str:
     return name
 
 
-def _document(frame: SourceFrame, cloud: str, sensors: list[str]) -> dict[str, Any]:
-    boxes = frame.boxes
+def _document(frame: Frame, cloud: str, sensors: list[str]) -> dict[str, Any]:
+    boxes = frame.objects
     theirs = classes_in("openlabel")
     named = {
         str(track): {"name": f"{theirs[kind]}_{track}", "type": theirs[kind]}
@@ -76,11 +78,11 @@ def _document(frame: SourceFrame, cloud: str, sensors: list[str]) -> dict[str, A
     }
     site = _free(SITE, [cloud, *sensors])
     here = {one: frame.site_SE3_sensors[one] for one in sensors}
-    if cloud not in here or not _same(here[cloud], frame.site_SE3_frame):
+    if cloud not in here or not _same(here[cloud], frame.site_SE3_dataset):
         # The points' frame is not the sensor's own: it stands upright, is several sensors', or
         # the sensor moved on since the frame's time.
         points = _free("points", [site, *sensors]) if cloud in here else cloud
-        here[points] = frame.site_SE3_frame
+        here[points] = frame.site_SE3_dataset
     else:
         points = cloud
     systems = {
@@ -99,7 +101,7 @@ def _document(frame: SourceFrame, cloud: str, sensors: list[str]) -> dict[str, A
         f"{points}_to_{site}": {
             "src": points,
             "dst": site,
-            "transform_src_to_dst": _transform(frame.site_SE3_frame),
+            "transform_src_to_dst": _transform(frame.site_SE3_dataset),
         }
     }
     data = dict(zip(named, _object_data(boxes, points), strict=True))
@@ -130,7 +132,7 @@ def _transform(pose: Pose) -> dict[str, Any]:
     return {"matrix4x4": [value for row in pose_matrix(pose) for value in row]}
 
 
-def _object_data(boxes: SourceBoxes, system: str) -> list[dict[str, Any]]:
+def _object_data(boxes: LabelledObjects, system: str) -> list[dict[str, Any]]:
     """Return the cuboid of each box, with all that is known of it as its attributes."""
     found = []
     for row, (x, y, z, length, width, height, yaw) in enumerate(boxes.box.tolist()):
@@ -144,7 +146,7 @@ def _object_data(boxes: SourceBoxes, system: str) -> list[dict[str, Any]]:
     return found
 
 
-def _attributes(boxes: SourceBoxes, row: int) -> dict[str, list[Mapping[str, Any]]]:
+def _attributes(boxes: LabelledObjects, row: int) -> dict[str, list[Mapping[str, Any]]]:
     numbers: dict[str, float] = {
         "num_points": int(boxes.num_points[row]),
         "num_points_alone": int(boxes.num_points_alone[row]),

@@ -58,9 +58,9 @@ def write_openpcdet(source: FrameSource, folder: Path, tell: Progress) -> Sequen
     infos = {}
     for number, frame in enumerate(source):
         tell(number / len(source), f"frame {frame.name}")
-        points = np.column_stack([frame.points, frame.intensity]).astype(np.float32)
+        points = frame.points
         np.save(folder / "points" / f"{frame.name}.npy", points)
-        found = learned_boxes(frame.boxes, "openpcdet", DONT_CARE)
+        found = learned_boxes(frame.objects, "openpcdet", DONT_CARE)
         (folder / "labels" / f"{frame.name}.txt").write_text(found.lines, encoding="utf-8")
         infos[frame.name] = _info(frame.name, found)
         if frame.name in training:

@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.exports.frames.learned_classes import (
     FEWEST_POINTS,
     PILLAR_M,
@@ -23,7 +24,6 @@ __all__ = ["CONFIGS", "DONT_CARE", "openpcdet_config"]
 
 #: OpenPCDet leaves out boxes of this name where it trains, and judges none by them.
 DONT_CARE = "DontCare"
-_FEATURES = ("x", "y", "z", "intensity")
 _TURNED = {"NAME": "random_world_rotation", "WORLD_ROT_ANGLE": [-3.14159, 3.14159]}
 _FILTERS = [64, 128, 256]
 _RECALLS = [0.3, 0.5, 0.7]
@@ -79,8 +79,8 @@ def _data(learned: LearnedClasses, data_path: str) -> dict[str, Any]:
         "INFO_PATH": {"train": ["custom_infos_train.pkl"], "test": ["custom_infos_val.pkl"]},
         "POINT_FEATURE_ENCODING": {
             "encoding_type": "absolute_coordinates_encoding",
-            "used_feature_list": list(_FEATURES),
-            "src_feature_list": list(_FEATURES),
+            "used_feature_list": list(POINT),
+            "src_feature_list": list(POINT),
         },
         "DATA_AUGMENTOR": {
             "DISABLE_AUG_LIST": [],
@@ -95,7 +95,7 @@ def _data(learned: LearnedClasses, data_path: str) -> dict[str, Any]:
                         ]
                     },
                     "SAMPLE_GROUPS": [f"{one.name}:{one.sampled}" for one in learned.classes],
-                    "NUM_POINT_FEATURES": len(_FEATURES),
+                    "NUM_POINTPOINT": len(POINT),
                     "DATABASE_WITH_FAKELIDAR": False,
                     "REMOVE_EXTRA_WIDTH": [0.0, 0.0, 0.0],
                     "LIMIT_WHOLE_SCENE": True,
@@ -145,7 +145,7 @@ def _pillars(name: str, filters: list[int], strides: list[int]) -> dict[str, Any
             "USE_NORM": True,
             "NUM_FILTERS": filters,
         },
-        "MAP_TO_BEV": {"NAME": "PointPillarScatter", "NUM_BEV_FEATURES": 64},
+        "MAP_TO_BEV": {"NAME": "PointPillarScatter", "NUM_BEVPOINT": 64},
         "BACKBONE_2D": _backbone(strides),
     }
 

@@ -20,13 +20,13 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from urbantwin.dataset.reading import Fleet
+from urbantwin.dataset.reading import Fleet, Frame
 from urbantwin.errors import InputError
 from urbantwin.exports.frames.box_poses import site_boxes
 from urbantwin.exports.frames.opencood_config import CONFIG_FILE, ReachOfBoxes, opencood_config
 from urbantwin.exports.frames.point_files import record_of, write_pcd_file
 from urbantwin.exports.frames.scenes import LONGEST_GAP_S, scenes_of
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.geometry import Pose
 from urbantwin.lidar.rig import dataset_frame
 from urbantwin.progress import Progress, each
@@ -116,7 +116,7 @@ def losses_opv2v(source: FrameSource) -> list[str]:
     theirs = classes_in("opv2v")
     unseen = people = 0
     for name in source.names:
-        boxes = source.boxes_of(name)
+        boxes = source.objects.of_frame(name)
         held = np.array([theirs[kind] is not None for kind in boxes.class_name], bool)
         unseen += int(np.count_nonzero(held & (boxes.num_points == 0)))
         people += int(np.count_nonzero(np.isin(boxes.class_name, _ON_FOOT)))
@@ -131,7 +131,7 @@ def losses_opv2v(source: FrameSource) -> list[str]:
             f"people are under {_PEOPLE!r}, which OpenCOOD does not read: to it all else is a "
             "vehicle"
         )
-    if source.class_names:
+    if source.labelled_classes:
         told.append("of boxes: of velocity only the speed")
     return told
 
@@ -237,7 +237,7 @@ def _write_scenes(
     reach = ReachOfBoxes()
     for number in each(range(len(frames)), tell, "frames"):
         scenario, scene, name = frames[number]
-        read: dict[Path, SourceFrame] = {}
+        read: dict[Path, Frame] = {}
         seen: set[int] = set()
         for agent in scene.agents:
             source = agent.source
@@ -256,9 +256,9 @@ def _write_scenes(
     return notes
 
 
-def _add_reach(reach: ReachOfBoxes, frame: SourceFrame, agent: _Agent, seen: set[int]) -> None:
+def _add_reach(reach: ReachOfBoxes, frame: Frame, agent: _Agent, seen: set[int]) -> None:
     """Add the vehicles among the objects that are seen, in the frame of an agent."""
-    boxes = frame.boxes
+    boxes = frame.objects
     theirs = classes_in("opv2v")
     mine = np.array(
         [
@@ -276,7 +276,7 @@ def _add_reach(reach: ReachOfBoxes, frame: SourceFrame, agent: _Agent, seen: set
     )
 
 
-def _write_agent(scenario: Path, agent: _Agent, frame: SourceFrame) -> set[int]:
+def _write_agent(scenario: Path, agent: _Agent, frame: Frame) -> set[int]:
     """Write an agent's cloud and yaml of a frame; return the tracks that it sees."""
     stem = scenario / str(agent.number) / frame.name
     site_SE3_agent = _pose_of(frame, agent)
@@ -293,35 +293,33 @@ def _write_agent(scenario: Path, agent: _Agent, frame: SourceFrame) -> set[int]:
     return set(told["vehicles"])
 
 
-def _pose_of(frame: SourceFrame, agent: _Agent) -> Pose:
+def _pose_of(frame: Frame, agent: _Agent) -> Pose:
     """Return the pose of an agent's cloud: upright, at its first sensor, ahead as that looks."""
     name = agent.source.sensors[agent.sensors[0]]["name"]
     return dataset_frame("level", frame.site_SE3_sensors[name])
 
 
-def _points_of(frame: SourceFrame, agent: _Agent) -> NDArray[np.bool_]:
+def _points_of(frame: Frame, agent: _Agent) -> NDArray[np.bool_]:
     if len(agent.source.sensors) == 1 or "sensor" not in (frame.rays.dtype.names or ()):
         return np.ones(len(frame.points), bool)
     return np.isin(frame.rays["sensor"], agent.sensors)
 
 
-def _speed(frame: SourceFrame, agent: _Agent) -> float:
+def _speed(frame: Frame, agent: _Agent) -> float:
     """Return how fast an agent drives, km/h, by where it is in the frames beside this one."""
     source = agent.source
     if not agent.moving or len(source) < 2:
         return 0.0
     first, last = max(frame.number - 1, 0), min(frame.number + 1, len(source) - 1)
-    way = source.site_SE3_frame(last).translation - source.site_SE3_frame(first).translation
+    way = source[last].site_SE3_dataset.translation - source[first].site_SE3_dataset.translation
     time_s = float(source.times_s[last] - source.times_s[first])
     return float(np.linalg.norm(way)) / time_s * _KMH if time_s > 0 else 0.0
 
 
-def _write_cloud(
-    path: Path, frame: SourceFrame, mine: NDArray[np.bool_], site_SE3_agent: Pose
-) -> None:
+def _write_cloud(path: Path, frame: Frame, mine: NDArray[np.bool_], site_SE3_agent: Pose) -> None:
     """Write points with a grey as bright as the intensity, and the intensity itself."""
-    agent_SE3_frame = site_SE3_agent.inverse() @ frame.site_SE3_frame
-    points = (agent_SE3_frame.apply(frame.points[mine]) * _MIRROR).astype(np.float32)
+    agent_SE3_frame = site_SE3_agent.inverse() @ frame.site_SE3_dataset
+    points = (agent_SE3_frame.apply(frame.xyz[mine]) * _MIRROR).astype(np.float32)
     intensity = frame.intensity[mine].astype(np.float32)
     grey = np.round(np.clip(intensity, 0, 1) * 255).astype(np.uint32)
     columns = {axis: points[:, k] for k, axis in enumerate("xyz")}
@@ -330,7 +328,7 @@ def _write_cloud(
 
 
 def _told(
-    frame: SourceFrame, mine: NDArray[np.bool_], site_SE3_agent: Pose, speed: float
+    frame: Frame, mine: NDArray[np.bool_], site_SE3_agent: Pose, speed: float
 ) -> dict[str, Any]:
     """Return the yaml of a frame."""
     pose = _carla_pose(site_SE3_agent)
@@ -349,9 +347,9 @@ def _told(
     }
 
 
-def _objects(frame: SourceFrame) -> Iterator[tuple[int, str, dict[str, Any]]]:
+def _objects(frame: Frame) -> Iterator[tuple[int, str, dict[str, Any]]]:
     """Yield track, class and description of every box that has a class there."""
-    boxes = frame.boxes
+    boxes = frame.objects
     theirs = classes_in("opv2v")
     middles, rotations = site_boxes(frame)
     speeds = np.linalg.norm(boxes.velocity, axis=1) * _KMH

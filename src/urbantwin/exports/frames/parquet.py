@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.dataset.frame_columns import COLUMNS, DICTIONARY, ENCODINGS, LEVEL
+from urbantwin.dataset.reading import Frame
+from urbantwin.dataset.reading.columns import BOX
 from urbantwin.dataset.reading.manifest import pose_matrix
-from urbantwin.exports.frames.box_rows import BOX, box_rows
+from urbantwin.exports.frames.box_rows import box_rows
 from urbantwin.exports.frames.shards import write_in_order
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress
 
 __all__ = ["new_shard", "write_parquet"]
@@ -96,9 +98,7 @@ class _Shard:
     def size(self) -> int:
         return int(self._sink.tell()) + self._waiting
 
-    def add(
-        self, frame: SourceFrame, dataset: str, part: str | None, levels: Mapping[str, Any]
-    ) -> None:
+    def add(self, frame: Frame, dataset: str, part: str | None, levels: Mapping[str, Any]) -> None:
         """Add a row."""
         # Points have a `sensor`, too: that of the level is `sensor_name`.
         levels = {f"{axis}_name" if axis in COLUMNS else axis: one for axis, one in levels.items()}
@@ -108,7 +108,7 @@ class _Shard:
             self._writer = pq.ParquetWriter(self._sink, self._schema, **_WRITTEN)
         rays = frame.rays.dtype.names or ()
         columns: dict[str, NDArray[Any]] = {
-            **dict(zip("xyz", frame.points.T, strict=True)),
+            **dict(zip("xyz", frame.xyz.T, strict=True)),
             "intensity": frame.intensity,
             "semantic": frame.semantic,
             "instance": frame.instance,
@@ -121,12 +121,12 @@ class _Shard:
                 "time_s": frame.time_s,
                 "part": part,
                 **levels,
-                "site_SE3_frame": np.ravel(pose_matrix(frame.site_SE3_frame)),
+                "site_SE3_frame": np.ravel(pose_matrix(frame.site_SE3_dataset)),
                 "site_SE3_sensors": [
                     {"sensor": name, "site_SE3_sensor": np.ravel(pose_matrix(pose))}
                     for name, pose in frame.site_SE3_sensors.items()
                 ],
-                "boxes": list(box_rows(frame.boxes)),
+                "boxes": list(box_rows(frame.objects)),
                 **columns,
             }
         )

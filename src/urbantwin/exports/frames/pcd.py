@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.dataset.reading import Frame
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.exports.frames.lists import Lists
 from urbantwin.exports.frames.point_files import write_pcd_file
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress
 
 __all__ = ["point_record", "write_pcd"]
@@ -26,7 +28,7 @@ def write_pcd(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
             tell(frame.number / len(source), f"frame {frame.name}")
             points = point_record(frame)
             sensor = next(iter(frame.site_SE3_sensors.values()))
-            pose = frame.site_SE3_frame.inverse() @ sensor
+            pose = frame.site_SE3_dataset.inverse() @ sensor
             view = (*pose.translation.tolist(), *pose.quaternion())
             viewpoint = " ".join(f"{value:.9g}" for value in view)
             write_pcd_file(folder / f"{frame.name}.pcd", points, viewpoint)
@@ -34,10 +36,10 @@ def write_pcd(source: FrameSource, folder: Path, tell: Progress) -> list[str]:
     return []
 
 
-def point_record(frame: SourceFrame) -> NDArray[np.void]:
+def point_record(frame: Frame) -> NDArray[np.void]:
     """Return all that is known of each point (N,) under the names that a dataset has for it."""
     rays = frame.rays
-    kinds = [(name, "<f4") for name in ("x", "y", "z", "intensity")]
+    kinds = [(name, "<f4") for name in POINT]
     kinds += [(name, rays.dtype[name].newbyteorder("<").str) for name in rays.dtype.names or ()]
     kinds += [("semantic", "<u2"), ("instance", "<u2")]
     record = np.empty(len(frame.points), kinds)

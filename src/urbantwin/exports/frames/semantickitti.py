@@ -16,8 +16,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from urbantwin.dataset.reading import Frame
 from urbantwin.exports.frames.scenes import scenes_of
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.exports.frames.virtual_camera import PROJECTION, camera_SE3_frame
 from urbantwin.geometry import Pose
 from urbantwin.progress import Progress
@@ -60,13 +61,13 @@ def write_semantickitti(source: FrameSource, folder: Path, tell: Progress) -> Se
         for at, index in enumerate(frames):
             frame = first if at == 0 else source[index]
             tell(index / len(source), f"frame {frame.name}")
-            points = np.column_stack([frame.points, frame.intensity]).astype("<f4")
+            points = frame.points
             (place / "velodyne" / f"{at:06d}.bin").write_bytes(points.tobytes())
             semantic = np.where(_moves(frame), moving[frame.semantic], theirs[frame.semantic])
             counts += np.bincount(semantic, minlength=_LABELS)
             label = (frame.instance.astype("<u4") << 16) | semantic.astype("<u4")
             (place / "labels" / f"{at:06d}.label").write_bytes(label.astype("<u4").tobytes())
-            poses.append(_row(camera @ frame.site_SE3_frame @ camera.inverse()))
+            poses.append(_row(camera @ frame.site_SE3_dataset @ camera.inverse()))
             times.append(f"{frame.time_s:.9f}\n")
         (place / "poses.txt").write_text("".join(poses), encoding="utf-8")
         (place / "times.txt").write_text("".join(times), encoding="utf-8")
@@ -89,11 +90,11 @@ def _numbers() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return standing, moving
 
 
-def _moves(frame: SourceFrame) -> NDArray[np.bool_]:
+def _moves(frame: Frame) -> NDArray[np.bool_]:
     """Return which points (N,) are of somebody who moves."""
-    speed = np.hypot(frame.boxes.velocity[:, 0], frame.boxes.velocity[:, 1])
+    speed = np.hypot(frame.objects.velocity[:, 0], frame.objects.velocity[:, 1])
     moving = np.zeros(_LABELS, bool)
-    moving[frame.boxes.track[speed > MOVING_M_S] % _LABELS] = True
+    moving[frame.objects.track[speed > MOVING_M_S] % _LABELS] = True
     moving[0] = False
     return np.asarray(moving[frame.instance])
 

@@ -19,7 +19,8 @@ import numpy as np
 
 from urbantwin import __version__
 from urbantwin.artefact import kind_of, read_json, replaced_folder, sha256_of, write_json
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.dataset.reading import Frame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress, untold
 
 __all__ = [
@@ -68,9 +69,7 @@ class ShardWriter(Protocol):
         """Bytes so far, or near enough."""
         ...
 
-    def add(
-        self, frame: SourceFrame, dataset: str, part: str | None, levels: Mapping[str, Any]
-    ) -> None:
+    def add(self, frame: Frame, dataset: str, part: str | None, levels: Mapping[str, Any]) -> None:
         """Write a frame."""
         ...
 
@@ -202,9 +201,7 @@ class _Shards:
         self._open: ShardWriter | None = None
         self._stack = ExitStack()
 
-    def add(
-        self, frame: SourceFrame, dataset: str, part: str | None, levels: Mapping[str, Any]
-    ) -> None:
+    def add(self, frame: Frame, dataset: str, part: str | None, levels: Mapping[str, Any]) -> None:
         if self._open is None:
             stem = self._stem.with_name(f"{self._stem.name}-{self._number:0{self._digits}d}")
             self._open = self._stack.enter_context(self._new(stem))

@@ -17,7 +17,7 @@ PARTS = ("train", "val", "test")
 
 def write_splits(source: FrameSource, folder: Path) -> dict[str, tuple[str, ...]]:
     """Write ``ImageSets`` and return the names of each part: of two at least, maybe empty."""
-    parts = {name: source.split.get(name, ()) for name in PARTS}
+    parts = {name: source.splits.get(name, ()) for name in PARTS}
     if not parts["test"]:
         del parts["test"]
     (folder / "ImageSets").mkdir()
@@ -49,7 +49,7 @@ def left_out(source: FrameSource, marked: str) -> list[str]:
     """
     empty = ignored = 0
     for name in source.names:
-        boxes = source.boxes_of(name)
+        boxes = source.objects.of_frame(name)
         empty += int((boxes.num_points == 0).sum())
         ignored += int(((boxes.num_points > 0) & (boxes.ignored != "")).sum())
     told = []

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.dataset.reading import Frame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.geometry import Pose, box_corners
 
 __all__ = ["IMAGE", "PROJECTION", "camera_SE3_frame", "rectangle"]
@@ -32,10 +33,10 @@ _EDGES = np.array([[k, (k + 1) % 4] for k in range(4)] + [[k, k + 4] for k in ra
                   + [[4 + k, 4 + (k + 1) % 4] for k in range(4)])  # fmt: skip
 
 
-def camera_SE3_frame(source: FrameSource, frame: SourceFrame) -> Pose:  # noqa: N802
+def camera_SE3_frame(source: FrameSource, frame: Frame) -> Pose:  # noqa: N802
     """Return the pose that takes points of a frame to the camera's."""
     first = source.sensors[0]["name"]
-    at = frame.site_SE3_frame.inverse().apply(frame.site_SE3_sensors[first].translation[None])[0]
+    at = frame.site_SE3_dataset.inverse().apply(frame.site_SE3_sensors[first].translation[None])[0]
     return Pose(_TURN, -_TURN @ at + 0.0)
 
 

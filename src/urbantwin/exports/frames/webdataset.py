@@ -16,10 +16,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.dataset.reading import Frame
 from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.exports.frames.box_rows import box_rows
 from urbantwin.exports.frames.shards import write_in_order
-from urbantwin.exports.frames.source import FrameSource, SourceFrame
+from urbantwin.exports.frames.source import FrameSource
 from urbantwin.progress import Progress
 
 __all__ = ["new_shard", "write_webdataset"]
@@ -46,9 +47,7 @@ class _Shard:
     def size(self) -> int:
         return int(self._stream.offset)
 
-    def add(
-        self, frame: SourceFrame, dataset: str, part: str | None, levels: Mapping[str, Any]
-    ) -> None:
+    def add(self, frame: Frame, dataset: str, part: str | None, levels: Mapping[str, Any]) -> None:
         """Add a sample; its key is the frame's name, behind that of its dataset if it has one."""
         key = f"{dataset}/{frame.name}" if dataset else frame.name
         for name, content in _files(frame, dataset, part, levels):
@@ -69,21 +68,21 @@ def new_shard(stem: Path) -> _Shard:
 
 
 def _files(
-    frame: SourceFrame, dataset: str, part: str | None, levels: Mapping[str, Any]
+    frame: Frame, dataset: str, part: str | None, levels: Mapping[str, Any]
 ) -> Iterator[tuple[str, bytes]]:
-    values = np.column_stack([frame.points, frame.intensity]).astype("<f4")
+    values = frame.points
     yield "points.npy", _npy(values)
     yield "semantic.npy", _npy(frame.semantic)
     yield "instance.npy", _npy(frame.instance)
     yield "rays.npy", _npy(frame.rays)
-    yield "boxes.json", _json(list(box_rows(frame.boxes)))
+    yield "boxes.json", _json(list(box_rows(frame.objects)))
     told = {
         "name": frame.name,
         **({"dataset": dataset} if dataset else {}),
         **({"levels": dict(levels)} if levels else {}),
         "time_s": frame.time_s,
         "part": part,
-        "site_SE3_frame": pose_matrix(frame.site_SE3_frame),
+        "site_SE3_frame": pose_matrix(frame.site_SE3_dataset),
         "site_SE3_sensors": {
             name: pose_matrix(pose) for name, pose in frame.site_SE3_sensors.items()
         },

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from urbantwin.dataset.reading.columns import BOX
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Boxes
 from urbantwin.fidelity.readers.documents import finite_numbers, read_lines
@@ -25,9 +26,8 @@ from urbantwin.number_text import finite_number, whole_number
 __all__ = ["BOX_LIST", "frame_number", "read_box_list"]
 
 BOX_LIST = "boxes.csv"
-_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 _VELOCITY = ("vx", "vy", "vz")
-_NEEDED = ("frame", "class", *_BOX)
+_NEEDED = ("frame", "class", *BOX)
 _EXPECTED = f"a table with {', '.join(_NEEDED)}"
 _FARTHEST_M = 1e6
 
@@ -56,7 +56,7 @@ def read_box_list(path: Path) -> dict[str, Boxes]:
     by_frame: dict[str, list[dict[str, str]]] = defaultdict(list)
     for line, row in enumerate(rows, 2):
         try:
-            values = finite_numbers(row[name] or "" for name in _BOX)
+            values = finite_numbers(row[name] or "" for name in BOX)
             if min(values[3:6]) <= 0 or max(map(abs, values)) > _FARTHEST_M:
                 raise ValueError
             if not row["frame"] or not row["class"]:
@@ -76,7 +76,7 @@ def _boxes(rows: list[dict[str, str]], known: set[str]) -> Boxes:
 
     hidden = [_or(finite_number(row.get("occlusion")), np.nan) for row in rows]
     return Boxes(
-        box=np.array([finite_numbers(row[name] for name in _BOX) for row in rows], np.float64),
+        box=np.array([finite_numbers(row[name] for name in BOX) for row in rows], np.float64),
         class_names=tuple(actor_class(row["class"]) for row in rows),
         track=whole("track") if "track" in known else np.full(len(rows), -1, np.int64),
         source_names=tuple(row["class"] for row in rows),

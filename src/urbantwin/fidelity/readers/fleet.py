@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.document import read_bytes
 from urbantwin.dataset.reading import Fleet
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.own import BoxTable, SensorPlaces, fields_of_rays
+from urbantwin.fidelity.readers.own import boxes_of_objects, fields_of_rays, sensor_places
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
 
@@ -36,8 +37,6 @@ def open_fleet(path: Path) -> Recording:
         InputError: its manifest or a table is damaged.
     """
     files = Fleet(path)
-    boxes = BoxTable(path / "boxes.parquet")
-    places = {name: SensorPlaces(path / name / "sweeps.parquet") for name in files.node_names}
 
     def read(index: int) -> Frame:
         name = files.names[index]
@@ -58,7 +57,7 @@ def open_fleet(path: Path) -> Recording:
             own = fields_of_rays(cloud.rays)
             own["sensor"] = own["sensor"].astype(np.int64) + before
             rays.append(own)
-            there = places[node].of(name, _SITE)
+            there = sensor_places(files.nodes[node].turns, name, _SITE)
             seen_from.append(state.true.translation[None] if there is None else there)
         points = np.concatenate([np.zeros((0, 4)), *clouds])
         code = np.concatenate([np.zeros(0, np.uint32), *labels])
@@ -68,10 +67,10 @@ def open_fleet(path: Path) -> Recording:
         )
         return frame_of(
             path / "fleet.json",
-            dict(zip(("x", "y", "z", "intensity"), points.T, strict=True)),
+            dict(zip(POINT, points.T, strict=True)),
             name=name,
             given=given,
-            boxes=boxes.of(name),
+            boxes=boxes_of_objects(files.objects.of_frame(name)),
             world_SE3_frame=_SITE,
             sensor_places=np.concatenate(seen_from) if seen_from else np.zeros((1, 3)),
         )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.artefact.document import json_value
+from urbantwin.dataset.reading.columns import BOX
 from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.fidelity.frame import Boxes
 from urbantwin.geometry import Pose
@@ -19,8 +20,6 @@ __all__ = ["LABELS", "boxes_of_rows", "labels_of_message", "poses_of_frame"]
 #: What messages with the labels of a frame are called in an MCAP file of ours.
 LABELS = "urbantwin.Labels"
 
-_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
-
 
 def boxes_of_rows(rows: Sequence[Mapping[str, Any]]) -> Boxes:
     """Return the boxes of a frame from its rows, as ``exports.frames.box_rows`` writes them.
@@ -28,7 +27,7 @@ def boxes_of_rows(rows: Sequence[Mapping[str, Any]]) -> Boxes:
     Raises:
         ValueError, KeyError, TypeError: a row lacks something, or holds what is no number.
     """
-    box = np.array([[float(row[name]) for name in _BOX] for row in rows], np.float64)
+    box = np.array([[float(row[name]) for name in BOX] for row in rows], np.float64)
     box = box.reshape(-1, 7)
     velocity = np.array([[float(row[name]) for name in ("vx", "vy", "vz")] for row in rows])
     if not np.isfinite(box).all() or not (box[:, 3:6] > 0).all():

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import Field
 
 from urbantwin.artefact import read_json
 from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.manifest import Part, validated
-from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.reading.frame_files import FrameFiles, read_labels, read_rays, stored_frames
 from urbantwin.dataset.reading.manifest import FramePoses, pose_of_matrix
+from urbantwin.dataset.reading.objects import LabelledObjects
+from urbantwin.dataset.reading.turns import SensorTurns
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import Fields, read_fields
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.documents import finite_numbers, laid_out
+from urbantwin.fidelity.readers.documents import finite_numbers
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
@@ -33,11 +35,11 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = [
     "LABELLING",
-    "BoxTable",
-    "SensorPlaces",
+    "boxes_of_objects",
     "fields_of_rays",
     "is_own",
     "open_own",
+    "sensor_places",
     "with_lost_turns",
 ]
 
@@ -45,8 +47,7 @@ __all__ = [
 LABELLING = "labelling.json"
 
 _Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
-_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
-_VELOCITY = ("vx", "vy", "vz")
+_Table = TypeVar("_Table", LabelledObjects, SensorTurns)
 _RAYS = {"sensor": "sensor", "ring": "ring", "column": "column", "time": "time_s"}
 _EXPECTED = "a dataset of urbantwin record"
 
@@ -70,7 +71,7 @@ def with_lost_turns(recording: Recording) -> Recording:
     Args:
         recording: of any layout; others than ours are returned as they are.
     """
-    if recording.layout != "own" or not (recording.path / "sweeps.parquet").is_file():
+    if recording.layout != "own" or not SensorTurns.is_in(recording.path):
         return recording
     opens = partial(open_own, recording.path, None, may_be_empty=True)
     return replace(opens(), again=opens)
@@ -104,12 +105,12 @@ def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> 
         raise InputError("holds no points", file=path / "points", expected=_EXPECTED)
     file = path / "dataset.json"
     poses = _poses(validated(manifest, FramePoses, file=file, expected=_EXPECTED))
-    places = SensorPlaces(path / "sweeps.parquet")
+    turns = _read_once(SensorTurns, path)
     discovered = None
     if (path / "discovery.json").is_file():
         discovered = np.array([one.place for one in RecordedFrames(path).sensors])
     labelled = _labelled_places(path / LABELLING)
-    boxes = BoxTable(path / "boxes.parquet")
+    labels = _read_once(LabelledObjects, path)
 
     def read(index: int) -> Frame:
         file = files[index]
@@ -119,19 +120,28 @@ def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> 
         dataset_SE3_site = poses.get(name, poses.get(""))
         seen_from = labelled.get(name, discovered)
         if dataset_SE3_site is not None:
-            seen_from = places.of(name, dataset_SE3_site)
+            known = turns()
+            seen_from = None if known is None else sensor_places(known, name, dataset_SE3_site)
+        objects = labels()
         return frame_of(
             file,
             fields,
             name=name,
             given=given,
             may_be_empty=may_be_empty,
-            boxes=boxes.of(name) if boxes.exists else read_label_lines(lines),
+            boxes=boxes_of_objects(objects.of_frame(name))
+            if objects is not None
+            else read_label_lines(lines),
             world_SE3_frame=None if dataset_SE3_site is None else dataset_SE3_site.inverse(),
             sensor_places=np.zeros((1, 3)) if seen_from is None else seen_from,
         )
 
     return Recording(path, "own", tuple(file.stem for file in files), read)
+
+
+def _read_once(kind: type[_Table], path: Path) -> Callable[[], _Table | None]:
+    """Return a function that reads a table when it is first called; None where there is none."""
+    return cache(lambda: kind.in_folder(path) if kind.is_in(path) else None)
 
 
 def _plain(path: Path, file: Path, columns: int | None) -> tuple[Fields, Fields]:
@@ -210,83 +220,27 @@ def _poses(told: FramePoses) -> dict[str, Pose]:
     return {name: pose_of_matrix(one) for name, one in rows.items() if one is not None}
 
 
-class _Table:
-    """A Parquet table with a column ``frame``, read when it is first asked for."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._columns: dict[str, NDArray[Any]] | None = None
-
-    @property
-    def exists(self) -> bool:
-        """Whether there is such a table."""
-        return self._path.is_file()
-
-    def rows(self, name: str) -> dict[str, NDArray[Any]] | None:
-        """Return the columns of one frame; None where there is no such table."""
-        if self._columns is None:
-            if not self.exists:
-                return None
-            table = read_parquet(self._path, _EXPECTED)
-            self._columns = {
-                column: table[column].to_numpy(zero_copy_only=False)
-                for column in table.column_names
-            }
-        with laid_out(self._path, _EXPECTED):
-            chosen = self._columns["frame"] == name
-            if not chosen.any() and self._columns["frame"].dtype.kind in "iu" and name.isdigit():
-                chosen = self._columns["frame"] == int(name)
-            return {column: values[chosen] for column, values in self._columns.items()}
+def boxes_of_objects(objects: LabelledObjects) -> Boxes:
+    """Return labelled actors of ours as the boxes of a frame; boxes without a size are none."""
+    objects = objects.take((objects.box[:, 3:6] > 0).all(axis=1))
+    classes = tuple(objects.class_name.tolist())
+    return Boxes(
+        box=objects.box,
+        class_names=tuple(one if one in ACTOR_CLASSES else "other" for one in classes),
+        track=objects.track,
+        source_names=classes,
+        velocity=objects.velocity,
+        num_points=None if (objects.num_points < 0).any() else objects.num_points,
+        occlusion=objects.occlusion,
+        ignored=tuple(objects.ignored.tolist()),
+    )
 
 
-class BoxTable(_Table):
-    """``boxes.parquet``."""
-
-    def of(self, name: str) -> Boxes | None:
-        """Return the boxes of a frame; None where there is no such table."""
-        rows = self.rows(name)
-        if rows is None:
-            return None
-        with laid_out(self._path, _EXPECTED):
-            box = np.column_stack([rows[column].astype(np.float64) for column in _BOX])
-            if not np.isfinite(box).all():
-                raise ValueError("a box that is not finite")
-            kept = (box[:, 3:6] > 0).all(axis=1)
-            classes = [str(one) for one in rows["class"][kept]]
-            return Boxes(
-                box=box[kept],
-                class_names=tuple(c if c in ACTOR_CLASSES else "other" for c in classes),
-                track=rows["track"][kept].astype(np.int64),
-                source_names=tuple(classes),
-                velocity=np.column_stack([rows[one][kept].astype(float) for one in _VELOCITY])
-                if all(one in rows for one in _VELOCITY)
-                else None,
-                num_points=_kept(rows, "num_points", kept, np.int64),
-                occlusion=_kept(rows, "occlusion", kept, np.float64),
-                ignored=None
-                if "ignored" not in rows
-                else tuple(str(one or "") for one in rows["ignored"][kept]),
-            )
-
-
-def _kept(
-    rows: dict[str, NDArray[Any]], name: str, kept: ArrayLike, kind: type[np.generic]
-) -> NDArray[Any] | None:
-    """Return the values of a column that older datasets lack; None is NaN."""
-    return rows[name][np.asarray(kept)].astype(kind) if name in rows else None
-
-
-class SensorPlaces(_Table):
-    """``sweeps.parquet``, as far as it says where sensors are."""
-
-    def of(self, name: str, dataset_SE3_site: Pose) -> NDArray[np.float64] | None:
-        """Return where each sensor is in the points' frame, (S, 3); None where nothing says."""
-        rows = self.rows(name)
-        if rows is None or not len(rows["frame"]):
-            return None
-        with laid_out(self._path, _EXPECTED):
-            site = np.column_stack([rows[f"true_{axis}"].astype(np.float64) for axis in "xyz"])
-            if not np.isfinite(site).all():
-                raise ValueError("a place that is not finite")
-            _, first = np.unique(rows["sensor"], return_index=True)
-            return dataset_SE3_site.apply(site[np.sort(first)])
+def sensor_places(
+    turns: SensorTurns, frame: str, dataset_SE3_site: Pose
+) -> NDArray[np.float64] | None:
+    """Return where each sensor truly is in the frame of the points, (S, 3); None without turns."""
+    poses = turns.first_poses(frame, "true").values()
+    if not poses:
+        return None
+    return dataset_SE3_site.apply(np.array([one.translation for one in poses]))

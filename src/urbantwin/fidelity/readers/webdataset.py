@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import array_of_bytes, one_line
 from urbantwin.artefact.document import json_value
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.errors import InputError
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Frame
@@ -85,9 +86,7 @@ def open_webdataset(path: Path) -> Recording:
         with laid_out(file, _EXPECTED):
             if points.ndim != 2 or points.shape[1] != 4 or points.dtype != np.float32:
                 raise ValueError(f"points of {points.dtype} of shape {points.shape}")
-            fields: dict[str, NDArray[np.generic]] = dict(
-                zip(("x", "y", "z", "intensity"), points.T, strict=True)
-            )
+            fields: dict[str, NDArray[np.generic]] = dict(zip(POINT, points.T, strict=True))
             given: dict[str, NDArray[np.generic]] = {
                 name: _array(sample[f"{name}.npy"])
                 for name in ("semantic", "instance")

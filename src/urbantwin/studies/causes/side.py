@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.reading.manifest import read_manifest
+from urbantwin.dataset.reading.turns import SensorTurns
 from urbantwin.detections import Detections
 from urbantwin.evaluation import JUDGED, Criterion, Seen, evaluate, read_labelled
 from urbantwin.evaluation.matching import matched
@@ -120,19 +120,8 @@ def read_side(
         rows,
         {(row["frame"], row["track"]): row for row in mine},
         (str(conditions["weather"]), conditions.get("visibility_m")),
-        _lost_sensors(folder),
+        SensorTurns.in_folder(folder).lost_sensors,
     )
-
-
-def _lost_sensors(folder: Path) -> dict[str, frozenset[str]]:
-    """Return of each frame the sensors of which nothing arrived."""
-    table = read_parquet(folder / "sweeps.parquet", "the sweeps of a dataset")
-    sensors = set(table["sensor"].to_pylist())
-    there: dict[str, set[str]] = {frame: set() for frame in table["frame"].to_pylist()}
-    for row in table.select(["frame", "sensor", "lost"]).to_pylist():
-        if not row["lost"]:
-            there[row["frame"]].add(row["sensor"])
-    return {frame: frozenset(sensors - arrived) for frame, arrived in there.items()}
 
 
 def thresholds_of(side: Side, score: float | None) -> dict[str, float]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from urbantwin.artefact import read_json
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.pose_table import EGO, frame_poses, true_and_reported
+from urbantwin.dataset.reading.columns import BOX
 from urbantwin.dataset.reading.tables import read_table
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
@@ -335,12 +336,11 @@ class _LabelsOfFleet:
         for node in nodes:
             told = table[f"num_points.{node.name}"].to_pylist()
             points += np.array([one or 0 for one in told], np.int64)
-        names = ("x", "y", "z", "length", "width", "height", "yaw")
         track = table["track"].to_numpy().astype(np.int64)
         ignored = [one or "" for one in table["ignored"].to_pylist()]
         ego = nodes[0]
         return Labelled(
-            box=np.column_stack([table[one].to_numpy() for one in names]).reshape(-1, 7),
+            box=np.column_stack([table[one].to_numpy() for one in BOX]).reshape(-1, 7),
             class_names=tuple(table["class"].to_pylist()),
             track=track,
             num_points=points,

@@ -1,0 +1,164 @@
+"""The labelled actors of a data set or of a fleet as arrays, one row for each frame and box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.dataset.reading.columns import BOX, VELOCITY
+from urbantwin.dataset.reading.tables import rows_by_frame
+from urbantwin.errors import InputError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["LabelledObjects"]
+
+FILE = "boxes.parquet"
+_EXPECTED = "boxes of urbantwin record"
+_REQUIRED = {"frame": "text", "track": "whole", "class": "text", **dict.fromkeys(BOX, "number")}
+#: Columns that a table may lack, and the value of rows without one.
+_OPTIONAL: dict[str, Any] = {
+    **dict.fromkeys(("time_s", "observed_s", *VELOCITY), 0.0),
+    **dict.fromkeys(("num_points", "num_points_alone", "towed_by"), -1),
+    **dict.fromkeys(("occlusion", "visibility", "truncation"), np.nan),
+    **dict.fromkeys(("difficulty", "ignored"), ""),
+    "parked": False,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledObjects:
+    """Labelled actors; of a data set in the frame of the points, of a fleet in the site.
+
+    Attributes:
+        frame: (B,) names of the frames.
+        time_s: (B,) time of the frame, seconds from the start of the motion.
+        track: (B,) number of the actor, the same in every frame.
+        class_name: (B,) names of ``taxonomy.ACTOR_CLASSES``.
+        box: (B, 7) centre x, y, z, length, width, height in metres, yaw in radians.
+        velocity: (B, 3) over the ground, along the axes of the frame, metres per second.
+        num_points: (B,) points on the actor; -1 where unknown.
+        num_points_alone: (B,) points on the actor if it were alone in the world; -1 where unknown.
+        occlusion, visibility: (B,) 0..1; NaN for an actor that no ray reaches even when alone.
+        truncation: (B,) 0..1.
+        difficulty: (B,) ``easy``, ``moderate``, ``hard``; empty where the box does not count.
+        ignored: (B,) why a box does not count (docs/labels.md); empty where it does.
+        observed_s: (B,) when the actor is in its box, seconds from the time of the frame.
+        parked: (B,) whether the actor is a parked vehicle.
+        towed_by: (B,) track of the towing actor, -1 for none.
+        file: the table, for errors.
+    """
+
+    frame: NDArray[np.object_]
+    time_s: NDArray[np.float64]
+    track: NDArray[np.int64]
+    class_name: NDArray[np.str_]
+    box: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    num_points: NDArray[np.int64]
+    num_points_alone: NDArray[np.int64]
+    occlusion: NDArray[np.float64]
+    visibility: NDArray[np.float64]
+    truncation: NDArray[np.float64]
+    difficulty: NDArray[np.str_]
+    ignored: NDArray[np.str_]
+    observed_s: NDArray[np.float64]
+    parked: NDArray[np.bool_]
+    towed_by: NDArray[np.int64]
+    file: Path
+
+    @staticmethod
+    def is_in(folder: Path) -> bool:
+        """Return whether a folder has them."""
+        return (folder / FILE).is_file()
+
+    @classmethod
+    def in_folder(cls, folder: Path) -> Self:
+        """Read the labels of a data set or of a fleet.
+
+        Raises:
+            InputError: there are none, or they are damaged.
+        """
+        return cls.of_table(read_parquet(folder / FILE, _EXPECTED), folder)
+
+    @classmethod
+    def of_table(cls, table: pa.Table, folder: Path) -> Self:
+        """Return the rows of a table of boxes.
+
+        Args:
+            table: `Dataset.boxes`, or `Fleet.boxes`.
+            folder: of the data set or of the fleet, for errors.
+
+        Raises:
+            InputError: a column is missing, of another kind, or not finite.
+        """
+        file = folder / FILE
+        found = columns_of(table, _REQUIRED, file, _EXPECTED)
+        found |= {name: _filled(table, name, file) for name in _OPTIONAL}
+        rows: dict[str, Any] = {one.name: found.get(one.name) for one in fields(cls)}
+        rows |= {"class_name": found["class"].astype(str), "file": file}
+        for name, columns in (("box", BOX), ("velocity", VELOCITY)):
+            rows[name] = np.column_stack([found[one] for one in columns]).reshape(-1, len(columns))
+        return cls(**rows)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.track)
+
+    def take(self, rows: Any) -> Self:  # noqa: ANN401 - whatever selects rows of an array
+        """Return some rows: numbers, a mask or a slice."""
+        arrays: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
+        del arrays["file"]
+        return replace(self, **{name: values[rows] for name, values in arrays.items()})
+
+    def rows_of(self, frame: str) -> NDArray[np.int64]:
+        """Return the numbers of the rows of a frame."""
+        return self._rows_of_frames.get(frame, np.zeros(0, np.int64))
+
+    def of_frame(self, frame: str) -> Self:
+        """Return the rows of a frame."""
+        return self.take(self.rows_of(frame))
+
+    @cached_property
+    def frame_names(self) -> tuple[str, ...]:
+        """Names of the frames that have a box."""
+        return tuple(self._rows_of_frames)
+
+    @cached_property
+    def _rows_of_frames(self) -> dict[str, NDArray[np.int64]]:
+        import pyarrow as pa
+
+        return rows_by_frame(pa.table({"frame": pa.array(self.frame, pa.string())}))
+
+
+def _filled(table: pa.Table, name: str, file: Path) -> NDArray[Any]:
+    """Return a column, with the value of `_OPTIONAL` where it has none."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    default = _OPTIONAL[name]
+    if name not in table.column_names:
+        return np.full(table.num_rows, default)
+    column = table[name]
+    fits = {
+        bool: pa.types.is_boolean,
+        int: pa.types.is_integer,
+        float: pa.types.is_floating,
+        str: pa.types.is_string,
+    }[type(default)]
+    if not (fits(column.type) or pa.types.is_null(column.type)):
+        raise InputError(f"holds {column.type}", file=file, place=name, expected=_EXPECTED)
+    if pa.types.is_null(column.type):
+        return np.full(table.num_rows, default)
+    values = pc.fill_null(column, default).to_numpy(zero_copy_only=False)
+    values = values.astype({int: np.int64, str: str}.get(type(default), values.dtype))
+    if default == 0.0 and not np.isfinite(values).all():
+        raise InputError("has a value that is not finite", file=file, place=name)
+    return np.asarray(values)
