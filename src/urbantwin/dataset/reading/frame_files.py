@@ -130,6 +130,28 @@ class FrameFiles:
         return rays
 
     @property
+    def known_rays(self) -> NDArray[np.void] | None:
+        """`rays`, where there is a file of them; not compared with the points.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        if not self.rays_file.is_file():
+            return None
+        return read_rays(self.rays_file) if self.is_plain else self.rays
+
+    @property
+    def known_labels(self) -> NDArray[np.uint32] | None:
+        """`labels`, where there is a file of them; not compared with the points.
+
+        Raises:
+            InputError: the file is damaged.
+        """
+        if not self.labels_file.is_file():
+            return None
+        return read_labels(self.labels_file) if self.is_plain else self.labels
+
+    @property
     def labels_file(self) -> Path:
         """The file that says which class and track each point is of."""
         plain = self.dataset / "semantic" / f"{self.name}.label"

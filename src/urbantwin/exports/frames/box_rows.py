@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from urbantwin.dataset.reading.columns import BOX
+from urbantwin.dataset.reading.columns import BOX, VELOCITY
 from urbantwin.dataset.reading.objects import LabelledObjects
 
 __all__ = ["BOX_KEYS", "box_rows"]
 
 #: The keys of a row, in its order; see docs/labels.md.
 BOX_KEYS = (
-    *("track", "class", *BOX, "vx", "vy", "vz", "num_points", "num_points_alone", "occlusion"),
+    *("track", "class", *BOX, *VELOCITY, "num_points", "num_points_alone", "occlusion"),
     *("truncation", "difficulty", "ignored", "observed_s", "parked", "towed_by"),
 )
 

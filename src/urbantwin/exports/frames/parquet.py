@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.dataset.frame_columns import COLUMNS, DICTIONARY, ENCODINGS, LEVEL
 from urbantwin.dataset.reading import Frame
-from urbantwin.dataset.reading.columns import BOX
+from urbantwin.dataset.reading.columns import BOX, VELOCITY
 from urbantwin.dataset.reading.manifest import pose_matrix
 from urbantwin.exports.frames.box_rows import box_rows
 from urbantwin.exports.frames.shards import write_in_order
@@ -35,7 +35,7 @@ _BOXES = pa.struct(
     [
         ("track", _whole),
         ("class", _text),
-        *((name, _number) for name in (*BOX, "vx", "vy", "vz")),
+        *((name, _number) for name in (*BOX, *VELOCITY)),
         ("num_points", _whole),
         ("num_points_alone", _whole),
         ("occlusion", _number),

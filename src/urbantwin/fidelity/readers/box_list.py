@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from urbantwin.dataset.reading.columns import BOX
+from urbantwin.dataset.reading.columns import BOX, VELOCITY
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Boxes
 from urbantwin.fidelity.readers.documents import finite_numbers, read_lines
@@ -26,7 +26,6 @@ from urbantwin.number_text import finite_number, whole_number
 __all__ = ["BOX_LIST", "frame_number", "read_box_list"]
 
 BOX_LIST = "boxes.csv"
-_VELOCITY = ("vx", "vy", "vz")
 _NEEDED = ("frame", "class", *BOX)
 _EXPECTED = f"a table with {', '.join(_NEEDED)}"
 _FARTHEST_M = 1e6
@@ -83,9 +82,9 @@ def _boxes(rows: list[dict[str, str]], known: set[str]) -> Boxes:
         num_points=whole("num_points") if "num_points" in known else None,
         occlusion=np.array(hidden, np.float64) if "occlusion" in known else None,
         velocity=np.array(
-            [[_or(finite_number(row[one]), np.nan) for one in _VELOCITY] for row in rows]
+            [[_or(finite_number(row[one]), np.nan) for one in VELOCITY] for row in rows]
         )
-        if known.issuperset(_VELOCITY)
+        if known.issuperset(VELOCITY)
         else None,
         ignored=tuple(
             (row.get("ignored") or "marked") if row["ignore"] not in ("0", "", None) else ""

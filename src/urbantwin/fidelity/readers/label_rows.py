@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.artefact.document import json_value
-from urbantwin.dataset.reading.columns import BOX
+from urbantwin.dataset.reading.columns import BOX, VELOCITY
 from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.fidelity.frame import Boxes
 from urbantwin.geometry import Pose
@@ -29,7 +29,7 @@ def boxes_of_rows(rows: Sequence[Mapping[str, Any]]) -> Boxes:
     """
     box = np.array([[float(row[name]) for name in BOX] for row in rows], np.float64)
     box = box.reshape(-1, 7)
-    velocity = np.array([[float(row[name]) for name in ("vx", "vy", "vz")] for row in rows])
+    velocity = np.array([[float(row[name]) for name in VELOCITY] for row in rows])
     if not np.isfinite(box).all() or not (box[:, 3:6] > 0).all():
         raise ValueError("a box without a size")
     hidden = [np.nan if row["occlusion"] is None else float(row["occlusion"]) for row in rows]

@@ -16,7 +16,7 @@ from urbantwin.artefact import read_json
 from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.reading.frame_files import FrameFiles, read_labels, read_rays, stored_frames
+from urbantwin.dataset.reading.frame_files import FrameFiles, stored_frames
 from urbantwin.dataset.reading.manifest import FramePoses, pose_of_matrix
 from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.dataset.reading.turns import SensorTurns
@@ -116,7 +116,8 @@ def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> 
         file = files[index]
         name = file.stem
         lines = path / "labels" / f"{name}.txt"
-        fields, given = _in_columns(path, name) if in_columns else _plain(path, file, columns)
+        kept = FrameFiles(path, name)
+        fields = kept.fields if in_columns else read_fields(file, columns)
         dataset_SE3_site = poses.get(name, poses.get(""))
         seen_from = labelled.get(name, discovered)
         if dataset_SE3_site is not None:
@@ -127,7 +128,7 @@ def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> 
             file,
             fields,
             name=name,
-            given=given,
+            given=_given(kept),
             may_be_empty=may_be_empty,
             boxes=boxes_of_objects(objects.of_frame(name))
             if objects is not None
@@ -144,27 +145,14 @@ def _read_once(kind: type[_Table], path: Path) -> Callable[[], _Table | None]:
     return cache(lambda: kind.in_folder(path) if kind.is_in(path) else None)
 
 
-def _plain(path: Path, file: Path, columns: int | None) -> tuple[Fields, Fields]:
-    """Return the fields of a frame's points, and what other files say of them."""
+def _given(files: FrameFiles) -> Fields:
+    """Return what rays and labels say of the points of a frame, as far as there are any."""
     given: Fields = {}
-    rays = path / "rays" / file.name
-    if rays.is_file():
-        given |= fields_of_rays(read_rays(rays))
-    labels = path / "semantic" / f"{file.stem}.label"
-    if labels.is_file():
-        code = read_labels(labels)
+    if (rays := files.known_rays) is not None:
+        given |= fields_of_rays(rays)
+    if (code := files.known_labels) is not None:
         given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
-    return read_fields(file, columns), given
-
-
-def _in_columns(path: Path, name: str) -> tuple[Fields, Fields]:
-    """Return the same of a frame whose file holds all of it."""
-    kept = FrameFiles(path, name)
-    code = kept.labels
-    return kept.fields, fields_of_rays(kept.rays) | {
-        "semantic": code & 0xFFFF,
-        "instance": code >> 16,
-    }
+    return given
 
 
 def fields_of_rays(table: NDArray[np.void]) -> Fields:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.reading.frame_files import FrameFiles, read_rays
+from urbantwin.dataset.reading.frame_files import FrameFiles
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Frame
@@ -70,8 +70,7 @@ def open_unlabelled(
         name = recording.names[index]
         kept = FrameFiles(folder, name)
         given: dict[str, Any] = {}
-        if kept.rays_file.is_file():
-            table = read_rays(kept.rays_file) if kept.is_plain else kept.rays
+        if (table := kept.known_rays) is not None:
             known = table.dtype.names or ()
             given = {x: table[x] for x in ("sensor", "ring") if x in known}
         fields = read_fields(kept.file, columns) if kept.is_plain else kept.fields

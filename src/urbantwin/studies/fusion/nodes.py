@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from urbantwin.artefact import read_json
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.pose_table import EGO, frame_poses, true_and_reported
+from urbantwin.dataset.reading import Dataset
 from urbantwin.dataset.reading.columns import BOX
-from urbantwin.dataset.reading.tables import read_table
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording, open_recording
@@ -248,16 +248,14 @@ def _of_datasets(
 
 
 def _true_poses(folder: Path) -> dict[str, Pose]:
-    """Return where riding frames truly were, by name: their vehicle's true pose tells it."""
-    file = folder / "poses.parquet"
-    if not file.is_file():
-        return {}
+    """Return where riding frames truly were, by name: the true pose of their vehicle says it."""
+    dataset = Dataset(folder)
     found = {}
-    for row in read_table(file).to_pylist():
+    for row in dataset.poses.to_pylist():
         if row["name"] == EGO:
             true, reported = true_and_reported(row)
             found[str(row["frame"])] = true @ reported.inverse()
-    poses = frame_poses(read_json(folder / "dataset.json", kind="dataset"))
+    poses = frame_poses(dataset.manifest)
     return {name: off @ poses[name] for name, off in found.items() if name in poses}
 
 
