@@ -67,7 +67,7 @@ def test_open3d_reads_every_field_of_a_pcd(written):
     dataset, out, _ = written("two_sensors", "pcd")
     for source in FrameSource(dataset):
         cloud = o3d.t.io.read_point_cloud(str(out / f"{source.name}.pcd"))
-        assert (cloud.point.positions.numpy() == source.points).all()
+        assert (cloud.point.positions.numpy() == source.xyz).all()
         assert (cloud.point.intensity.numpy().ravel() == source.intensity).all()
         for name in ("ring", "column", "sensor", "echo", "time"):
             assert (cloud.point[name].numpy().ravel() == source.rays[name]).all(), name
@@ -97,7 +97,7 @@ def test_laspy_finds_the_points_where_they_are_on_the_earth(written):
     azimuth, _, away = geod.inv(
         np.full(len(lon), anchor["longitude"]), np.full(len(lat), anchor["latitude"]), lon, lat
     )
-    site = frame.site_SE3_dataset.apply(frame.points)
+    site = frame.site_SE3_dataset.apply(frame.xyz)
     assert away == pytest.approx(np.hypot(site[:, 0], site[:, 1]), abs=2e-4)
     assert np.sin(np.radians(azimuth)) * away == pytest.approx(site[:, 0], abs=2e-3)
     assert cloud.z == pytest.approx(site[:, 2], abs=5.1e-5)
@@ -124,10 +124,10 @@ def test_webdataset_reads_its_samples(written):
     for frame in source:
         shard, sample = found[frame.name]
         assert f"/{source.part_of(frame.name) or 'rest'}-" in shard
-        assert (sample["points.npy"][:, :3] == frame.points).all()
+        assert (sample["points.npy"][:, :3] == frame.xyz).all()
         assert (sample["rays.npy"] == frame.rays).all()
         assert (sample["semantic.npy"] == frame.semantic).all()
-        assert [row["track"] for row in sample["boxes.json"]] == frame.boxes.track.tolist()
+        assert [row["track"] for row in sample["boxes.json"]] == frame.objects.track.tolist()
         assert sample["json"]["time_s"] == frame.time_s
 
 
@@ -142,14 +142,14 @@ def test_pyarrow_reads_a_row_for_each_frame(written):
     for frame in source:
         part, row = rows[frame.name]
         assert row["part"] == source.part_of(frame.name) == (None if part == "rest" else part)
-        assert (np.column_stack([row[axis] for axis in "xyz"]) == frame.points).all()
+        assert (np.column_stack([row[axis] for axis in "xyz"]) == frame.xyz).all()
         assert (np.array(row["intensity"], np.float32) == frame.intensity).all()
         for name in ("semantic", "instance"):
             assert row[name] == getattr(frame, name).tolist()
         for name in frame.rays.dtype.names:
             assert (np.array(row[name], frame.rays.dtype[name]) == frame.rays[name]).all()
         boxes = [[one[key] for key in ("x", "y", "z", "length")] for one in row["boxes"]]
-        assert boxes == frame.boxes.box[:, :4].tolist()
+        assert boxes == frame.objects.box[:, :4].tolist()
         pose = np.reshape(row["site_SE3_frame"], (4, 4))
         assert (pose[:3, 3] == frame.site_SE3_dataset.translation).all()
         sensors = {one["sensor"] for one in row["site_SE3_sensors"]}
@@ -188,14 +188,14 @@ def test_ros_decodes_the_messages_of_an_mcap(written):
             }
         )
         points = np.frombuffer(bytes(cloud.data), record)
-        assert (points["x"] == frame.points[:, 0]).all()
+        assert (points["x"] == frame.xyz[:, 0]).all()
         assert (points["instance"] == frame.instance).all()
         assert (points["time"] == frame.rays["time"]).all()
         place = tf.transforms[0].transform.translation
         assert [place.x, place.y, place.z] == frame.site_SE3_dataset.translation.tolist()
         assert [one.child_frame_id for one in tf.transforms[1:]] == ["sensor/pole", "sensor/mast"]
-        assert [one.id for one in markers.markers] == frame.boxes.track.tolist()
-        assert [one.scale.x for one in markers.markers] == frame.boxes.box[:, 3].tolist()
+        assert [one.id for one in markers.markers] == frame.objects.track.tolist()
+        assert [one.scale.x for one in markers.markers] == frame.objects.box[:, 3].tolist()
 
 
 def test_the_lists_beside_clouds_have_what_the_tables_have(written):

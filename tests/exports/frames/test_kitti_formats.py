@@ -101,7 +101,7 @@ def test_boxes_are_where_kittis_development_kit_draws_them(crowded, kitti):
         part = "testing" if int(frame.name) >= 9 else "training"
         matrices = calibration(kitti / part / "calib" / f"{frame.name}.txt")
         camera = matrices["R0_rect"] @ matrices["Tr_velo_to_cam"]
-        boxes = frame.boxes
+        boxes = frame.objects
         rows = np.flatnonzero((boxes.num_points > 0) & (boxes.ignored == ""))
         found = objects(kitti / part / "label_all" / f"{frame.name}.txt")
         assert [name for name, _ in found] == [theirs[str(boxes.class_name[k])] for k in rows]
@@ -185,7 +185,7 @@ def test_frames_are_where_kittis_programs_look(crowded, kitti):
         assert (image.size, image.mode) == ((1242, 375), "RGB")
     source = FrameSource(crowded)
     values = np.fromfile(kitti / "training" / "velodyne" / "000003.bin", "<f4").reshape(-1, 4)
-    assert (values[:, :3] == source[3].points).all()
+    assert (values[:, :3] == source[3].xyz).all()
     assert (values[:, 3] == source[3].intensity).all()
 
 
@@ -221,9 +221,9 @@ def test_kitti_comes_back(name, request, tmp_path):
     boxes_seen = 0
     for wanted in source:
         found = back[wanted.name]
-        assert (found.points == wanted.points).all()
+        assert (found.points == wanted.xyz).all()
         assert (found.intensity == wanted.intensity).all()
-        boxes = wanted.boxes
+        boxes = wanted.objects
         rows = np.flatnonzero((boxes.num_points > 0) & (boxes.ignored == ""))
         assert len(found.boxes) == len(rows)
         boxes_seen += len(rows)
@@ -344,20 +344,20 @@ def test_semantickitti_comes_back(name, two_sensors, riding, tmp_path):
         for number, found in enumerate(back):
             wanted = source[at]
             at += 1
-            assert (found.points == wanted.points).all()
+            assert (found.points == wanted.xyz).all()
             assert (found.intensity == wanted.intensity).all()
             assert (found.semantic == wanted.semantic).all()
             assert (found.instance == wanted.instance).all()
             assert float(times[number]) == pytest.approx(wanted.time_s, abs=1e-9)
-            place = wanted.site_SE3_frame
+            place = wanted.site_SE3_dataset
             assert poses[number][:3, :3] == pytest.approx(place.rotation, abs=1e-10)
             assert poses[number][:3, 3] == pytest.approx(place.translation, abs=1e-9)
             assert found.world_SE3_frame.translation == pytest.approx(place.translation, abs=1e-9)
             label = np.fromfile(sequence / "labels" / f"{number:06d}.label", "<u4")
             for track in np.unique(wanted.instance[wanted.instance > 0]):
-                row = int(np.flatnonzero(wanted.boxes.track == track)[0])
-                speed = float(np.linalg.norm(wanted.boxes.velocity[row, :2]))
-                kind = str(wanted.boxes.class_name[row])
+                row = int(np.flatnonzero(wanted.objects.track == track)[0])
+                speed = float(np.linalg.norm(wanted.objects.velocity[row, :2]))
+                kind = str(wanted.objects.class_name[row])
                 still = semantic_id(BOX_SEMANTICS[kind])
                 numbers = set((label[label >> 16 == track] & 0xFFFF).tolist())
                 assert numbers == {moving[kind] if speed > 0.25 else still}

@@ -112,9 +112,9 @@ def test_what_trainers_read_comes_back(to, trained_on, written):
     assert len(back) == len(source) == 12
     for found, wanted in zip(back, source, strict=True):
         assert found.name == wanted.name
-        assert (found.points == wanted.points).all()
+        assert (found.points == wanted.xyz).all()
         assert (found.intensity == wanted.intensity).all()
-        boxes = wanted.boxes
+        boxes = wanted.objects
         read = (boxes.num_points > 0) & (boxes.ignored == "")
         counts = np.array(found.boxes.source_names, object) != "DontCare"
         assert found.boxes.box[counts] == pytest.approx(boxes.box[read], abs=5.1e-5)
@@ -160,19 +160,19 @@ def test_mmengine_reads_the_config_and_numpy_1_the_infos(trained_on, written, ju
             data = config["train_dataloader"]["dataset"]
             cloud = folder / data["data_prefix"]["pts"] / lidar["lidar_path"]
             values = np.fromfile(cloud, np.float32).reshape(-1, lidar["num_pts_feats"])
-            assert (values[:, :3] == frame.points).all()
+            assert (values[:, :3] == frame.xyz).all()
             assert (values[:, 3] == frame.intensity).all()
             assert info["timestamp"] == frame.time_s
-            row_of = {int(track): row for row, track in enumerate(frame.boxes.track)}
+            row_of = {int(track): row for row, track in enumerate(frame.objects.track)}
             for one in info["instances"]:
                 row = row_of[one["track_id"]]
-                assert one["bbox_3d"] == pytest.approx(frame.boxes.box[row].tolist(), abs=5.1e-5)
-                assert one["num_lidar_pts"] == frame.boxes.num_points[row] > 0
-                assert one["velocity"] == frame.boxes.velocity[row, :2].tolist()
-                counts = not frame.boxes.ignored[row]
-                wanted = categories[str(frame.boxes.class_name[row])] if counts else -1
+                assert one["bbox_3d"] == pytest.approx(frame.objects.box[row].tolist(), abs=5.1e-5)
+                assert one["num_lidar_pts"] == frame.objects.num_points[row] > 0
+                assert one["velocity"] == frame.objects.velocity[row, :2].tolist()
+                counts = not frame.objects.ignored[row]
+                wanted = categories[str(frame.objects.class_name[row])] if counts else -1
                 assert one["bbox_label_3d"] == wanted
-                learned += [str(frame.boxes.class_name[row])] * counts
+                learned += [str(frame.objects.class_name[row])] * counts
         assert {name: learned.count(name) for name in set(learned)} == counted(trained_on, part)
 
     # The objects: told from the middle of the floor, strictly inside (``points_in_rbbox``).
@@ -184,7 +184,7 @@ def test_mmengine_reads_the_config_and_numpy_1_the_infos(trained_on, written, ju
             assert len(own) == info["num_points_in_gt"]
             x, y, z, length, width, height, yaw = info["box3d_lidar"]
             frame = source[int(info["image_idx"])]
-            away = frame.points.astype(float) - [x, y, z]
+            away = frame.xyz.astype(float) - [x, y, z]
             along = away[:, 0] * np.cos(yaw) + away[:, 1] * np.sin(yaw)
             across = away[:, 1] * np.cos(yaw) - away[:, 0] * np.sin(yaw)
             off = np.array([np.abs(along) - length / 2, np.abs(across) - width / 2,

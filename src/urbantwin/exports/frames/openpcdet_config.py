@@ -95,7 +95,7 @@ def _data(learned: LearnedClasses, data_path: str) -> dict[str, Any]:
                         ]
                     },
                     "SAMPLE_GROUPS": [f"{one.name}:{one.sampled}" for one in learned.classes],
-                    "NUM_POINTPOINT": len(POINT),
+                    "NUM_POINT_FEATURES": len(POINT),
                     "DATABASE_WITH_FAKELIDAR": False,
                     "REMOVE_EXTRA_WIDTH": [0.0, 0.0, 0.0],
                     "LIMIT_WHOLE_SCENE": True,
@@ -145,7 +145,7 @@ def _pillars(name: str, filters: list[int], strides: list[int]) -> dict[str, Any
             "USE_NORM": True,
             "NUM_FILTERS": filters,
         },
-        "MAP_TO_BEV": {"NAME": "PointPillarScatter", "NUM_BEVPOINT": 64},
+        "MAP_TO_BEV": {"NAME": "PointPillarScatter", "NUM_BEV_FEATURES": 64},
         "BACKBONE_2D": _backbone(strides),
     }
 
