@@ -1,4 +1,4 @@
-"""How often what `urbantwin align` states is so: many sites, sensors, starts and wrong maps.
+"""How often what `urbantwin rig align` states is so: many sites, sensors, starts and wrong maps.
 
 A street is a twin with parked cars and hedges that no map has. It is scanned from roofs and poles,
 by a sensor that stands still now and then more than once, while others pass. It is aligned with

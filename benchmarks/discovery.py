@@ -1,4 +1,4 @@
-"""What `urbantwin discover` finds: in real recordings, and in made ones whose sensors are known.
+"""What `urbantwin rig discover` finds: in real recordings, and in made ones of known sensors.
 
 A made rig is two sensors of the catalogue drawn by a seed, tilted by up to 12 degrees, in a street
 of planes and boxes. Its units are as their models, or each channel is off by 0.1 degrees, or the

@@ -104,7 +104,7 @@ def roadside_data(work: Path) -> None:
         for number in FIRST:
             shutil.copy(LUMPI / f"{number:04}.bin", first)
     rings, found = work / "rings", work / "rig.yaml"
-    run(work, "discover", first, "--frames", rings, out=found)
+    run(work, "rig", "discover", first, "--frames", rings, out=found)
     example = PROJECT / "examples" / "hannover"
     shutil.copy(example / "sketch.geojson", work)
     site = yaml.safe_load((example / "site.yaml").read_text())
@@ -113,7 +113,7 @@ def roadside_data(work: Path) -> None:
     run(work, "build", written(work / "site.yaml", site), "--no-pictures", out=twin)
     measured = work / "measured.npz"
     options = ("--rig", found, "--points-in", "site", "--interval", 1)
-    run(work, "background", rings, "--twin", twin, *options, out=measured)
+    run(work, "rig", "background", rings, "--twin", twin, *options, out=measured)
     # The real sensors keep no time with each other: neither do these.
     rig = yaml.safe_load(found.read_text())
     for sensor in rig["sensors"]:
@@ -123,7 +123,7 @@ def roadside_data(work: Path) -> None:
         asked = written(work / f"demand-{seed}.yaml", {"per_hour": demand})
         motion = work / f"motion-{seed}"
         times = ("--seed", seed, "--seconds", SECONDS)
-        run(work, "traffic", twin, "--demand", asked, *times, "--no-pictures", out=motion)
+        run(work, "drive", twin, "--demand", asked, *times, "--no-pictures", out=motion)
         there = ("--background", measured, "--fuse") if is_measured else ()
         every = EVERY_S if use == "train" else 3 * EVERY_S
         times = ("--start", START_S, "--every", round(every * rig["rate_hz"]))
@@ -158,7 +158,7 @@ def car_data(work: Path) -> None:
         asked = {name: round(count * MORE.get(name, 1)) for name, count in guess.items()}
         demand = written(place / "demand.yaml", {"per_hour": asked, "parked": PARKED})
         times = ("--seed", seed, "--seconds", TOWN_SECONDS)
-        run(work, "traffic", twin, "--demand", demand, *times, "--no-pictures", out=motion)
+        run(work, "drive", twin, "--demand", demand, *times, "--no-pictures", out=motion)
         for number, track in enumerate(carriers(motion)):
             # The last car of each town carries Argoverse's pair.
             name = "vlp32" if number == CARRIERS - 1 else "hdl64"
@@ -177,11 +177,24 @@ def judged(work: Path) -> None:
     """Train one detector on all that was recorded; judge it by simulated and by real frames."""
     datasets = sorted(work.glob("*/train/*"))
     model = work / "model"
-    run(work, "train", *datasets, "--part", "all", "--steps", TRAIN_STEPS, "--seed", 1, out=model)
+    run(
+        work,
+        "model",
+        "model",
+        "train",
+        *datasets,
+        "--part",
+        "all",
+        "--steps",
+        TRAIN_STEPS,
+        "--seed",
+        1,
+        out=model,
+    )
     held = sorted(work.glob("*/held/*"))
     for data in (*held, REAL / "recordings" / "kitti-training", LUMPI):
         report = work / "judged" / "-".join(data.parts[-2:])
-        run(work, "evaluate", model, data, out=report)
+        run(work, "model", "evaluate", model, data, out=report)
         told = json.loads((report / "evaluation.json").read_text())
         print(data.name, told["in_short"], flush=True)
 

@@ -51,7 +51,7 @@ def main() -> None:
             spent = took_ms(lambda name=name: shown.packet(name))
             print(f"{name}: {len(shown.packet(name)) / 1e3:,.0f} kB, {spent:.0f} ms")
         page = Path(scratch) / "page.html"
-        spent = took_ms(lambda: ut.look(given, save=page, frames="0:10", progress=False))
+        spent = took_ms(lambda: ut.view(given, save=page, frames="0:10", progress=False))
         print(f"saved page of 10 frames: {page.stat().st_size / 1e6:.1f} MB, {spent / 1e3:.1f} s")
 
 

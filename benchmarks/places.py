@@ -28,6 +28,7 @@ from places_map import MappedStreets
 from places_motion import driving, seeing, street_covered
 from places_roads import measure
 from random_anchors import anchors
+from urbantwin.interface.whole_line import Run
 
 DATA = Path(__file__).parents[2] / "shared/data/osm"
 STAGES = ("build", "traffic", "record")
@@ -97,7 +98,7 @@ def place(
     name: str, extract: Path, where: list[str], folder: Path, given: argparse.Namespace
 ) -> dict[str, Any]:
     """Run one place of an extract and measure what came out."""
-    site, made = folder / "site.yaml", ut.Run(folder)
+    site, made = folder / "site.yaml", Run(folder)
     seconds: dict[str, float] = {}
     told: list[str] = []
     row: dict[str, Any] = {"place": name, "stage_seconds": seconds, "warnings": told}
@@ -106,7 +107,7 @@ def place(
     commands = {
         "init": ("init", folder, "--osm", extract.resolve(), *where, "--force"),
         "build": ("build", site, "-o", folder / "twin"),
-        "traffic": ("traffic", folder / "twin", "-o", folder / "motion", *length),
+        "traffic": ("drive", folder / "twin", "-o", folder / "motion", *length),
         "record": (
             "record", folder / "twin", folder / "motion", "-o", folder / "dataset", *pool,
         ),

@@ -219,7 +219,7 @@ def _sensor_origins(dataset: Dataset) -> NDArray[np.float64]:
 def street_covered(twin: Twin, folder: Path) -> dict[str, float]:
     """Shares of the street about the anchor that get a point per square metre and frame.
 
-    By the twin's own rig in the static world without actors, as ``urbantwin coverage`` says:
+    By the twin's own rig in the static world without actors, as ``urbantwin rig coverage`` says:
     ``facing``, on a dark surface 1 m above the street that faces the sensor, as the side of a car;
     ``ground``, on the street itself, where beams at 30 m graze so flatly that few come back. In
     cells of 2 m: at 50 m the beams of a turn are farther apart on the ground than smaller ones.

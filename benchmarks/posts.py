@@ -1,6 +1,6 @@
 """How wide posts look before several sensors at several distances: what their beams add.
 
-    urbantwin discover first/ -o rig.yaml --frames rings/
+    urbantwin rig discover first/ -o rig.yaml --frames rings/
     python benchmarks/posts.py rings/
 
 A post that several sensors of a recording see is as wide for all of them. Before each it is as wide

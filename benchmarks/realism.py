@@ -98,7 +98,7 @@ def _drive(place: Path, demand: Path, seed: int, seconds: tuple[object, ...]) ->
     if not given.exists():
         given = demand
     if not (place / "motion").exists():
-        run(place, "traffic", place / "twin", "--demand", given, "--seed", seed, *seconds,
+        run(place, "drive", place / "twin", "--demand", given, "--seed", seed, *seconds,
             "--no-pictures", out=place / "motion")  # fmt: skip
 
 
@@ -197,9 +197,11 @@ def judged(work: Path, name: str) -> None:
     seed = name.split("@")[1] if "@" in name else 1
     classes = [word for one in ("car", "bicycle", "pedestrian") for word in ("--class", one)]
     how = ("--steps", STEPS, "--seed", seed, *classes)
-    run(place, "train", *datasets(work, name), "--part", "all", *how, out=place / "model")
+    run(place, "model", "train", *datasets(work, name), "--part", "all", *how, out=place / "model")
     for data in (REAL / "recordings" / "kitti-training", LUMPI):
-        run(place, "evaluate", place / "model", data, "--within", 40, out=place / data.name)
+        run(
+            place, "model", "evaluate", place / "model", data, "--within", 40, out=place / data.name
+        )
 
 
 def table(work: Path) -> None:

@@ -1,9 +1,9 @@
 """What a campaign of many frames takes: machines, hours, storage, money, by what one took.
 
-Costs are those that `urbantwin campaign` noted of every step in its journal: time of processors,
-children included, and bytes. Prices are given; those here are assumptions.
+Costs are those that `urbantwin experiment run` noted of every step in its journal: time of
+processors, children included, and bytes. Prices are given; those here are assumptions.
 
-    urbantwin campaign grid.yaml -o campaign/
+    urbantwin experiment run grid.yaml -o campaign/
     python benchmarks/scale.py campaign/ --frames 1e5 1e6 1e7
 """
 

@@ -29,8 +29,8 @@ import urbantwin as ut
 from record import RATE_HZ, circling_motion, static_world, twin_of
 from urbantwin.dataset import record
 from urbantwin.dataset.frame_columns import columns_of_frame, parquet_bytes
-from urbantwin.dataset.reading.frame_files import STORED, FrameFiles
 from urbantwin.dataset.frame_las import laz_bytes
+from urbantwin.dataset.reading.frame_files import STORED, FrameFiles
 from urbantwin.lidar import place_rig
 from urbantwin.site.rig import RigSpec, SensorSpec
 

@@ -141,7 +141,7 @@ def judged(place: Path) -> None:
     """Judge it by real frames."""
     for name, data in JUDGES.items():
         if not (place / name).exists():
-            ut.evaluate(place / "model", data, place / name, classes=["car"], within=WITHIN_M,
+            ut.model.evaluate(place / "model", data, place / name, classes=["car"], within=WITHIN_M,
                         progress=False)  # fmt: skip
 
 

@@ -49,7 +49,7 @@ def choices(count):
 
 
 def write_rings(dataset, names, folder):
-    """Write frames of a dataset as `discover --frames` does, with the rig's own rings."""
+    """Write frames of a dataset as `rig discover --frames` does, with the rig's own rings."""
     for part in ("points", "rays"):
         (folder / part).mkdir(parents=True)
     sensors = []

@@ -5,7 +5,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from urbantwin.cli.commands import GROUPS
+
 from .source_imports import MODULES, ROOT, SOURCE, imports_of
+
+INTERFACE = "urbantwin.interface."
 
 
 def floors() -> list[str]:
@@ -16,9 +20,20 @@ def floors() -> list[str]:
     return [name for cell in first_cells for name in re.findall(r"`(\w+)`", cell)]
 
 
+def names_a_group(module: Path) -> bool:
+    """Whether a module names the functions of a group, which are imported when asked for."""
+    return (
+        module.parent.parent == SOURCE
+        and module.name == "__init__.py"
+        and (module.parent.name in GROUPS)
+    )
+
+
 def imported_packages(module: Path) -> Iterator[tuple[str, int]]:
     """Every part of urbantwin that a module imports, inside functions too, with the line."""
     for one in imports_of(module):
+        if one.typing and names_a_group(module) and (one.source or "").startswith(INTERFACE):
+            continue
         assert one.level == 0, f"{module}:{one.line}: a relative import"
         names = one.names if one.source is None else (one.source,)
         if one.source == "urbantwin":
@@ -43,13 +58,23 @@ def test_a_package_imports_only_packages_above_it() -> None:
         if here == "__main__":  # ``python -m urbantwin``
             here = "cli"
         if here == "__init__":  # ``import urbantwin``
-            here = "interface"
+            here = "catalogue"
         for package, line in imported_packages(module):
             if package not in order:
                 wrong.append(f"{module}:{line}: imports {package}")
             elif order.index(package) > order.index(here):
                 wrong.append(f"{module}:{line}: {here} imports {package}, which is below it")
     assert not wrong, "\n".join(wrong)
+
+
+def test_a_package_of_a_groups_name_lists_its_commands_and_imports_none() -> None:
+    for group, (_, commands) in GROUPS.items():
+        file = SOURCE / group / "__init__.py"
+        if file.is_file():
+            upward = [one for one in imports_of(file) if (one.source or "").startswith(INTERFACE)]
+            assert all(one.typing for one in upward)
+            names = {name for one in upward for name in one.names}
+            assert {name for name in names if name[0].islower()} == set(commands)
 
 
 def test_the_commands_call_only_the_interface() -> None:
@@ -67,7 +92,7 @@ def test_only_the_command_line_prints_and_exits() -> None:
     # SUMO's worker is a program of its own: its stdout is how it speaks to us. Progress is shown
     # on stderr, for the commands and for Python alike.
     programs = {SOURCE / "__main__.py", SOURCE / "traffic" / "sumo" / "worker.py"}
-    programs |= {SOURCE / "interface" / "stage.py"}
+    programs |= {SOURCE / "interface" / "stage.py", SOURCE / "exports" / "carla" / "live.py"}
     for module in MODULES:
         if module.is_relative_to(SOURCE / "cli") or module in programs:
             continue

@@ -41,13 +41,13 @@ sys.exit(main())
 #: Extra, the module that is missing, and a command that needs it.
 COMMANDS = [
     ("bags", "rosbags", "compare drive.bag dataset -o out"),
-    ("detector", "torch", "train dataset -o out"),
+    ("detector", "torch", "model train dataset -o out"),
     ("fbx", "cmeel", "export twin --to fbx -o out.fbx"),
-    ("film", "imageio_ffmpeg", "film motion -o out.mp4"),
+    ("film", "imageio_ffmpeg", "traffic film motion -o out.mp4"),
     ("ray", "ray", "record twin motion --ray 127.0.0.1:9 -o out"),
     ("rerun", "rerun", "view dataset --rerun out.rrd"),
-    ("tune", "optuna", "tune dataset twin -o out"),
-    ("tune", "cmaes", "place twin motion -o out"),
+    ("tune", "optuna", "rig tune dataset twin -o out"),
+    ("tune", "cmaes", "rig place twin motion -o out"),
     ("usd", "pxr", "export twin --to usd -o out.usdc"),
     ("warp", "warp", "record twin motion --backend warp -o out"),
 ]
@@ -55,8 +55,8 @@ MORE_COMMANDS = [
     ("bags", "mcap", "view drive.mcap --save out.html"),
     ("bags", "mcap", "export dataset --to mcap -o out.mcap"),
     ("bags", "velodyne_decoder", "view drive.bag --save out.html"),
-    ("detector", "safetensors", "detect model dataset -o out"),
-    ("detector", "torch", "label model dataset -o out"),
+    ("detector", "safetensors", "model detect model dataset -o out"),
+    ("detector", "torch", "model label model dataset -o out"),
 ]
 
 

@@ -128,8 +128,8 @@ def _is_ours(text: str) -> bool:
 
 def _sensor_page() -> str:
     parts = [
-        "# Every number of the sensors\n\nWhat `urbantwin sensors show MODEL` tells of sources. "
-        "For a number that is not known [a fallback](../sensors.md) is taken."
+        "# Every number of the sensors\n\nWhat `urbantwin catalogue sensors MODEL` tells of "
+        "sources. For a number that is not known [a fallback](../sensors.md) is taken."
     ]
     for entry, sources in _sensors():
         told = [(name, "", text) for name, text in sources.items()]

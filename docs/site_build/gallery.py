@@ -10,10 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-import typer
-
 import urbantwin as ut
-from urbantwin.cli import app
 from urbantwin.cli import main as main_of_commands
 
 ROOT = Path(__file__).parents[2]
@@ -40,13 +37,12 @@ def make(out: Path, run: Path | None = None, *, seconds: float = 6.0, width: int
         for stage in (twin, motion, dataset):
             for picture in sorted((stage / "pictures").glob("*.png")):
                 shutil.copyfile(picture, made / f"{stage.name}-{picture.name}")
-        ut.film(motion, made / "film.gif", twin=twin, stop=seconds, fps=5, width=width)
-        covered = ut.coverage(twin, Path(scratch) / "coverage")
+        ut.traffic.film(motion, made / "film.gif", twin=twin, stop=seconds, fps=5, width=width)
+        covered = ut.rig.coverage(twin, Path(scratch) / "coverage")
         shutil.copyfile(covered.folder / "coverage.png", made / "coverage.png")
-        ut.actors(save=made / "actors.png")
+        ut.catalogue.actors(save=made / "actors.png")
         save = ["--save", str(made / "dataset.html"), "--frames", "0:10", "--quiet"]
-        known = typer.main.get_command(app).commands
-        if "view" in known and main_of_commands(["view", str(dataset), *save]) != 0:
+        if main_of_commands(["view", str(dataset), *save]) != 0:
             raise ut.StageError("the page of the dataset cannot be saved")
         if out.is_dir():
             shutil.rmtree(out)

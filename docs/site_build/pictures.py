@@ -20,15 +20,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 import urbantwin as ut
 from urbantwin.dataset.motion_interpolation import rows_at
+from urbantwin.drawing import style
+from urbantwin.drawing.film.from_corner import FromCorner
+from urbantwin.drawing.film.signal_lamps import Lamps
+from urbantwin.drawing.scene import Camera
 from urbantwin.fidelity.histograms import full_scale
 from urbantwin.fidelity.objects.measure import compare_objects
 from urbantwin.geometry import Pose
 from urbantwin.lidar import sensor
 from urbantwin.taxonomy import BOX_SEMANTICS, GROUND_CLASSES, semantic_id
-from urbantwin.view import style
-from urbantwin.view.film.from_corner import FromCorner
-from urbantwin.view.film.signal_lamps import Lamps
-from urbantwin.view.scene import Camera
 
 __all__ = ["draw_all"]
 

@@ -31,14 +31,18 @@ class _Package(ModuleType):
         module = self._modules.get(name)
         if module is None:
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        value: object = getattr(import_module(module), name)
-        setattr(self, name, value)
+        if module == self.__name__:  # a package of ours
+            value: object = import_module(f"{module}.{name}")
+        else:
+            value = getattr(import_module(module), name)
+        vars(self)[name] = value
         return value
 
     def __setattr__(self, name: str, value: object) -> None:
         # The import system sets a package's modules as its attributes. One that is spelt like a
         # public name (``compare.compare``) must not hide that.
-        if not (isinstance(value, ModuleType) and name in self._modules):
+        hidden = self._modules.get(name, self.__name__) != self.__name__
+        if not (isinstance(value, ModuleType) and hidden):
             super().__setattr__(name, value)
 
     def __dir__(self) -> list[str]:

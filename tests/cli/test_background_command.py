@@ -28,7 +28,7 @@ def test_frames_of_a_fixed_sensor_become_its_background(tmp_path, run_here):
     for number in range(11):
         np.save(real / f"{number:03d}.npy", scanner.scan(number, []).points)
     outcome = run_here(
-        "background", real, "--sensor", "VLP-16", "-o", tmp_path / "measured.npz", "--json"
+        "rig", "background", real, "--sensor", "VLP-16", "-o", tmp_path / "measured.npz", "--json"
     )
     assert outcome.code == 0
     told = json.loads(outcome.out)
@@ -51,10 +51,13 @@ def test_what_is_no_such_sensor_or_recording_is_one_line(tmp_path, run_here):
     np.save(real / "0.npy", np.ones((5, 4), np.float32))
     out = tmp_path / "measured.npz"
     for arguments, word in (
-        (("background", real, "--sensor", "VLP-17", "-o", out), "VLP-1"),
-        (("background", real, "--sensor", "VLP-16", "--columns", "7", "-o", out), "columns"),
-        (("background", tmp_path / "none", "--sensor", "VLP-16", "-o", out), "not found"),
-        (("background", real, "--sensor", "OS1-128", "--intensity-scale", "0", "-o", out), "scale"),
+        (("rig", "background", real, "--sensor", "VLP-17", "-o", out), "VLP-1"),
+        (("rig", "background", real, "--sensor", "VLP-16", "--columns", "7", "-o", out), "columns"),
+        (("rig", "background", tmp_path / "none", "--sensor", "VLP-16", "-o", out), "not found"),
+        (
+            ("rig", "background", real, "--sensor", "OS1-128", "--intensity-scale", "0", "-o", out),
+            "scale",
+        ),
     ):
         outcome = run_here(*arguments)
         assert outcome.code == 2
@@ -77,7 +80,7 @@ def test_a_matrix_of_ranges_becomes_a_background(tmp_path, run_here):
     given = ("--sensor", "VLP-16", "-o", out)
     for rows in ("up.mat", "up.txt"):
         outcome = run_here(
-            "background", tmp_path / "ranges.mat", "--elevations", tmp_path / rows, *given
+            "rig", "background", tmp_path / "ranges.mat", "--elevations", tmp_path / rows, *given
         )
         assert outcome.code == 0, outcome.err
         (found,) = load_backgrounds(out)
@@ -91,7 +94,7 @@ def test_a_matrix_of_ranges_becomes_a_background(tmp_path, run_here):
         ((tmp_path / "ranges.mat", "--elevations", tmp_path / "none.txt", *given), "not found"),
         ((tmp_path / "ranges.mat", "--sensor", "OS1-32", "-o", out), "16 rows for 32"),
     ):
-        outcome = run_here("background", *arguments)
+        outcome = run_here("rig", "background", *arguments)
         assert outcome.code == 2
         assert word in outcome.err
         assert len(outcome.err.strip().splitlines()) == 1

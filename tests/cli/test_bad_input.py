@@ -156,7 +156,7 @@ def test_a_missing_site_is_told_in_one_line(run_here: Run, tmp_path: Path) -> No
     for command in ("run", "build"):
         outcome = run_here(command, tmp_path / "site.yaml", "-o", tmp_path / "out")
         assert (outcome.code, outcome.err.count("\n")) == (2, 1)
-    for command in ("traffic", "record"):
+    for command in ("drive", "record"):
         folders = [tmp_path / "twin", tmp_path / "motion"][: 1 + (command == "record")]
         outcome = run_here(command, *folders, "-o", tmp_path / "out")
         assert (outcome.code, outcome.err.count("\n")) == (2, 1)

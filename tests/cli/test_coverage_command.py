@@ -21,7 +21,7 @@ def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
         sensor |= {"model": "OS1-32", "columns": 512}
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig))
     out = tmp_path / "coverage"
-    asked = ("coverage", twin, "--rig", tmp_path / "rig.yaml", "-o", out, "--cell", "4")
+    asked = ("rig", "coverage", twin, "--rig", tmp_path / "rig.yaml", "-o", out, "--cell", "4")
     done = run_here(*asked, "--json")
     assert done.code == 0, done.err
     said = json.loads(done.out)
@@ -35,7 +35,7 @@ def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
         facing = data["facing"].sum(axis=0) / data["rate_hz"]
         assert data["semantic"].shape == facing.shape
     assert said["facing"]["most"] == pytest.approx(facing.max(), abs=0.06)
-    told = json.loads(run_here("inspect", out, "--json").out)
+    told = json.loads(run_here("info", out, "--json").out)
     assert told == said
     with Image.open(out / "coverage.png") as image:
         picture = np.asarray(image.convert("RGB"), float)
@@ -48,12 +48,12 @@ def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "file").write_text("x")
-    assert run_here("coverage", twin, "-o", tmp_path / "mine").code == 2
+    assert run_here("rig", "coverage", twin, "-o", tmp_path / "mine").code == 2
 
 
 @pytest.mark.parametrize("cell", ["0", "nan", "0.00001", *further("-1", "inf")])
 def test_a_cell_that_is_none_is_a_clear_line(twin, run_here, tmp_path, cell):
-    done = run_here("coverage", twin, "-o", tmp_path / "out", f"--cell={cell}")
+    done = run_here("rig", "coverage", twin, "-o", tmp_path / "out", f"--cell={cell}")
     assert done.code == 2
     assert done.err.startswith("error: cell:")
     assert done.err.count("\n") == 1
@@ -63,7 +63,7 @@ def test_a_cell_that_is_none_is_a_clear_line(twin, run_here, tmp_path, cell):
 def test_a_rig_that_rides_has_no_map(twin, run_here, tmp_path):
     sensor = "{name: roof, model: VLP-16, forward_m: 0, left_m: 0, above_roof_m: 0.3}"
     (tmp_path / "rig.yaml").write_text(f"ride: {{class: car}}\nsensors: [{sensor}]\n")
-    done = run_here("coverage", twin, "--rig", tmp_path / "rig.yaml", "-o", tmp_path / "out")
+    done = run_here("rig", "coverage", twin, "--rig", tmp_path / "rig.yaml", "-o", tmp_path / "out")
     assert done.code == 2
     assert "covers no fixed place" in done.err
     assert done.err.count("\n") == 1

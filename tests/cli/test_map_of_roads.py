@@ -47,7 +47,7 @@ def test_from_a_map_to_frames(begun, site, run_here, tmp_path):
     outcome = run_here("build", site / "site.yaml", "-o", twin, "--no-pictures")
     assert outcome.code == 0, outcome.err
     assert "left_out" not in outcome.out or "without a name" not in outcome.out
-    outcome = run_here("traffic", twin, "-o", motion, "--json")
+    outcome = run_here("drive", twin, "-o", motion, "--json")
     assert outcome.code == 0, outcome.err
     assert json.loads(outcome.out)["actors"]["car"] > 0
     out = tmp_path / "dataset"
@@ -62,17 +62,17 @@ def test_from_a_map_to_frames(begun, site, run_here, tmp_path):
 
 
 def test_inspect_tells_what_a_map_holds(map_file, run_here, shared_data):
-    found = json.loads(run_here("inspect", map_file, "--json").out)
+    found = json.loads(run_here("info", map_file, "--json").out)
     assert (found["kind"], found["format"], found["version"]) == ("roads", "OpenDRIVE", "1.8")
     assert found["signals"] > 8
     assert found["metres_of_lanes"]["driving"] > 500
     assert found["georeference"].startswith("+proj=tmerc")
     lanelets = shared_data / "tracks" / "karlsruhe-k733" / "k733.lanelet2.osm"
-    found = json.loads(run_here("inspect", lanelets, "--json").out)
+    found = json.loads(run_here("info", lanelets, "--json").out)
     assert found["format"] == "Lanelet2"
     assert found["lanelets"] == 38
     extract = shared_data / "osm" / "perth_stretched_lights.osm"
-    assert json.loads(run_here("inspect", extract, "--json").out)["kind"] == "osm"
+    assert json.loads(run_here("info", extract, "--json").out)["kind"] == "osm"
 
 
 @pytest.mark.thorough

@@ -108,7 +108,7 @@ def test_each_stage_alone_gives_the_bytes_of_run(
     rig.write_text(yaml.safe_dump(yaml.safe_load(site.read_text(encoding="utf-8"))["rig"]))
     for arguments in (
         ("build", site, "-o", twin, "--no-pictures"),
-        ("traffic", twin, "-o", motion, "--seconds", "0.5", "--seed", "1", "--no-pictures"),
+        ("drive", twin, "-o", motion, "--seconds", "0.5", "--seed", "1", "--no-pictures"),
         ("record", twin, motion, "--rig", rig, "-o", dataset, "--workers", "1", "--no-pictures"),
     ):
         outcome = run_here(*arguments, "--quiet")
@@ -136,7 +136,7 @@ def test_each_stage_alone_gives_the_bytes_of_run(
 
 @pytest.mark.parametrize("kind", ["twin", "motion", "dataset"])
 def test_inspect_agrees_with_the_files(made: Path, run_here: Run, kind: str) -> None:
-    told = json.loads(run_here("inspect", made / kind, "--json").out)
+    told = json.loads(run_here("info", made / kind, "--json").out)
     assert told["kind"] == kind
     if kind == "twin":
         with np.load(made / "twin" / "scene.npz") as scene:
@@ -150,7 +150,7 @@ def test_inspect_agrees_with_the_files(made: Path, run_here: Run, kind: str) -> 
         points = [np.load(path) for path in (made / "dataset" / "points").iterdir()]
         assert told["points"] == sum(map(len, points))
         assert told["frames"] == len(points)
-    assert run_here("inspect", made / kind).out.startswith(f"path: {made / kind}\nkind: {kind}\n")
+    assert run_here("info", made / kind).out.startswith(f"path: {made / kind}\nkind: {kind}\n")
 
 
 def test_run_sums_up_what_the_files_hold(made: Path) -> None:
@@ -176,7 +176,7 @@ def test_run_sums_up_what_the_files_hold(made: Path) -> None:
 
 
 def test_inspect_tells_a_whole_run(made: Path, run_here: Run) -> None:
-    told = json.loads(run_here("inspect", made, "--json").out)
+    told = json.loads(run_here("info", made, "--json").out)
     assert told["kind"] == "run"
     assert {"twin", "motion", "dataset"} <= told.keys()
 
@@ -185,7 +185,7 @@ def test_a_changed_twin_is_refused(made: Path, run_here: Run, tmp_path: Path) ->
     twin = tmp_path / "twin"
     shutil.copytree(made / "twin", twin)
     (twin / "network.net.xml").write_text("<net/>")
-    outcome = run_here("traffic", twin, "-o", tmp_path / "motion")
+    outcome = run_here("drive", twin, "-o", tmp_path / "motion")
     assert outcome.code == 2
     assert outcome.err.startswith(f"error: {twin / 'network.net.xml'}: ")
     assert not (tmp_path / "motion").exists()

@@ -21,8 +21,8 @@ from urbantwin.cli import main
 from urbantwin.dataset import record
 from urbantwin.dataset.card import PICTURES, read_statistics, write_cards
 from urbantwin.dataset.card.licences import consequences, hub_licence
+from urbantwin.drawing.box_figures import pictures_of_boxes
 from urbantwin.errors import InputError
-from urbantwin.view.box_figures import pictures_of_boxes
 
 READER = MarkdownIt("commonmark").enable("table")
 
@@ -132,7 +132,7 @@ def test_the_card_is_written_anew_in_the_dataset_and_nothing_else_changes(copy: 
     (copy / "README.md").unlink()
     write_inventory(copy)
     before = {path: path.stat().st_ino for path in copy.rglob("*") if path.is_file()}
-    made = ut.card(copy, progress=False)
+    made = ut.dataset.card(copy, progress=False)
     assert str(made) == (copy / "README.md").read_text()
     assert not verify(copy)[0].damages
     for name in PICTURES:
@@ -141,7 +141,7 @@ def test_the_card_is_written_anew_in_the_dataset_and_nothing_else_changes(copy: 
     for path, number in before.items():
         if path.name != "SHA256SUMS":
             assert path.stat().st_ino == number, path
-    again = ut.card(copy, progress=False)
+    again = ut.dataset.card(copy, progress=False)
     assert str(again) == str(made)
     assert [one.name for one in copy.parent.iterdir()] == ["copy"]
 
@@ -153,7 +153,7 @@ def test_pictures_are_not_drawn_over_those_of_the_older_dataset(copy: Path) -> N
     old.write_bytes(b"old")
     os.link(old, copy.with_name("kept.png"))
     write_inventory(copy)
-    ut.card(copy, progress=False)
+    ut.dataset.card(copy, progress=False)
     assert copy.with_name("kept.png").read_bytes() == b"old"
     assert old.read_bytes().startswith(b"\x89PNG")
     assert not verify(copy)[0].damages
@@ -164,7 +164,7 @@ def test_the_card_does_not_depend_on_where_or_by_whom_it_is_written(
 ) -> None:
     monkeypatch.setenv("LOGNAME", "pole")
     monkeypatch.chdir(tmp_path)
-    assert main(["card", "copy", "-o", "elsewhere", "--no-pictures", "--quiet"]) == 0
+    assert main(["dataset", "card", "copy", "-o", "elsewhere", "--no-pictures", "--quiet"]) == 0
     assert (tmp_path / "elsewhere" / "README.md").read_bytes() == (
         dataset / "README.md"
     ).read_bytes()
@@ -174,17 +174,19 @@ def test_the_card_does_not_depend_on_where_or_by_whom_it_is_written(
 
 def test_what_a_person_wrote_is_not_lost(copy: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (copy / "notes.txt").write_text("mine")
-    assert main(["card", str(copy), "--no-pictures", "-q"]) == 2
+    assert main(["dataset", "card", str(copy), "--no-pictures", "-q"]) == 2
     assert "notes.txt" in capfd.readouterr().err
     (copy / "notes.txt").unlink()
     (copy / "README.md").write_text("my own words")
-    assert main(["card", str(copy), "--no-pictures", "-q"]) == 2
+    assert main(["dataset", "card", str(copy), "--no-pictures", "-q"]) == 2
     assert "changed by hand" in capfd.readouterr().err
     assert (copy / "README.md").read_text() == "my own words"
     (copy / "SHA256SUMS").unlink()
-    assert main(["card", str(copy), "--no-pictures", "-q"]) == 2
+    assert main(["dataset", "card", str(copy), "--no-pictures", "-q"]) == 2
     assert "-o" in capfd.readouterr().err
-    assert main(["card", str(copy), "--no-pictures", "-q", "-o", str(copy / "card")]) == 2
+    assert (
+        main(["dataset", "card", str(copy), "--no-pictures", "-q", "-o", str(copy / "card")]) == 2
+    )
     assert "inside" in capfd.readouterr().err
 
 
@@ -193,7 +195,7 @@ def test_damage_stays_known_when_the_card_is_written_anew(copy: Path) -> None:
     data = bytearray(frame.read_bytes())
     data[-1] ^= 1
     frame.write_bytes(data)
-    ut.card(copy, pictures=False, progress=False)
+    ut.dataset.card(copy, pictures=False, progress=False)
     assert [one.name for one in verify(copy)[0].damages] == ["points/000003.npy"]
 
 
@@ -209,12 +211,12 @@ def test_killed_before_every_change_of_the_disk(dataset: Path, tmp_path: Path) -
         process = os.fork()
         if not process:
             with killed_at(n):
-                ut.card(folder, pictures=False, progress=False)
+                ut.dataset.card(folder, pictures=False, progress=False)
             os._exit(0)
         ended = os.waitpid(process, 0)[1]
         assert not verify(folder)[0].damages, n
         assert len(list((folder / "points").iterdir())) == len(list((dataset / "points").iterdir()))
-        ut.card(folder, pictures=False, progress=False)
+        ut.dataset.card(folder, pictures=False, progress=False)
         assert not verify(folder)[0].damages, n
         assert [one.name for one in place.iterdir()] == ["data"]
         assert (folder / "README.md").read_bytes() == (dataset / "README.md").read_bytes()
@@ -242,7 +244,9 @@ def killed_at(n: int) -> Iterator[None]:
 def test_a_folder_of_datasets_has_a_card_for_each(twin, motion, rig, copy: Path) -> None:
     other = copy.with_name("other")
     record(twin, motion, rig, other, workers=1, seed=6, stop_s=0.3)
-    made = ut.card(copy.parent, copy.parent.with_name("cards"), pictures=False, progress=False)
+    made = ut.dataset.card(
+        copy.parent, copy.parent.with_name("cards"), pictures=False, progress=False
+    )
     assert [one.relative_to(made.path.with_name("cards")).as_posix() for one in made.files] == [
         "copy/README.md",
         "other/README.md",
@@ -252,7 +256,7 @@ def test_a_folder_of_datasets_has_a_card_for_each(twin, motion, rig, copy: Path)
     assert links == ["copy/README.md", "other/README.md"]
     assert all((made.files[-1].parent / one).is_file() for one in links)
     with pytest.raises(InputError, match="holds no dataset"):
-        ut.card(copy / "points", progress=False)
+        ut.dataset.card(copy / "points", progress=False)
 
 
 def test_an_exported_dataset_has_a_card(tmp_path: Path) -> None:
@@ -268,15 +272,15 @@ def test_an_exported_dataset_has_a_card(tmp_path: Path) -> None:
         "notes": [],
     }
     write_json(folder / "exported.json", told)
-    made = ut.card(folder, tmp_path / "card", progress=False)
+    made = ut.dataset.card(folder, tmp_path / "card", progress=False)
     assert "tracks \\| are lost" in str(made)
     assert "4.4" in str(made)
     # An input whose kind is no word is one of an unknown kind.
     write_json(folder / "exported.json", {**told, "inputs": [{**told["inputs"][0], "kind": ["a"]}]})
-    assert "a.osm" in str(ut.card(folder, tmp_path / "card", progress=False))
+    assert "a.osm" in str(ut.dataset.card(folder, tmp_path / "card", progress=False))
     write_json(folder / "exported.json", {**told, "inputs": 7})
     with pytest.raises(InputError, match="inputs"):
-        ut.card(folder, tmp_path / "card", progress=False)
+        ut.dataset.card(folder, tmp_path / "card", progress=False)
 
 
 @pytest.mark.parametrize(
@@ -316,5 +320,5 @@ def test_a_damaged_table_is_told_by_its_own_name(
 ) -> None:
     with (copy / "sweeps.parquet").open("r+b") as stream:
         stream.truncate(500)
-    assert main([command[0], str(copy), *command[1:], "--quiet"]) == 2
+    assert main(["dataset", command[0], str(copy), *command[1:], "--quiet"]) == 2
     assert capfd.readouterr().err.startswith(f"error: {copy / 'sweeps.parquet'}: bytes 496 to 499")

@@ -24,7 +24,7 @@ def copy(dataset: Path, tmp_path: Path) -> Path:
 
 
 def where(folder: Path, name: str) -> str:
-    found = ut.verify(folder, progress=False)
+    found = ut.dataset.verify(folder, progress=False)
     (damage,) = found.damages
     assert (damage.name, damage.problem) == (name, "damaged")
     return damage.where
@@ -100,7 +100,7 @@ def test_a_list_of_frames_is_told_by_its_line(copy: Path) -> None:
 
 def test_verify_says_it_in_its_line(copy: Path, capfd: pytest.CaptureFixture[str]) -> None:
     changed(copy / "points" / f"{FRAME}.npy", lambda old: old[:1000])
-    assert main(["verify", str(copy), "-q"]) == 2
+    assert main(["dataset", "verify", str(copy), "-q"]) == 2
     assert f"points/{FRAME}.npy is damaged at byte 1000: is truncated" in capfd.readouterr().err
 
 

@@ -108,11 +108,11 @@ def test_workers_do_not_matter_and_what_is_there_is_kept(fleet, paths, tmp_path,
     assert main([str(one) for one in command]) == 0
     assert digests(tmp_path / "fleet") == digests(fleet.folder)
     assert sorted(one.name for one in tmp_path.iterdir()) == ["fleet", "nodes.yaml"]
-    assert main(["verify", str(tmp_path / "fleet"), "-q"]) == 0
-    assert main(["verify", str(tmp_path / "fleet" / "car"), "-q"]) == 0
+    assert main(["dataset", "verify", str(tmp_path / "fleet"), "-q"]) == 0
+    assert main(["dataset", "verify", str(tmp_path / "fleet" / "car"), "-q"]) == 0
     spoilt = tmp_path / "fleet" / "nodes.parquet"
     spoilt.write_bytes(spoilt.read_bytes()[:-9])
-    assert main(["verify", str(tmp_path / "fleet"), "-q"]) != 0
+    assert main(["dataset", "verify", str(tmp_path / "fleet"), "-q"]) != 0
     assert "nodes.parquet" in capsys.readouterr().err
 
 
@@ -330,7 +330,7 @@ def test_a_fleet_is_one_recording_in_the_site(fleet, tmp_path, capsys):
     assert sum(e.points for e in shown.sides[0].entries) == sum(fleet.states["points"].to_pylist())
     assert {one["name"] for one in shown.sensors} == {"pole p", "other o"}
     assert main(["view", str(fleet.folder), "--save", str(tmp_path / "page.html"), "-q"]) == 0
-    assert main(["inspect", str(fleet.folder)]) == 0
+    assert main(["info", str(fleet.folder)]) == 0
     assert "kind: fleet" in capsys.readouterr().out
     axes = fleet.plot().axes[0]
     for place in ([0.0, 0.0], [20.0, 32.0]):  # of both poles a dot, and of the other a cross
@@ -383,7 +383,7 @@ def test_what_cannot_be_recorded_is_told_in_one_line(paths, tmp_path, capsys, no
 
 
 def test_what_takes_one_dataset_names_the_nodes(fleet, tmp_path, capsys):
-    assert main(["sequence", str(fleet.folder), "-o", str(tmp_path / "s")]) == 2
+    assert main(["dataset", "sequence", str(fleet.folder), "-o", str(tmp_path / "s")]) == 2
     assert "is a fleet; expected the dataset of one node: car, other" in capsys.readouterr().err
 
 

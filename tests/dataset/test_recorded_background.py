@@ -62,7 +62,7 @@ def told(capsys, *arguments):
 def test_a_twin_records_what_it_lacks_and_is_near(dataset, bare, folder, tmp_path, capsys):
     measured = tmp_path / "measured.npz"
     place = ("--twin", bare.folder, "--rig", folder / "rig.yaml")
-    summary = told(capsys, "background", dataset, *place, "-o", measured)
+    summary = told(capsys, "rig", "background", dataset, *place, "-o", measured)
     assert summary["sensors"][0]["name"] == "pole"
     common = (bare.folder, folder / "motion", "--rig", folder / "rig.yaml", "--no-pictures")
     common += ("--workers", 1, "--seed", 6, "--stop", 0.2)

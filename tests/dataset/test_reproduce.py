@@ -68,7 +68,7 @@ def made(tmp_path_factory):
     twin, motion = root / "twin", root / "motion"
     assert run("build", site / "site.yaml", "-o", twin, "--no-pictures", "-q") == 0
     asked = ("--seconds", "0.5", "--seed", "3", "--demand", site / "demand.yaml")
-    assert run("traffic", twin, "-o", motion, *asked, "-q") == 0
+    assert run("drive", twin, "-o", motion, *asked, "-q") == 0
     record = ("record", twin, motion, "--no-pictures", "-q", "--workers", "1", "--stop", "0.2")
     assert run(*record, "-o", root / "dataset") == 0
     separate = ("--separate", "--rig", site / "rig.yaml", "--weather", "rain", "--start", "0.2")
@@ -100,7 +100,17 @@ def test_the_manifest_alone_and_the_inputs_give_the_same_bytes(made, tmp_path, c
     out = tmp_path / "again"
     inputs = ("--inputs", made / "elsewhere")
     assert (
-        run("reproduce", alone / "dataset.json", *inputs, "-o", out, "--workers", "1", "--json")
+        run(
+            "dataset",
+            "reproduce",
+            alone / "dataset.json",
+            *inputs,
+            "-o",
+            out,
+            "--workers",
+            "1",
+            "--json",
+        )
         == 0
     )
     told = json.loads(capfd.readouterr().out)
@@ -149,7 +159,7 @@ def test_another_version_is_said_before_and_as_the_reason(made, copy, capfd):
     changed(copy, urbantwin="0.0.7", dependencies={**numbers, "numpy": "1.0"})
     options = [str(one) for name in ("twin", "motion") for one in (f"--{name}", made / name)]
     inputs = ("--inputs", made / "elsewhere")
-    assert run("reproduce", copy, *inputs, *options, "--workers", "1", "--json") == 1
+    assert run("dataset", "reproduce", copy, *inputs, *options, "--workers", "1", "--json") == 1
     shown = capfd.readouterr()
     told = json.loads(shown.out)
     assert not told["same"]
@@ -168,7 +178,7 @@ def test_inputs_that_are_missing_or_changed(made, copy, tmp_path, capfd):
     (inputs / "own.yaml").unlink()
     with (inputs / "maps" / "two-avenues.osm").open("a") as stream:
         stream.write("<!-- one more -->")
-    assert run("reproduce", copy, "--inputs", inputs, "--json") == 2
+    assert run("dataset", "reproduce", copy, "--inputs", inputs, "--json") == 2
     shown = capfd.readouterr()
     missing = json.loads(shown.out)["missing"]
     assert [one["name"] for one in missing] == ["two-avenues.osm", "own.yaml"]
@@ -202,7 +212,7 @@ def test_what_cannot_be_made_again_is_refused(made, copy, tmp_path):
     with pytest.raises(InputError, match="has other actors"):
         other = shutil.copytree(made / "motion", tmp_path / "other")
         shutil.copy(other / "signals.parquet", tmp_path)
-        assert run("traffic", made / "twin", "-o", other, "--seconds", "0.2", "-q") == 0
+        assert run("drive", made / "twin", "-o", other, "--seconds", "0.2", "-q") == 0
         plan_of(copy, motion=other)
     with pytest.raises(InputError, match="is inside an input"):
         make_again(plan_of(copy, inputs=[made / "elsewhere"]), stage=silent, out=copy / "again")

@@ -179,7 +179,9 @@ def test_a_dataset_of_an_older_version_computes_what_it_lacks(dataset, tmp_path)
     old, new = ut.open(folder), ut.open(dataset)
     for name in ("tracks", "tracklets", "poses"):
         assert getattr(old, name).equals(getattr(new, name)), name
-    with pytest.raises(ut.InputError, match=r"has no trajectories.parquet.*urbantwin sequence"):
+    with pytest.raises(
+        ut.InputError, match=r"has no trajectories.parquet.*urbantwin dataset sequence"
+    ):
         _ = old.trajectories
     assert old[3].boxes.equals(new[3].boxes)
 

@@ -14,9 +14,9 @@ from urbantwin.dataset import SplitAsked, record
 from urbantwin.dataset.card import PICTURE_OF_SPLIT
 from urbantwin.dataset.split import check_split, shares_of, split_in_time
 from urbantwin.dataset.split.actor_places import Recorded
+from urbantwin.drawing.pictures import redraw_split
 from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
-from urbantwin.view.pictures import redraw_split
 
 from ..box_tables import write_table
 
@@ -176,24 +176,24 @@ def test_a_dataset_is_divided_anew_as_it_would_have_been_recorded(
     record(twin, motion, rig, tmp_path / "other", workers=1, seed=5, split=asked)
     again = shutil.copytree(dataset, tmp_path / "dataset")
     before = lists(again)
-    told = ut.split(again, shares="40,30,30", gap=0.2, thin=0.4, progress=False)
+    told = ut.dataset.split(again, shares="40,30,30", gap=0.2, thin=0.4, progress=False)
     assert digests(again) == digests(tmp_path / "other")
     assert lists(again) != before
     assert not any(one.damages for one in verify(again))
     assert "gap_s: 0.2" in str(told.summary())
     assert told.summary()["frames"] == {k: len(v) for k, v in lists(again).items()}
-    ut.split(again, progress=False)
+    ut.dataset.split(again, progress=False)
     assert digests(again) == digests(dataset)
     assert [one.name for one in tmp_path.iterdir() if one.name.startswith(".")] == []
 
 
 def test_card_and_picture_tell_the_split_that_there_is(dataset, tmp_path):
     old, new = (shutil.copytree(dataset, tmp_path / name) for name in ("old", "new"))
-    ut.card(old, progress=False)
+    ut.dataset.card(old, progress=False)
     kept = {path: path.read_bytes() for path in old.rglob("*") if path.is_file()}
     other = shutil.copytree(old, tmp_path / "other", copy_function=os.link)
-    ut.split(other, shares="40,30,30", gap=0.2, progress=False)
-    ut.split(new, shares="40,30,30", gap=0.2, progress=False)
+    ut.dataset.split(other, shares="40,30,30", gap=0.2, progress=False)
+    ut.dataset.split(new, shares="40,30,30", gap=0.2, progress=False)
     train = f"| `train` | {len(lists(new)['train'])} |"
     assert train in (new / "README.md").read_text()
     assert train not in (old / "README.md").read_text()
@@ -203,11 +203,11 @@ def test_card_and_picture_tell_the_split_that_there_is(dataset, tmp_path):
     assert (other / picture).read_bytes() == (new / picture).read_bytes()
     assert (other / picture).read_bytes() != (old / picture).read_bytes()
     assert {path: path.read_bytes() for path in kept} == kept
-    ut.split(other, progress=False)
+    ut.dataset.split(other, progress=False)
     for name in (picture, "README.md"):
         assert (other / name).read_bytes() == (old / name).read_bytes()
     (other / "README.md").write_text("mine")
-    ut.split(other, shares="40,60", progress=False)
+    ut.dataset.split(other, shares="40,60", progress=False)
     assert (other / "README.md").read_text() == "mine"
     assert [bad.name for one in verify(other) for bad in one.damages] == ["README.md"]
 
@@ -220,10 +220,10 @@ def test_sensors_apart_are_cut_at_the_same_moments(twin, motion, tmp_path, rig_s
     out = tmp_path / "again"
     record(twin, motion, apart, out, workers=1, split=SplitAsked(moved_m=0.4))
     assert lists(out / "pole") == lists(out / "far")
-    ut.split(tmp_path / "parts", thin=0.4, progress=False)
+    ut.dataset.split(tmp_path / "parts", thin=0.4, progress=False)
     assert digests(out) == digests(tmp_path / "parts")
     with pytest.raises(InputError, match="inside a dataset"):
-        ut.split(out / "pole", progress=False)
+        ut.dataset.split(out / "pole", progress=False)
 
 
 def test_an_old_dataset_of_two_parts_gets_three(dataset, tmp_path):
@@ -241,7 +241,7 @@ def test_an_old_dataset_of_two_parts_gets_three(dataset, tmp_path):
     write_inventory(old)
     assert frames_of_part(old, "test") == []
     assert ut.open(old).summary()["test"] == 0
-    ut.split(old, progress=False)
+    ut.dataset.split(old, progress=False)
     assert lists(old) == lists(dataset)
     assert not any(one.damages for one in verify(old))
 
@@ -251,11 +251,11 @@ def test_what_is_damaged_stays_so(dataset, tmp_path):
     with (hurt / "points/000003.npy").open("r+b") as stream:
         stream.seek(500)
         stream.write(b"????")
-    ut.split(hurt, shares="50,50", progress=False)
+    ut.dataset.split(hurt, shares="50,50", progress=False)
     assert [bad.name for one in verify(hurt) for bad in one.damages] == ["points/000003.npy"]
     (hurt / "rays/000004.npy").unlink()
     with pytest.raises(InputError, match="000004"):
-        ut.split(hurt, progress=False)
+        ut.dataset.split(hurt, progress=False)
     (hurt / "notes.txt").write_text("mine")
     with pytest.raises(InputError, match=r"notes\.txt"):
-        ut.split(hurt, progress=False)
+        ut.dataset.split(hurt, progress=False)

@@ -79,7 +79,7 @@ def test_one_actor_on_the_same_way_is_chance(
 
 def test_no_scenario_is_in_two_parts(folder, tmp_path):
     here = shutil.copytree(folder, tmp_path / "all")
-    made = ut.split(here, progress=False)
+    made = ut.dataset.split(here, progress=False)
     assert "seed2/dataset" in str(made.summary())
     assert made.path == here / "split.json"
     told = json.loads(made.path.read_text())
@@ -93,8 +93,11 @@ def test_no_scenario_is_in_two_parts(folder, tmp_path):
     assert str(tmp_path) not in made.path.read_text()
     assert told["sites_in_several_parts"] == 1
     text = made.path.read_text()
-    assert ut.split(here, progress=False).path.read_text() == text
-    kept = {seed: ut.split(here, seed=seed, progress=False).told["datasets"] for seed in range(6)}
+    assert ut.dataset.split(here, progress=False).path.read_text() == text
+    kept = {
+        seed: ut.dataset.split(here, seed=seed, progress=False).told["datasets"]
+        for seed in range(6)
+    }
     assert len({json.dumps(one) for one in kept.values()}) > 1
 
 
@@ -112,7 +115,7 @@ def test_shares_are_met_as_whole_scenarios_allow():
 
 def test_a_document_is_refused_when_it_no_longer_fits(folder, tmp_path, twin, motion_of, rig_spec):
     here = shutil.copytree(folder / "seed2", tmp_path / "two")
-    made = ut.split([here, folder / "seed3", folder / "seed4"], tmp_path / "split.json",
+    made = ut.dataset.split([here, folder / "seed3", folder / "seed4"], tmp_path / "split.json",
                     progress=False)  # fmt: skip
     assert len(read_split_document(made.path).datasets("all")) == 3
     rig = place_rig(rig_spec(rate_hz=5.0), twin.mesh)
@@ -132,7 +135,7 @@ def test_a_document_is_refused_when_it_no_longer_fits(folder, tmp_path, twin, mo
 
 
 def test_training_takes_a_document(folder, tmp_path):
-    made = ut.split(folder, tmp_path / "split.json", thin=1.0, progress=False)
+    made = ut.dataset.split(folder, tmp_path / "split.json", thin=1.0, progress=False)
     document = read_split_document(made.path)
     for part in ("train", "val", "test"):
         chosen = chosen_frames([made.path], part)
@@ -146,7 +149,7 @@ def test_training_takes_a_document(folder, tmp_path):
 
 
 def test_python_takes_its_parts_and_not_those_of_each_dataset(folder, tmp_path):
-    divided = ut.split(folder, tmp_path / "split.json", by="scenario", progress=False)
+    divided = ut.dataset.split(folder, tmp_path / "split.json", by="scenario", progress=False)
     opened = ut.open(divided)
     for part in ("train", "val", "test"):
         mine = {
@@ -157,14 +160,14 @@ def test_python_takes_its_parts_and_not_those_of_each_dataset(folder, tmp_path):
             (tmp_path / path).resolve() for path in mine
         }
         assert len(chosen) == sum(mine.values())
-    assert sum(ut.inspect(divided)["parts"].values()) == len(opened)
+    assert sum(ut.info(divided)["parts"].values()) == len(opened)
     with pytest.raises(InputError, match="no dataset for holdout"):
         opened.where(split="holdout")
 
 
 def test_one_motion_is_cut_at_the_same_moments_in_all_recordings(folder, tmp_path):
     here = shutil.copytree(folder, tmp_path / "all")
-    ut.split(here, by="time", shares="50,25,25", thin=0.1, progress=False)
+    ut.dataset.split(here, by="time", shares="50,25,25", thin=0.1, progress=False)
     spans = {}
     for name in ("first/dataset", "first/rain", "varied/dataset"):
         manifest = json.loads((here / name / "dataset.json").read_text())
@@ -173,7 +176,7 @@ def test_one_motion_is_cut_at_the_same_moments_in_all_recordings(folder, tmp_pat
             for frame in (here / name / f"ImageSets/{part}.txt").read_text().split():
                 spans.setdefault(part, []).append(times[frame])
     assert max(spans["train"]) < min(spans["val"]) <= max(spans["val"]) < min(spans["test"])
-    assert not ut.verify(here / "first", progress=False).damages
+    assert not ut.dataset.verify(here / "first", progress=False).damages
 
 
 @pytest.mark.parametrize(
@@ -190,6 +193,8 @@ def test_one_motion_is_cut_at_the_same_moments_in_all_recordings(folder, tmp_pat
 )
 def test_what_cannot_be_divided_is_one_line(folder, tmp_path, capsys, options, said):
     before = sorted(os.walk(folder))
-    assert main(["split", str(folder / options[0]), *map(str, options[1:]), "--quiet"]) == 2
+    assert (
+        main(["dataset", "split", str(folder / options[0]), *map(str, options[1:]), "--quiet"]) == 2
+    )
     assert said in capsys.readouterr().err
     assert sorted(os.walk(folder)) == before

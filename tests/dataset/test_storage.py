@@ -15,11 +15,11 @@ from urbantwin.dataset import record
 from urbantwin.dataset.frame_columns import COLUMNS, columns_of_frame, parquet_bytes, read_columns
 from urbantwin.dataset.frame_las import SCALE_M, laz_bytes, read_laz
 from urbantwin.dataset.reading.frame_files import RAY_TYPE, FrameFiles
+from urbantwin.drawing.labelled_frame import read_labelled_points
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.frames import open_unlabelled
 from urbantwin.taxonomy import semantic_id
-from urbantwin.view.labelled_frame import read_labelled_points
 
 ENDING = {"zstd": ".parquet", "laz": ".laz"}
 
@@ -161,8 +161,8 @@ def test_every_reader_reads_it(dataset, packed, storage):
     first, second = (read_labelled_points(one, "000004") for one in (dataset, other))
     assert near(first.points, second.points)
     assert np.array_equal(first.ring, second.ring)
-    assert ut.verify(other, progress=False)
-    assert ut.inspect(other)["frames"] == len(one)
+    assert ut.dataset.verify(other, progress=False)
+    assert ut.info(other)["frames"] == len(one)
     files = {one.parent.name for one in other.rglob("0*")}
     assert files == {"points", "labels"}
     size = sum(one.stat().st_size for one in (other / "points").iterdir())
@@ -216,7 +216,7 @@ def test_a_damaged_frame_is_one_line(packed, tmp_path, storage, hurt):
     may_pass = (storage, hurt) == ("zstd", "noise")  # in columns that are not read
     with suppress(InputError) if may_pass else pytest.raises(InputError, match="000003"):
         assert len(frame.points) == len(frame.labels) == len(frame.rays)
-    assert not ut.verify(here, progress=False)
+    assert not ut.dataset.verify(here, progress=False)
 
 
 def test_columns_of_other_types_are_refused(tmp_path):

@@ -37,7 +37,7 @@ def test_kittis_labels_as_results_are_all_right(shared_data: Path, tmp_path: Pat
         away = np.abs(boxes.box[:, None] - mine[None]).sum(axis=2)
         assert away.min(axis=0).max() < 1e-9
     assert all("left out" in one for one in notes)
-    report = ut.evaluate(tmp_path / "found", kitti, tmp_path / "report", progress=False)
+    report = ut.model.evaluate(tmp_path / "found", kitti, tmp_path / "report", progress=False)
     assert report.figures["car"]["ap"]["iou_3d_0.7"]["ap"] == 1.0
     assert report.figures["large"]["ap"]["iou_3d_0.7"]["ap"] == 1.0  # trams, too
 

@@ -1,43 +1,31 @@
 """What the README and the page of commands say: short, true, with pictures, and it runs."""
 
 import re
-import shlex
 import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-import typer
 from PIL import Image
 
 import urbantwin
-from urbantwin.cli import app
+from urbantwin.drawing.scene import Camera
 from urbantwin.lidar.catalogue import sensor_names
 from urbantwin.site.presets import preset_names
-from urbantwin.view.scene import Camera
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 TEXT = README.read_text()
-COMMANDS = (ROOT / "docs" / "commands.md").read_text()
-GROUP: Any = typer.main.get_command(app)
 
 
 def blocks(language: str) -> list[str]:
     """Return the fenced blocks of the README in a language; of shell where it is empty."""
     return re.findall(rf"^```{language}\n(.*?)^```", TEXT, re.DOTALL | re.MULTILINE)
-
-
-def options_of(name: str) -> tuple[Any, set[str]]:
-    """Return a command and what its options are called."""
-    command = GROUP.commands[name]
-    return command, {word for option in command.params for word in option.opts}
 
 
 def test_it_is_read_in_minutes() -> None:
@@ -62,28 +50,6 @@ def test_its_make_targets_exist() -> None:
             ["make", target, "--dry-run"], cwd=ROOT, check=False, capture_output=True, text=True
         )
         assert done.returncode == 0, done.stderr
-
-
-def test_its_commands_are_ours() -> None:
-    """Each is parsed by the command itself: a name or an option that is not there fails."""
-    shell = [line for block in blocks("") for line in block.splitlines()]
-    lines = [line.partition(" #")[0] for line in shell if line.startswith("urbantwin ")]
-    lines += re.findall(r"`(urbantwin [^`]+)`", TEXT)
-    assert len(lines) >= 5
-    for line in lines:
-        _, name, *arguments = shlex.split(line)
-        command, _ = options_of(name)
-        command.make_context(name, list(arguments))
-    for option in re.findall(r"`(--\w+)`|`init (--\w+)", TEXT):
-        assert {one for one in option if one} <= options_of("init")[1]
-
-
-def test_every_command_is_on_the_page_of_commands() -> None:
-    rows = re.findall(r"^\| `urbantwin (\w+)(.*?)` \|", COMMANDS, re.MULTILINE)
-    assert {name for name, _ in rows} == set(GROUP.commands)
-    for name, rest in rows:
-        _, known = options_of(name)
-        assert set(re.findall(r"--[\w-]+", rest)) <= known, name
 
 
 def test_its_tree_is_that_of_a_data_set() -> None:

@@ -243,11 +243,11 @@ def test_the_command_writes_a_page_and_refuses_other_frames(data: Path, tmp_path
     found = [(_boxes(frame), ["car"] * CARS, np.full(CARS, 0.9)) for frame in range(FRAMES)]
     names = [f"{frame + 1:04d}" for frame in range(FRAMES)]
     write_detections(tmp_path / "found", joined(names, found), {})
-    made = ut.evaluate(tmp_path / "found", data, tmp_path / "report", progress=False)
+    made = ut.model.evaluate(tmp_path / "found", data, tmp_path / "report", progress=False)
     assert made.figures["car"]["ap"]["within_1_m"]["ap"] == 1.0
     assert "car 100" in made.in_short
     assert "<html" in (tmp_path / "report" / "evaluation.html").read_text()
     strange = [f"street {name}x" for name in "abcdefghij"]
     write_detections(tmp_path / "strange", joined(strange, found), {})
     with pytest.raises(InputError, match="none of the frames"):
-        ut.evaluate(tmp_path / "strange", data, tmp_path / "other", progress=False)
+        ut.model.evaluate(tmp_path / "strange", data, tmp_path / "other", progress=False)

@@ -260,7 +260,7 @@ def test_crosswalks_that_face_down_or_are_bent_are_told(package):
 
 
 def test_verify_puts_a_package_before_the_rules(folder, tmp_path):
-    found = ut.verify(folder, progress=False)
+    found = ut.dataset.verify(folder, progress=False)
     assert found
     said = found.summary()
     rules = {row["rule"] for row in said["carla"]}
@@ -271,7 +271,7 @@ def test_verify_puts_a_package_before_the_rules(folder, tmp_path):
     shutil.copytree(folder, broken)
     (broken / "spawn_points.json").unlink()
     with pytest.raises(InputError, match="missing"):
-        ut.verify(broken, progress=False).check()
+        ut.dataset.verify(broken, progress=False).check()
 
 
 def test_a_rule_that_cannot_be_applied_says_so(package):

@@ -3,6 +3,7 @@
 import fnmatch
 import json
 import re
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +13,17 @@ import open3d as o3d
 import pytest
 from scipy.spatial import cKDTree
 
-from urbantwin.errors import InputError, StageError
+from urbantwin.errors import InputError
 from urbantwin.exports import export_twin
 from urbantwin.exports.carla import live
 from urbantwin.exports.carla.frame import carla_transform, pose_of_carla
-from urbantwin.exports.carla.live import SEMANTIC_POINT, chosen_blueprints, drive, site_points
+from urbantwin.exports.carla.live import (
+    SEMANTIC_POINT,
+    LiveError,
+    chosen_blueprints,
+    drive,
+    site_points,
+)
 from urbantwin.exports.carla.names import OBJECTS, folder_of, map_name
 from urbantwin.exports.carla.rig import carla_rig, carla_sensor
 from urbantwin.geometry import Pose
@@ -359,19 +366,29 @@ def test_what_is_called_is_there(carla_says):
 def test_no_server_is_told_in_one_line(exported, tmp_path):
     _, folder = exported
     pytest.importorskip("carla", reason="no CARLA (pip install 'urbantwin[carla]')")
-    with pytest.raises(StageError, match=r"no CARLA server at localhost:1") as caught:
+    with pytest.raises(LiveError, match=r"no CARLA server at localhost:1") as caught:
         drive(folder, tmp_path / "out", port=1)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
 
 
 def test_what_is_no_package_is_told_in_one_line(tmp_path):
-    with pytest.raises(InputError, match=r"traffic\.json: not found"):
+    with pytest.raises(LiveError, match=r"traffic\.json cannot be read"):
         drive(tmp_path, tmp_path / "out")
 
 
 def test_without_carla_s_package_one_is_told_how_to_get_it(exported, tmp_path, monkeypatch):
     _, folder = exported
     monkeypatch.setitem(sys.modules, "carla", None)
-    with pytest.raises(InputError, match=r"urbantwin\[carla\]"):
+    with pytest.raises(LiveError, match="pip install carla"):
         drive(folder, tmp_path / "out")
+
+
+def test_the_package_has_the_program_and_it_needs_nothing_of_ours(exported, tmp_path):
+    _, folder = exported
+    program = "import sys; sys.modules['urbantwin'] = sys.modules['carla'] = None; import runpy; "
+    program += "sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0], run_name='__main__')"
+    command = [sys.executable, "-c", program, folder / "run_in_carla.py", tmp_path / "frames"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "pip install carla" in done.stderr

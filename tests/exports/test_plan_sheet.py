@@ -11,11 +11,11 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 from shapely.affinity import rotate
 
+from urbantwin.drawing.pictures import title_of
+from urbantwin.drawing.plan import plan_figure
+from urbantwin.drawing.plan_style import PAPER
 from urbantwin.errors import InputError
 from urbantwin.exports import export_twin
-from urbantwin.view.pictures import title_of
-from urbantwin.view.plan import plan_figure
-from urbantwin.view.plan_style import PAPER
 
 from ..thorough import further
 

@@ -12,6 +12,7 @@ import trimesh
 from pyproj import Transformer
 
 from urbantwin.artefact import overwriting
+from urbantwin.drawing.markings import markings
 from urbantwin.errors import InputError, StageError
 from urbantwin.exports import export_twin
 from urbantwin.exports.mesh import Look, MeshObject, fbx, write_fbx
@@ -19,7 +20,6 @@ from urbantwin.exports.scene.coplanar import flat_faces
 from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.fbx import read_fbx
 from urbantwin.taxonomy import materials, semantic_classes, semantic_id
-from urbantwin.view.markings import markings
 
 ENDINGS = {
     "glb": "glb",

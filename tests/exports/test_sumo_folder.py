@@ -10,11 +10,11 @@ import pytest
 import shapely
 from lxml import etree
 
+from urbantwin.drawing.footprint import footprints
 from urbantwin.exports import export_twin
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.sumo.simulation import simulate
-from urbantwin.view.footprint import footprints
 
 from ..thorough import further
 

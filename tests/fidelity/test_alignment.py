@@ -178,7 +178,7 @@ def test_a_tipped_sensor_is_found_from_a_rough_guess_by_the_command(
 def by_the_command(frames, twin, guess, folder, capsys):
     """The pose in the rig that is written, and what is told."""
     out = folder / "rig.yaml"
-    arguments = ["align", frames, twin, "--guess", *guess, "-o", out, "--json"]
+    arguments = ["rig", "align", frames, twin, "--guess", *guess, "-o", out, "--json"]
     assert main([str(one) for one in arguments]) == 0
     told = json.loads(capsys.readouterr().out)
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
@@ -425,7 +425,7 @@ def test_what_cannot_be_aligned_is_said_in_one_line_and_nothing_written(
 ):
     log = argoverse_log(shared_data)
     out = tmp_path / "found" / "rig.yaml"
-    assert main(["align", str(log), str(twin_of_street), "-o", str(out), *arguments]) == 2
+    assert main(["rig", "align", str(log), str(twin_of_street), "-o", str(out), *arguments]) == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if "align:" not in line[:7]]
     assert len(lines) == 1
     assert said in lines[0]

@@ -160,7 +160,7 @@ def test_an_organised_pcd_with_rings_has_columns_where_a_row_is_a_ring(tmp_path)
     frame = written(79 - ring)  # counted from below: the writer's numbers stay
     np.testing.assert_array_equal(frame.ring, 79 - ring)
     np.testing.assert_array_equal(frame.column, column)
-    assert ut.inspect(path)["column"] == [0, 1799]
+    assert ut.info(path)["column"] == [0, 1799]
     assert written(ring // 2).column is None  # two rows of one ring are no image by rings
     with pytest.raises(InputError, match="ring"):  # bits of something else
         written(1e-40 * ring)

@@ -124,7 +124,7 @@ def test_kitti(tmp_path):
     frame = recording.read(0)
     check(frame, classes=WITH_VAN, world=False)
     assert frame.boxes.source_names == ("Van", "Person_sitting", "Bus")
-    told = ut.inspect(tmp_path, progress=False)
+    told = ut.info(tmp_path, progress=False)
     assert (told["kind"], told["layout"], told["frames"]) == ("recording", "KITTI", 1)
     assert told["first"]["points"] == len(frame.points)
     assert sum(told["first"]["boxes"].values()) == 3

@@ -66,7 +66,7 @@ def test_once(tmp_path):
     check(labelled)
     assert bare.boxes is None
     assert bare.world_SE3_frame is None
-    told = ut.inspect(tmp_path, progress=False)
+    told = ut.info(tmp_path, progress=False)
     assert (told["layout"], told["first"]["boxes"]) == ("ONCE", dict.fromkeys(CLASSES, 1))
     (sequence / "000027.json").rename(sequence / "another.json")
     check(open_recording(sequence).read(0))

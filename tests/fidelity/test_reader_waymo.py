@@ -235,7 +235,7 @@ def test_several_segments(segment, tmp_path):
     with pytest.raises(InputError, match=r"holds 2 segments.*10023.*other\.parquet"):
         open_recording(root)
     assert open_recording(file).names == tuple(map(str, TIMES))
-    told = ut.inspect(file, progress=False)
+    told = ut.info(file, progress=False)
     assert (told["layout"], told["frames"]) == ("Waymo Open Dataset v2", 3)
     with pytest.raises(InputError, match=r"lidar_calibration.other\.parquet: not found"):
         open_recording(root / "lidar" / "other.parquet")

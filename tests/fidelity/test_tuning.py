@@ -389,7 +389,7 @@ def test_bad_input_is_one_line(place, tmp_path, capfd, options, said):
     one = tmp_path / "one"
     one.mkdir()
     shutil.copy(real / "000000.npy", one)
-    asked = ["tune", one, twin.folder, "--rig", rig, "-o", tmp_path / "out", *options]
+    asked = ["rig", "tune", one, twin.folder, "--rig", rig, "-o", tmp_path / "out", *options]
     assert main([str(word) for word in asked]) == 2
     errors = capfd.readouterr().err.strip().splitlines()
     assert len(errors) == 1
@@ -399,7 +399,7 @@ def test_bad_input_is_one_line(place, tmp_path, capfd, options, said):
 
 def test_the_command_prints_what_it_found(place, tmp_path, capfd):
     twin, rig, real = place
-    asked = ["tune", real, twin.folder, "--rig", rig, "-o", tmp_path / "out", "--json"]
+    asked = ["rig", "tune", real, twin.folder, "--rig", rig, "-o", tmp_path / "out", "--json"]
     asked += ["--fit", "pose", "--trials", "60", "--no-report"]
     assert main([str(word) for word in asked]) == 0
     found = json.loads(capfd.readouterr().out)

@@ -22,7 +22,6 @@ from types import ModuleType
 from typing import Any
 
 import numba
-import typer
 
 ROOT = Path(__file__).parents[2]
 #: What readers import when they are called: once here, and not in every child.
@@ -45,8 +44,6 @@ def _begin() -> None:
     for name in LATE:
         importlib.import_module(name)
     numba.njit(lambda number: number)(0)  # what any first call sets up
-    # What the options of all commands are is found out once, and not for every bad file.
-    typer.main.get_command = cache(typer.main.get_command)
 
 
 def _load(table: str) -> list[Any]:

@@ -31,6 +31,8 @@ from urbantwin.dataset.reading.frame_files import FrameFiles
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.dataset.split import SplitAsked, datasets_at, read_split_document, split_in_time
 from urbantwin.dataset.split.scenarios import scenarios_of
+from urbantwin.drawing.labelled_frame import read_labelled_points
+from urbantwin.drawing.surface_colours import surface_colours
 from urbantwin.errors import InputError
 from urbantwin.exports.carla.check.read import Mesh, Package, read_roads
 from urbantwin.exports.carla.check.rules import findings
@@ -55,8 +57,6 @@ from urbantwin.traffic import Motion
 from urbantwin.traffic.demand.demand import plan_demand
 from urbantwin.traffic.motion import describe as describe_motion
 from urbantwin.twin import Twin, load_twin
-from urbantwin.view.labelled_frame import read_labelled_points
-from urbantwin.view.surface_colours import surface_colours
 from urbantwin.web import open_shown
 from urbantwin.web.beside import read_report, worst_places
 from urbantwin.web.chosen_frames import ChosenFrames
@@ -92,7 +92,7 @@ def beside(kind: str) -> Callable[[], Mapping[str, bytes]]:
 
 def inspected(path: Path) -> None:
     """What `inspect` does with the folder of a file."""
-    code = main(["inspect", str(path.parent)])
+    code = main(["info", str(path.parent)])
     assert code in (0, 1, 2), code
 
 

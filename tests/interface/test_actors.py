@@ -11,9 +11,9 @@ from urbantwin.cli import main
 
 
 def test_the_table_lists_bodies_and_the_fleet(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["actors", "van", "--country", "DE"]) == 0
+    assert main(["catalogue", "actors", "van", "--country", "DE"]) == 0
     text = capsys.readouterr().out
-    catalogue = ut.actors("van", country="DE")
+    catalogue = ut.catalogue.actors("van", country="DE")
     assert all(name in text for name in catalogue.names)
     assert "car-sedan" not in text
     low, middle, high = catalogue.sizes("van")["length"]
@@ -22,15 +22,15 @@ def test_the_table_lists_bodies_and_the_fleet(capsys: pytest.CaptureFixture[str]
 
 
 def test_as_json_it_has_the_same(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["actors", "bicycle", "--json"]) == 0
+    assert main(["catalogue", "actors", "bicycle", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert {one["name"] for one in told["actors"]} == set(ut.actors("bicycle").names)
+    assert {one["name"] for one in told["actors"]} == set(ut.catalogue.actors("bicycle").names)
     assert set(told["fleet"]) == {"bicycle"}
 
 
 def test_the_picture_shows_every_body(tmp_path) -> None:
     path = tmp_path / "vans.png"
-    ut.actors("van", save=path, progress=False)
+    ut.catalogue.actors("van", save=path, progress=False)
     with Image.open(path) as picture:
         pixels = np.asarray(picture.convert("RGB"), np.int64)
     # Under the title, in every place of the first row, there is something on the ground.
@@ -49,5 +49,5 @@ def test_the_picture_shows_every_body(tmp_path) -> None:
     ],
 )
 def test_what_cannot_be_is_one_line(arguments, problem, capsys) -> None:
-    assert main(["actors", *arguments]) == 2
+    assert main(["catalogue", "actors", *arguments]) == 2
     assert problem in capsys.readouterr().err

@@ -40,13 +40,13 @@ def grid(line: Line, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def made(grid: Path) -> ut.Campaign:
-    return ut.campaign(grid, workers=1, progress=False)
+def made(grid: Path) -> ut.experiment.Campaign:
+    return ut.experiment.run(grid, workers=1, progress=False)
 
 
-def test_all_datasets_are_read_as_one(made: ut.Campaign) -> None:
+def test_all_datasets_are_read_as_one(made: ut.experiment.Campaign) -> None:
     again = ut.open(made.folder)
-    assert isinstance(again, ut.Campaign)
+    assert isinstance(again, ut.experiment.Campaign)
     assert len(again) == 2 * 2 * 4
     assert again.sequences[0] == "a-1-own-dry-none"
     assert [one["weather"] for one in again.levels] == ["dry", "fog", "dry", "fog"]
@@ -69,7 +69,9 @@ def test_all_datasets_are_read_as_one(made: ut.Campaign) -> None:
         again.at(wether="fog")
 
 
-def test_a_cell_is_what_record_records(line: Line, made: ut.Campaign, tmp_path: Path) -> None:
+def test_a_cell_is_what_record_records(
+    line: Line, made: ut.experiment.Campaign, tmp_path: Path
+) -> None:
     alone = ut.record(
         line.twin, made.folder / "motions/a-2-none", tmp_path / "dataset", weather="fog",
         visibility=60, seed=2, split="1,0", workers=1, pictures=False, progress=False,
@@ -77,18 +79,18 @@ def test_a_cell_is_what_record_records(line: Line, made: ut.Campaign, tmp_path: 
     assert bytes_of(alone.folder) == bytes_of(made.folder / "datasets" / "a-2-own-fog-none")
 
 
-def test_the_index_tells_what_there_is(made: ut.Campaign) -> None:
+def test_the_index_tells_what_there_is(made: ut.experiment.Campaign) -> None:
     rows = made.manifest["datasets"]
     assert made.manifest["counts"]["frames"] == sum(row["frames"] for row in rows) == 16
     for row, dataset in zip(rows, made.datasets, strict=True):
         assert row["points"] == sum(len(frame.points) for frame in dataset)
         files = [one for one in dataset.folder.rglob("*") if one.is_file()]
         assert row["bytes"] == sum(one.stat().st_size for one in files)
-    assert ut.verify(made.folder, progress=False)
-    assert ut.inspect(made.folder, progress=False)["cells"] == 4
+    assert ut.dataset.verify(made.folder, progress=False)
+    assert ut.info(made.folder, progress=False)["cells"] == 4
 
 
-def test_any_reader_of_parquet_reads_the_shards(made: ut.Campaign) -> None:
+def test_any_reader_of_parquet_reads_the_shards(made: ut.experiment.Campaign) -> None:
     files = sorted((made.folder / "shards").glob("*.parquet"))
     assert len(files) > 2
     shards = pads.dataset([str(one) for one in files])
@@ -108,7 +110,7 @@ def test_any_reader_of_parquet_reads_the_shards(made: ut.Campaign) -> None:
     assert len(set(first)) > 1  # of several recordings
 
 
-def test_another_level_makes_what_is_new_alone(grid: Path, made: ut.Campaign) -> None:
+def test_another_level_makes_what_is_new_alone(grid: Path, made: ut.experiment.Campaign) -> None:
     before = {
         path: path.stat().st_mtime_ns
         for path in made.folder.rglob("*")
@@ -119,10 +121,10 @@ def test_another_level_makes_what_is_new_alone(grid: Path, made: ut.Campaign) ->
         yaml.safe_dump({**fields, "weather": {**WEATHER, "wet": {"wet_ground": 1.0}}}),
         encoding="utf-8",
     )
-    again = ut.campaign(grid, made.folder, workers=1, most=1, progress=False)
+    again = ut.experiment.run(grid, made.folder, workers=1, most=1, progress=False)
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert len(again.manifest["datasets"]) == 5
-    told = ut.campaign(grid, made.folder, plan=True).summary()
+    told = ut.experiment.run(grid, made.folder, plan=True).summary()
     assert told["left"] == {"twin": 0, "motion": 0, "dataset": 1}
     assert told["by"] == "what 5 recordings took"
 
@@ -142,7 +144,7 @@ def test_what_fails_is_told_and_all_else_is_made(
         "duration_s": 0.4,
     }
     path.write_text(yaml.safe_dump(fields))
-    assert main(["campaign", str(path), "--workers", "1", "--json"]) == 1
+    assert main(["experiment", "run", str(path), "--workers", "1", "--json"]) == 1
     said = capsys.readouterr()
     told = json.loads(said.out)
     assert told["datasets"] == 1
@@ -154,53 +156,55 @@ def test_what_fails_is_told_and_all_else_is_made(
     assert "Traceback" not in said.err
     (tmp_path / "other.yaml").write_text(path.read_text())
     out = str(tmp_path / "campaign")
-    assert main(["campaign", str(tmp_path / "other.yaml"), "-o", out, "--quiet"]) == 2
+    assert main(["experiment", "run", str(tmp_path / "other.yaml"), "-o", out, "--quiet"]) == 2
     assert "holds the campaign of grid.yaml; expected another folder" in capsys.readouterr().err
 
 
 @pytest.mark.thorough
-def test_a_cluster_makes_the_same_bytes(grid: Path, made: ut.Campaign, tmp_path: Path) -> None:
+def test_a_cluster_makes_the_same_bytes(
+    grid: Path, made: ut.experiment.Campaign, tmp_path: Path
+) -> None:
     pytest.importorskip("ray", reason="ray is not installed: pip install 'urbantwin[ray]'")
     path = tmp_path / grid.name
     fields = yaml.safe_load(grid.read_text(encoding="utf-8"))
     del fields["shards"], fields["split"]
     split = {"shares": [1, 0]}  # as datasets have it that are of one part as a whole
     path.write_text(yaml.safe_dump({**fields, "seeds": [1], "weather": WEATHER, "split": split}))
-    there = ut.campaign(path, ray="local", workers=2, progress=False)
+    there = ut.experiment.run(path, ray="local", workers=2, progress=False)
     assert len(there.datasets) == 2
     for row in there.manifest["datasets"]:
         assert bytes_of(there.folder / row["path"]) == bytes_of(made.folder / row["path"])
 
 
 def test_a_split_is_of_the_cells_of_the_grid_and_goes_with_it(
-    grid: Path, made: ut.Campaign, tmp_path: Path
+    grid: Path, made: ut.experiment.Campaign, tmp_path: Path
 ) -> None:
     fields = yaml.safe_load(grid.read_text(encoding="utf-8"))
     place = tmp_path / "campaign"
     shutil.copytree(made.folder, place)
     grid = tmp_path / grid.name
     grid.write_text(yaml.safe_dump({**fields, "weather": {"dry": {}}}))
-    ut.campaign(grid, place, workers=1, progress=False)
+    ut.experiment.run(grid, place, workers=1, progress=False)
     assert (place / "datasets" / "a-1-own-fog-none").is_dir()
     mine = tmp_path / "mine" / "split.json"
     mine.parent.mkdir()
-    told = ut.split(place, mine, progress=False).told
+    told = ut.dataset.split(place, mine, progress=False).told
     listed = [Path(one["path"]).name for one in told["datasets"]]
     assert sorted(listed) == ["a-1-own-dry-none", "a-2-own-dry-none"]
     by_time = {**fields, "weather": {"dry": {}}, "split": {"shares": [50, 50]}}
     grid.write_text(yaml.safe_dump({**by_time, "seeds": [1]}))
-    again = ut.campaign(grid, place, workers=1, progress=False)
+    again = ut.experiment.run(grid, place, workers=1, progress=False)
     assert not (place / "split.json").exists()
     # Of a split in time each dataset has frames of both parts.
     assert len(again.where(split="train")) == len(again.where(split="val")) == 2
     own = mine.read_text().replace("../campaign/", "")
     (place / "split.json").write_text(own)
-    ut.campaign(grid, place, workers=1, progress=False)
+    ut.experiment.run(grid, place, workers=1, progress=False)
     assert (place / "split.json").read_text() == own
 
 
 def test_a_rig_may_leave_a_dataset_for_each_sensor(
-    line: Line, made: ut.Campaign, tmp_path: Path
+    line: Line, made: ut.experiment.Campaign, tmp_path: Path
 ) -> None:
     place = {"model": "VLP-16", "height_m": 4.0, "tilt_deg": 5}
     sensors = [
@@ -215,7 +219,7 @@ def test_a_rig_may_leave_a_dataset_for_each_sensor(
     fields |= {"seeds": [1, 2], "duration_s": 0.4, "split": split}
     fields["shards"] = {"format": "parquet"}
     grid.write_text(yaml.safe_dump(fields))
-    pair = ut.campaign(grid, workers=1, progress=False)
+    pair = ut.experiment.run(grid, workers=1, progress=False)
     assert [one["sensor"] for one in pair.levels] == ["fused", "north", "south"] * 2
     names = ("a-1-own-clear-none", "a-1-pair-clear-none-north", "a-1-pair-clear-none-south")
     assert tuple(dict.fromkeys(pair.sequences))[:3] == names
@@ -235,10 +239,10 @@ def test_a_rig_may_leave_a_dataset_for_each_sensor(
     rows = (pair.folder / "index" / "cells.csv").read_text().splitlines()
     assert len(rows) == 7
     assert '"pair","clear","north",4,' in rows[2]
-    assert main(["verify", str(pair.folder), "--quiet"]) == 0
+    assert main(["dataset", "verify", str(pair.folder), "--quiet"]) == 0
     assert ut.open(pair.folder).at(sensor="north").levels[0]["rig"] == "pair"
     shards = pads.dataset(pair.folder / "shards", exclude_invalid_files=True)
     names = shards.to_table(columns=["sensor_name"])["sensor_name"].to_pylist()
     assert {name: names.count(name) for name in names} == {"fused": 8, "north": 8, "south": 8}
-    again = ut.campaign(grid, workers=1, plan=True, progress=False)
+    again = ut.experiment.run(grid, workers=1, plan=True, progress=False)
     assert again.plan["left"]["dataset"] == 0

@@ -24,11 +24,13 @@ GRADES = [
 
 
 @pytest.fixture(scope="module")
-def graded(line: Line, tmp_path_factory: pytest.TempPathFactory) -> ut.Curriculum:
+def graded(line: Line, tmp_path_factory: pytest.TempPathFactory) -> ut.experiment.Curriculum:
     folder = tmp_path_factory.mktemp("graded")
-    (folder / "ladder.yaml").write_text(yaml.safe_dump({"grades": GRADES}))
-    how = {"seconds": 8.0, "start": 7.0, "stop": 7.2, "workers": 1, "progress": False}
-    return ut.curriculum(line.twin, folder / "out", ladder=str(folder / "ladder.yaml"), **how)
+    how = {"seconds": 8.0, "start": 7.0, "stop": 7.2, "twin": str(line.twin.folder)}
+    (folder / "grid.yaml").write_text(yaml.safe_dump({"grades": GRADES, **how}))
+    made = ut.experiment.run(folder / "grid.yaml", folder / "out", workers=1, progress=False)
+    assert isinstance(made, ut.experiment.Curriculum)
+    return made
 
 
 def counted(dataset: ut.Dataset) -> dict[tuple[str, int], float]:
@@ -41,7 +43,7 @@ def counted(dataset: ut.Dataset) -> dict[tuple[str, int], float]:
     }
 
 
-def test_labels_count_as_far_as_the_grade_says(graded: ut.Curriculum) -> None:
+def test_labels_count_as_far_as_the_grade_says(graded: ut.experiment.Curriculum) -> None:
     near, every = (counted(graded.datasets[name]) for name in ("near", "all"))
     assert any(away > RANGE_M + 1.0 for away in every.values())
     assert max(near.values()) < RANGE_M + 1.0
@@ -50,7 +52,7 @@ def test_labels_count_as_far_as_the_grade_says(graded: ut.Curriculum) -> None:
     assert told["per_frame"] == pytest.approx(len(near) / 3, abs=1e-3)
 
 
-def test_what_is_measured_is_what_the_boxes_say(graded: ut.Curriculum) -> None:
+def test_what_is_measured_is_what_the_boxes_say(graded: ut.experiment.Curriculum) -> None:
     everything = graded.datasets["all"]
     told = everything.manifest["objects"]
     boxes = everything.boxes.to_pandas()
@@ -89,7 +91,8 @@ def test_each_named_ladder_climbs_and_nothing_sinks_below_two_metres(line: Line)
 @pytest.mark.parametrize(
     ("ladder", "said"),
     [
-        ("hard", "there is no ladder 'hard'"),
+        ("ladder: hard", "there is no ladder 'hard'"),
+        ("ladder: range\ngrades: [{name: a}]", "needs a ladder or grades"),
         ("grades: [{name: a}, {name: a}]", "names a grade twice"),
         ("grades: [{name: a, density: -1}]", "density (line 1)"),
     ],
@@ -97,17 +100,16 @@ def test_each_named_ladder_climbs_and_nothing_sinks_below_two_metres(line: Line)
 def test_a_ladder_that_is_wrong_is_refused(
     line: Line, tmp_path: Path, ladder: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if ":" in ladder:
-        (tmp_path / "l.yaml").write_text(ladder)
-        ladder = str(tmp_path / "l.yaml")
-    out = tmp_path / "out"
-    arguments = ["curriculum", str(line.twin.folder), "-o", str(out), "--ladder", ladder]
-    assert main(arguments) == 2
+    grid, out = tmp_path / "grid.yaml", tmp_path / "out"
+    grid.write_text(f"{ladder}\ntwin: {line.twin.folder}\n")
+    assert main(["experiment", "run", str(grid), "-o", str(out)]) == 2
     assert said in capsys.readouterr().err
     assert not out.exists()
 
 
-def test_a_grade_with_nobody_in_reach_is_refused(graded: ut.Curriculum, line: Line) -> None:
+def test_a_grade_with_nobody_in_reach_is_refused(
+    graded: ut.experiment.Curriculum, line: Line
+) -> None:
     twin = ut.Twin.open(line.twin)
     spec, file = rig_spec_on(twin, None)
     motion = ut.Motion.open(graded.folder / "motion-density-1")

@@ -25,7 +25,7 @@ def standing(actor: str, x: float, y: float) -> dict[str, object]:
 
 
 @pytest.fixture(scope="module")
-def pair(line: Line, tmp_path_factory: pytest.TempPathFactory) -> ut.Variation:
+def pair(line: Line, tmp_path_factory: pytest.TempPathFactory) -> ut.experiment.Variation:
     folder = tmp_path_factory.mktemp("explain")
     for name, who in (("base", [CAR]), ("truck", [CAR, TRUCK])):
         events = [standing(*one) for one in who]
@@ -35,11 +35,13 @@ def pair(line: Line, tmp_path_factory: pytest.TempPathFactory) -> ut.Variation:
     fields = {"twin": str(line.twin.folder), "traffic": traffic, "record": {"stop": 0.1}}
     run.write_text(yaml.safe_dump(fields))
     changes = f"scenario={folder / 'truck.yaml'}"
-    return ut.vary(run, folder / "pair", changes=changes, workers=1, pictures=False, progress=False)
+    return ut.experiment.vary(
+        run, folder / "pair", changes=changes, workers=1, pictures=False, progress=False
+    )
 
 
 @pytest.fixture(scope="module")
-def found(pair: ut.Variation, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+def found(pair: ut.experiment.Variation, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """What a detector says that finds whoever has five points."""
     folder = tmp_path_factory.mktemp("found")
     for name in NAMES:
@@ -59,9 +61,9 @@ def found(pair: ut.Variation, tmp_path_factory: pytest.TempPathFactory) -> list[
 
 
 def test_the_car_behind_the_truck_is_hidden_by_that_truck(
-    pair: ut.Variation, found: list[Path], tmp_path: Path
+    pair: ut.experiment.Variation, found: list[Path], tmp_path: Path
 ) -> None:
-    made = ut.explain(pair, tmp_path / "why", detections=found, progress=False)
+    made = ut.experiment.explain(pair, tmp_path / "why", detections=found, progress=False)
     (variant,) = pair.manifest["variants"]
     (truck,) = variant["proof"]["actors"]["added"]
     (car,) = ut.open(pair.folder / "base" / "motion").manifest["events"][0]["tracks"]
@@ -80,17 +82,17 @@ def test_the_car_behind_the_truck_is_hidden_by_that_truck(
     assert (made.folder / "changes.csv").read_text().count("\n") == made.changes.num_rows + 1
     page = (made.folder / "explanation.html").read_text()
     assert f"truck {truck} hides" in page
-    assert isinstance(ut.open(made), ut.Explanation)
+    assert isinstance(ut.open(made), ut.experiment.Explanation)
 
 
 def test_the_same_twice_writes_the_same_bytes(
-    pair: ut.Variation, found: list[Path], tmp_path: Path
+    pair: ut.experiment.Variation, found: list[Path], tmp_path: Path
 ) -> None:
     options = [str(pair.folder), "--quiet", "--drawn", "1"]
     for one in found:
         options += ["--detections", str(one)]
     for name in ("one", "other"):
-        assert main(["explain", *options, "-o", str(tmp_path / name)]) == 0
+        assert main(["experiment", "explain", *options, "-o", str(tmp_path / name)]) == 0
     both = [(tmp_path / name / "SHA256SUMS").read_bytes() for name in ("one", "other")]
     assert both[0] == both[1]
 
@@ -98,7 +100,10 @@ def test_the_same_twice_writes_the_same_bytes(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["nowhere", "--model", "m"], "is not there; expected a folder that `urbantwin vary`"),
+        (
+            ["nowhere", "--model", "m"],
+            "is not there; expected a folder that `urbantwin experiment vary`",
+        ),
         (["PAIR"], "nobody says what was detected"),
         (["PAIR", "--detections", "BASE"], "1 are given for 2 recordings; expected one each of"),
         (["PAIR", "--model", "m", "--detections", "BASE"], "is given beside detections"),
@@ -109,13 +114,13 @@ def test_the_same_twice_writes_the_same_bytes(
     ],
 )
 def test_what_cannot_be_explained_is_one_line(
-    pair: ut.Variation, found: list[Path], tmp_path: Path, arguments: list[str], said: str,
-    capsys: pytest.CaptureFixture[str],
+    pair: ut.experiment.Variation, found: list[Path], tmp_path: Path, arguments: list[str],
+    said: str, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     names = {"PAIR": str(pair.folder), "BASE": str(found[0])}
     out = tmp_path / "out"
     told = [names.get(one, one) for one in arguments]
-    assert main(["explain", *told, "-o", str(out), "--quiet"]) == 2
+    assert main(["experiment", "explain", *told, "-o", str(out), "--quiet"]) == 2
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == 1

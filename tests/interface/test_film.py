@@ -8,10 +8,10 @@ from PIL import Image
 
 import urbantwin as ut
 from urbantwin.cli import main
-from urbantwin.view import style
-from urbantwin.view.film import film_colours
-from urbantwin.view.film.from_corner import FromCorner, corner_camera
-from urbantwin.view.film.signal_lamps import Lamps
+from urbantwin.drawing import style
+from urbantwin.drawing.film import film_colours
+from urbantwin.drawing.film.from_corner import FromCorner, corner_camera
+from urbantwin.drawing.film.signal_lamps import Lamps
 
 from .conftest import Line
 
@@ -22,7 +22,7 @@ RADIUS_M, SIDE = 60.0, 400
 def above(line: Line, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("film") / "above.gif"
     how = {"view": "above", "width": SIDE, "radius": RADIUS_M, "fps": 8.0}
-    made = ut.film(line.motion, path, stop=0.5, progress=False, **how)
+    made = ut.traffic.film(line.motion, path, stop=0.5, progress=False, **how)
     assert (made.pictures, made.width) == (5, SIDE)
     return path
 
@@ -36,7 +36,14 @@ def test_a_gif_lasts_as_long_as_what_it_shows_and_has_the_same_bytes_again(
             film.seek(number)
             lasting.append(film.info["duration"])
     assert sum(lasting) == 620  # 5 pictures, 8 a second, in hundredths
-    arguments = ["film", str(line.motion.folder), "-o", str(tmp_path / "again.gif"), "--quiet"]
+    arguments = [
+        "traffic",
+        "film",
+        str(line.motion.folder),
+        "-o",
+        str(tmp_path / "again.gif"),
+        "--quiet",
+    ]
     arguments += ["--view", "above", "--width", str(SIDE), "--radius", str(RADIUS_M)]
     assert main([*arguments, "--fps", "8", "--stop", "0.5"]) == 0
     assert (tmp_path / "again.gif").read_bytes() == above.read_bytes()
@@ -58,7 +65,7 @@ def test_an_actor_is_drawn_where_it_is_in_its_colour(line: Line, above: Path) ->
 
 def test_every_class_stands_below_a_narrow_picture(line: Line, tmp_path: Path) -> None:
     path = tmp_path / "narrow.gif"
-    ut.film(line.motion, path, view="above", width=200, stop=0.1, progress=False)
+    ut.traffic.film(line.motion, path, view="above", width=200, stop=0.1, progress=False)
     with Image.open(path) as film:
         strip = np.asarray(film.convert("RGB"), np.int64)[200:].reshape(-1, 3)
     for name in set(line.motion.rows["class"].to_pylist()):
@@ -107,7 +114,7 @@ def test_lamps_show_what_the_table_says(line: Line) -> None:
 def test_an_mp4_has_every_picture(line: Line, tmp_path: Path) -> None:
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "film.mp4"
-    ut.film(line.motion, path, view="above", width=160, stop=0.5, progress=False)
+    ut.traffic.film(line.motion, path, view="above", width=160, stop=0.5, progress=False)
     assert ffmpeg.count_frames_and_secs(str(path))[0] == 6
 
 
@@ -130,7 +137,7 @@ def test_what_cannot_be_filmed_is_refused(
     tmp_path: Path,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["film", str(line.motion.folder), *options]) == 2
+    assert main(["traffic", "film", str(line.motion.folder), *options]) == 2
     assert said in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 

@@ -58,8 +58,10 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def study(fleet: Path, model: Path, tmp_path_factory: pytest.TempPathFactory) -> ut.FusionStudy:
-    return ut.fuse(model, fleet, tmp_path_factory.mktemp("study") / "fusion", **FEW)  # type: ignore[arg-type]
+def study(
+    fleet: Path, model: Path, tmp_path_factory: pytest.TempPathFactory
+) -> ut.model.FusionStudy:
+    return ut.model.fuse(model, fleet, tmp_path_factory.mktemp("study") / "fusion", **FEW)  # type: ignore[arg-type]
 
 
 def test_a_fleet_and_its_datasets_are_the_same_nodes(fleet: Path) -> None:
@@ -84,7 +86,7 @@ def test_a_fleet_and_its_datasets_are_the_same_nodes(fleet: Path) -> None:
         assert np.allclose(poses[0].translation, poses[1].translation)
 
 
-def test_the_study_holds_what_it_tells(study: ut.FusionStudy) -> None:
+def test_the_study_holds_what_it_tells(study: ut.model.FusionStudy) -> None:
     rows = study.settings.to_pylist()
     assert {row["study"] for row in rows} == {"nodes", "failure"}
     assert len({row["objects"] for row in rows}) == 1
@@ -105,14 +107,14 @@ def test_the_study_holds_what_it_tells(study: ut.FusionStudy) -> None:
     page = (study.folder / "fusion.html").read_text()
     assert study.manifest["in_short"] in page
     assert str(study.folder.parent) not in page
-    assert isinstance(ut.open(study.folder), ut.FusionStudy)
+    assert isinstance(ut.open(study.folder), ut.model.FusionStudy)
     told = pq.read_table(study.folder / "settings.parquet")
     assert told.num_rows == len((study.folder / "settings.csv").read_text().splitlines()) - 1
 
 
 @pytest.mark.thorough
 def test_interrupted_it_goes_on_and_the_command_writes_the_same(
-    study: ut.FusionStudy, fleet: Path, model: Path, tmp_path: Path
+    study: ut.model.FusionStudy, fleet: Path, model: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "fusion"
     seen: list[str] = []
@@ -123,9 +125,9 @@ def test_interrupted_it_goes_on_and_the_command_writes_the_same(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        ut.fuse(model, fleet, out, **(FEW | {"progress": stop}))  # type: ignore[arg-type]
+        ut.model.fuse(model, fleet, out, **(FEW | {"progress": stop}))  # type: ignore[arg-type]
     assert not out.exists()
-    arguments = ["fuse", model, fleet, "-o", out, "--frames", 2, "--study", "nodes"]
+    arguments = ["model", "fuse", model, fleet, "-o", out, "--frames", 2, "--study", "nodes"]
     assert main([*map(str, arguments), "--study", "failure", "--quiet"]) == 0
     assert bytes_of(out) == bytes_of(study.folder)
     assert [one.name for one in tmp_path.iterdir()] == ["fusion"]
@@ -152,7 +154,7 @@ def test_what_is_wrong_is_told_in_a_line(
     more: Callable[[Path], list[Any]], said: str,
 ) -> None:  # fmt: skip
     out = tmp_path / "out"
-    assert main(["fuse", str(model), *map(str, more(fleet)), "-o", str(out)]) == 2
+    assert main(["model", "fuse", str(model), *map(str, more(fleet)), "-o", str(out)]) == 2
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.count("\n") == 1
@@ -161,7 +163,7 @@ def test_what_is_wrong_is_told_in_a_line(
 
 
 def test_a_plan_writes_nothing(fleet: Path, model: Path, tmp_path: Path) -> None:
-    made = ut.fuse(model, fleet, tmp_path / "out", plan=True, progress=False)
+    made = ut.model.fuse(model, fleet, tmp_path / "out", plan=True, progress=False)
     assert made.seconds is not None
     assert made.seconds > 0
     assert made.summary()["minutes"] >= 0

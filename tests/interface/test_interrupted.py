@@ -25,7 +25,7 @@ def test_nothing_half_written_is_left(line: Line, tmp_path: Path, share: float) 
     for make in (
         lambda: ut.build(line.site, tmp_path / "twin", pictures=False, progress=stop),
         lambda: ut.drive(line.twin, tmp_path / "motion", progress=stop),
-        lambda: ut.coverage(line.twin, tmp_path / "coverage", progress=stop),
+        lambda: ut.rig.coverage(line.twin, tmp_path / "coverage", progress=stop),
     ):
         with pytest.raises(KeyboardInterrupt):
             make()

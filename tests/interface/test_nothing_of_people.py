@@ -15,7 +15,7 @@ def test_an_artefact_says_nothing_of_where_and_by_whom_it_was_made(line: Line, k
     folder = getattr(line, kind).folder
     names = {str(line.site.parent): "folder", folder.parents[2].name: "folder"}
     assert search_files(folder, names=names) == []
-    found = ut.verify(folder, privacy=True, progress=False)
+    found = ut.dataset.verify(folder, privacy=True, progress=False)
     assert found
     assert found.personal == ()
 
@@ -29,7 +29,7 @@ def test_neither_does_an_export(line: Line, tmp_path: Path, to: str) -> None:
 
 def test_whoever_wrote_a_name_into_a_dataset_is_told(line: Line, tmp_path: Path) -> None:
     (tmp_path / "notes.md").write_text("by jane.doe@example.org in /home/jane/data/run3\n")
-    found = ut.verify(tmp_path, privacy=True, progress=False)
+    found = ut.dataset.verify(tmp_path, privacy=True, progress=False)
     assert not found
     assert {one.what for one in found.personal or ()} == {"e-mail address", "absolute path"}
     with pytest.raises(ut.InputError, match=r"notes\.md: line 1 \(byte 27\): absolute path"):

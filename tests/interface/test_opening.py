@@ -7,6 +7,8 @@ import pytest
 
 import urbantwin as ut
 from urbantwin.artefact import KINDS, write_json
+from urbantwin.interface.site_file import Site
+from urbantwin.interface.whole_line import Run
 
 from .conftest import Line
 
@@ -19,13 +21,13 @@ def test_what_a_command_wrote_is_opened_as_what_it_is(line: Line) -> None:
         kind = type(made).__name__.lower()
         assert type(ut.open(made.folder / f"{kind}.json")) is type(made)
     run = ut.open(line.twin.folder.parent)
-    assert isinstance(run, ut.Run)
+    assert isinstance(run, Run)
     assert len(run.dataset) == len(line.dataset)
 
 
 def test_inputs_are_opened_too(line: Line, tmp_path: Path) -> None:
     site = ut.open(line.site)
-    assert isinstance(site, ut.Site)
+    assert isinstance(site, Site)
     assert site.checked.name == "two-avenues"
     assert [one.name for one in ut.open(line.twin.rig_path).sensors] == ["corner"]
     cloud = ut.open(line.dataset.folder / "points" / "000000.npy")
@@ -51,7 +53,9 @@ def test_every_kind_of_artefact_is_known(tmp_path: Path, kind: str) -> None:
 
 
 def test_coverage_and_background_are_read_as_they_were_written(line: Line, tmp_path: Path) -> None:
-    made = ut.coverage(line.twin, tmp_path / "coverage", cell=2.0, pictures=False, progress=False)
+    made = ut.rig.coverage(
+        line.twin, tmp_path / "coverage", cell=2.0, pictures=False, progress=False
+    )
     opened = ut.open(tmp_path / "coverage")
     with np.load(tmp_path / "coverage" / "coverage.npz") as maps:
         for layer in ("ground", "lying", "facing"):
@@ -62,7 +66,7 @@ def test_coverage_and_background_are_read_as_they_were_written(line: Line, tmp_p
 
     second = {"stop": 1.0, "workers": 1, "pictures": False, "progress": False}
     frames = ut.record(line.twin, line.motion, tmp_path / "frames", **second)
-    measured = ut.background(frames, tmp_path / "a.npz", twin=line.twin, progress=False)
+    measured = ut.rig.background(frames, tmp_path / "a.npz", twin=line.twin, progress=False)
     images = ut.open(tmp_path / "a.npz").sensors
     assert len(images) == len(measured.sensors) == 1
     np.testing.assert_array_equal(images[0].range_m, measured.sensors[0].range_m)
@@ -79,12 +83,12 @@ def test_what_is_none_of_ours_is_named(tmp_path: Path, name: str) -> None:
 
 
 def test_one_sensor_and_all() -> None:
-    catalogue = ut.sensors()
+    catalogue = ut.catalogue.sensors()
     assert len(catalogue) == len(catalogue.names) > 20
     sheet = catalogue["VLP-16"]
     # Velodyne VLP-16 user manual, table 9-1.
     assert sorted(sheet.sensor.elevation_deg) == pytest.approx(list(range(-15, 16, 2)), abs=0.05)
-    assert repr(sheet) == repr(ut.sensors("VLP-16"))
+    assert repr(sheet) == repr(ut.catalogue.sensors("VLP-16"))
     assert repr(catalogue).count("\n") == len(catalogue)
     with pytest.raises(KeyError):
         catalogue["nothing"]
@@ -92,10 +96,10 @@ def test_one_sensor_and_all() -> None:
 
 def test_what_was_changed_is_found(line: Line, tmp_path: Path) -> None:
     exported = ut.export(line.twin, "geojson", tmp_path / "layers", progress=False)
-    assert ut.verify(exported, progress=False)
+    assert ut.dataset.verify(exported, progress=False)
     first = next(path for path in ut.open(exported).files if path.suffix == ".geojson")
     first.write_bytes(first.read_bytes() + b" ")
-    found = ut.verify(exported, progress=False)
+    found = ut.dataset.verify(exported, progress=False)
     assert not found
     assert [one.name for one in found.damages] == [first.name]
     with pytest.raises(ut.InputError, match=first.name):

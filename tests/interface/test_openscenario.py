@@ -78,7 +78,7 @@ def test_a_file_that_begins_after_the_motion_is_refused(
 ) -> None:
     late = tmp_path / "late.xosc"
     late.write_text(file.read_text(encoding="utf-8"))
-    arguments = ["traffic", str(line.twin.folder), "-o", str(tmp_path / "m"), "--seconds", "0.2"]
+    arguments = ["drive", str(line.twin.folder), "-o", str(tmp_path / "m"), "--seconds", "0.2"]
     assert main([*arguments, "--scenario", str(late)]) == 2
     said = capsys.readouterr().err
     assert "late.xosc" in said

@@ -67,7 +67,7 @@ def test_sensors_apart_are_datasets_of_their_own(line: Line, tmp_path: Path) -> 
     with pytest.raises(ut.InputError, match=r"parts\['corner'\]"):
         apart.where(classes="car")
     with pytest.raises(ut.InputError, match=r"dataset for each sensor.*apart/corner"):
-        ut.sequence(apart, tmp_path / "sequence", progress=False)
+        ut.dataset.sequence(apart, tmp_path / "sequence", progress=False)
     assert ut.Datasets([apart]).sequences == ("corner",)
     assert ut.Datasets([apart])[0].flow().shape == (len(apart.parts["corner"][0].points), 3)
     assert beside(apart.parts["corner"], "report") == tmp_path / "report"

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 import urbantwin as ut
+from urbantwin.dataset.reading import Frames
 
 from .conftest import Line
 
 
-def rows_of(frames: ut.Frames) -> list[dict[str, Any]]:
+def rows_of(frames: Frames) -> list[dict[str, Any]]:
     return [row for frame in frames for row in frame.boxes.to_pylist()]
 
 

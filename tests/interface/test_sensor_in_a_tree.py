@@ -114,7 +114,7 @@ def test_a_build_leaves_a_sensor_that_somebody_placed_and_tells_what_hides_the_j
     # Within the crown, and beside the trunk: inside that it would be refused.
     given |= {"east_m": given["east_m"] + 1.0, "height_m": 9.0}
     rig.write_text(yaml.safe_dump({"sensors": [given]}))
-    told = ut.coverage(built, tmp_path / "coverage", rig=rig, cell=2.0, pictures=False)
+    told = ut.rig.coverage(built, tmp_path / "coverage", rig=rig, cell=2.0, pictures=False)
     assert told.manifest["sight"]["seen"] < 0.5
     words = next(line for line in capfd.readouterr().err.splitlines() if "warning:" in line)
     assert "sensor pole: sees" in words

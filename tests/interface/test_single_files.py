@@ -37,11 +37,12 @@ WRITTEN: dict[str, tuple[str, Command]] = {
     "openscenario": ("traffic.xosc", export("motion", "openscenario")),
     "mcap": ("drive.mcap", export("dataset", "mcap")),
     "film": ("film.gif", lambda line, out: [
-        "film", line.motion.folder, "-o", out, "--stop", 0.2, "--fps", 5, "--width", 320,
+        "traffic", "film", line.motion.folder, "-o", out, "--stop", 0.2, "--fps", 5, "--width", 320,
         "--view", "above"]),
-    "check picture": ("weak.png", lambda line, out: ["check", line.site, "--picture", out]),
-    "check page": ("weak.html", lambda line, out: ["check", line.site, "--page", out]),
-    "actors": ("actors.png", lambda line, out: ["actors", "motorcycle", "--save", out]),
+    "check picture": ("weak.png", lambda line, out: ["site", "check", line.site, "--picture", out]),
+    "check page": ("weak.html", lambda line, out: ["site", "check", line.site, "--page", out]),
+    "actors": ("actors.png", lambda line, out: [
+        "catalogue", "actors", "motorcycle", "--save", out]),
     "page": ("page.html", lambda line, out: ["view", line.dataset.folder, "--save", out]),
     "rerun": ("view.rrd", lambda line, out: [
         "view", line.dataset.folder, "--rerun", out, "--no-browser"]),
@@ -50,17 +51,18 @@ WRITTEN: dict[str, tuple[str, Command]] = {
 REFUSED: dict[str, tuple[str, Command]] = {
     "openpcdet": ("pillars.yaml", export("dataset", "openpcdet")),
     "split": ("split.json", lambda line, out: [
-        "split", line.dataset.folder, line.dataset.folder, "--by", "scenario", "-o", out]),
+        "dataset", "split", line.dataset.folder, line.dataset.folder, "--by", "scenario",
+        "-o", out]),
     "align": ("rig.yaml", lambda line, out: [
-        "align", line.dataset.folder, line.twin.folder, "-o", out]),
+        "rig", "align", line.dataset.folder, line.twin.folder, "-o", out]),
     "align picture": ("rig.png", lambda line, out: [
-        "align", line.dataset.folder, line.twin.folder, "--picture", out,
+        "rig", "align", line.dataset.folder, line.twin.folder, "--picture", out,
         "-o", out.with_name("new.yaml")]),
     "background": ("background.npz", lambda line, out: [
-        "background", line.dataset.folder, "--twin", line.twin.folder, "-o", out]),
-    "discover": ("rig.yaml", lambda line, out: ["discover", line.dataset.folder, "-o", out]),
+        "rig", "background", line.dataset.folder, "--twin", line.twin.folder, "-o", out]),
+    "discover": ("rig.yaml", lambda line, out: ["rig", "discover", line.dataset.folder, "-o", out]),
     "discover picture": ("rig.png", lambda line, out: [
-        "discover", line.dataset.folder, "--picture", out, "-o", out.with_name("new.yaml")]),
+        "rig", "discover", line.dataset.folder, "--picture", out, "-o", out.with_name("new.yaml")]),
 }  # fmt: skip
 #: Written into a folder of a run, or by `init`, which has ``--force``; by `suite` see its tests.
 ELSEWHERE = {None, "card", "improvement", "suite"}
@@ -159,7 +161,7 @@ def test_a_link_to_a_file_stays_and_its_file_is_judged(line: Line, tmp_path: Pat
 
 def test_the_folder_of_an_artefact_keeps_its_mode(line: Line, tmp_path: Path) -> None:
     out = tmp_path / "motion"
-    arguments = ["traffic", str(line.twin.folder), "-o", str(out), "--seconds", "0.2", "-q"]
+    arguments = ["drive", str(line.twin.folder), "-o", str(out), "--seconds", "0.2", "-q"]
     out.mkdir(mode=0o700)
     for _ in range(2):
         assert main([*arguments]) == 0

@@ -29,11 +29,11 @@ def grid(line: Line, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def made(grid: Path) -> ut.Study:
-    return ut.study(grid, grid.parent / "study", workers=1, progress=False)
+def made(grid: Path) -> ut.experiment.Study:
+    return ut.experiment.run(grid, grid.parent / "study", workers=1, progress=False)
 
 
-def test_a_wrong_pose_moves_points_and_a_dead_sensor_has_none(made: ut.Study) -> None:
+def test_a_wrong_pose_moves_points_and_a_dead_sensor_has_none(made: ut.experiment.Study) -> None:
     assert made.manifest["recordings"] == 8
     rows = {
         (row["factor"], row["figure"]): row
@@ -52,7 +52,9 @@ def test_a_wrong_pose_moves_points_and_a_dead_sensor_has_none(made: ut.Study) ->
     assert told["outage_unit = corner"] == "-100.0 (-100.0 to -100.0)"
 
 
-def test_the_base_is_what_record_sees(line: Line, made: ut.Study, tmp_path: Path) -> None:
+def test_the_base_is_what_record_sees(
+    line: Line, made: ut.experiment.Study, tmp_path: Path
+) -> None:
     folder = made.folder / "motions" / "seed-4"
     alone = ut.record(
         line.twin, folder, tmp_path / "dataset", start=0.6, every=2, seed=4, workers=1,
@@ -75,7 +77,7 @@ def test_the_base_is_what_record_sees(line: Line, made: ut.Study, tmp_path: Path
 
 @pytest.mark.thorough
 def test_a_run_that_is_cut_off_goes_on_and_ends_the_same(
-    grid: Path, made: ut.Study, tmp_path: Path
+    grid: Path, made: ut.experiment.Study, tmp_path: Path
 ) -> None:
     out = tmp_path / "study"
     begun: set[str] = set()
@@ -86,18 +88,18 @@ def test_a_run_that_is_cut_off_goes_on_and_ends_the_same(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        ut.study(grid, out, workers=1, progress=cut)
+        ut.experiment.run(grid, out, workers=1, progress=cut)
     assert not (out / "report").exists()
     before = {path: path.stat().st_mtime_ns for path in (out / "cells").iterdir()}
     assert len(before) == 3
-    ut.study(grid, out, workers=1, progress=False)
+    ut.experiment.run(grid, out, workers=1, progress=False)
     assert {path: path.stat().st_mtime_ns for path in before} == before
     both = [(one / "report" / "SHA256SUMS").read_bytes() for one in (out, made.folder)]
     assert both[0] == both[1]
     assert not (out / "work").exists()
 
 
-def test_one_more_level_leaves_what_is_done(grid: Path, made: ut.Study) -> None:
+def test_one_more_level_leaves_what_is_done(grid: Path, made: ut.experiment.Study) -> None:
     """Also what is known of the others: no motion, and two recordings of each seed, are new."""
     fields = yaml.safe_load(grid.read_text(encoding="utf-8"))
     fields["factors"]["pose_error_m"].append(0.1)
@@ -107,7 +109,7 @@ def test_one_more_level_leaves_what_is_done(grid: Path, made: ut.Study) -> None:
               if "motions" in path.parts} | {
         path: path.stat().st_mtime_ns for path in (made.folder / "cells").iterdir()
     }  # fmt: skip
-    again = ut.study(more, made.folder, workers=1, progress=False)
+    again = ut.experiment.run(more, made.folder, workers=1, progress=False)
     assert {path: path.stat().st_mtime_ns for path in before} == before
     assert again.manifest["recordings"] == 6
     assert len(list((made.folder / "cells").iterdir())) == 10
@@ -117,7 +119,7 @@ def test_a_plan_says_how_long_it_takes_and_does_nothing(
     grid: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["study", str(grid), "-o", str(out), "--plan", "--json"]) == 0
+    assert main(["experiment", "run", str(grid), "-o", str(out), "--plan", "--json"]) == 0
     said = capsys.readouterr()
     assert "2 seeds x 4 cells = 8 recordings of 3 frames by 1 sensor; nothing is" in said.err
     low, high = json.loads(said.out)["reckoned_minutes"]
@@ -140,7 +142,7 @@ def test_what_cannot_be_studied_is_one_line_before_anything_is_done(
     fields = {**yaml.safe_load(grid.read_text(encoding="utf-8")), "factors": factors}
     path = tmp_path / "grid.yaml"
     path.write_text(yaml.safe_dump(fields))
-    assert main(["study", str(path), "--quiet"]) == 2
+    assert main(["experiment", "run", str(path), "--quiet"]) == 2
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == 1
@@ -177,7 +179,7 @@ def test_a_detector_that_cannot_judge_is_told_before_anything_is_driven(
         write_model(tmp_path / name, Model(design, new_network(design).eval(), {}))
     path = tmp_path / "grid.yaml"
     path.write_text(yaml.safe_dump({**yaml.safe_load(grid.read_text(encoding="utf-8")), **fields}))
-    assert main(["study", str(path), "--plan"]) == 2
+    assert main(["experiment", "run", str(path), "--plan"]) == 2
     err = capsys.readouterr().err
     assert said in err
     assert err.count("\n") == 1
@@ -198,9 +200,9 @@ def test_a_recording_is_judged_as_evaluate_judges_it(line: Line, tmp_path: Path)
     times = line.dataset.times_s
     found = joined(line.dataset.names, rows, times)
     write_detections(tmp_path / "found", found, {})
-    boxes = ut.evaluate(tmp_path / "found", line.dataset, tmp_path / "boxes", progress=False)
-    tracks = ut.track(tmp_path / "found", tmp_path / "tracks", progress=False)
-    followed = ut.evaluate(tracks, line.dataset, tmp_path / "followed", progress=False)
+    boxes = ut.model.evaluate(tmp_path / "found", line.dataset, tmp_path / "boxes", progress=False)
+    tracks = ut.model.track(tmp_path / "found", tmp_path / "tracks", progress=False)
+    followed = ut.model.evaluate(tracks, line.dataset, tmp_path / "followed", progress=False)
     verdict = judged_recording(open_recording(line.dataset.folder), found, times.tolist())
     assert any(row["ap"] > 0 for row in verdict.figures.values())
     for name, row in verdict.figures.items():

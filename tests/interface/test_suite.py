@@ -20,7 +20,7 @@ CYCLIST: dict[str, Any] = {"event": "passage", "at_s": 2.0, "place": {"x": 0.0, 
 
 
 def run(folder: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, Any]:
-    code = main(["suite", str(folder), "--quiet", "--json", *options])
+    code = main(["experiment", "suite", str(folder), "--quiet", "--json", *options])
     return code, json.loads(capsys.readouterr().out)["cases"]
 
 
@@ -102,7 +102,7 @@ def test_a_suite_that_is_wrong_is_refused(
 ) -> None:
     if fields is not None:
         (tmp_path / "suite.yaml").write_text(yaml.safe_dump(fields))
-    assert main(["suite", str(tmp_path)]) == 2
+    assert main(["experiment", "suite", str(tmp_path)]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "expected").exists()
 

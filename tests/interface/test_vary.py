@@ -22,11 +22,13 @@ def run_file(line: Line, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def pair(run_file: Path) -> ut.Variation:
-    return ut.vary(run_file, changes="sensor.height=1.5", workers=1, progress=False)
+def pair(run_file: Path) -> ut.experiment.Variation:
+    return ut.experiment.vary(run_file, changes="sensor.height=1.5", workers=1, progress=False)
 
 
-def test_only_the_factor_differs_and_nobody_moves(line: Line, pair: ut.Variation) -> None:
+def test_only_the_factor_differs_and_nobody_moves(
+    line: Line, pair: ut.experiment.Variation
+) -> None:
     (row,) = pair.manifest["variants"]
     (changed,) = row["proof"]["changed"]
     assert changed["field"] == "made_from.record.rig.sensors[0].height_m"
@@ -37,13 +39,13 @@ def test_only_the_factor_differs_and_nobody_moves(line: Line, pair: ut.Variation
     assert actors["identical"] == len(set(line.motion.actors["track"].to_pylist()))
 
 
-def test_the_base_is_what_record_writes(line: Line, pair: ut.Variation) -> None:
+def test_the_base_is_what_record_writes(line: Line, pair: ut.experiment.Variation) -> None:
     # The fixture's dataset has the same frames and goes on for longer.
     for frame in pair.base:
         assert np.array_equal(frame.points, line.dataset[frame.name].points)
 
 
-def test_fates_say_what_the_boxes_say(pair: ut.Variation) -> None:
+def test_fates_say_what_the_boxes_say(pair: ut.experiment.Variation) -> None:
     fates = pair.fates.to_pylist()
     for variant, dataset in (
         ("base", pair.base),
@@ -59,7 +61,7 @@ def test_fates_say_what_the_boxes_say(pair: ut.Variation) -> None:
                 assert box["num_points_alone"] > 0
 
 
-def test_who_hides_somebody_stands_between(line: Line, pair: ut.Variation) -> None:
+def test_who_hides_somebody_stands_between(line: Line, pair: ut.experiment.Variation) -> None:
     at = np.array([12.0, -12.0])  # the site's only sensor
     for row in pair.fates.to_pylist():
         if row["hidden_by_track"] is None:
@@ -83,13 +85,13 @@ def test_who_hides_somebody_stands_between(line: Line, pair: ut.Variation) -> No
 
 
 @pytest.fixture(scope="module")
-def one_more(run_file: Path) -> ut.Variation:
+def one_more(run_file: Path) -> ut.experiment.Variation:
     folder = run_file.parent / "more"
-    return ut.vary(run_file, folder, changes="insert=bicycle", workers=1, progress=False)
+    return ut.experiment.vary(run_file, folder, changes="insert=bicycle", workers=1, progress=False)
 
 
 def test_one_more_cyclist_changes_nobody_and_is_seen(
-    line: Line, one_more: ut.Variation, tmp_path: Path
+    line: Line, one_more: ut.experiment.Variation, tmp_path: Path
 ) -> None:
     (row,) = one_more.manifest["variants"]
     (changed,) = row["proof"]["changed"]
@@ -119,7 +121,9 @@ def test_a_signal_that_begins_later_shows_the_same_later(
     program = line.twin.roads.signals[0].program
     later_s = line.motion.manifest["duration_s"] / 2
     factor = f"signal.{program}.offset={later_s:g}"
-    made = ut.vary(run_file, tmp_path / "later", changes=factor, workers=1, progress=False)
+    made = ut.experiment.vary(
+        run_file, tmp_path / "later", changes=factor, workers=1, progress=False
+    )
     (row,) = made.manifest["variants"]
     (changed,) = row["proof"]["changed"]
     assert changed["field"] == f"made_from.motion.asked.signal_offsets.{program}"
@@ -153,7 +157,7 @@ def test_what_cannot_be_varied_is_refused(
     run_file: Path, tmp_path: Path, factor: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["vary", str(run_file), "--set", factor, "-o", str(out)]) == 2
+    assert main(["experiment", "vary", str(run_file), "--set", factor, "-o", str(out)]) == 2
     assert said in capsys.readouterr().err
     assert not list(out.rglob("*.json"))
 
@@ -163,8 +167,8 @@ def test_a_run_that_is_wrong_is_refused_with_its_line(
 ) -> None:
     path = tmp_path / "run.yaml"
     path.write_text("twin: nowhere\nmoton: x\n")
-    assert main(["vary", str(path), "--set", "sensor.height=3"]) == 2
+    assert main(["experiment", "vary", str(path), "--set", "sensor.height=3"]) == 2
     assert "moton (line 2)" in capsys.readouterr().err
     path.write_text("twin: nowhere\n")
-    assert main(["vary", str(path), "--set", "sensor.height=3"]) == 2
+    assert main(["experiment", "vary", str(path), "--set", "sensor.height=3"]) == 2
     assert "nowhere' is not found" in capsys.readouterr().err

@@ -306,7 +306,9 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
     folder = tmp_path / "model"
     folder.mkdir()
     write_model(folder, Model(design, network, {}))
-    found = ut.detect(folder, street, tmp_path / "detections", least=0.3, progress=False).found
+    found = ut.model.detect(
+        folder, street, tmp_path / "detections", least=0.3, progress=False
+    ).found
     for number, name in enumerate(found.frames):
         rows = (street / f"labels/{name}.txt").read_text().splitlines()
         wanted = np.array([[float(word) for word in row.split()[:7]] for row in rows])
@@ -314,8 +316,10 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
         apart = np.linalg.norm(wanted[:, None, :3] - said[None, :, :3], axis=2)
         assert apart.min(axis=1).max() < 0.5
     with pytest.raises(ut.InputError, match=r"/detections: 2 frames do not tell .* at least 10"):
-        ut.detect(folder, street, tmp_path / "d", standing=tmp_path / "detections", progress=False)
-    judged = ut.evaluate(folder, street, tmp_path / "report", progress=False)
+        ut.model.detect(
+            folder, street, tmp_path / "d", standing=tmp_path / "detections", progress=False
+        )
+    judged = ut.model.evaluate(folder, street, tmp_path / "report", progress=False)
     assert (tmp_path / "report-detections" / "detections.json").is_file()
     assert judged.manifest["frames"] == 2
     of_points = judged.manifest["semantic"]
@@ -337,18 +341,18 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
 def test_what_was_learned_without_labels_begins_a_detector(street: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare"
     shutil.copytree(street / "points", bare / "points")
-    first = ut.pretrain(bare, tmp_path / "first", steps=2, reach=12, progress=False)
+    first = ut.model.pretrain(bare, tmp_path / "first", steps=2, reach=12, progress=False)
     with pytest.raises(ut.InputError, match="tells nothing"):
-        ut.detect(first, street, tmp_path / "d", progress=False)
+        ut.model.detect(first, street, tmp_path / "d", progress=False)
     given = {"reach": 12, "classes": ["car"], "progress": False}
     with pytest.raises(ut.InputError, match=r"has cell_m 0.4 m.*expected.*cell_m 0.5"):
-        ut.train(street, tmp_path / "m", start=first, steps=1, cell=0.5, **given)
+        ut.model.train(street, tmp_path / "m", weights=first, steps=1, cell=0.5, **given)
     known = read_model(first.folder).network.state_dict()
     weights = first_weights(first.folder, Design(("car",), 12.0)).weights
     assert set(weights) == {name for name in known if not name.startswith("heads")}
     assert all(torch.equal(known[name], one) for name, one in weights.items())
-    one = ut.train(street, tmp_path / "one", start=first, steps=1, **given)
-    two = ut.train(street, tmp_path / "two", start=one, steps=1, **given)
+    one = ut.model.train(street, tmp_path / "one", weights=first, steps=1, **given)
+    two = ut.model.train(street, tmp_path / "two", weights=one, steps=1, **given)
     assert two.trained["start"] not in (None, one.trained["start"])
     began = first_weights(one.folder, Design(("bus", "car"), 12.0)).weights
     head = read_model(one.folder).network.state_dict()["heads.0.1.weight"]
@@ -394,17 +398,17 @@ def test_what_a_teacher_is_sure_of_is_a_label_and_what_it_doubts_does_not_count(
 
 def test_a_model_labels_frames_that_another_learns_from(street: Path, tmp_path: Path) -> None:
     given = {"steps": 1, "reach": 12, "classes": ["car"], "progress": False}
-    teacher = ut.train(street, tmp_path / "teacher", **given)
+    teacher = ut.model.train(street, tmp_path / "teacher", **given)
     with pytest.raises(ut.InputError, match="--doubtful"):
-        ut.label(teacher, street, tmp_path / "l", sure=0.1, doubtful=0.2, progress=False)
-    made = ut.label(teacher, street, tmp_path / "labelled", sure=0.012, doubtful=0.01, rate=10,
-                    progress=False)  # fmt: skip
+        ut.model.label(teacher, street, tmp_path / "l", sure=0.1, doubtful=0.2, progress=False)
+    made = ut.model.label(teacher, street, tmp_path / "labelled", sure=0.012, doubtful=0.01,
+                          rate=10, progress=False)  # fmt: skip
     told = json.loads((made.folder / "labelling.json").read_text())
     assert told["made_by"]["tracked"] is True
     assert sum(made.labels.values()) == sum(
         len(one.read_text().splitlines()) for one in (made.folder / "labels").iterdir()
     )
-    student = ut.train([street, made], tmp_path / "student", start=teacher, **given)
+    student = ut.model.train([street, made], tmp_path / "student", weights=teacher, **given)
     assert student.trained["frames"] == 4
 
 
@@ -423,7 +427,7 @@ def test_a_curriculum_goes_through_its_datasets_in_order(street: Path, tmp_path:
     trained(watched, design, recipe, tmp_path / "state", untold)
     assert [frames.rigs[number] for number in asked[-12:]] == [0] * 4 + [1] * 4 + [2] * 4
     with pytest.raises(ut.InputError, match="need a number of steps"):
-        ut.train(street, tmp_path / "m", in_order=True, progress=False)
+        ut.model.train(street, tmp_path / "m", in_order=True, progress=False)
 
 
 def test_frames_of_other_parts_are_not_learned_from(street: Path, tmp_path: Path) -> None:
@@ -433,30 +437,33 @@ def test_frames_of_other_parts_are_not_learned_from(street: Path, tmp_path: Path
     for part, names in (("train", "000000\n"), ("val", "000001\n"), ("test", "")):
         (split / f"ImageSets/{part}.txt").write_text(names)
     given = {"steps": 1, "reach": 12, "classes": ["car"], "progress": False}
-    model = ut.train(split, tmp_path / "model", **given)
+    model = ut.model.train(split, tmp_path / "model", **given)
     assert (model.trained["frames"], model.trained["objects"]) == (1, {"car": 5})
-    assert ut.train(split, tmp_path / "all", part="all", **given).trained["frames"] == 2
+    assert ut.model.train(split, tmp_path / "all", part="all", **given).trained["frames"] == 2
     assert (
-        ut.pretrain(split, tmp_path / "p", steps=1, reach=12, progress=False).trained["frames"] == 1
+        ut.model.pretrain(split, tmp_path / "p", steps=1, reach=12, progress=False).trained[
+            "frames"
+        ]
+        == 1
     )
     (split / "points/000001.npy").write_bytes(b"no frame")  # training does not even open it
-    ut.train(split, tmp_path / "model", **given)
+    ut.model.train(split, tmp_path / "model", **given)
     with pytest.raises(ut.InputError, match=r"test\.txt: names no frame for test"):
-        ut.train(split, tmp_path / "m", part="test", **given)
+        ut.model.train(split, tmp_path / "m", part="test", **given)
     with pytest.raises(ut.InputError, match="unknown part"):
-        ut.train(split, tmp_path / "m", part="validation", **given)
+        ut.model.train(split, tmp_path / "m", part="validation", **given)
     shutil.copy(street / "points/000001.npy", split / "points")
-    found = ut.detect(model, split, tmp_path / "d", part="val", progress=False).found
+    found = ut.model.detect(model, split, tmp_path / "d", part="val", progress=False).found
     assert found.frames == ("000001",)
     write_inventory(split)
-    model = ut.train(split, tmp_path / "model", **given)
+    model = ut.model.train(split, tmp_path / "model", **given)
     for part, frames, noted in (("all", 2, True), ("train", 1, True), ("val", 1, False)):
-        judged = ut.evaluate(model, split, tmp_path / f"r-{part}", part=part, progress=False)
+        judged = ut.model.evaluate(model, split, tmp_path / f"r-{part}", part=part, progress=False)
         assert judged.manifest["frames"] == frames
         assert any("has learned from" in one for one in judged.manifest["notes"]) == noted
     (split / "ImageSets/train.txt").write_text("000009\n")
     with pytest.raises(ut.InputError, match="has no frame of its list"):
-        ut.train(split, tmp_path / "m", **given)
+        ut.model.train(split, tmp_path / "m", **given)
 
 
 def test_an_interrupted_training_ends_in_the_same_weights(street: Path, tmp_path: Path) -> None:
@@ -488,24 +495,24 @@ def test_an_interrupted_training_ends_in_the_same_weights(street: Path, tmp_path
 
 def test_bad_input_is_refused_in_a_line(street: Path, tmp_path: Path) -> None:
     with pytest.raises(ut.InputError, match="no box of class bus"):
-        ut.train(street, tmp_path / "m", steps=1, classes=["bus", "car"], progress=False)
+        ut.model.train(street, tmp_path / "m", steps=1, classes=["bus", "car"], progress=False)
     with pytest.raises(ut.InputError, match="unknown class 'tank'"):
-        ut.train(street, tmp_path / "m", steps=1, classes=["tank"], progress=False)
+        ut.model.train(street, tmp_path / "m", steps=1, classes=["tank"], progress=False)
     with pytest.raises(ut.InputError, match="unknown without 'colour'"):
-        ut.train(street, tmp_path / "m", steps=1, without=["colour"], progress=False)
+        ut.model.train(street, tmp_path / "m", steps=1, without=["colour"], progress=False)
     with pytest.raises(ut.InputError, match="no device"):
-        ut.train(street, tmp_path / "m", steps=1, device="abacus", progress=False)
-    model = ut.train(
+        ut.model.train(street, tmp_path / "m", steps=1, device="abacus", progress=False)
+    model = ut.model.train(
         street, tmp_path / "m", steps=1, batch=1, classes=["car"], reach=12, progress=False
     )
     with pytest.raises(ut.InputError, match="is not there"):
-        ut.detect(street, street, tmp_path / "d", progress=False)
+        ut.model.detect(street, street, tmp_path / "d", progress=False)
     down = tmp_path / "down" / "points"
     down.mkdir(parents=True)
     for file in (street / "points").iterdir():
         np.save(down / file.name, np.load(file) * np.array([1, 1, -1, 1], "f4"))
     with pytest.raises(ut.InputError, match="z pointing down"):
-        ut.detect(model, down.parent, tmp_path / "d", progress=False)
+        ut.model.detect(model, down.parent, tmp_path / "d", progress=False)
     assert kind_of(model.folder) == "model"
     assert not (model.folder / "training").exists()
     same_in_onnxruntime(read_model(model.folder), model.folder / "model.onnx")

@@ -162,12 +162,12 @@ def test_the_task_is_one_that_is_known_and_needs_sweeps_that_follow(
     bare: Path, tmp_path: Path
 ) -> None:
     given = {"steps": 2, "reach": 12, "progress": False}
-    made = ut.pretrain(bare, tmp_path / "next", task="next-sweep", **given)
+    made = ut.model.pretrain(bare, tmp_path / "next", task="next-sweep", **given)
     assert made.trained["task"] == "next-sweep"
     with pytest.raises(ut.InputError, match=r"unknown task 'nxt'.*masked, next-sweep"):
-        ut.pretrain(bare, tmp_path / "x", task="nxt", **given)
+        ut.model.pretrain(bare, tmp_path / "x", task="nxt", **given)
     lone = tmp_path / "lone" / "points"
     lone.mkdir(parents=True)
     (lone / "000000.npy").write_bytes((bare / "points/000000.npy").read_bytes())
     with pytest.raises(ut.InputError, match="none of 1 frames is followed"):
-        ut.pretrain(lone.parent, tmp_path / "x", task="next-sweep", **given)
+        ut.model.pretrain(lone.parent, tmp_path / "x", task="next-sweep", **given)

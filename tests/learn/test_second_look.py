@@ -264,8 +264,8 @@ def test_a_model_keeps_its_second_look_and_detects_with_it_unless_told(
     for name, one in look.state_dict().items():
         assert torch.equal(one, read.second_look.state_dict()[name]), name
     given = {"least": 0.02, "progress": False}
-    twice = ut.detect(folder, people, tmp_path / "twice", **given).found
-    once = ut.detect(folder, people, tmp_path / "once", second_look=False, **given).found
+    twice = ut.model.detect(folder, people, tmp_path / "twice", **given).found
+    once = ut.model.detect(folder, people, tmp_path / "once", second_look=False, **given).found
     assert len(once) > 10
     where = {tuple(box): score for box, score in zip(once.box.tolist(), once.score, strict=True)}
     again = zip(twice.box.tolist(), twice.score, strict=True)
@@ -287,21 +287,21 @@ def test_nobody_is_found_where_no_point_is_near(tmp_path: Path) -> None:
     write_model(model, Model(design, new_network(design).eval(), {}, SecondLook(1).eval()))
     points = np.random.default_rng(4).uniform((400, 400, 0, 0), (500, 500, 0.1, 1), (90, 4))
     points.astype("<f4").tofile(frames / "000000.bin")
-    assert len(ut.detect(model, frames, tmp_path / "found", progress=False).found) == 0
+    assert len(ut.model.detect(model, frames, tmp_path / "found", progress=False).found) == 0
 
 
 def test_a_training_ends_with_a_second_look_where_it_found_somebody(
     people: Path, tmp_path: Path
 ) -> None:
     given = {"reach": 12, "classes": ["pedestrian"], "batch": 2, "progress": False}
-    model = ut.train(people, tmp_path / "few", steps=1, **given)
+    model = ut.model.train(people, tmp_path / "few", steps=1, **given)
     assert model.trained["second_look"] is False
     assert not (model.folder / "second_look.onnx").exists()
-    model = ut.train(people, tmp_path / "model", steps=70, **given)
+    model = ut.model.train(people, tmp_path / "model", steps=70, **given)
     assert model.trained["second_look"] is True
     assert (model.folder / "second_look.onnx").is_file()
     assert read_model(model.folder).second_look is not None
-    bare = ut.train(people, tmp_path / "bare", steps=70, second_look=False, **given)
+    bare = ut.model.train(people, tmp_path / "bare", steps=70, second_look=False, **given)
     assert bare.trained["second_look"] is False
     ours, theirs = (read_model(one.folder).network.state_dict() for one in (model, bare))
     assert all(torch.equal(one, theirs[name]) for name, one in ours.items())

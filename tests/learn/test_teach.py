@@ -45,29 +45,29 @@ def test_a_place_becomes_a_detector_and_the_same_call_does_nothing(
 ) -> None:
     torch.set_num_threads(1)
     out = tmp_path / "detector"
-    planned = ut.teach(site, out, plan=True, **ASKED)
+    planned = ut.model.teach(site, out, plan=True, **ASKED)
     assert not out.exists()
     assert 0 < planned.seconds[0] < planned.seconds[1]
 
-    made = ut.teach(site, out, steps=2, workers=1, **ASKED)
+    made = ut.model.teach(site, out, steps=2, workers=1, **ASKED)
     card = (out / "card.md").read_text()
     report = json.loads((out / "report-judge-1" / "evaluation.json").read_text())
     assert f"{report['frames']} frames" in card
     assert "It was judged on no real frame." in card
     assert (out / "model" / "model.onnx").is_file()
-    ut.detect(made, out / "lessons" / "judge-1", tmp_path / "found", progress=False)
+    ut.model.detect(made, out / "lessons" / "judge-1", tmp_path / "found", progress=False)
     assert len(read_detections(tmp_path / "found").frames) == report["frames"]
     drives = [ut.open(out / "lessons" / name).manifest for name in ("teach-1", "judge-1")]
     assert drives[0]["seeds"] != drives[1]["seeds"]
 
     before = {one: one.stat().st_mtime_ns for one in out.rglob("*") if one.is_file()}
-    ut.teach(site, out, steps=2, workers=1, **ASKED)
+    ut.model.teach(site, out, steps=2, workers=1, **ASKED)
     again = {
         one for one in out.rglob("*") if one.is_file() and before[one] != one.stat().st_mtime_ns
     }
     assert again <= {out / "card.md", out / RECORD}
 
-    ut.teach(site, out, steps=3, workers=1, **ASKED)
+    ut.model.teach(site, out, steps=3, workers=1, **ASKED)
     changed = {
         one.relative_to(out).parts[0]
         for one, when in before.items()
@@ -81,8 +81,8 @@ def test_a_place_becomes_a_detector_and_the_same_call_does_nothing(
 def test_a_detector_is_improved_where_it_missed(site: Path, tmp_path: Path) -> None:
     torch.set_num_threads(1)
     out = tmp_path / "detector"
-    made = ut.teach(site, out, steps=2, workers=1, **ASKED)
-    better = ut.improve(
+    made = ut.model.teach(site, out, steps=2, workers=1, **ASKED)
+    better = ut.model.improve(
         made, out / "lessons" / "twin", tmp_path / "improved", drives=1, events=3, seconds=8.0,
         every=2.0, steps=1, workers=1, progress=False,
     )  # fmt: skip
@@ -135,9 +135,9 @@ def test_what_cannot_be_used_is_refused_before_anything_is_built(
     cloud.mkdir()
     np.zeros((10, 3), np.float32).tofile(cloud / "0001.bin")
     with pytest.raises(InputError):
-        ut.teach(site, tmp_path / "out", real=[cloud], progress=False)
+        ut.model.teach(site, tmp_path / "out", real=[cloud], progress=False)
     with pytest.raises(InputError, match="is not there"):
-        ut.teach(site, tmp_path / "out", background=["a=none.npz"], progress=False)
+        ut.model.teach(site, tmp_path / "out", background=["a=none.npz"], progress=False)
     with pytest.raises(InputError, match="-1 0"):
-        ut.teach(site, tmp_path / "out", within=(-1.0, 0.0), progress=False)
+        ut.model.teach(site, tmp_path / "out", within=(-1.0, 0.0), progress=False)
     assert not (tmp_path / "out").exists()

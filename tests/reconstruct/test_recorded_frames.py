@@ -153,7 +153,7 @@ def test_an_observation_tells_when_its_frames_were(tmp_path):
     write_recording(tmp_path / "rings")
     rows = [f"{number:04d}.npy,{number + (50.0 if number > 5 else 0.0)}" for number in range(8)]
     (tmp_path / "times.csv").write_text("\n".join(["frame,seconds", *rows]))
-    found = ut.observe(
+    found = ut.traffic.observe(
         tmp_path / "rings", tmp_path / "told", times=tmp_path / "times.csv", progress=False
     )
     told = json.loads((tmp_path / "told/observation.json").read_text())
@@ -161,7 +161,7 @@ def test_an_observation_tells_when_its_frames_were(tmp_path):
     assert found.summary()["spacing"]["gaps"] == 1
     assert told["times_s"] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 56.0, 57.0]
     assert told["groups"] == [0] * 6 + [1] * 2
-    even = ut.observe(tmp_path / "rings", tmp_path / "even", rate=1.0, progress=False)
+    even = ut.traffic.observe(tmp_path / "rings", tmp_path / "even", rate=1.0, progress=False)
     assert "spacing" not in even.summary()
     assert (
         not {"spacing", "times_s"}

@@ -10,10 +10,10 @@ import shapely
 from pyproj import Transformer
 from scipy.spatial.transform import Rotation
 
+from urbantwin.drawing.registration import registration_picture
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct import ImportedModel, PointCloud, Surroundings, TriangleMesh
-from urbantwin.view.registration import registration_picture
 
 from ..real_files import AHN3
 from ..thorough import further

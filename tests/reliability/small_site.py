@@ -68,12 +68,12 @@ def _compare_control(stand: Stand, out: Path) -> list[object]:
 
 def _tune(stand: Stand, out: Path) -> list[object]:
     options = ["--fit", "pose,noise", "--trials", "6", "--no-report", "--workers", "1"]
-    return ["tune", stand.real, stand.twin, "-o", out, *options]
+    return ["rig", "tune", stand.real, stand.twin, "-o", out, *options]
 
 
 def _place(stand: Stand, out: Path) -> list[object]:
     options = ["--wish", stand.wish, "--layouts", "4", "--workers", "2"]
-    return ["place", stand.twin, stand.motion, "-o", out, *options]
+    return ["rig", "place", stand.twin, stand.motion, "-o", out, *options]
 
 
 def _export(to: str) -> Callable[[Stand, Path], list[object]]:
@@ -92,7 +92,7 @@ COMMANDS = {
         Command(
             "traffic",
             "motion",
-            lambda stand, out: ["traffic", stand.twin, "-o", out, "--no-pictures"],
+            lambda stand, out: ["drive", stand.twin, "-o", out, "--no-pictures"],
         ),
         Command("run", "out", _run, resumes=True),
         Command("compare", "report", _compare),
@@ -102,12 +102,12 @@ COMMANDS = {
         Command(
             "background",
             "measured.npz",
-            lambda stand, out: ["background", stand.real, *SENSOR, "-o", out],
+            lambda stand, out: ["rig", "background", stand.real, *SENSOR, "-o", out],
         ),
         Command(
             "sequence",
             "sequence",
-            lambda stand, out: ["sequence", stand.dataset, "-o", out, "--flow"],
+            lambda stand, out: ["dataset", "sequence", stand.dataset, "-o", out, "--flow"],
             resumes=True,
         ),
         Command(
@@ -118,12 +118,12 @@ COMMANDS = {
         Command(
             "card",
             "card",
-            lambda stand, out: ["card", stand.dataset, "-o", out, "--no-pictures"],
+            lambda stand, out: ["dataset", "card", stand.dataset, "-o", out, "--no-pictures"],
         ),
         Command(
             "check",
             "weak.html",
-            lambda stand, out: ["check", stand.site, "-o", out],
+            lambda stand, out: ["site", "check", stand.site, "-o", out],
         ),
         Command(
             "view",
@@ -133,7 +133,7 @@ COMMANDS = {
         Command(
             "split",
             "divided",
-            lambda stand, out: ["split", out, "--shares", "60,20,20", "--gap", "0.1"],
+            lambda stand, out: ["dataset", "split", out, "--shares", "60,20,20", "--gap", "0.1"],
             in_place=True,
         ),
         Command("export", "nuscenes", _export("nuscenes"), key="export-nuscenes"),
@@ -144,15 +144,15 @@ COMMANDS = {
 
 #: What makes an older output of an older twin or dataset.
 _OF_OLDER: dict[str, Callable[[Stand], list[object]]] = {
-    "sequence": lambda stand: ["sequence", stand.dataset, "--csv"],
+    "sequence": lambda stand: ["dataset", "sequence", stand.dataset, "--csv"],
     "carla": lambda stand: ["export", stand.older("twin"), "--to", "carla"],
-    "card": lambda stand: ["card", stand.older("dataset"), "--no-pictures"],
-    "weak.html": lambda stand: ["check", stand.smaller],
-    "placement": lambda stand: [*_place(stand, Path())[:3], "--wish", stand.wish, "--layouts", "2"],
+    "card": lambda stand: ["dataset", "card", stand.older("dataset"), "--no-pictures"],
+    "weak.html": lambda stand: ["site", "check", stand.smaller],
+    "placement": lambda stand: [*_place(stand, Path())[:4], "--wish", stand.wish, "--layouts", "2"],
     "page.html": lambda stand: ["view", stand.older("dataset")],
     "nuscenes": lambda stand: ["export", stand.older("dataset"), "--to", "nuscenes"],
     "frames.mcap": lambda stand: ["export", stand.older("dataset"), "--to", "mcap"],
-    "measured.npz": lambda stand: ["background", stand.dataset, *SENSOR],
+    "measured.npz": lambda stand: ["rig", "background", stand.dataset, *SENSOR],
 }
 
 
@@ -242,7 +242,7 @@ class Stand:
         if output == "twin":
             arguments: list[object] = ["build", self.smaller, "--no-pictures"]
         elif output == "motion":
-            arguments = ["traffic", self.twin, "--seconds", "0.3", "--no-pictures"]
+            arguments = ["drive", self.twin, "--seconds", "0.3", "--no-pictures"]
         elif output == "dataset":
             arguments = [*_record(self, out), "--stop", "0.3", "--seed", "3"]
         elif output == "report":
@@ -250,7 +250,7 @@ class Stand:
             arguments = ["compare", self.dataset, self.real, *control]
         elif output == "tuned":
             options = ["--fit", "noise", "--trials", "2", "--no-report"]
-            arguments = ["tune", self.real, self.twin, *options]
+            arguments = ["rig", "tune", self.real, self.twin, *options]
         else:
             arguments = _OF_OLDER[output](self)
         return arguments

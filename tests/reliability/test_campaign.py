@@ -35,7 +35,7 @@ def grid(stand: Stand) -> Path:
 @pytest.fixture(scope="module")
 def undisturbed(stand: Stand, grid: Path) -> Path:
     out = grid.parent / "undisturbed"
-    assert stand.ran(["campaign", grid, "-o", out, "--workers", "1"]) == (0, "")
+    assert stand.ran(["experiment", "run", grid, "-o", out, "--workers", "1"]) == (0, "")
     return out
 
 
@@ -53,7 +53,7 @@ def test_it_goes_on_after_its_end(
     stand: Stand, grid: Path, undisturbed: Path, tmp_path: Path, by: signal.Signals
 ) -> None:
     out = tmp_path / "campaign"
-    arguments = ["campaign", grid, "-o", out, "--workers", "2"]
+    arguments = ["experiment", "run", grid, "-o", out, "--workers", "2"]
     run = subprocess.Popen(
         command_line(arguments), env=stand.environment(tmp_path), stderr=subprocess.PIPE, text=True
     )
@@ -88,7 +88,7 @@ def test_a_full_disk_is_one_line_and_it_goes_on(
         one.stat().st_blocks // 2 for one in undisturbed.rglob("*") if "datasets" in one.parts
     )
     disk.changed(f"size={int(0.7 * whole_kb)}k")
-    arguments = ["campaign", grid, "-o", out, "--workers", "1"]
+    arguments = ["experiment", "run", grid, "-o", out, "--workers", "1"]
     code, err = stand.ran(arguments, tmp_path)
     check_line(code, err, out, "room")
     there = done(out)
@@ -103,13 +103,13 @@ def test_a_full_disk_is_one_line_and_it_goes_on(
 def test_two_at_once_are_refused(stand: Stand, grid: Path, tmp_path: Path) -> None:
     out = tmp_path / "campaign"
     run = subprocess.Popen(
-        command_line(["campaign", grid, "-o", out, "--workers", "1"]),
+        command_line(["experiment", "run", grid, "-o", out, "--workers", "1"]),
         env=stand.environment(tmp_path),
     )
     while not (out / "journal").is_dir():
         assert run.poll() is None
         time.sleep(0.01)
-    code, err = stand.ran(["campaign", grid, "-o", out], tmp_path)
+    code, err = stand.ran(["experiment", "run", grid, "-o", out], tmp_path)
     assert code == 2
     assert f"another run is writing it (process {run.pid})" in err
     os.kill(run.pid, signal.SIGTERM)

@@ -45,7 +45,7 @@ def test_the_whole_line_of_a_site_with_other_letters(stand: Stand, tmp_path: Pat
         ):  # fmt: skip
             if command[0] == "record":
                 made = next(place.glob("*/twin"))
-                done = run("-m", "urbantwin", "traffic", made, "-q", **environment)
+                done = run("-m", "urbantwin", "drive", made, "-q", **environment)
                 assert done.returncode == 0, done.stderr
                 command[1:3] = [made, made.with_name("motion")]
             done = run("-m", "urbantwin", *command, **environment)

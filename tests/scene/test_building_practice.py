@@ -7,6 +7,7 @@ import pytest
 import shapely
 from shapely import box
 
+from urbantwin.drawing.surface_colours import surface_colours
 from urbantwin.geometry import PartColours, SiteFrame
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.building_outline import MappedBuilding
@@ -14,7 +15,6 @@ from urbantwin.scene.building_practice import Neighbours, usual_tags
 from urbantwin.scene.tag_values import colour_of
 from urbantwin.site import OsmFeature, read_extract
 from urbantwin.taxonomy import material_id
-from urbantwin.view.surface_colours import surface_colours
 
 from ..thorough import further
 

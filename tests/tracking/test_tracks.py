@@ -229,8 +229,8 @@ def test_a_folder_is_tracked_the_same_each_time_and_bad_ones_are_one_line(tmp_pa
     street = crossing(seconds=3.0)
     found = street.detections(noise_m=0.1, missed=0.1, invented=1)
     write_detections(tmp_path / "found", found, {"by": "a test"})
-    made = ut.track(tmp_path / "found", tmp_path / "tracked", progress=False)
-    again = ut.track(tmp_path / "found", tmp_path / "again", progress=False)
+    made = ut.model.track(tmp_path / "found", tmp_path / "tracked", progress=False)
+    again = ut.model.track(tmp_path / "found", tmp_path / "again", progress=False)
     assert made.counts == {"bus": 1, "car": 2, "pedestrian": 2}
     for name in ("detections.parquet", "detections.json"):
         assert (made.folder / name).read_bytes() == (again.folder / name).read_bytes()
@@ -241,14 +241,14 @@ def test_a_folder_is_tracked_the_same_each_time_and_bad_ones_are_one_line(tmp_pa
 
     write_detections(tmp_path / "untimed", replace(found, time_s=None), {})
     with pytest.raises(ut.InputError, match="does not say when its frames were taken"):
-        ut.track(tmp_path / "untimed", tmp_path / "x", progress=False)
-    assert ut.track(tmp_path / "untimed", tmp_path / "x", rate=10.0, progress=False).counts
+        ut.model.track(tmp_path / "untimed", tmp_path / "x", progress=False)
+    assert ut.model.track(tmp_path / "untimed", tmp_path / "x", rate=10.0, progress=False).counts
     write_detections(tmp_path / "back", replace(found, time_s=street.times[::-1].copy()), {})
     with pytest.raises(ut.InputError, match="time does not go on"):
-        ut.track(tmp_path / "back", tmp_path / "y", progress=False)
+        ut.model.track(tmp_path / "back", tmp_path / "y", progress=False)
     one = joined(["a"], [(np.zeros((0, 7)), [], np.zeros(0))], np.zeros(1))
     write_detections(tmp_path / "one", one, {})
     with pytest.raises(ut.InputError, match="nobody can be followed"):
-        ut.track(tmp_path / "one", tmp_path / "z", progress=False)
+        ut.model.track(tmp_path / "one", tmp_path / "z", progress=False)
     none = joined(["a", "b"], [(np.zeros((0, 7)), [], np.zeros(0))] * 2, np.arange(2.0))
     assert not len(tracked(none, np.arange(2.0), smooth=True))

@@ -55,13 +55,14 @@ def test_the_clock_and_the_names_stay_outside_unless_asked_for(
     assert "1627218181" not in text
     assert "B-MW" not in text
     assert search_files(tmp_path / "again") == []
-    assert main(["verify", str(tmp_path / "again"), "--privacy", "-q"]) == 0
+    assert main(["dataset", "verify", str(tmp_path / "again"), "--privacy", "-q"]) == 0
 
     described = tmp_path / "tracks.yaml"
     terms = {"licence": "CC BY-NC-SA 4.0", "attribution": "somebody"}
     described.write_text(yaml.safe_dump({"tracks": file.name, **terms}))
     kept = tmp_path / "kept"
     arguments = [
+        "traffic",
         "replay",
         described,
         "--twin",
@@ -80,9 +81,9 @@ def test_the_clock_and_the_names_stay_outside_unless_asked_for(
     assert told["begins_s"] == pytest.approx(began)
     assert "B-MW 1234" in told["names"].values()
     assert {one.what for one in search_files(kept)} == {"time stamp"}
-    assert main(["verify", str(kept), "--privacy", "-q"]) == 2
-    assert ut.verify(kept, progress=False)
-    assert not ut.verify(kept, privacy=True, progress=False)
+    assert main(["dataset", "verify", str(kept), "--privacy", "-q"]) == 2
+    assert ut.dataset.verify(kept, progress=False)
+    assert not ut.dataset.verify(kept, privacy=True, progress=False)
 
 
 def track_of(times: np.ndarray, xy: np.ndarray, yaw: float = np.nan) -> RecordedTrack:
@@ -246,8 +247,8 @@ def test_signals_stand_at_the_stop_lines_of_those_who_pass_at_green(
 @pytest.mark.parametrize(
     "command",
     [
-        ["replay", "none.yaml", "--twin", "twin", "-o", "motion"],
-        ["calibrate", "none.csv", "--site", "none.yaml", "-o", "calibrated"],
+        ["traffic", "replay", "none.yaml", "--twin", "twin", "-o", "motion"],
+        ["traffic", "calibrate", "none.csv", "--site", "none.yaml", "-o", "calibrated"],
     ],
 )
 def test_what_is_not_there_is_one_line(

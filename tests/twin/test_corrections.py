@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import shapely
 
+from urbantwin.drawing.pictures import figure_of_twin
 from urbantwin.geometry.rays import RayScene
 from urbantwin.roads import sumo_binary
 from urbantwin.roads.opendrive import write_opendrive
@@ -18,7 +19,6 @@ from urbantwin.scene import PARTS
 from urbantwin.site import load_site
 from urbantwin.taxonomy import semantic_id
 from urbantwin.twin import build_twin, load_twin
-from urbantwin.view.pictures import figure_of_twin
 
 SITE = """
 name: mended

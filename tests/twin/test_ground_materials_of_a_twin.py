@@ -12,13 +12,13 @@ from matplotlib.image import imread
 from pyproj import Transformer
 from rasterio.transform import Affine
 
+from urbantwin.drawing.ground_materials import ground_picture, materials_from_above
 from urbantwin.geometry import SurfaceMaterials
 from urbantwin.lidar import Scanner, place_rig
 from urbantwin.roads.marking import painted
 from urbantwin.site import load_site
 from urbantwin.taxonomy import material_id, materials
 from urbantwin.twin import build_twin, load_twin
-from urbantwin.view.ground_materials import ground_picture, materials_from_above
 
 LATITUDE, LONGITUDE = 48.7, 9.18
 PAINT = material_id("road-paint")

@@ -64,7 +64,7 @@ def checked(tmp_path: Path) -> Checked:
         (tmp_path / "site.yaml").write_text(
             yaml.safe_dump({key: value for key, value in site.items() if value is not None})
         )
-        found = ut.check(tmp_path, progress=False).summary()
+        found = ut.site.check(tmp_path, progress=False).summary()
         json.dumps(found, allow_nan=False)
         weights = [one["weight"] for one in found["findings"]]
         assert weights == sorted(weights, reverse=True)
@@ -181,7 +181,7 @@ def test_what_the_site_has_beside_the_map_counts(checked: Checked, tmp_path: Pat
     }))  # fmt: skip
     assert {"lanes", "trees-missing"} <= set(found)
     mended = checked(weak, buildings={"file": "houses.geojson", "attribution": "a city"})
-    assert ut.check(tmp_path, progress=False).found.attribution.endswith("; a city")
+    assert ut.site.check(tmp_path, progress=False).found.attribution.endswith("; a city")
     assert not {"lanes", "trees-missing"} & set(mended)
     before = {one["element"] for one in found["building-heights"]["places"]}
     after = [one.get("element", "") for one in mended["building-heights"]["places"]]
@@ -310,10 +310,10 @@ def test_a_region_beyond_the_map_is_told(checked: Checked) -> None:
 
 
 def test_pictures_pages_and_text_say_the_same(tmp_path: Path, capsys: Any) -> None:
-    arguments = ["check", str(EXAMPLE), "--picture", str(tmp_path / "a.png")]
+    arguments = ["site", "check", str(EXAMPLE), "--picture", str(tmp_path / "a.png")]
     assert main([*arguments, "--page", str(tmp_path / "a.html"), "--quiet"]) == 0
     assert capsys.readouterr().out == ""
-    assert main(["check", str(EXAMPLE / "site.yaml")]) == 0
+    assert main(["site", "check", str(EXAMPLE / "site.yaml")]) == 0
     text, page = capsys.readouterr().out, (tmp_path / "a.html").read_text()
     for said in ("there is no imagery", "no program of the signals"):
         assert said in text
@@ -330,7 +330,7 @@ def test_pictures_pages_and_text_say_the_same(tmp_path: Path, capsys: Any) -> No
     ],
 )
 def test_bad_input_is_one_line(arguments: list[str], told: str, capsys: Any) -> None:
-    assert main(["check", *arguments]) == 2
+    assert main(["site", "check", *arguments]) == 2
     out = capsys.readouterr()
     assert out.err.startswith(f"error: {told}")
     assert out.err.count("\n") == 1
@@ -377,7 +377,9 @@ def test_real_maps_are_counted_right(shared_data: Path, tmp_path: Path, name: st
                              "height_m": 4}]},
     }  # fmt: skip
     (tmp_path / "site.yaml").write_text(yaml.safe_dump(fields))
-    found = {one["kind"]: one for one in ut.check(tmp_path, progress=False).summary()["findings"]}
+    found = {
+        one["kind"]: one for one in ut.site.check(tmp_path, progress=False).summary()["findings"]
+    }
 
     plane = Transformer.from_crs(
         "EPSG:4326", f"+proj=aeqd +lat_0={latitude} +lon_0={longitude}", always_xy=True

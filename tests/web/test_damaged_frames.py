@@ -53,7 +53,7 @@ def test_what_can_be_seen_at_once_is_said_at_once(broken, unpacked):
 
 
 def test_the_server_says_it_in_a_sentence(broken, built_page):
-    with ut.look(broken, frames="0:6", progress=False, browser=False) as page:
+    with ut.view(broken, frames="0:6", progress=False, browser=False) as page:
         address = urlsplit(page.address)
         connection = http.client.HTTPConnection(address.hostname, address.port, timeout=20)
         found = {}
@@ -69,7 +69,7 @@ def test_the_server_says_it_in_a_sentence(broken, built_page):
 
 
 def test_a_saved_page_says_it_too(broken, tmp_path, built_page):
-    made = ut.look(broken, save=tmp_path / "page.html", frames="0:6", progress=False)
+    made = ut.view(broken, save=tmp_path / "page.html", frames="0:6", progress=False)
     text = made.path.read_text()
     assert "points/000004.npy" in text
     assert "someone" not in text

@@ -67,7 +67,7 @@ def until(page, condition, seconds=90):
 
 
 def test_a_served_dataset_plays_fifty_frames_and_selects_a_box(dataset, look_at):
-    with ut.look(dataset, progress=False, browser=False) as shown:
+    with ut.view(dataset, progress=False, browser=False) as shown:
         page = look_at(shown.address)
         state = page.evaluate("urbantwin.state()")
         assert state["points"][0] > 1000
@@ -89,7 +89,7 @@ def test_a_served_dataset_plays_fifty_frames_and_selects_a_box(dataset, look_at)
 
 
 def test_a_saved_page_works_from_disk(dataset, look_at, tmp_path):
-    made = ut.look(dataset, save=tmp_path / "a page.html", frames="0:3", progress=False)
+    made = ut.view(dataset, save=tmp_path / "a page.html", frames="0:3", progress=False)
     page = look_at(made.path.as_uri())
     assert page.evaluate("location.protocol") == "file:"
     first = page.evaluate("urbantwin.state()")
@@ -100,7 +100,7 @@ def test_a_saved_page_works_from_disk(dataset, look_at, tmp_path):
 
 
 def test_another_page_of_the_browser_cannot_read_it(dataset, browser):
-    with ut.look(dataset, frames="0:1", progress=False, browser=False) as shown:
+    with ut.view(dataset, frames="0:1", progress=False, browser=False) as shown:
         page = browser.new_page()
         page.goto("data:text/html,<title>a stranger</title>")
         said = page.evaluate(
@@ -126,7 +126,7 @@ def test_a_damaged_frame_is_said_and_the_rest_plays(dataset, look_at, tmp_path):
     shutil.copytree(dataset, folder, ignore=lambda *_: ["pictures"])
     damaged = folder / "points" / "000002.npy"
     damaged.write_bytes(damaged.read_bytes()[:-5])
-    made = ut.look(folder, save=tmp_path / "page.html", frames="0:4", progress=False)
+    made = ut.view(folder, save=tmp_path / "page.html", frames="0:4", progress=False)
     page = look_at(made.path.as_uri())
     page.evaluate("document.activeElement.blur()")
     page.keyboard.press("Space")

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("built_page")
 
 @pytest.fixture(scope="module")
 def page(dataset, built_page):
-    with ut.look(dataset, frames="0:3", progress=False, browser=False) as shown:
+    with ut.view(dataset, frames="0:3", progress=False, browser=False) as shown:
         yield shown
 
 
@@ -177,14 +177,14 @@ def test_nonsense_does_not_end_it(ask, page):
 def test_a_port_in_use_is_said(dataset, page):
     port = urlsplit(page.address).port
     with pytest.raises(InputError, match=f"port: {port} cannot be had"):
-        ut.look(dataset, port=port, progress=False, browser=False)
+        ut.view(dataset, port=port, progress=False, browser=False)
     for wrong in (-1, 65536):
         with pytest.raises(InputError, match="0 to 65535"):
-            ut.look(dataset, port=wrong, progress=False, browser=False)
+            ut.view(dataset, port=wrong, progress=False, browser=False)
 
 
 def test_a_closed_page_is_gone(dataset):
-    shown = ut.look(dataset, frames="0:1", progress=False, browser=False)
+    shown = ut.view(dataset, frames="0:1", progress=False, browser=False)
     address = urlsplit(shown.address)
     shown.close()
     with pytest.raises(ConnectionRefusedError):

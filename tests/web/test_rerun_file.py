@@ -10,7 +10,7 @@ import urbantwin as ut
 def test_it_holds_the_points_and_boxes_of_every_frame(dataset, tmp_path):
     chunks = pytest.importorskip("rerun.chunk")
     path = tmp_path / "frames.rrd"
-    made = ut.look(dataset, rerun=path, frames="0:3", progress=False)
+    made = ut.view(dataset, rerun=path, frames="0:3", progress=False)
     assert (made.rerun, made.address) == (path, None)
     found = {}
     for chunk in chunks.RrdReader(path).stream():

@@ -25,7 +25,7 @@ DOCUMENT = re.compile(rb'<script type="application/json" id="document">([^<]*)</
 @pytest.fixture(scope="module")
 def page(dataset, tmp_path_factory, built_page):
     path = tmp_path_factory.mktemp("saved") / "page.html"
-    return ut.look(dataset, save=path, frames="0:4", progress=False)
+    return ut.view(dataset, save=path, frames="0:4", progress=False)
 
 
 def test_its_packets_are_those_that_are_served(page, dataset):
@@ -60,7 +60,7 @@ def test_it_asks_for_nothing_and_allows_its_own_script_alone(page):
 
 
 def test_the_same_gives_the_same_bytes_and_names_nobody(page, dataset, tmp_path):
-    again = ut.look(dataset, save=tmp_path / "other.html", frames="0:4", progress=False)
+    again = ut.view(dataset, save=tmp_path / "other.html", frames="0:4", progress=False)
     assert again.path.read_bytes() == page.path.read_bytes()
     assert {one.name for one in tmp_path.iterdir()} == {"other.html", RECORD}
     for one in [*dataset.parts[1:-1], "/home", "/root"]:
@@ -70,7 +70,7 @@ def test_the_same_gives_the_same_bytes_and_names_nobody(page, dataset, tmp_path)
 
 def test_without_a_choice_it_holds_as_many_frames_as_fit(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(saved_page, "_USUAL_BYTES", 600_000)
-    made = ut.look(dataset, save=tmp_path / "page.html", progress=False)
+    made = ut.view(dataset, save=tmp_path / "page.html", progress=False)
     document = json.loads(DOCUMENT.search(made.path.read_bytes())[1])
     count = len(document["sides"][0]["frames"])
     assert 1 <= count < 55
@@ -83,7 +83,7 @@ def test_without_a_choice_it_holds_as_many_frames_as_fit(dataset, tmp_path, monk
 def test_a_page_too_large_is_refused_and_leaves_nothing(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(saved_page, "MOST_BYTES", 900_000)
     with pytest.raises(InputError, match="fewer frames, by --frames or --every"):
-        ut.look(dataset, save=tmp_path / "page.html", frames="0:55", progress=False)
+        ut.view(dataset, save=tmp_path / "page.html", frames="0:55", progress=False)
     assert not list(tmp_path.iterdir())
 
 
@@ -91,9 +91,9 @@ def test_where_it_goes_is_checked_first(dataset, tmp_path):
     for name in ("page", "page.txt", "page.html/x.html"):
         (tmp_path / "page.html").touch()
         with pytest.raises(InputError):
-            ut.look(dataset, save=tmp_path / name, progress=False)
+            ut.view(dataset, save=tmp_path / name, progress=False)
     with pytest.raises(InputError):
-        ut.look(dataset, save=dataset / "page.html", frames="0:1", progress=False)
+        ut.view(dataset, save=dataset / "page.html", frames="0:1", progress=False)
     assert not (dataset / "page.html").exists()
 
 

@@ -38,7 +38,6 @@ KINDS = (
         "geojson",
         "sumo",
         "carla",
-        "carla_frames",
         "plan",
         "calibration",
         "discovery",

@@ -46,7 +46,7 @@ def verify(
     Args:
         path: an artefact, its manifest or another file of it, a part of a dataset of several
             sensors, or a folder of artefacts, or of folders of them: what ``urbantwin run`` or
-            ``urbantwin campaign`` wrote.
+            ``urbantwin experiment run`` wrote.
         workers: threads that take checksums.
         where: says of a damaged file which bytes are wrong; asked of the first of each artefact.
         progress: told the share done and what is being done.

@@ -1,5 +1,5 @@
-"""The command line: one file per command, no logic."""
+"""The command line, generated from the functions of `urbantwin.interface`."""
 
-from urbantwin.cli.app import app, main
+from urbantwin.cli.app import main
 
-__all__ = ["app", "main"]
+__all__ = ["main"]

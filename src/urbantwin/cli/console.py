@@ -6,9 +6,10 @@ import codecs
 import io
 import json
 import sys
+from typing import Any
 
 from urbantwin.errors import readable
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Listing
 
 __all__ = ["Console", "error_line", "show_any_letter"]
 
@@ -28,20 +29,26 @@ class Console:
         self.quiet = quiet
         self.as_json = as_json
 
-    def result(self, value: Summary) -> None:
-        """Print what a command made or found: for a script as JSON, for a person as lines."""
+    def result(self, made: Any) -> None:  # noqa: ANN401
+        """Print what a command made or found; then serve it, or refuse what is wrong with it."""
+        if hasattr(made, "wait"):  # a page that is served
+            made.wait(lambda: self.show(made))
+        else:
+            self.show(made)
+        if hasattr(made, "check"):
+            made.check()
+
+    def show(self, made: Any) -> None:  # noqa: ANN401
+        """Print a result: for a script as JSON, for a person as lines, quietly names at most."""
         if self.as_json:
             utf8 = codecs.lookup(sys.stdout.encoding or "ascii").name == "utf-8"
-            text = json.dumps(value, indent=2, ensure_ascii=not utf8, allow_nan=False)
+            text = json.dumps(made.summary(), indent=2, ensure_ascii=not utf8, allow_nan=False)
             # Halves of letters, which names in files may hold, are written as JSON escapes them.
-            print(text.encode(errors="backslashreplace").decode())
+            print(text.encode(errors="backslashreplace").decode(), flush=True)
         elif not self.quiet:
-            print(value)
-
-    def note(self, text: str) -> None:
-        """Print a line for a person beside the result."""
-        if not self.quiet:
-            print(text, file=sys.stderr, flush=True)
+            print(made.text(), flush=True)
+        elif isinstance(made, Listing):
+            print("\n".join(made.names))
 
 
 def show_any_letter() -> None:

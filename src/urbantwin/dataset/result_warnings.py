@@ -46,7 +46,7 @@ def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultW
             "of those in reach few have points: "
             + ", ".join(f"{share:.0%} of {kind} boxes" for kind, share in few.items()),
             _reason(np.concatenate(alone)),
-            "move the sensors, or add one: urbantwin coverage shows what they see",
+            "move the sensors, or add one: urbantwin rig coverage shows what they see",
         )
     if not len(boxes["class"]):
         yield ResultWarning(

@@ -12,12 +12,12 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.artefact import replaced_file, replaced_folder, write_json
+from urbantwin.drawing.road_furniture import heads, islands, signs
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import Lane
 from urbantwin.roads.marking import stop_lines, turns
 from urbantwin.twin import Twin
-from urbantwin.view.road_furniture import heads, islands, signs
 
 __all__ = ["LAYERS", "write_geojson"]
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from urbantwin.artefact import replaced_file, replaced_folder, write_json
+from urbantwin.drawing.pictures import attributions, title_of
+from urbantwin.drawing.plan import plan_figure
+from urbantwin.drawing.plan_style import PAPER
+from urbantwin.drawing.style import save
 from urbantwin.errors import InputError
 from urbantwin.twin import Twin
-from urbantwin.view.pictures import attributions, title_of
-from urbantwin.view.plan import plan_figure
-from urbantwin.view.plan_style import PAPER
-from urbantwin.view.style import save
 
 __all__ = ["write_plan"]
 
@@ -18,7 +18,7 @@ ENDINGS = (".svg", ".png")
 
 
 def write_plan(twin: Twin, path: Path) -> None:
-    """Draw a twin's lanes, markings, signals and signs; see ``urbantwin.view.plan``.
+    """Draw a twin's lanes, markings, signals and signs; see ``urbantwin.drawing.plan``.
 
     Where ``path`` ends in ``.svg`` or ``.png`` it is that one file, else a folder with both. The
     same twin gives the same bytes.

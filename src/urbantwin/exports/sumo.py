@@ -9,6 +9,7 @@ import shapely
 from lxml import etree
 
 from urbantwin.artefact import passing_folder, replaced_folder, write_json
+from urbantwin.drawing.footprint import footprints
 from urbantwin.geometry import LabelledMesh
 from urbantwin.traffic import sumo
 from urbantwin.traffic.demand.site_demand import demand_of
@@ -24,7 +25,6 @@ from urbantwin.traffic.sumo.simulation import (
     write_stops,
 )
 from urbantwin.twin import Twin
-from urbantwin.view.footprint import footprints
 
 __all__ = ["write_sumo"]
 

@@ -35,7 +35,7 @@ _PLACES = 6  # micrometres, microradians
 def write_tracks(motion: Motion, path: Path) -> None:
     """Write a motion's actors as CSV: a row for each and step, site frame, metres, rad, seconds.
 
-    x and y are the middle of the bounds, z is the ground. ``urbantwin replay`` reads it.
+    x and y are the middle of the bounds, z is the ground. ``urbantwin traffic replay`` reads it.
     """
     kinds = pa.schema([(to, ACTOR_SCHEMA.field(name).type) for name, to in _COLUMNS.items()])
     how = csv.WriteOptions(quoting_style="none")

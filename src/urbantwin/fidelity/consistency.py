@@ -70,7 +70,7 @@ _UPRIGHT: dict[str, Array] = {
 _APART_M = 150.0
 #: Cells that the ground is compared in, metres, and the least number of them.
 _CELL_M, _LEAST_CELLS = 2.0, 30
-_ALIGN = "or run `urbantwin align` and record again"
+_ALIGN = "or run `urbantwin rig align` and record again"
 
 
 def doubts_about(real: Frame, other: Frame) -> list[str]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from urbantwin.artefact import check_file, replaced_file
 from urbantwin.errors import InputError
-from urbantwin.interface.overwrite import may_overwrite
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Listing, Summary
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset, Fleet, asset, asset_mesh, asset_names
 
@@ -23,7 +24,7 @@ DRAWN, QUANTILES = 400, (0.05, 0.5, 0.95)
 _SIDES = ("length", "width", "height")
 
 
-class ActorCatalogue(Mapping[str, Asset]):
+class ActorCatalogue(Listing, Mapping[str, Asset]):
     """The bodies of actors by their names: shown, it is a table.
 
     Args:
@@ -98,32 +99,33 @@ class ActorCatalogue(Mapping[str, Asset]):
         )
 
 
-@may_overwrite
+@command
 def actors(
     name: str | None = None,
     *,
-    country: str = "",
+    country: Annotated[str, "XX"] = "",
     save: AnyPath | None = None,
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> ActorCatalogue:
-    """Return the catalogue of actors, or one class of it.
+    """List the bodies of actors, and their sizes.
 
     Args:
-        name: a class of actors: ``car``, ``van``, ``truck``, ...; all without it.
-        country: whose fleet the sizes are of, ISO 3166-1 alpha-2, such as ``DE`` or ``US``.
-        save: a picture of all bodies to write (.png).
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        name: class of actors: ``car``, ``van``, ``truck``, ...; all if not given.
+        country: country of the fleet whose sizes are given, ISO 3166-1 alpha-2, such as ``DE``.
+        save: picture of all bodies to write (.png).
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: there is no such class or country, or the picture cannot be written.
 
     Example:
-        >>> ut.actors("van")
-        >>> ut.actors(country="US").sizes("car")["length"]
-        >>> ut.actors(save="actors.png")
+        >>> ut.catalogue.actors("van")
+        >>> ut.catalogue.actors(country="US").sizes("car")["length"]
+        >>> ut.catalogue.actors(save="actors.png")
+        $ urbantwin catalogue actors van --country DE
     """
     if name is not None and name not in ACTOR_CLASSES:
         raise InputError(f"no class of actors {name[:40]!r}", expected=", ".join(ACTOR_CLASSES))
@@ -139,8 +141,8 @@ def _save(catalogue: ActorCatalogue, path: Path, progress: ShowProgress) -> None
     if path.suffix.lower() != ".png":
         raise InputError("is no picture's name", file=path, expected="one that ends in .png")
     check_file(path, kind="actors")
-    from urbantwin.view import style
-    from urbantwin.view.actor_sheet import ShownActor, actor_sheet
+    from urbantwin.drawing import style
+    from urbantwin.drawing.actor_sheet import ShownActor, actor_sheet
 
     shown = [
         ShownActor(

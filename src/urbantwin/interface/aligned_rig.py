@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from urbantwin.artefact import check_file
 from urbantwin.fidelity.alignment import Alignment, Wish, align_rig, frame_numbers
-from urbantwin.interface.overwrite import may_overwrite
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.rig import rig_on
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.interface.twin import Twin
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ __all__ = ["AlignedRig", "align"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AlignedRig:
+class AlignedRig(Artefact):
     """A rig whose sensors stand where real frames show that they do; it stands for its file.
 
     Attributes:
@@ -35,10 +35,6 @@ class AlignedRig:
     path: Path
     picture: Path
     found: Alignment
-
-    def __fspath__(self) -> str:
-        """Return the rig's file."""
-        return str(self.path)
 
     def __repr__(self) -> str:
         """Return the place, its accuracy and the file."""
@@ -55,50 +51,55 @@ class AlignedRig:
 
     def plot(self) -> Figure:
         """Show the points over the twin, before and after."""
-        from urbantwin.view.style import figure_of_picture
+        from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.picture)
 
 
-@may_overwrite
-def align(  # noqa: PLR0913 - the options of the command
+@command
+def align(
     real: AnyPath,
     twin: Twin | AnyPath,
     out: AnyPath | None = None,
     *,
     rig: AnyPath | None = None,
     sensor: str | None = None,
-    frames: str | Sequence[int] = "0",
-    guess: tuple[float, float, float] | None = None,
+    frames: Annotated[str | Sequence[int], "N,N,..."] = "0",
+    guess: Annotated[tuple[float, float, float] | None, "EAST NORTH YAW"] = None,
     anywhere: bool = False,
-    within: tuple[float, float] = (3.0, 15.0),
+    within: Annotated[tuple[float, float], "M DEG"] = (3.0, 15.0),
     level: bool = False,
     picture: AnyPath | None = None,
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> AlignedRig:
-    """Find the pose of a sensor in a twin from real frames, and write it into a rig.
+    """Find the pose of a real sensor in a twin.
+
+    The pose is written into a rig.
 
     Args:
-        real: a real frame, or a recording of them.
-        twin: the twin, or its folder.
-        out: the rig to write; ``aligned_rig.yaml`` beside the twin when not given.
-        rig: the rig whose first sensor it is; the twin's own if not given.
-        sensor: name of the sensor that recorded, which alone moves; else it is the first, and
+        real: real frame, or a recording of them.
+        twin: twin, or its folder.
+        out: rig to write; ``aligned_rig.yaml`` beside the twin if not given.
+        rig: rig whose first sensor it is; the twin's own if not given.
+        sensor: name of the sensor that recorded, which alone moves; the first if not given, and
             others move with it.
-        frames: numbers of frames from 0, or ``all``; their mean pose is taken.
-        guess: roughly where: metres east and north of the anchor, degrees from east; as the rig
-            says if not given.
+        frames: numbers of frames from 0, or ``all``; the mean pose is taken.
+        guess: rough position, metres east and north of the anchor, and heading, degrees from east;
+            as the rig says if not given.
         anywhere: search the whole region, with any heading.
-        within: how far off the rough place (metres) and heading (degrees) may be.
+        within: largest distance from the rough place (metres) and heading (degrees).
         level: the points are level with gravity; the rig says the tilt.
-        picture: the PNG to write; beside the rig if not given.
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        picture: PNG to write; beside the rig if not given.
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the place is not found, or what is given cannot be used.
+
+    Example:
+        $ urbantwin rig align real/ twin/ --guess 12 -7 135 -o rig.yaml
     """
     target = beside(twin, "aligned_rig.yaml", out)
     drawn = target.with_suffix(".png") if picture is None else Path(picture)

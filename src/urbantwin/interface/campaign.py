@@ -70,8 +70,8 @@ def campaign(
         StageError: the disk is full.
 
     Example:
-        >>> ut.campaign("grid.yaml", plan=True).summary()
-        >>> ut.campaign("grid.yaml").where(weather="fog", split="train")
+        >>> ut.experiment.run("grid.yaml", plan=True).summary()
+        >>> ut.experiment.run("grid.yaml").where(weather="fog", split="train")
     """
     from urbantwin.campaigns import Course, load_campaign, steps_of
     from urbantwin.campaigns.costs import planned
@@ -271,7 +271,7 @@ def _divide(made: Campaign, course: Course) -> None:
     if asked is not None and len(kept) > 1:  # one alone cannot be divided
         _split_by_scenario(made, *asked)
         course.journal.note("split", state="told", sha256=sha256_of(file))
-    # What `urbantwin split` put there since is not the campaign's, and stays.
+    # What `urbantwin dataset split` put there since is not the campaign's, and stays.
     elif file.is_file() and course.journal.row("split").get("sha256") == sha256_of(file):
         file.unlink()
 
@@ -299,9 +299,9 @@ def _picture(made: Campaign, folder: Path) -> Path | None:
     rows = made.manifest["datasets"]
     if not rows:
         return None
-    from urbantwin.view.campaign_cells import cells_picture
-    from urbantwin.view.labelled_frame import read_labelled_points
-    from urbantwin.view.pictures import attributions
+    from urbantwin.drawing.campaign_cells import cells_picture
+    from urbantwin.drawing.labelled_frame import read_labelled_points
+    from urbantwin.drawing.pictures import attributions
 
     count = min(len(rows), _PICTURED)
     chosen = [rows[number * len(rows) // count] for number in range(count)]

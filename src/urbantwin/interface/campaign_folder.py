@@ -12,7 +12,7 @@ from urbantwin.dataset.reading.selection import Selection
 from urbantwin.errors import InputError, StageError
 from urbantwin.interface.dataset import Datasets
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from urbantwin.dataset.reading import Dataset
@@ -27,7 +27,7 @@ INDEX, SHARDS, SPLIT = "index", "shards", "split.json"
 _TOLD = 20
 
 
-class Campaign(Datasets):
+class Campaign(Datasets, Artefact):
     """All datasets of a campaign as one; those that it was planned to have, before it ran.
 
     Attributes:
@@ -66,10 +66,6 @@ class Campaign(Datasets):
         place = Path(folder)
         found = read_index(place)
         return cls(place.parent if kind_of(place) == KIND else place, found)
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     @property
     def datasets(self) -> tuple[Dataset, ...]:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_folder, read_json, replaced_folder, write_json
 from urbantwin.artefact.arrays import ArrayOf, read_arrays
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.result_warning import ResultWarning, rows_of, warnings_of
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ _FORM = {
 }
 
 
-class Coverage:
+class Coverage(Artefact):
     """Points per square metre that a rig gets from the ground and 1 m above it.
 
     It stands for its folder wherever a path is asked for.
@@ -45,7 +46,7 @@ class Coverage:
         manifest: ``coverage.json``.
 
     Example:
-        >>> coverage = ut.coverage(twin)
+        >>> coverage = ut.rig.coverage(twin)
         >>> coverage.per_frame("facing").max()
     """
 
@@ -99,10 +100,6 @@ class Coverage:
         """What is wrong with where the sensors stand."""
         return warnings_of(self.manifest)
 
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
     def __repr__(self) -> str:
         """Return sensors, area and folder."""
         names = ", ".join(self.manifest.get("sensors", ()))
@@ -120,8 +117,8 @@ class Coverage:
 
     def plot(self) -> Figure:
         """Draw the maps side by side; just after it was made, with the twin around them."""
-        from urbantwin.view.coverage import coverage_figure
-        from urbantwin.view.pictures import figure_of_coverage
+        from urbantwin.drawing.coverage import coverage_figure
+        from urbantwin.drawing.pictures import figure_of_coverage
 
         if self._on is None:
             return coverage_figure(self.densities)
@@ -133,6 +130,7 @@ class Coverage:
         return self
 
 
+@command
 def coverage(
     twin: Twin | AnyPath,
     out: AnyPath | None = None,
@@ -142,24 +140,29 @@ def coverage(
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Coverage:
-    """Map the points per square metre that a rig gets from the ground and 1 m above it.
+    """Map the points per square metre that a rig gets.
+
+    On the ground and 1 m above it.
 
     Args:
-        twin: the twin, or its folder.
-        out: the folder to write; ``coverage`` beside the twin when not given.
-        rig: a ``rig.yaml``; the twin's own rig if not given.
+        twin: twin, or its folder.
+        out: folder to write; ``coverage`` beside the twin if not given.
+        rig: ``rig.yaml``; the twin's own rig if not given.
         cell: side of a cell of the map, metres.
         pictures: draw the maps into the folder.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the twin or the rig cannot be used, or ``out`` holds other files.
+
+    Example:
+        $ urbantwin rig coverage urbantwin-demo/twin -o coverage/
     """
+    from urbantwin.drawing.pictures import picture_of_coverage
     from urbantwin.interface.rig import rig_on
     from urbantwin.interface.twin import Twin
     from urbantwin.lidar.coverage import rig_coverage
     from urbantwin.lidar.siting import sight_of_rig
-    from urbantwin.view.pictures import picture_of_coverage
 
     place = beside(twin, "coverage", out)
     rig_file = None if rig is None else Path(rig)

@@ -10,19 +10,19 @@ from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion, driven
-from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.place import AnyPath
 from urbantwin.interface.recording import recorded, recorders
 from urbantwin.interface.stage import ShowProgress
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
-    from urbantwin.interface.twin import Twin
+    from urbantwin.variation import CurriculumFile
 
 __all__ = ["Curriculum", "curriculum"]
 
 
 @dataclass(frozen=True, repr=False)
-class Curriculum:
+class Curriculum(Artefact):
     """Graded datasets in one folder, a folder each.
 
     Attributes:
@@ -32,10 +32,6 @@ class Curriculum:
 
     folder: Path
     grades: tuple[dict[str, Any], ...]
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return the grades and the folder."""
@@ -63,56 +59,33 @@ class Curriculum:
         return Summary(path=str(self.folder), grades=rows)
 
 
-def curriculum(  # noqa: PLR0913 - an option of the command each
-    twin: Twin | AnyPath,
-    out: AnyPath | None = None,
+def curriculum(
+    asked: CurriculumFile,
+    out: AnyPath,
     *,
-    ladder: str = "all",
-    rig: AnyPath | None = None,
-    seconds: float | None = None,
-    start: float = 0.0,
-    stop: float | None = None,
-    seed: int | None = None,
     workers: int | None = None,
     progress: ShowProgress = True,
 ) -> Curriculum:
     """Record a dataset for each grade of a ladder of density, occlusion and range.
 
-    Args:
-        twin: the twin, or its folder.
-        out: the folder for the datasets; ``graded`` beside the twin when not given.
-        ladder: ``all`` (the three together), ``density``, ``occlusion``, ``range``, or a file with
-            ``grades``.
-        rig: the rig's file; the twin's own when not given.
-        seconds: length of each motion; the site's ``traffic.duration_s`` if not given.
-        start: no frame before this time of the motion, seconds.
-        stop: no frame after this time.
-        seed: of every random choice; the site's if not given.
-        workers: processes to record with; every number gives the same bytes.
-        progress: show how far it is; or a function that is told (share, doing), of each stage.
-
     Raises:
-        InputError: the twin, the ladder or the rig cannot be used, or nobody is in a grade's reach.
+        InputError: the twin or the rig cannot be used, or no object is in a grade's reach.
         StageError: a stage failed.
-
-    Example:
-        >>> ut.curriculum(twin, ladder="range").datasets
     """
     from urbantwin.dataset.recording import frame_times
     from urbantwin.interface.rig import placed, rig_spec_on
     from urbantwin.interface.twin import Twin
-    from urbantwin.variation import graded_rig, load_ladder, refuse_nobody, traffic_of_density
+    from urbantwin.variation import graded_rig, refuse_nobody, traffic_of_density
 
-    place = beside(twin, "graded", out)
-    grades = load_ladder(ladder)
-    opened = Twin.open(twin)
-    spec, file = rig_spec_on(opened, None if rig is None else Path(rig))
+    place, grades, seed = Path(out), asked.grades, asked.seed
+    opened = Twin.open(asked.twin)
+    spec, file = rig_spec_on(opened, asked.rig)
     if not spec.fused:
         raise InputError(
             "leaves a dataset for each sensor", file=file, expected="a rig with fused: true"
         )
     rigs = [graded_rig(spec, one) for one in grades]
-    inputs = [opened.folder, None if rig is None else Path(rig)]
+    inputs = [opened.folder, asked.rig]
     standing = [placed(its, opened, file) for its in rigs]  # before anything is driven
     for one in grades:
         check_folder(place / one.name, kind="dataset", inputs=inputs)
@@ -129,10 +102,12 @@ def curriculum(  # noqa: PLR0913 - an option of the command each
             if one.density not in motions:
                 folder = place / _motion_name(one.density)
                 traffic = traffics[one.density]
-                motions[one.density] = driven(opened, folder, traffic, seconds, seed, progress)
+                motions[one.density] = driven(
+                    opened, folder, traffic, asked.seconds, seed, progress
+                )
             motion = motions[one.density]
             if not any(sensor.rides for sensor in its.sensors):
-                times = frame_times(stands.rate_hz, start, stop, motion.times())
+                times = frame_times(stands.rate_hz, asked.start, asked.stop, motion.times())
                 refuse_nobody(one, stands, motion, opened.region, times.values())
             made = recorded(
                 opened,
@@ -140,23 +115,23 @@ def curriculum(  # noqa: PLR0913 - an option of the command each
                 its,
                 file,
                 place / one.name,
-                start_s=start,
-                stop_s=stop,
+                start_s=asked.start,
+                stop_s=asked.stop,
                 workers=crew,
                 seed=seed,
                 inputs=[opened.folder, motion.folder],
                 pictures=False,
                 progress=progress,
             )
-            asked = {"density": one.density, "raised_m": one.raised_m, "range_m": one.range_m}
+            wanted = {"density": one.density, "raised_m": one.raised_m, "range_m": one.range_m}
             measured = made.manifest["objects"]
             motion_of_it = motion.folder.name
             rows.append(
-                {"name": one.name, "asked": asked, "motion": motion_of_it, "measured": measured}
+                {"name": one.name, "asked": wanted, "motion": motion_of_it, "measured": measured}
             )
     manifest = {
         "kind": "curriculum",
-        "ladder": ladder if ladder in ("all", "density", "occlusion", "range") else "own",
+        "ladder": asked.ladder,
         "twin_sha256": opened.sha256,
         "grades": rows,
     }

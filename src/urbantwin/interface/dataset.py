@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from urbantwin.dataset.reading import dataset, datasets, fleet
 from urbantwin.dataset.split import PARTS
 from urbantwin.interface.outcome import outcome_of_dataset
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["Dataset", "Datasets", "Fleet"]
 
 
-class Dataset(dataset.Dataset):
+class Dataset(Artefact, dataset.Dataset):
     """A dataset on disk: its frames in the order of time.
 
     It stands for its folder wherever a path is asked for. A rig whose sensors are not fused leaves
@@ -53,7 +53,7 @@ class Dataset(dataset.Dataset):
         Raises:
             InputError: there is no such frame or picture.
         """
-        from urbantwin.view.pictures import figure_of_dataset
+        from urbantwin.drawing.pictures import figure_of_dataset
 
         self.check_single()
         name = frame if frame is None or isinstance(frame, str) else self[frame].name
@@ -90,7 +90,7 @@ class Datasets(datasets.Datasets):
         return told
 
 
-class Fleet(fleet.Fleet):
+class Fleet(Artefact, fleet.Fleet):
     """Several nodes on disk: a dataset for each, common labels, and where each was when.
 
     It stands for its folder wherever a path is asked for.
@@ -120,8 +120,8 @@ class Fleet(fleet.Fleet):
         Raises:
             InputError: there is no such frame.
         """
-        from urbantwin.view.fleet import figure_of_fleet
-        from urbantwin.view.pictures import attributions
+        from urbantwin.drawing.fleet import figure_of_fleet
+        from urbantwin.drawing.pictures import attributions
 
         name = None if frame is None else self.frame(frame).name
         return figure_of_fleet(self, name, attributions(self.manifest))

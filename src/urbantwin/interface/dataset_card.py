@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from urbantwin.artefact import check_folder, replaced_folder, write_json
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Result, Summary
 from urbantwin.progress import Progress, between
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ __all__ = ["Card", "card"]
 
 
 @dataclass(frozen=True, repr=False)
-class Card:
+class Card(Result):
     """Cards that were written.
 
     Attributes:
@@ -44,6 +45,7 @@ class Card:
         return Summary(path=str(self.path), cards=[str(one) for one in self.files])
 
 
+@command
 def card(
     path: AnyPath,
     out: AnyPath | None = None,
@@ -51,17 +53,16 @@ def card(
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Card:
-    """Write the card of a dataset: ``README.md``, as hubs of data sets read it, and its pictures.
+    """Write a dataset's card, with pictures and licences.
 
     All of it comes from the manifest and the tables. `record` leaves a card in every dataset; this
     writes it anew, or for datasets of earlier versions, or beside a dataset that must not change.
 
     Args:
-        path: a dataset, an exported one, or a folder of them.
-        out: the folder to write, in which an older card is replaced; the dataset itself, which is
-            whole at every moment, if not given.
+        path: dataset, exported dataset, or a folder of them.
+        out: folder to write, in which an older card is replaced; the dataset itself if not given.
         pictures: draw the pictures that are missing.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: there is no dataset, a file of it is damaged, its card was changed by hand, or
@@ -69,7 +70,8 @@ def card(
         StageError: the disk is full.
 
     Example:
-        >>> print(ut.card("out/dataset"))
+        >>> print(ut.dataset.card("out/dataset"))
+        $ urbantwin dataset card urbantwin-demo/dataset
     """
     from urbantwin.dataset.card import carded_folders, renewed_folder, write_cards, write_index
 
@@ -115,7 +117,7 @@ def _draw(dataset: Path, to: Path, tell: Progress) -> None:
     """Draw the pictures of a dataset that a folder lacks."""
     from urbantwin.dataset import parts_of
     from urbantwin.dataset.card import PICTURES
-    from urbantwin.view.pictures import pictures_of_dataset
+    from urbantwin.drawing.pictures import pictures_of_dataset
 
     for part in parts_of(dataset):
         own = to / part.relative_to(dataset) / "pictures"

@@ -6,13 +6,15 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import Ge
 
 from urbantwin.errors import InputError
-from urbantwin.interface.overwrite import may_overwrite
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.result_warning import ResultWarning, warnings_of
 
 __all__ = ["DatasetSplit", "split"]
@@ -21,8 +23,8 @@ _WAYS = ("time", "scenario")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DatasetSplit:
-    """How datasets were divided; by scenario it stands for its document: ``ut.train(it)``.
+class DatasetSplit(Artefact):
+    """How datasets were divided; by scenario it stands for its document: ``ut.model.train(it)``.
 
     Attributes:
         path: the document; by time, the dataset, or the folder of the first.
@@ -33,10 +35,6 @@ class DatasetSplit:
     path: Path
     by: str
     told: dict[str, Any]
-
-    def __fspath__(self) -> str:
-        """Return the path."""
-        return str(self.path)
 
     def __repr__(self) -> str:
         """Return how it was divided, and where that is written."""
@@ -75,44 +73,45 @@ def _told(one: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-@may_overwrite
-def split(  # noqa: PLR0913 - the options of the command
+@command
+def split(
     datasets: Sequence[AnyPath] | AnyPath,
     out: AnyPath | None = None,
     *,
-    by: str | None = None,
+    by: Annotated[str | None, "time|scenario"] = None,
     shares: str | Sequence[float] = "70,15,15",
-    gap: float | None = None,
-    thin: float | None = None,
-    seed: int = 0,
+    gap: Annotated[float | None, Ge(0)] = None,
+    thin: Annotated[float | None, Ge(0)] = None,
+    seed: Annotated[int, Ge(0)] = 0,
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> DatasetSplit:
-    """Divide datasets into training, validation and test, without recording again.
+    """Divide datasets into training, validation and test.
 
     By time, each dataset gets new lists (``ImageSets/``) and its card tells them (one that was
     changed by hand stays), and recordings of one motion are cut at the same moments. By scenario,
     datasets stay as they are, and a document says which is what.
 
     Args:
-        datasets: folders of datasets, or folders that hold some: of seeds, of a campaign, of a
-            curriculum, of a variation, of a suite.
-        out: by scenario, the document to write; ``split.json`` beside the first when not given.
-        by: ``time`` or ``scenario``; by scenario where several are given.
-        shares: of training, validation and test.
-        gap: by time, seconds between the parts, of which no part has the frames; as long as the
-            scene needs to change, and no more than a tenth of the recording, if not given.
-        thin: leave frames in which nobody moved so many metres out of the parts.
-        seed: by scenario, of the order in which equally long ones are divided.
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        datasets: folders of datasets, or folders that hold some: of seeds, of a campaign, a
+            curriculum, a variation or a suite.
+        out: by scenario: document to write; ``split.json`` beside the first dataset if not given.
+        by: way to divide: ``time`` or ``scenario``; by scenario where several are given.
+        shares: shares of training, validation and test, percent.
+        gap: by time: seconds between the parts, in none of them; as long as the scene needs to
+            change, and no more than a tenth of the recording, if not given.
+        thin: leave frames in which no actor moved this many metres out of the parts.
+        seed: by scenario: random seed of the order in which equally long ones are divided.
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: there is no dataset, all are one scenario, or a part would be empty.
 
     Example:
-        >>> ut.train(ut.split(["seed1/dataset", "seed2/dataset", "seed3/dataset"]))
+        >>> ut.model.train(ut.dataset.split(["seed1/dataset", "seed2/dataset", "seed3/dataset"]))
+        $ urbantwin dataset split urbantwin-demo/dataset --shares 60,20,20
     """
     from urbantwin.artefact import check_file
     from urbantwin.campaigns.index import datasets_of
@@ -166,7 +165,7 @@ def split(  # noqa: PLR0913 - the options of the command
 
 
 def _redraw(dataset: Path) -> None:
-    from urbantwin.view.pictures import redraw_split
+    from urbantwin.drawing.pictures import redraw_split
 
     redraw_split(dataset)
 

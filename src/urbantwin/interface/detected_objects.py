@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import Interval
 
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from urbantwin.detections import Detections
@@ -20,8 +23,8 @@ __all__ = ["DetectedObjects", "detect"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DetectedObjects:
-    """Detections in a folder; it stands for its folder: ``ut.evaluate(found, data)``.
+class DetectedObjects(Artefact):
+    """Detections in a folder; it stands for its folder: ``ut.model.evaluate(found, data)``.
 
     Attributes:
         folder: where it was written.
@@ -30,10 +33,6 @@ class DetectedObjects:
 
     folder: Path
     found: Detections
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return how many boxes there are, and the folder."""
@@ -51,43 +50,45 @@ class DetectedObjects:
         )
 
 
-def detect(  # noqa: PLR0913 - the options of the command
+@command
+def detect(
     model: AnyPath,
     frames: AnyPath,
     out: AnyPath | None = None,
     *,
-    least: float = 0.05,
+    least: Annotated[float, Interval(ge=0.001, le=0.999)] = 0.05,
     layout: str | None = None,
-    part: str = "all",
+    part: Annotated[str, "NAME"] = "all",
     standing: AnyPath | None = None,
-    views: int = 1,
+    views: Annotated[int, Interval(ge=1, le=8)] = 1,
     second_look: bool = True,
-    device: str = "cpu",
+    device: Annotated[str, "NAME"] = "cpu",
     progress: ShowProgress = True,
 ) -> DetectedObjects:
-    """Detect road users in the frames of a recording, and the classes of points if the model can.
+    """Detect road users in the frames of a recording.
 
     Args:
-        model: a folder that `train` wrote.
-        frames: a dataset of ours or any recording that is read; no label of it is looked at.
-        out: the folder to write; ``detections`` beside the frames when not given.
-        least: boxes with a lower score are left out.
-        layout: how the frames lie; found out when not given.
-        part: of a dataset that is split, the frames to look at: ``train``, ``val``, ``test``;
-            ``all`` of them when not given.
-        standing: detections in other frames of the same sensors, which stand still: whoever is
-            found as a person or rider at one place in half of them is a post or a hedge, and is
-            left out.
-        views: look at each frame from so many sides (turned by quarters, mirrored), and take the
-            mean of what is said: better boxes, in so many times the time.
-        second_look: look again at the points of people and two-wheelers that are found, if the
-            model has learned to.
-        device: of torch: ``cpu``, ``cuda``.
-        progress: show how far it is; or a function that is told (share, doing).
+        model: folder that ``model train`` wrote.
+        frames: dataset or any known recording; its labels are not used.
+        out: folder to write; ``detections`` beside the frames if not given.
+        least: lowest score of a box that is written.
+        layout: layout of the frames; recognised from their files if not given.
+        part: part of a split dataset to detect in: ``train``, ``val``, ``test`` or ``all``.
+        standing: detections in other frames of the same static sensors: people and riders that are
+            at one place in half of them are posts or hedges, and are left out.
+        views: number of sides from which each frame is looked at (turned by quarters, mirrored);
+            the mean gives better boxes in as many times the time.
+        second_look: look again at the points of detected people and two-wheelers, if the model has
+            learned to.
+        device: device of PyTorch: ``cpu`` or ``cuda``.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: torch is not installed, the model, the frames or ``standing`` cannot be used,
             it is of too few frames, or there are not so many sides.
+
+    Example:
+        $ urbantwin model detect model/ urbantwin-demo/dataset -o detections/
     """
     from urbantwin.artefact import replaced_folder
     from urbantwin.detections import (

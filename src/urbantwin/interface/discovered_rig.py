@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_file, check_folder
-from urbantwin.interface.overwrite import may_overwrite
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +21,7 @@ __all__ = ["DiscoveredRig", "discover"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DiscoveredRig:
+class DiscoveredRig(Artefact):
     """The rig that recorded frames, as found in their points; it stands for its file.
 
     Attributes:
@@ -36,10 +36,6 @@ class DiscoveredRig:
     found: Discovery
     written: dict[str, Any]
 
-    def __fspath__(self) -> str:
-        """Return the rig's file."""
-        return str(self.path)
-
     def __repr__(self) -> str:
         """Return the sensors and the file."""
         each = ", ".join(" or ".join(one.models) or "unknown" for one in self.found.sensors)
@@ -52,12 +48,12 @@ class DiscoveredRig:
 
     def plot(self) -> Figure:
         """Show points by sensor, and elevations against channels."""
-        from urbantwin.view.style import figure_of_picture
+        from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.picture)
 
 
-@may_overwrite
+@command
 def discover(
     real: AnyPath,
     out: AnyPath | None = None,
@@ -67,19 +63,24 @@ def discover(
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> DiscoveredRig:
-    """Find the sensors of unlabelled frames: their places, tilts and models.
+    """Find the sensors that recorded unlabelled frames.
+
+    Their places, tilts and models.
 
     Args:
-        real: frames of sensors that stand still, fused or of one sensor; or one frame.
-        out: the rig to write; ``discovered_rig.yaml`` here when not given.
-        frames: a folder for all frames with sensor, ring and column of every point.
-        picture: the PNG to write; beside the rig if not given.
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        real: frames of static sensors, fused or of one sensor; or one frame.
+        out: rig to write; ``discovered_rig.yaml`` here if not given.
+        frames: folder for all frames with sensor, ring and column of every point.
+        picture: PNG to write; beside the rig if not given.
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: no sensor is found, with the reason, or what is given cannot be used.
+
+    Example:
+        $ urbantwin rig discover real/ -o rig.yaml --frames rings/
     """
     from urbantwin.fidelity.discovery import discover_recording
 

@@ -5,22 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import Interval
 
 from urbantwin.artefact import INVENTORY, check_folder, read_json, replaced_folder, sha256_of
 from urbantwin.artefact.output import kind_of
+from urbantwin.interface.command import command
 from urbantwin.interface.detected_objects import detect
 from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 __all__ = ["Evaluation", "evaluate"]
 
 _KIND = "evaluation"
 
 
-class Evaluation:
+class Evaluation(Artefact):
     """What became of detections: figures of every class, with intervals.
 
     Attributes:
@@ -31,10 +34,6 @@ class Evaluation:
     def __init__(self, folder: AnyPath) -> None:
         self.folder = Path(folder)
         self.manifest: dict[str, Any] = read_json(self.folder / f"{_KIND}.json", kind=_KIND)
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return the headline and the folder."""
@@ -108,38 +107,40 @@ def _learned_from(detections: Path, data: Path, part: str) -> list[str]:
     ]
 
 
-def evaluate(  # noqa: PLR0913 - the options of the command
+@command
+def evaluate(
     detections: AnyPath,
     data: AnyPath,
     out: AnyPath | None = None,
     *,
-    classes: Sequence[str] | None = None,
+    classes: Annotated[Sequence[str] | None, "NAME"] = None,
     layout: str | None = None,
-    part: str = "all",
-    within: float | None = None,
-    fewest_points: int | None = None,
+    part: Annotated[str, "NAME"] = "all",
+    within: Annotated[float | None, Interval(ge=1, le=1000)] = None,
+    fewest_points: Annotated[int | None, Interval(ge=1, le=1000)] = None,
     vans: bool = False,
     progress: ShowProgress = True,
 ) -> Evaluation:
     """Judge detections by the labels of the same frames.
 
     Args:
-        detections: a folder of detections, of ours or in the form of KITTI, OpenPCDet or nuScenes
-            (`detections.forms`); or a model, which then detects first, into
-            ``OUT-detections`` beside the report.
-        data: the labelled frames: a dataset of ours or a real recording.
-        out: the folder to write; one beside the detections when not given.
-        classes: which to judge; all that are labelled when not given.
-        layout: how the data lies; found out when not given.
-        part: of a dataset that is split, the frames to judge by: ``train``, ``val``, ``test``;
-            ``all`` of them when not given.
-        within: what is farther from every sensor does not count, metres.
-        fewest_points: boxes with fewer neither help nor hurt; 5 when not given.
-        vans: count KITTI's vans as cars; else they neither help nor hurt.
-        progress: show how far it is; or a function that is told (share, doing).
+        detections: folder of detections, ours or in the form of KITTI, OpenPCDet or nuScenes; or a
+            model, which then detects first, into ``OUT-detections``.
+        data: labelled frames: a dataset or a real recording.
+        out: folder to write; one beside the detections if not given.
+        classes: class to judge; all that are labelled if not given.
+        layout: layout of the data; recognised from its files if not given.
+        part: part of a split dataset to judge by: ``train``, ``val``, ``test`` or ``all``.
+        within: largest distance from a sensor of an object that counts, metres.
+        fewest_points: number of points below which a box does not count; 5 if not given.
+        vans: count KITTI's vans as cars; they do not count if not given.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the detections or the data cannot be used, or have no frame in common.
+
+    Example:
+        $ urbantwin model evaluate detections/ urbantwin-demo/dataset -o report/
     """
     from urbantwin.detections.forms import read_any_form
     from urbantwin.evaluation import FEWEST_POINTS, read_labelled

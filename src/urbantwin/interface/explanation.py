@@ -6,15 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Interval
 
 from urbantwin.artefact import check_folder, read_json, replaced_folder
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.detected_objects import detect
 from urbantwin.interface.parts import recording_of_part
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.interface.variation import Variation
 from urbantwin.progress import between
 
@@ -31,7 +34,7 @@ _BY = ("distance", "overlap")
 
 
 @dataclass(frozen=True, repr=False)
-class Explanation:
+class Explanation(Artefact):
     """Objects that are found in one recording and missed in another, and why.
 
     Attributes:
@@ -50,10 +53,6 @@ class Explanation:
             InputError: it is none.
         """
         return cls(Path(folder), read_json(Path(folder) / f"{_KIND}.json", kind=_KIND))
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return the headline and the folder."""
@@ -80,38 +79,40 @@ class Explanation:
         )
 
 
-def explain(  # noqa: PLR0913 - the options of the command
+@command
+def explain(
     pair: AnyPath,
     out: AnyPath | None = None,
     *,
     model: AnyPath | None = None,
     detections: Sequence[AnyPath] = (),
     score: float | None = None,
-    by: str = "distance",
-    drawn: int = 60,
-    device: str = "cpu",
+    by: Annotated[str, "NAME"] = "distance",
+    drawn: Annotated[int, Interval(ge=0, le=10000)] = 60,
+    device: Annotated[str, "NAME"] = "cpu",
     progress: ShowProgress = True,
 ) -> Explanation:
-    """Say which objects a factor makes a detector miss or find, and why.
+    """Explain why a factor makes a detector miss objects.
 
     Args:
-        pair: a folder that ``vary`` wrote: a base, and one variant or several.
-        out: the folder to write; ``explanation`` in the pair's when not given.
-        model: a detector, which detects in all recordings, into ``OUT-detections``.
-        detections: in its place what was detected: of the base, then of each variant.
-        score: from which on a detection counts; that of the base's best F1, by class, when not
+        pair: folder that ``experiment vary`` wrote: a base, and one variant or several.
+        out: folder to write; ``explanation`` in the pair's if not given.
+        model: detector, which detects in all recordings, into ``OUT-detections``.
+        detections: detections in place of a model: of the base, then of each variant.
+        score: lowest score of a detection that counts; that of the base's best F1, by class, if not
             given.
-        by: an object is found by a detection within 1 m (trucks, buses 2 m): ``distance``; or with
-            a BEV IoU of 0.5: ``overlap``.
-        drawn: so many objects are drawn at most.
-        device: of torch.
-        progress: show how far it is; or a function that is told (share, doing), of each stage.
+        by: rule by which a detection finds an object: ``distance`` (within 1 m, trucks and buses 2
+            m) or ``overlap`` (BEV IoU of 0.5).
+        drawn: number of objects that are drawn at most.
+        device: device of PyTorch: ``cpu`` or ``cuda``.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the pair, the model or the detections cannot be used.
 
     Example:
-        >>> ut.explain("pair/", model="model/").changes
+        >>> ut.experiment.explain("pair/", model="model/").changes
+        $ urbantwin experiment explain sweep/ --model model/
     """
     from urbantwin.detections.forms import read_any_form
     from urbantwin.evaluation.criterion import JUDGED, near, overlapping
@@ -145,7 +146,7 @@ def explain(  # noqa: PLR0913 - the options of the command
             raise InputError(
                 "does not say what hides objects in part",
                 file=varied.folder / "comparison" / "fates.parquet",
-                expected="a pair of this version of `urbantwin vary`: vary again",
+                expected="a pair of this version of `urbantwin experiment vary`: vary again",
             )
         sides = []
         for number, (name, one, found) in enumerate(zip(names, data, given, strict=True)):
@@ -186,14 +187,14 @@ def _opened(folder: Path) -> Variation:
         raise InputError(
             "holds no comparison" if folder.is_dir() else "is not there",
             file=folder,
-            expected="a folder that `urbantwin vary` wrote",
+            expected="a folder that `urbantwin experiment vary` wrote",
         )
     manifest = read_json(file, kind="variation")
     rows = manifest.get("variants")
     if not isinstance(rows, list) or not all(
         isinstance(row, dict) and isinstance(row.get("name"), str) for row in rows
     ):
-        raise InputError("is damaged", file=file, expected="what `urbantwin vary` wrote")
+        raise InputError("is damaged", file=file, expected="what `urbantwin experiment vary` wrote")
     return Variation(folder, manifest)
 
 

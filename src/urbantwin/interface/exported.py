@@ -5,14 +5,16 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import Ge
 
 from urbantwin.artefact import kind_of
 from urbantwin.errors import InputError
-from urbantwin.interface.overwrite import may_overwrite
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from urbantwin.exports.frames.shards import ShardSource
@@ -29,7 +31,7 @@ _OF_MOTIONS = {
 
 
 @dataclass(frozen=True)
-class Exported:
+class Exported(Artefact):
     """What was written; it stands for its file or folder.
 
     Attributes:
@@ -42,46 +44,42 @@ class Exported:
     to: str
     notes: tuple[str, ...] = ()
 
-    def __fspath__(self) -> str:
-        """Return the file or folder."""
-        return str(self.path)
-
     def summary(self) -> Summary:
         """Return what was written in a few values."""
         return Summary(format=self.to, written=str(self.path), note=list(self.notes))
 
 
-@may_overwrite
+@command
 def export(
     twin: Twin | AnyPath,
-    to: str,
+    to: Annotated[str, "FORMAT"],
     out: AnyPath | None = None,
     *,
     version: str | None = None,
     detections: AnyPath | None = None,
-    frames: int = 50,
+    frames: Annotated[int, Ge(1)] = 50,
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Exported:
-    """Write a twin, a motion or a dataset for other programs, in their formats.
+    """Write a result in another program's format.
 
     Args:
-        twin: what is exported: a twin, a motion or a dataset, or its folder.
-        to: of a twin: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``, ``obj``,
-            ``ply``, ``usd``, ``fbx``, ``cityjson``; of a motion: ``tracks`` (CSV), ``openlabel``,
-            ``openscenario``; of a dataset: ``openpcdet`` and ``mmdet3d`` (with configs to train
-            with), ``kitti``, ``semantickitti``, ``nuscenes``, ``openlabel``, ``opv2v``, ``lumpi``,
-            ``pcd``, ``las``, ``laz``, ``mcap``, ``webdataset``, ``parquet``, ``challenge``. A
-            campaign, a split by scenario or a folder of datasets becomes shards (``webdataset``,
-            ``parquet``) whose frames are drawn among each other.
-        out: the file or folder to write; one named after what is exported, in the current folder,
-            when not given. ``openpcdet`` as a ``.yaml`` is the config alone.
-        version: of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
-        detections: for ``challenge``: what a detector found, as JSON.
-        frames: for ``challenge``: how many frames are submitted.
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        twin: twin, motion or dataset, or its folder.
+        to: format. Of a twin: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``,
+            ``obj``, ``ply``, ``usd``, ``fbx``, ``cityjson``. Of a motion: ``tracks`` (CSV),
+            ``openlabel``, ``openscenario``. Of a dataset: ``openpcdet`` and ``mmdet3d`` (with
+            configs to train with), ``kitti``, ``semantickitti``, ``nuscenes``, ``openlabel``,
+            ``opv2v``, ``lumpi``, ``pcd``, ``las``, ``laz``, ``mcap``, ``webdataset``, ``parquet``,
+            ``challenge``. Of a campaign, a split by scenario or a folder of datasets: shuffled
+            shards (``webdataset``, ``parquet``).
+        out: file or folder to write; one named after what is exported, in the current folder, if
+            not given. ``openpcdet`` as a ``.yaml`` is the config alone.
+        version: version of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
+        detections: for ``challenge``: detections to submit, JSON.
+        frames: for ``challenge``: number of frames to submit.
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the format, the version or ``out`` cannot be used.
@@ -89,6 +87,7 @@ def export(
     Example:
         >>> ut.export(twin, "opendrive", "map.xodr")
         >>> ut.export(dataset, "kitti", "kitti/").notes
+        $ urbantwin export urbantwin-demo/twin --to opendrive -o map.xodr
     """
     place = None if out is None else Path(out)
     _check_kind(twin, to)

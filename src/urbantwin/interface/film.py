@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from urbantwin.artefact import check_file, replaced_file
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.motion import Motion
-from urbantwin.interface.overwrite import may_overwrite
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.number_text import finite_number
 from urbantwin.progress import between
 
@@ -26,7 +26,7 @@ __all__ = ["Film", "film"]
 
 
 @dataclass(frozen=True)
-class Film:
+class Film(Artefact):
     """A film that was written; it stands for its file.
 
     Attributes:
@@ -43,10 +43,6 @@ class Film:
     width: int
     height: int
 
-    def __fspath__(self) -> str:
-        """Return the file."""
-        return str(self.path)
-
     def summary(self) -> Summary:
         """Return what was written in a few values."""
         return Summary(
@@ -57,58 +53,59 @@ class Film:
         )
 
 
-@may_overwrite
-def film(  # noqa: PLR0913 - an option of the command each
+@command
+def film(
     motion: Motion | AnyPath,
     out: AnyPath | None = None,
     *,
     twin: Twin | AnyPath | None = None,
-    view: str = "both",
+    view: Annotated[str, "NAME"] = "both",
     start: float = 0.0,
     stop: float | None = None,
     fps: float = 10.0,
     speed: float = 1.0,
     width: int = 1280,
-    at: str | None = None,
+    at: Annotated[str | None, "X,Y"] = None,
     radius: float | None = None,
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Film:
-    """Film a motion from above and from a street corner: signals, and actors by class.
+    """Film a motion from above and from a street corner.
 
     Args:
-        motion: the motion, or its folder.
-        out: the ``.mp4`` or ``.gif`` to write; ``film.mp4`` beside the motion when not given, or
+        motion: motion, or its folder.
+        out: ``.mp4`` or ``.gif`` to write; ``film.mp4`` beside the motion if not given, or
             ``film.gif`` where there is no ffmpeg.
-        twin: that it was driven on; the one beside the motion when not given.
-        view: ``above``, ``corner`` or ``both``, side by side.
+        twin: twin of the motion; the one beside it if not given.
+        view: view: ``above``, ``corner`` or ``both``, side by side.
         start: first moment, seconds of the motion.
-        stop: last moment; the end of the motion if not given.
+        stop: last moment, seconds; the end of the motion if not given.
         fps: pictures per second, 0.1 to 50.
         speed: seconds of the motion in a second of the film.
-        width: of the pictures, pixels.
-        at: the middle of what is shown, ``X,Y`` in metres of the site; its anchor if not given.
-        radius: how far around it is seen from above, metres; 100 or all of the region if not given.
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        width: width of the pictures, pixels.
+        at: middle of the picture, ``X,Y`` in metres of the site; its anchor if not given.
+        radius: radius that is seen from above, metres; 100 or all of the region if not given.
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the motion, the twin or a value cannot be used, or MP4 needs ffmpeg.
         StageError: ffmpeg failed.
 
     Example:
-        >>> ut.film("out/motion", "film.gif", stop=10)
+        >>> ut.traffic.film("out/motion", "film.gif", stop=10)
+        $ urbantwin traffic film urbantwin-demo/motion -o film.gif --stop 10
     """
-    from urbantwin.interface.twin import Twin
-    from urbantwin.view.film import (
+    from urbantwin.drawing.film import (
         check_video_file,
         film_colours,
         film_pictures,
         plan_film,
         write_video,
     )
-    from urbantwin.view.pictures import attributions
+    from urbantwin.drawing.pictures import attributions
+    from urbantwin.interface.twin import Twin
 
     opened = Motion.open(motion)
     place = _place(opened, out)
@@ -172,7 +169,7 @@ def _middle(text: str) -> tuple[float, float]:
 
 def _place(motion: Motion, out: AnyPath | None) -> Path:
     """Return where the film goes."""
-    from urbantwin.view.film import check_video_file
+    from urbantwin.drawing.film import check_video_file
 
     if out is not None:
         return Path(out)

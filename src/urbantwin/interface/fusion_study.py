@@ -6,13 +6,16 @@ import os
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge, Interval
 
 from urbantwin.artefact import INVENTORY, check_folder, read_json, replaced_folder, sha256_of
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -27,7 +30,7 @@ _KIND = "fusion"
 _MTU = 1400
 
 
-class FusionStudy:
+class FusionStudy(Artefact):
     """What became of a study: a table of settings, pictures, a page.
 
     Attributes:
@@ -51,10 +54,6 @@ class FusionStudy:
             InputError: there is none.
         """
         return cls(folder)
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return the headline and the folder."""
@@ -93,44 +92,50 @@ class FusionStudy:
         )
 
 
-def fuse(  # noqa: PLR0913 - the options of the command
+@command
+def fuse(
     model: AnyPath,
     data: Sequence[AnyPath] | AnyPath,
     out: AnyPath | None = None,
     *,
-    ego: str | None = None,
-    nodes: Sequence[str] | None = None,
-    studies: Sequence[str] | None = None,
-    frames: int = 40,
-    within: float | None = None,
-    mtu: int = _MTU,
-    seed: int = 0,
-    workers: int = 1,
+    ego: Annotated[str | None, "NAME"] = None,
+    nodes: Annotated[Sequence[str] | None, "NAME"] = None,
+    studies: Annotated[Sequence[str] | None, "NAME"] = None,
+    frames: Annotated[int, Interval(ge=2, le=100000)] = 40,
+    within: Annotated[float | None, Interval(ge=1, le=500)] = None,
+    mtu: Annotated[int, Interval(ge=256, le=65593)] = 1400,
+    seed: Annotated[int, Ge(0)] = 0,
+    workers: Annotated[int, Ge(1)] = 1,
     plan: bool = False,
     progress: ShowProgress = True,
 ) -> FusionStudy:
-    """Compare how nodes share what they see: clouds, features or boxes; interrupted, it goes on.
+    """Compare what nodes gain by sharing what they see.
+
+    As clouds, features or boxes. Interrupted, the same call continues.
 
     Args:
-        model: a folder that `train` wrote.
-        data: a fleet, a folder of datasets (``record --separate``), or a dataset for each node.
-        out: the folder to write; ``fusion`` beside the first of the data when not given.
-        ego: name of the node that receives; the first one when not given.
-        nodes: names of the nodes that take part, in the order in which they are added; all when
-            not given.
-        studies: of ``bitrate``, ``latency``, ``clock``, ``pose``, ``loss``, ``nodes``,
-            ``failure``; all when not given.
-        frames: of the receiver, evenly spaced, by which everything is judged.
-        within: objects farther from the receiver do not count, metres; the model's range when not
+        model: folder that ``model train`` wrote.
+        data: fleet, folder of datasets (``record --separate``), or a dataset for each node.
+        out: folder to write; ``fusion`` beside the first of the data if not given.
+        ego: name of the node that receives; the first if not given.
+        nodes: name of a node that takes part, in the order in which they are added; all if not
             given.
-        mtu: bytes of a packet, headers of UDP and IP left out.
-        seed: of lost packets and of errors of poses.
-        workers: processes; every number gives the same bytes.
+        studies: study: ``bitrate``, ``latency``, ``clock``, ``pose``, ``loss``, ``nodes`` or
+            ``failure``; all if not given.
+        frames: number of the receiver's frames, evenly spaced, to judge by.
+        within: largest distance from the receiver of an object that counts, metres; the model's
+            range if not given.
+        mtu: packet size, bytes, without the headers of UDP and IP.
+        seed: random seed of lost packets and of errors of poses.
+        workers: number of processes; every number gives the same bytes.
         plan: only say how long it takes.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: torch is not installed, or the model or the nodes cannot be used.
+
+    Example:
+        $ urbantwin model fuse model/ fleet/ -o fusion/ --plan
     """
     from urbantwin.learn.torch_device import check_torch
 
@@ -164,7 +169,9 @@ def fuse(  # noqa: PLR0913 - the options of the command
     check_folder(target, kind=_KIND, inputs=inputs)
     detector = read_model(source)
     if not detector.design.classes:
-        raise InputError("tells no boxes", file=source, expected="a model of `urbantwin train`")
+        raise InputError(
+            "tells no boxes", file=source, expected="a model of `urbantwin model train`"
+        )
     reach = detector.design.range_m
     if within is not None and not 0 < within <= reach:
         raise InputError(

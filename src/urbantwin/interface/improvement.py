@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import yaml
+from annotated_types import Ge
 
 from urbantwin.errors import InputError, StageError
+from urbantwin.interface.command import command
 from urbantwin.interface.detected_objects import detect
 from urbantwin.interface.done_steps import DoneSteps
 from urbantwin.interface.evaluation_report import Evaluation, evaluate
@@ -19,7 +21,7 @@ from urbantwin.interface.motion import drive
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.recording import record
 from urbantwin.interface.stage import ShowProgress, tell_line
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.interface.trained_model import train
 from urbantwin.interface.twin import Twin
 
@@ -41,7 +43,7 @@ _FIGURES = ("within_1_m", "within_2_m", "bev_iou_0.5", "iou_3d_0.5")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Improved:
+class Improved(Artefact):
     """A model that went on learning, in a folder, and how it was judged before and after.
 
     Attributes:
@@ -57,7 +59,7 @@ class Improved:
     after: Mapping[str, Evaluation]
 
     def __fspath__(self) -> str:
-        """Return the folder of the model: ``ut.detect(improved, frames)``."""
+        """Return the folder of the model: ``ut.model.detect(improved, frames)``."""
         return str(self.folder / "model")
 
     def __repr__(self) -> str:
@@ -88,26 +90,27 @@ class Improved:
         )
 
 
-def improve(  # noqa: PLR0913 - the options of the command
+@command
+def improve(
     model: AnyPath,
     twin: AnyPath,
     out: AnyPath | None = None,
     *,
     rig: AnyPath | None = None,
-    drives: int = 2,
-    events: int = 20,
-    seconds: float = 120.0,
-    every: float = 2.0,
-    minutes: float = 10.0,
-    steps: int | None = None,
+    drives: Annotated[int, Ge(1)] = 2,
+    events: Annotated[int, Ge(1)] = 20,
+    seconds: Annotated[float, Ge(7)] = 120.0,
+    every: Annotated[float, Ge(0.05)] = 2.0,
+    minutes: Annotated[float, Ge(0.1)] = 10.0,
+    steps: Annotated[int | None, Ge(1)] = None,
     also: Sequence[AnyPath] = (),
     real: Sequence[AnyPath] = (),
-    seed: int = 1,
-    workers: int | None = None,
-    device: str = "cpu",
+    seed: Annotated[int, Ge(0)] = 1,
+    workers: Annotated[int | None, Ge(1)] = None,
+    device: Annotated[str, "NAME"] = "cpu",
     progress: ShowProgress = True,
 ) -> Improved:
-    """Find what a model misses on a twin, drive more of exactly that, and let it learn on.
+    """Find what a model misses, and train it on more of it.
 
     A drive is looked at by the model. Whom it misses is put into further drives, of the same class
     at the same places, as events of a ``scenario.yaml``; it learns on from these; and another
@@ -115,26 +118,29 @@ def improve(  # noqa: PLR0913 - the options of the command
     same call goes on.
 
     Args:
-        model: a folder that `train` wrote.
-        twin: the twin's folder, with its rig.
-        out: the folder to write; ``improved`` beside the model when not given.
-        rig: a ``rig.yaml``; the twin's own rig if not given.
-        drives: with more of what was missed.
-        events: put into each of them, at most; one that cannot be staged is left out.
-        seconds: length of each drive.
-        every: seconds between its frames.
-        minutes: of training.
-        steps: of training, in place of minutes.
+        model: folder that ``model train`` wrote.
+        twin: twin's folder, with its rig.
+        out: folder to write; ``improved`` beside the model if not given.
+        rig: ``rig.yaml``; the twin's own rig if not given.
+        drives: number of drives with more of what was missed.
+        events: most events in each of them; one that cannot be staged is left out.
+        seconds: length of each drive, seconds.
+        every: time between its frames, seconds.
+        minutes: minutes of training.
+        steps: number of training steps, in place of minutes.
         also: datasets to learn from, too, so that what was known is not forgotten.
-        real: labelled real frames, to judge by.
-        seed: of every random choice.
-        workers: processes to record with.
-        device: of torch.
-        progress: show how far it is; or a function that is told (share, doing), of each stage.
+        real: labelled real frames to judge by, too.
+        seed: random seed.
+        workers: number of processes; every number gives the same bytes.
+        device: device of PyTorch: ``cpu`` or ``cuda``.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the model, the twin or frames cannot be used.
         StageError: a stage failed, or the model misses nobody.
+
+    Example:
+        $ urbantwin model improve model/ urbantwin-demo/twin -o improved/
     """
     from urbantwin.learn.torch_device import check_torch
 
@@ -185,7 +191,7 @@ def improve(  # noqa: PLR0913 - the options of the command
         "model",
         {"model": weights, "datasets": [digest_of(one) for one in sources], **learned},
         target / "model",
-        partial(train, sources, start=source, progress=progress, **learned),
+        partial(train, sources, weights=source, progress=progress, **learned),
     )
     judges = {"held": held} | {Path(one).resolve().name: Path(one) for one in real}
     reports: dict[str, dict[str, Evaluation]] = {"before": {}, "after": {}}

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
-from urbantwin.interface.overwrite import may_overwrite
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Result, Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,7 +25,7 @@ __all__ = ["Findings", "check"]
 _WIDE, _PLACES = 100, 3
 
 
-class Findings:
+class Findings(Result):
     """What is weak about a site's inputs: shown, it is a list; in a notebook, a plan, too.
 
     Attributes:
@@ -47,7 +47,7 @@ class Findings:
 
     def plot(self) -> Figure:
         """Return the plan with the places of the findings, numbered as in the list."""
-        from urbantwin.view.weakness_plan import weakness_figure
+        from urbantwin.drawing.weakness_plan import weakness_figure
 
         return weakness_figure(self.found)
 
@@ -70,12 +70,16 @@ class Findings:
             if len(linked) > _PLACES:
                 yield f"{'':<11}and {len(linked) - _PLACES} more (--json lists them)"
 
+    def text(self) -> str:
+        """Return what a command prints for a person: the list."""
+        return repr(self)
+
     def summary(self) -> Summary:
         """Return the findings as JSON holds them."""
         return Summary({"path": str(self.path), **self.found.as_json()})
 
 
-@may_overwrite
+@command
 def check(
     site: AnyPath,
     *,
@@ -84,22 +88,23 @@ def check(
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Findings:
-    """List what is weak about a site's inputs, with what to add and where; nothing is built.
+    """List what a site's inputs lack, and where to add it.
 
     Args:
-        site: a ``site.yaml``, or the folder that it is in.
-        picture: the plan to write, PNG or SVG: the places of the findings, numbered.
-        page: the page to write, HTML: the list, its links and the plan.
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        site: ``site.yaml``, or its folder.
+        picture: plan to write, PNG or SVG: the places of the findings, numbered.
+        page: HTML page to write: the list, its links and the plan.
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the site or one of its inputs is missing or wrong.
 
     Example:
-        >>> findings = ut.check("mysite", picture="weak.png")
+        >>> findings = ut.site.check("mysite", picture="weak.png")
         >>> findings.plot()
+        $ urbantwin site check mysite/ -o weak.html
     """
     from urbantwin.site import load_site
     from urbantwin.weakness import check_inputs
@@ -112,14 +117,14 @@ def check(
         checked = load_site(path)
         found = check_inputs(checked, progress=tell)
         if picture is not None:
-            from urbantwin.view.weakness_plan import draw_weakness_plan
+            from urbantwin.drawing.weakness_plan import draw_weakness_plan
 
             with replaced_file(
                 Path(picture), kind="check picture", inputs=checked.files()
             ) as scratch:
                 draw_weakness_plan(found, scratch)
         if page is not None:
-            from urbantwin.view.weakness_page import write_weakness_page
+            from urbantwin.drawing.weakness_page import write_weakness_page
 
             with replaced_file(Path(page), kind="check page", inputs=checked.files()) as scratch:
                 write_weakness_page(found, scratch)

@@ -10,6 +10,7 @@ from typing import Any
 
 from urbantwin.artefact import kind_of
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.opening import opened_artefact
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.site_file import Site
@@ -17,7 +18,7 @@ from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 from urbantwin.progress import Progress, untold
 
-__all__ = ["inspect", "summary_of"]
+__all__ = ["info", "summary_of"]
 
 MANIFESTS = ("twin", "motion", "dataset", "report", "coverage", "sequence", "fleet", "campaign")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
@@ -37,21 +38,29 @@ GEOMETRY = (
 )
 
 
-def inspect(path: AnyPath, *, progress: ShowProgress = True) -> Summary:
-    """Say what any artefact or input holds.
+@command
+def info(
+    path: AnyPath,
+    *,
+    progress: ShowProgress = True,
+) -> Summary:
+    """Print what a file or a folder holds.
 
     Args:
-        path: a twin, motion, dataset, report, coverage or sequence; a site.yaml, rig.yaml or
-            sensor; an OpenStreetMap extract, a DEM, a cloud, a recording or a file of geometry.
-        progress: show how far it is; or a function that is told (share, doing).
+        path: twin, motion, dataset, report, coverage or sequence; a site.yaml, rig.yaml or sensor;
+            an OpenStreetMap extract, a DEM, a cloud, a recording or a file of geometry.
+        progress: show progress; or a function that is called with (share, doing).
 
     Returns:
         Its kind, and values that JSON can hold.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
+
+    Example:
+        $ urbantwin info urbantwin-demo/dataset
     """
-    with shown_stage("inspect", progress, brief=True) as tell:
+    with shown_stage("info", progress, brief=True) as tell:
         return summary_of(Path(path), tell)
 
 
@@ -170,7 +179,7 @@ def _yaml(path: Path) -> dict[str, Any]:
 
     fields = read_document(path, kind="a site, a rig, nodes or a sensor").value
     if "anchor" in fields:
-        return _without_path(Site(path).summary())
+        return _without_path(Site(path).resolved())
     if "channels" in fields:
         sensor = load_sensor(path)
         return {"kind": "sensor", "name": sensor.name, "channels": sensor.channels}

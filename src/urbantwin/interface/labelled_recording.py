@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from annotated_types import Ge, Interval
 
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 __all__ = ["LabelledRecording", "label"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LabelledRecording:
-    """Frames with labels of a model, in a folder; it stands for its folder: ``ut.train(it)``.
+class LabelledRecording(Artefact):
+    """Frames with labels of a model, in a folder; it stands for its folder: ``ut.model.train(it)``.
 
     Attributes:
         folder: where it was written, in the OpenPCDet layout.
@@ -24,10 +28,6 @@ class LabelledRecording:
 
     folder: Path
     labels: dict[str, int]
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return how many labels there are, and the folder."""
@@ -38,37 +38,40 @@ class LabelledRecording:
         return Summary(path=str(self.folder), labels=dict(sorted(self.labels.items())))
 
 
-def label(  # noqa: PLR0913 - the options of the command
+@command
+def label(
     model: AnyPath,
     frames: AnyPath,
     out: AnyPath | None = None,
     *,
-    sure: float = 0.5,
-    doubtful: float = 0.15,
-    rate: float | None = None,
+    sure: Annotated[float, Interval(ge=0.001, le=0.999)] = 0.5,
+    doubtful: Annotated[float, Interval(ge=0.001, le=0.999)] = 0.15,
+    rate: Annotated[float | None, Ge(0.01)] = None,
     layout: str | None = None,
-    device: str = "cpu",
+    device: Annotated[str, "NAME"] = "cpu",
     progress: ShowProgress = True,
 ) -> LabelledRecording:
-    """Label frames by a model, for a student to learn from.
+    """Label frames by a model, for another to learn from.
 
     With ``rate`` (or where the frames say when they were taken) its detections are followed
     backwards and forwards: a track has one class and size, smooth places, and gaps are filled.
 
     Args:
-        model: the teacher: a folder that `train` wrote.
-        frames: a recording; no label of it is looked at.
-        out: the folder to write; ``labelled`` beside the frames when not given.
-        sure: a box with such a score is a label.
-        doubtful: one with less than ``sure`` and at least this is neither right nor wrong for who
-            learns; what is below is not there.
-        rate: frames per second, of frames that follow each other.
-        layout: how the frames lie; found out when not given.
-        device: of torch: ``cpu``, ``cuda``.
-        progress: show how far it is; or a function that is told (share, doing).
+        model: teacher: a folder that ``model train`` wrote.
+        frames: recording; its labels are not used.
+        out: folder to write; ``labelled`` beside the frames if not given.
+        sure: lowest score of a box that becomes a label.
+        doubtful: lowest score of a box that is ignored in training; boxes below are dropped.
+        rate: frames per second, Hz, of frames that follow each other: they are tracked, too.
+        layout: layout of the frames; recognised from their files if not given.
+        device: device of PyTorch: ``cpu`` or ``cuda``.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: torch is not installed, or the model or the frames cannot be used.
+
+    Example:
+        $ urbantwin model label teacher/ real/ -o labelled/ --rate 10
     """
     from urbantwin.artefact import check_folder, replaced_folder
     from urbantwin.fidelity.readers import open_recording

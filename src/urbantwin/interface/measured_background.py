@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge
 
 from urbantwin.artefact import check_file
 from urbantwin.errors import InputError
-from urbantwin.interface.overwrite import may_overwrite
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from urbantwin.fidelity.waiting_traffic import WaitingTraffic
@@ -23,7 +25,7 @@ __all__ = ["Background", "background"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Background:
+class Background(Artefact):
     """Measured backgrounds of sensors; it stands for its file: ``ut.record(background=...)``.
 
     Attributes:
@@ -52,10 +54,6 @@ class Background:
 
         return load_backgrounds(self.path)
 
-    def __fspath__(self) -> str:
-        """Return the file."""
-        return str(self.path)
-
     def __repr__(self) -> str:
         """Return each sensor's share of beams with a range, and the file."""
         each = ", ".join(
@@ -70,53 +68,61 @@ class Background:
         return Summary(path=str(self.path), **self.told)
 
 
-@may_overwrite
-def background(  # noqa: PLR0913 - the options of the command
+@command
+def background(
     real: AnyPath,
     out: AnyPath | None = None,
     *,
-    sensor: str | None = None,
-    columns: int | None = None,
-    rate: float | None = None,
-    pose: tuple[float, float, float, float, float, float] | None = None,
+    sensor: Annotated[str | None, "MODEL"] = None,
+    columns: Annotated[int | None, Ge(1)] = None,
+    rate: Annotated[float | None, Ge(0.1)] = None,
+    pose: Annotated[
+        tuple[float, float, float, float, float, float] | None, "X Y Z YAW PITCH ROLL"
+    ] = None,
     twin: Twin | AnyPath | None = None,
     rig: AnyPath | None = None,
     only: str | None = None,
-    points_in: str | None = None,
+    points_in: Annotated[str | None, "FRAME"] = None,
     elevations: AnyPath | None = None,
     intensity_scale: float | None = None,
-    interval: float | None = None,
+    interval: Annotated[float | None, Ge(0.001)] = None,
     traffic: bool = False,
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Background:
-    """Measure the static world beam by beam from unlabelled frames, for `record`.
+    """Measure the static world, beam by beam.
+
+    From unlabelled frames of static sensors, for ``record --background``.
 
     Args:
-        real: frames of sensors that stand still; or a matrix of ranges.
-        out: the ``.npz`` to write; ``background.npz`` beside the twin, or here without one, when
-            not given.
-        sensor: a model of the catalogue, or a sensor's file.
-        columns: its columns per turn; the model's default if not given.
-        rate: its turns per second.
-        pose: x, y, z, yaw, pitch, roll of the sensor in the frame of the points, metres and
-            degrees; without it the points are in the sensor's own.
-        twin: a twin whose rig's sensors they are, in place of ``sensor``.
-        rig: with ``twin``: a ``rig.yaml``; the twin's own if not given.
-        only: with ``twin``: name of the sensor that recorded alone.
-        points_in: with ``twin``: ``sensor``, ``level`` or ``site``; as the rig says if not given.
-        elevations: a file with those of a matrix's rows, degrees or radians.
-        intensity_scale: what the data call full scale of intensity; guessed if not given.
-        interval: seconds from one frame to the next; a turn if not given. How long what stirs
-            stays as it is, is told by it.
-        traffic: with ``twin``: keep what waited on its lanes in all frames.
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        real: frames of static sensors; or a matrix of ranges.
+        out: ``.npz`` to write; ``background.npz`` beside the twin, or here without one, if not
+            given.
+        sensor: model of the catalogue, or a sensor's file.
+        columns: columns per turn; the model's default if not given.
+        rate: turns per second, Hz; the model's default if not given.
+        pose: pose of the sensor in the frame of the points, metres and degrees; without it the
+            points are in the sensor's own frame.
+        twin: twin whose rig's sensors recorded, in place of ``sensor``.
+        rig: with ``twin``: ``rig.yaml``; the twin's own if not given.
+        only: with ``twin``: name of the only sensor that recorded.
+        points_in: with ``twin``: frame of the points, ``sensor``, ``level`` or ``site``; as the rig
+            says if not given.
+        elevations: file with the elevations of a matrix's rows, degrees or radians.
+        intensity_scale: full scale of the data's intensity; estimated if not given.
+        interval: time from one frame to the next, seconds; one turn if not given. It tells how long
+            moving foliage stays as it is.
+        traffic: with ``twin``: keep what stood on its lanes in all frames.
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: neither or both of ``sensor`` and ``twin`` are given, or something given
             cannot be used.
+
+    Example:
+        $ urbantwin rig background real/ --sensor OS1-128 -o measured.npz
     """
     from urbantwin.fidelity.background_estimation import measure_recording
     from urbantwin.fidelity.beam_assignment import beams_of_model, beams_of_rig

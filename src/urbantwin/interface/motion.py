@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import Ge, Interval
 
 from urbantwin.artefact import check_folder, sha256_of
+from urbantwin.interface.command import command
 from urbantwin.interface.outcome import outcome_of_motion
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.traffic.motion import Motion as DrivenMotion
 from urbantwin.traffic.motion import describe
 
@@ -24,7 +27,7 @@ __all__ = ["Motion", "drive", "driven"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Motion(DrivenMotion):
+class Motion(Artefact, DrivenMotion):
     """The pose of every actor at every step, and what the signals showed.
 
     ``actors`` and ``signals`` are tables of pyarrow; ``at(time_s)`` gives the actors of one step as
@@ -65,10 +68,6 @@ class Motion(DrivenMotion):
         parts = {one.name: getattr(driven, one.name) for one in fields(DrivenMotion)}
         return cls(**parts, folder=folder)
 
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
     def __repr__(self) -> str:
         """Return duration, counts, seed and folder."""
         seen = {
@@ -98,8 +97,8 @@ class Motion(DrivenMotion):
             twin: whose lanes are drawn below; the twin beside the motion when not given, if the
                 motion was made on that one.
         """
+        from urbantwin.drawing.pictures import figure_of_motion
         from urbantwin.interface.twin import Twin
-        from urbantwin.view.pictures import figure_of_motion
 
         beside_it = self.folder.parent / "twin"
         named = beside_it / "twin.json"
@@ -109,38 +108,39 @@ class Motion(DrivenMotion):
         return figure_of_motion(self, twin)
 
 
-def drive(  # noqa: PLR0913 - the options of the command
+@command
+def drive(
     twin: Twin | AnyPath,
     out: AnyPath | None = None,
     *,
-    seconds: float | None = None,
-    seed: int | None = None,
+    seconds: Annotated[float | None, Interval(ge=0.1, le=86400)] = None,
+    seed: Annotated[int | None, Ge(0)] = None,
     demand: AnyPath | None = None,
     scenario: AnyPath | None = None,
     counts: AnyPath | None = None,
     detectors: AnyPath | None = None,
-    time_of_day: str | None = None,
+    time_of_day: Annotated[str | None, "HH:MM"] = None,
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Motion:
-    """Drive a twin's traffic: every actor's pose at every step.
+    """Simulate a twin's traffic: every actor at every step.
 
     Args:
-        twin: the twin, or its folder.
-        out: the folder to write, in which an older motion is replaced; ``motion`` beside the twin
-            when not given.
-        seconds: length of the motion, 0.1 to 86400; the site's ``traffic.duration_s`` if not given.
-        seed: that everything random follows from; the site's ``traffic.seed`` if not given.
-        demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` and
-            ``calibrate`` write it.
-        scenario: a ``scenario.yaml``: rare events, each by its name, at a place and a time.
-        counts: a table (CSV) of who passed by approach and turn, road, crossing, or origin and
-            destination, and by quarter of an hour; or what SUMO's detectors write (XML, CSV).
-        detectors: where the detectors of the counts are: SUMO's additional file of them.
-        time_of_day: when the motion begins, ``08:00``: counts are taken from then on, guessed
-            volumes are those of that hour; the site's ``traffic.time_of_day`` if not given.
+        twin: twin, or its folder.
+        out: folder to write, in which an older motion is replaced; ``motion`` beside the twin if
+            not given.
+        seconds: length of the motion, seconds; the site's ``traffic.duration_s`` if not given.
+        seed: random seed; the site's ``traffic.seed`` if not given.
+        demand: file with fields of ``traffic:`` that replace the site's, as ``rig tune`` and
+            ``traffic calibrate`` write it.
+        scenario: ``scenario.yaml``: rare events at a place and a time (docs/events.md).
+        counts: counted traffic, a table (CSV) by approach and turn, road, crossing, or origin and
+            destination, per quarter of an hour; or the output of SUMO's detectors (XML, CSV).
+        detectors: positions of the detectors of the counts: SUMO's additional file.
+        time_of_day: time of day at which the motion begins, ``08:00``; the site's
+            ``traffic.time_of_day`` if not given.
         pictures: draw the paths of the actors, and each event, into the motion's folder.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the twin, the demand or ``out`` cannot be used.
@@ -148,6 +148,7 @@ def drive(  # noqa: PLR0913 - the options of the command
 
     Example:
         >>> motion = ut.drive(twin, seconds=60)
+        $ urbantwin drive urbantwin-demo/twin -o motion/ --seconds 60
     """
     from urbantwin.interface.twin import Twin
     from urbantwin.site import load_traffic_changes
@@ -174,7 +175,7 @@ def drive(  # noqa: PLR0913 - the options of the command
         changes = {**changes, "scenario": load_scenario(events, loaded, until_s)}
 
     def draw(driven: DrivenMotion, folder: Path) -> None:
-        from urbantwin.view.pictures import picture_of_motion, pictures_of_events
+        from urbantwin.drawing.pictures import picture_of_motion, pictures_of_events
 
         (folder / "pictures").mkdir()
         picture_of_motion(driven, loaded, folder / "pictures" / "paths.png")

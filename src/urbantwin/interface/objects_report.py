@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import read_json
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["ObjectsReport"]
 
 
-class ObjectsReport:
+class ObjectsReport(Artefact):
     """What `compare` found of our bodies in the boxes of labelled real frames.
 
     ``objects.html`` in its folder is the page for people.
@@ -65,10 +65,6 @@ class ObjectsReport:
         """What each figure is."""
         return dict(self.manifest["definitions"])
 
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
     def __repr__(self) -> str:
         """Return the headline and the folder."""
         return f"ObjectsReport ({self.folder}). {self.manifest['in_short']}"
@@ -86,7 +82,7 @@ class ObjectsReport:
 
     def plot(self) -> Figure:
         """Show the report's picture."""
-        from urbantwin.view.style import figure_of_picture
+        from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.folder / "objects.png")
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import Interval
 
 from urbantwin.artefact import check_folder
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from urbantwin.traffic.observed import Observation
@@ -23,8 +25,8 @@ __all__ = ["ObservedTraffic", "observe"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ObservedTraffic:
-    """What moved and waited in a recording; it stands for its tracks: ``ut.replay(observed, ...)``.
+class ObservedTraffic(Artefact):
+    """What moved and waited in a recording; it stands for its file of tracks.
 
     Attributes:
         folder: where it was written: ``tracks.csv``, ``proposal.geojson``, ``above.png``.
@@ -69,7 +71,7 @@ def detected_actors(folder: Path, names: Sequence[str]) -> list[list[DetectedAct
             raise InputError(
                 f"frame {name} was not looked at",
                 file=folder,
-                expected="what `urbantwin detect MODEL FRAMES` wrote of the same frames",
+                expected="what `urbantwin model detect MODEL FRAMES` wrote of the same frames",
             )
     rows = [
         row
@@ -90,33 +92,40 @@ def detected_actors(folder: Path, names: Sequence[str]) -> list[list[DetectedAct
     return [by_frame[number[name]] for name in names]
 
 
+@command
 def observe(
     frames: AnyPath,
     out: AnyPath | None = None,
     *,
     twin: AnyPath | None = None,
     detections: AnyPath | None = None,
-    rate: float = 10.0,
+    rate: Annotated[float, Interval(ge=0.1, le=50)] = 10.0,
     times: AnyPath | None = None,
     progress: ShowProgress = True,
 ) -> ObservedTraffic:
-    """Find what moves in frames of sensors that stand still, and what waits on lanes.
+    """Find road users in unlabelled frames, as tracks.
+
+    The sensors must be static.
 
     Args:
-        frames: the folder that ``ut.discover(..., frames=...)`` wrote.
-        out: the folder to write; one beside the frames when not given.
-        twin: a twin of the place, in the frame of the points: its lanes tell where vehicles wait,
-            and which way they look.
-        detections: what ``ut.detect(model, frames)`` wrote: who walks and rides is taken from it.
-        rate: frames per second. Where frames follow each other later than that is found, and nobody
-            is followed over such a gap.
-        times: a table, ``frame`` and ``seconds``: when each frame was taken, in place of ``rate``.
-        progress: show how far it is; or a function that is told (share, doing).
+        frames: folder that ``rig discover --frames`` wrote.
+        out: folder to write; one beside the frames if not given.
+        twin: twin of the place, in the frame of the points: vehicles that wait on its lanes are
+            found, too.
+        detections: detections in these frames (``model detect``), from which pedestrians and riders
+            are taken.
+        rate: frames per second, Hz; gaps are found by what moves.
+        times: table with ``frame`` and ``seconds``: the time of each frame, in place of ``rate``.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: there are too few frames, or what is given cannot be used.
+
+    Example:
+        $ urbantwin traffic observe rings/ -o observed/ --rate 10
     """
     from urbantwin.artefact import replaced_folder, write_json
+    from urbantwin.drawing.observed_place import draw_observed_place
     from urbantwin.reconstruct.recording import RecordedFrames
     from urbantwin.traffic.observed import observe as observed
     from urbantwin.traffic.observed import (
@@ -126,7 +135,6 @@ def observe(
         write_observation,
     )
     from urbantwin.twin import load_twin
-    from urbantwin.view.observed_place import draw_observed_place
 
     source = Path(frames)
     target = beside(source, "observation") if out is None else Path(out)

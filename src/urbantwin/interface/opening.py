@@ -12,7 +12,7 @@ from urbantwin.artefact.storage import is_url
 from urbantwin.dataset.split import says_split
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage
@@ -47,7 +47,7 @@ _EXPECTED = (
 )
 
 
-class Package:
+class Package(Artefact):
     """An artefact for another program: a submission, a package for SUMO or CARLA, a plan, ...
 
     Attributes:
@@ -69,10 +69,6 @@ class Package:
     def files(self) -> list[Path]:
         """Its files."""
         return sorted(path for path in self.folder.rglob("*") if path.is_file())
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return kind, number of files and folder."""

@@ -70,7 +70,7 @@ def chosen_frames(given: Sequence[Path], part: str, *, place: str = "--part") ->
         if listed == []:
             raise InputError(
                 f"names no frame for {part}", file=path / "ImageSets" / f"{part}.txt",
-                expected=f"frames, or {place} {_ALL}; `urbantwin split` divides a dataset anew",
+                expected=f"frames, or {place} {_ALL}; `urbantwin dataset split` divides it anew",
             )  # fmt: skip
         folders.append(path)
         names.append(None if listed is None else tuple(listed))

@@ -5,13 +5,16 @@ from __future__ import annotations
 import shutil
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge
 
 from urbantwin.artefact import check_folder, read_json, replaced_folder
 from urbantwin.artefact.tables import read_parquet
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line, tell_result
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.result_warning import ResultWarning, warnings_of
 
 if TYPE_CHECKING:
@@ -27,7 +30,7 @@ __all__ = ["Placement", "place"]
 _KIND = "placement"
 
 
-class Placement:
+class Placement(Artefact):
     """Layouts of sensors, judged by one motion; it stands for its folder.
 
     Attributes:
@@ -35,7 +38,7 @@ class Placement:
         manifest: ``placement.json``.
 
     Example:
-        >>> placement = ut.place(twin, motion, layouts=100)
+        >>> placement = ut.rig.place(twin, motion, layouts=100)
         >>> ut.record(twin, motion, rig=placement.rigs[-1])
     """
 
@@ -84,10 +87,6 @@ class Placement:
         """What is wrong with it."""
         return warnings_of(self.manifest)
 
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
     def __repr__(self) -> str:
         """Return how many layouts were judged, and the folder."""
         front = len(self.manifest.get("front", ()))
@@ -114,47 +113,52 @@ class Placement:
 
     def plot(self) -> Figure:
         """Show all layouts by cost and the other objectives."""
-        from urbantwin.view.style import figure_of_picture
+        from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.folder / "pictures" / "front.png")
 
 
-def place(  # noqa: PLR0913 - the options of the command
+@command
+def place(
     twin: Twin | AnyPath,
     motion: Motion | AnyPath,
     out: AnyPath | None = None,
     *,
     wish: AnyPath | None = None,
-    layouts: int = 500,
-    train: int = 0,
-    steps: int = 1000,
-    seed: int = 0,
-    workers: int | None = None,
+    layouts: Annotated[int, Ge(1)] = 500,
+    train: Annotated[int, Ge(0)] = 0,
+    steps: Annotated[int, Ge(1)] = 1000,
+    seed: Annotated[int, Ge(0)] = 0,
+    workers: Annotated[int | None, Ge(1)] = None,
     progress: ShowProgress = True,
 ) -> Placement:
-    """Search for layouts of sensors that see most of a motion for what they cost.
+    """Search for the sensor layouts that see most.
 
     Every sensor that may hang somewhere is cast once at the motion, and combined into layouts: no
     layout costs a recording. Interrupted, the same call goes on, and finds the same.
 
     Args:
-        twin: the twin, or its folder.
-        motion: a motion on it, or its folder: all layouts see this one.
-        out: the folder to write; ``placement`` beside the twin when not given.
-        wish: a ``place.yaml``: where sensors may hang, models with their prices, objectives; poles,
-            signals, facades and new poles, and three models, when not given.
-        layouts: how many are judged.
-        train: so many of the front are also recorded with traffic of another seed, to train a
-            detector for each, which is judged by this motion: average precision and tracking.
-        steps: of training on all of them together; each then has a quarter more of its own.
-        seed: of the search.
-        workers: processes to work with; every number gives the same bytes.
-        progress: show how far it is; or a function that is told (share, doing).
+        twin: twin, or its folder.
+        motion: motion on it, or its folder: all layouts see this one.
+        out: folder to write; ``placement`` beside the twin if not given.
+        wish: ``place.yaml``: candidate places, models with prices, objectives; poles, signals,
+            facades and new poles, and three models, if not given.
+        layouts: number of layouts that are judged.
+        train: number of layouts of the front that are also recorded with traffic of another seed,
+            to train a detector for each, which is judged by this motion: average precision and
+            tracking.
+        steps: training steps on all of them together; each then has a quarter more of its own.
+        seed: random seed of the search.
+        workers: number of processes; every number gives the same bytes.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: what is wished cannot be: an unknown model, a place inside something, a budget
             that no layout meets; or ``out`` holds other files.
         StageError: a worker was killed, or the disk is full.
+
+    Example:
+        $ urbantwin rig place urbantwin-demo/twin urbantwin-demo/motion -o placement/ --layouts 100
     """
     from urbantwin import __version__
     from urbantwin.dataset.manifest import recipe_key, recipe_of_rig

@@ -6,7 +6,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.command import command
+from urbantwin.interface.stage import ShowProgress
+from urbantwin.interface.summary import Listing, Summary
 
 if TYPE_CHECKING:
     from urbantwin.site.presets import Preset
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["PresetCatalogue", "presets"]
 
 
-class PresetCatalogue(Mapping[str, "Preset"]):
+class PresetCatalogue(Listing, Mapping[str, "Preset"]):
     """The presets by their names: shown, it is a table."""
 
     @property
@@ -55,12 +57,22 @@ class PresetCatalogue(Mapping[str, "Preset"]):
         return Summary(presets=[_entry(one) for one in self.values()])
 
 
-def presets() -> PresetCatalogue:
-    """Return the places at which roadside datasets were recorded, for ``init(preset=...)``.
+@command
+def presets(
+    *,
+    progress: ShowProgress = True,
+) -> PresetCatalogue:
+    """List places where roadside datasets were recorded.
+
+    `init` takes their names as ``preset``.
+
+    Args:
+        progress: show progress; or a function that is called with (share, doing).
 
     Example:
-        >>> ut.presets()
-        >>> ut.presets()["tumtraf-s110"].unknown
+        >>> ut.site.presets()
+        >>> ut.site.presets()["tumtraf-s110"].unknown
+        $ urbantwin site presets
     """
     return PresetCatalogue()
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge, Interval
 
 from urbantwin.artefact import check_folder
+from urbantwin.interface.command import command
 from urbantwin.interface.motion import Motion
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.interface.twin import Twin
 
 if TYPE_CHECKING:
@@ -19,39 +22,43 @@ if TYPE_CHECKING:
 __all__ = ["Calibration", "calibrate", "replay"]
 
 
-def replay(  # noqa: PLR0913 - the options of the command
+@command
+def replay(
     tracks: AnyPath,
-    twin: Twin | AnyPath,
     out: AnyPath | None = None,
     *,
-    step: float | None = None,
+    twin: Twin | AnyPath,
+    step: Annotated[float | None, Interval(ge=0.001, le=10)] = None,
     smooth: bool = True,
     keep_clock: bool = False,
     keep_names: bool = False,
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Motion:
-    """Make a motion of recorded tracks: resampled, smoothed, on the twin's ground.
+    """Turn recorded tracks into a twin's motion.
+
+    The tracks are resampled, smoothed and put on the twin's ground.
 
     Args:
-        tracks: a description of recorded tracks (YAML), or the tracks themselves: CSV, OpenLABEL
-            or nuScenes JSON, KITTI labels, OpenSCENARIO.
-        twin: the twin that they move on, or its folder.
-        out: the folder to write, in which an older motion is replaced; ``motion`` beside the twin
-            when not given.
-        step: seconds between steps, 0.001 to 10; the site's ``traffic.step_s`` if not given.
-        smooth: take the noise off their paths.
-        keep_clock: note in the motion what the recording's clock said at its start: a time of day.
-        keep_names: note in the motion what the recording calls each actor, also where that is no
+        tracks: description of recorded tracks (YAML, docs/recorded_traffic.md), or the tracks: CSV,
+            OpenLABEL or nuScenes JSON, KITTI labels, OpenSCENARIO.
+        twin: twin that they move on, or its folder.
+        out: folder to write, in which an older motion is replaced; ``motion`` beside the twin if
+            not given.
+        step: time step, seconds; the site's ``traffic.step_s`` if not given.
+        smooth: smooth the noise of their paths.
+        keep_clock: note in the motion the recording's clock at its start: a time of day.
+        keep_names: note in the motion the recording's name of each actor, also where it is no
             number.
         pictures: draw the paths of the actors into the motion's folder.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the tracks, the twin or ``out`` cannot be used; a row of the tracks is named.
 
     Example:
-        >>> motion = ut.replay("tracks.yaml", "twin/")
+        >>> motion = ut.traffic.replay("tracks.yaml", twin="twin/")
+        $ urbantwin traffic replay tracks.csv --twin urbantwin-demo/twin -o motion/
     """
     from urbantwin.traffic.recorded.read import files_of
     from urbantwin.traffic.replay import replay as replayed
@@ -61,7 +68,7 @@ def replay(  # noqa: PLR0913 - the options of the command
     loaded = Twin.open(twin)
 
     def draw(driven: DrivenMotion, folder: Path) -> None:
-        from urbantwin.view.pictures import picture_of_motion
+        from urbantwin.drawing.pictures import picture_of_motion
 
         (folder / "pictures").mkdir()
         picture_of_motion(driven, loaded, folder / "pictures" / "paths.png")
@@ -83,7 +90,7 @@ def replay(  # noqa: PLR0913 - the options of the command
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(Artefact):
     """What a recording told of a site's traffic; it stands for its folder.
 
     Attributes:
@@ -93,10 +100,6 @@ class Calibration:
 
     folder: Path
     report: dict[str, Any]
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def summary(self) -> Summary:
         """Return what was found in a few values."""
@@ -132,39 +135,43 @@ class Calibration:
         )
 
 
+@command
 def calibrate(
     tracks: AnyPath,
-    site: AnyPath,
     out: AnyPath | None = None,
     *,
-    fit_share: float = 0.6,
-    gap: float = 5.0,
-    seconds: float = 3600.0,
-    seed: int | None = None,
+    site: AnyPath,
+    fit_share: Annotated[float, Interval(ge=0.1, le=1.0)] = 0.6,
+    gap: Annotated[float, Ge(0)] = 5.0,
+    seconds: Annotated[float, Interval(ge=0, le=86400)] = 3600.0,
+    seed: Annotated[int | None, Ge(0)] = None,
     progress: ShowProgress = True,
 ) -> Calibration:
-    """Fit a site's demand, drivers and signals to recorded tracks, and judge by the rest of them.
+    """Fit a site's traffic to recorded tracks.
+
+    Demand, drivers and signals are fitted to the first part of the recording and judged by the
+    rest.
 
     Args:
-        tracks: a description of recorded tracks (YAML), or the tracks themselves; or a folder that
-            ``ut.observe`` wrote: then the demand alone is fitted, to how many are present, and
-            ``fit_share``, ``gap`` and ``seconds`` do not count.
+        tracks: description of recorded tracks (YAML, docs/recorded_traffic.md), or the tracks; or a
+            folder of ``traffic observe``: then the demand alone is fitted, to the number of actors
+            present, and ``fit_share``, ``gap`` and ``seconds`` do not count.
         site: the ``site.yaml``.
-        out: the folder to write: ``traffic.yaml`` for ``drive(demand=...)``, ``site.yaml`` with
-            traffic and signals, ``calibration.json``; ``calibrated`` beside the site when not
-            given.
-        fit_share: share of the recording that is fitted to, 0.1 to 1; what comes later judges.
-        gap: seconds between the two parts.
-        seconds: length of the simulation that is judged, up to 86400; 0 simulates nothing.
-        seed: of the simulations; 1 if not given.
-        progress: show how far it is; or a function that is told (share, doing).
+        out: folder to write: ``traffic.yaml`` for ``drive(demand=...)``, ``site.yaml`` with traffic
+            and signals, ``calibration.json``; ``calibrated`` beside the site if not given.
+        fit_share: share of the recording that is fitted to; what comes later judges.
+        gap: time between the two parts, seconds.
+        seconds: length of the simulation that is judged, seconds; 0 simulates nothing.
+        seed: random seed of the simulations; 1 if not given.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the tracks, the site or ``out`` cannot be used; a row of the tracks is named.
         StageError: netconvert or SUMO failed.
 
     Example:
-        >>> ut.calibrate("tracks.yaml", "site.yaml", "calibrated/").report["held_out"]
+        >>> ut.traffic.calibrate("tracks.yaml", site="site.yaml").report["held_out"]
+        $ urbantwin traffic calibrate tracks.csv --site mysite/site.yaml -o calibrated/
     """
     from urbantwin.traffic.calibration import calibrate_observation, calibrate_traffic
     from urbantwin.traffic.observed import is_observation

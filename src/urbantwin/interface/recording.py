@@ -6,12 +6,15 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any, overload
+
+from annotated_types import Ge
 
 from urbantwin.artefact.storage import Storage, is_url
 from urbantwin.dataset.output_place import check_output
 from urbantwin.dataset.rehearsal import rehearse
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
@@ -50,75 +53,80 @@ def record(
     **options: Any,  # noqa: ANN401
 ) -> Fleet: ...
 # The options are written once, below: which of them there is changes nothing in the type.
-def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
+@command  # type: ignore[misc]
+def record(
     twin: Twin | AnyPath,
     motion: Motion | AnyPath,
-    out: AnyPath | None = None,
+    out: Annotated[AnyPath | None, "FOLDER|URL"] = None,
     *,
     rig: AnyPath | None = None,
     nodes: AnyPath | None = None,
-    start: float = 0.0,
-    stop: float | None = None,
-    every: int = 1,
+    start: Annotated[float, Ge(0)] = 0.0,
+    stop: Annotated[float | None, Ge(0)] = None,
+    every: Annotated[int, Ge(1)] = 1,
     effects: str | None = None,
     weather: str | None = None,
     visibility: float | None = None,
     wet_ground: float | None = None,
     sun_elevation: float | None = None,
     sun_azimuth: float | None = None,
-    ride: str | None = None,
+    ride: Annotated[str | None, "TRACK|CLASS"] = None,
     fused: bool | None = None,
-    backend: str | None = None,
-    storage: str = "npy",
-    split: str | Sequence[float] = "70,15,15",
-    gap: float | None = None,
-    thin: float | None = None,
-    background: AnyPath | Sequence[AnyPath] = (),
+    backend: Annotated[str | None, "NAME"] = None,
+    storage: Annotated[str, "NAME"] = "npy",
+    split: Annotated[str | Sequence[float], "SHARES"] = "70,15,15",
+    gap: Annotated[float | None, Ge(0)] = None,
+    thin: Annotated[float | None, Ge(0)] = None,
+    background: Annotated[Sequence[AnyPath] | AnyPath, "[NAME=]FILE"] = (),
     fuse: bool = False,
-    workers: int | None = None,
-    ray: str | None = None,
-    seed: int | None = None,
+    workers: Annotated[int | None, Ge(1)] = None,
+    ray: Annotated[str | None, "ADDRESS"] = None,
+    seed: Annotated[int | None, Ge(0)] = None,
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Dataset | Fleet | StoredDataset:
-    """Record labelled LiDAR frames. After an interruption, the same call goes on from there.
+    """Record labelled LiDAR frames of a motion.
+
+    After an interruption, the same call continues.
 
     Args:
-        twin: the twin, or its folder.
-        motion: a motion on that twin, or its folder.
-        out: the folder to write, in which an older dataset is replaced; ``dataset`` beside the
-            twin when not given, of nodes ``fleet``. Or an address of storage that fsspec reaches,
-            ``s3://bucket/name``, where nothing may be (docs/cluster.md).
-        rig: a ``rig.yaml``; the twin's own rig if not given.
-        nodes: a ``nodes.yaml``: several rigs, standing and riding, that record together, each with
-            its clock, its pose and its radio (docs/nodes.md); in place of ``rig``.
-        start: no frame before this time of the motion, seconds.
-        stop: no frame after this time, seconds; the motion's end if not given.
-        every: only each N-th frame of the rig: 10 of a rig of 10 Hz are frames a second apart.
-        effects: ``none``, ``all``, and effects to turn on or off: ``none,noise`` or ``no-sun``.
-        weather: ``clear``, ``rain``, ``fog`` or ``snow``.
-        visibility: how far one sees in that weather, metres.
-        wet_ground: 0 is dry, 1 a film of water.
-        sun_elevation: of the sun above the horizon, degrees.
-        sun_azimuth: of the sun, degrees clockwise from north.
-        ride: track or class of the actor that carries a rig that rides.
-        fused: one dataset of all sensors, or one for each; as the rig says if not given.
-        backend: what casts the rays: ``embree``, ``bvh`` (the built-in tracer), ``warp`` (a CUDA
-            device) or ``warp:DEVICE``; ``embree``, where it is missing ``bvh``, if not given.
-        storage: of points: ``npy``, as OpenPCDet reads them; ``zstd``, columns in Parquet, a third
-            of the size, of which nothing is lost; or ``laz``, LAS 1.4 in whole millimetres.
-        split: shares of training, validation and test, cut in time.
-        gap: seconds between the parts, of which no part has the frames; as long as the scene needs
-            to change, and no more than a tenth of the recording, if not given.
-        thin: leave frames in which nobody moved so many metres out of the parts.
-        background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world.
-        fuse: where nobody measured, the twin is seen.
-        workers: processes to work with; every number gives the same bytes.
-        ray: a Ray cluster to record on: ``HOST:PORT`` of its head, ``auto`` for the one that runs
-            on this machine, ``local`` to start one; it gives the same bytes (docs/cluster.md).
-        seed: that everything random follows from; the site's ``traffic.seed`` if not given.
-        pictures: draw pictures into the dataset's folder, which takes a while.
-        progress: show how far it is; or a function that is told (share, doing).
+        twin: twin, or its folder.
+        motion: motion on that twin, or its folder.
+        out: folder to write, in which an older dataset is replaced; ``dataset`` beside the twin if
+            not given, ``fleet`` with ``nodes``. Or an address of storage that fsspec reaches,
+            ``s3://bucket/name``, which must be empty (docs/cluster.md).
+        rig: ``rig.yaml``; the twin's own rig if not given.
+        nodes: ``nodes.yaml``: several rigs, static and mounted on vehicles, that record together,
+            each with its clock, pose and radio (docs/nodes.md); in place of ``rig``.
+        start: time of the first frame at the earliest, seconds of the motion.
+        stop: time of the last frame at the latest, seconds; the motion's end if not given.
+        every: record only every N-th frame of the rig's rate.
+        effects: measurement effects to turn on or off: ``none``, ``all``, ``none,noise`` or
+            ``no-sun``; the rig's if not given.
+        weather: weather: ``clear``, ``rain``, ``fog`` or ``snow``; the rig's if not given.
+        visibility: meteorological visibility, metres.
+        wet_ground: wetness of the ground: 0 is dry, 1 a film of water.
+        sun_elevation: elevation of the sun above the horizon, degrees.
+        sun_azimuth: azimuth of the sun, degrees clockwise from north.
+        ride: track or class of the actor that carries a rig that is mounted on a vehicle.
+        fused: write one dataset of all sensors, or one for each; as the rig says if not given.
+        backend: ray tracer: ``embree``, ``bvh`` (built in), ``warp`` (a CUDA device) or
+            ``warp:DEVICE``; ``embree`` if not given, ``bvh`` where it is missing.
+        storage: format of points: ``npy``, which OpenPCDet reads; ``zstd``, lossless columns in
+            Parquet, a third of the size; or ``laz``, LAS 1.4 in whole millimetres.
+        split: shares of training, validation and test, percent, cut in time.
+        gap: time between the parts, in none of them, seconds; as long as the scene needs to change,
+            and no more than a tenth of the recording, if not given.
+        thin: leave frames in which no actor moved this many metres out of the parts.
+        background: measured static world of a real sensor, ``FILE`` or ``NAME=FILE``, for each
+            sensor of the rig.
+        fuse: use the twin where a measured background has no data.
+        workers: number of processes; every number gives the same bytes.
+        ray: Ray cluster to record on: ``HOST:PORT`` of its head, ``auto`` for the one on this
+            machine, ``local`` to start one; it gives the same bytes (docs/cluster.md).
+        seed: random seed; the site's ``traffic.seed`` if not given.
+        pictures: draw pictures into the dataset's folder.
+        progress: show progress; or a function that is called with (share, doing).
 
     Returns:
         The dataset; of nodes, a `Fleet` with a dataset for each; on storage, a `StoredDataset`.
@@ -131,6 +139,7 @@ def record(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     Example:
         >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
         >>> fleet = ut.record(twin, motion, nodes="nodes.yaml")
+        $ urbantwin record urbantwin-demo/twin urbantwin-demo/motion -o dataset/ --stop 5
     """
     from urbantwin.dataset.split import SplitAsked, shares_of
     from urbantwin.interface.motion import Motion
@@ -226,7 +235,7 @@ def recorded(
     place: Storage,
     **options: Any,  # noqa: ANN401
 ) -> StoredDataset: ...
-def recorded(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
+def recorded(  # type: ignore[misc]
     on: Twin,
     moving: Motion,
     spec: RigSpec,
@@ -303,7 +312,7 @@ def recorded(  # type: ignore[misc] # noqa: PLR0913 - the options of the command
     return made
 
 
-def _recorded_nodes(  # noqa: PLR0913 - the options of the command
+def _recorded_nodes(
     on: Twin,
     moving: Motion,
     nodes_file: Path,
@@ -379,7 +388,7 @@ def recorders(
 
 
 def _begin_to_draw() -> None:
-    import urbantwin.view.pictures  # noqa: F401
+    import urbantwin.drawing.pictures  # noqa: F401
 
 
 @contextmanager
@@ -401,8 +410,8 @@ def _drawing(on: Twin, moving: Motion, tell: Progress, crew: Workers) -> Callabl
     """Return what draws pictures into the folder of a dataset."""
 
     def draw(folder: Path) -> None:
+        from urbantwin.drawing.pictures import pictures_of_dataset
         from urbantwin.progress import between
-        from urbantwin.view.pictures import pictures_of_dataset
 
         pictures_of_dataset(
             folder, twin=on, motion=moving, pool=pool_of(crew), progress=between(tell, 0.98, 1.0)
@@ -418,8 +427,8 @@ def _drawing_nodes(
 
     def draw(folder: Path) -> None:
         from urbantwin.dataset.reading import Fleet
+        from urbantwin.drawing.pictures import picture_of_fleet, pictures_of_dataset
         from urbantwin.progress import between
-        from urbantwin.view.pictures import picture_of_fleet, pictures_of_dataset
 
         files = Fleet(folder)
         (folder / "pictures").mkdir(exist_ok=True)

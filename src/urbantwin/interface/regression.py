@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_file, replaced_file
 from urbantwin.errors import StageError
-from urbantwin.interface.overwrite import may_overwrite
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Result, Summary
 from urbantwin.progress import Progress, between
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ __all__ = ["Suite", "suite"]
 
 
 @dataclass(frozen=True, repr=False)
-class Suite:
+class Suite(Result):
     """What became of a suite's cases; true if each is what was accepted.
 
     Attributes:
@@ -95,7 +95,7 @@ class Suite:
         raise StageError(f"{self.folder}: {self._counts()}; first {first['case']}: {said}")
 
 
-@may_overwrite
+@command
 def suite(
     folder: AnyPath,
     out: AnyPath | None = None,
@@ -104,23 +104,24 @@ def suite(
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> Suite:
-    """Drive a folder of scenarios with seeds again, and say what is not as it was accepted.
+    """Drive scenarios again, and report what changed.
 
     Args:
-        folder: with ``suite.yaml`` (``twin``, ``seconds``, ``seeds``) and scenarios.
-        out: the table (Markdown) to write; ``changes.md`` in the folder when not given.
-        accept: store what the cases are now, in ``expected`` in the folder: what later runs are
-            compared with.
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        folder: folder with ``suite.yaml`` (``twin``, ``seconds``, ``seeds``) and scenarios.
+        out: Markdown table to write; ``changes.md`` in the folder if not given.
+        accept: store the results of the cases as what later runs are compared with, in ``expected``
+            in the folder.
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the suite, a scenario or the twin cannot be used.
         StageError: SUMO failed, or the disk is full.
 
     Example:
-        >>> ut.suite("scenarios/").check()
+        >>> ut.experiment.suite("scenarios/").check()
+        $ urbantwin experiment suite scenarios/ --accept
     """
     from urbantwin.interface.twin import Twin
     from urbantwin.regression import Stored, changes_between, load_suite, table_of

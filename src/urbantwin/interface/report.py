@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Annotated, Any, Literal, overload
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.artefact import read_json
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +33,7 @@ _SIDES = {
 }
 
 
-class Report:
+class Report(Artefact):
     """What a comparison found: figures of every measure, between their anchors.
 
     Sides are ``synthetic`` (against the real frames), ``next_real`` (each real frame against the
@@ -101,10 +103,6 @@ class Report:
         found = (row.get(measure) for row in rows)
         return np.array([np.nan if one is None else one for one in found], np.float64)
 
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
     def __repr__(self) -> str:
         """Return the sides, the headline and the folder."""
         frames = len(self.manifest["frames"])
@@ -118,7 +116,7 @@ class Report:
 
     def plot(self) -> Figure:
         """Show the report's picture: every measure of every side."""
-        from urbantwin.view.style import figure_of_picture
+        from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.folder / "report.png")
 
@@ -217,48 +215,52 @@ def compare(
     workers: int | None = None,
     progress: ShowProgress = True,
 ) -> Report | ObjectsReport: ...
-def compare(  # noqa: PLR0913 - the options of the command
+@command
+def compare(
     real: AnyPath,
     dataset: AnyPath | None = None,
     out: AnyPath | None = None,
     *,
     objects: bool = False,
-    sensor: str | None = None,
+    sensor: Annotated[str | None, "MODEL"] = None,
     arbitrary: AnyPath | None = None,
     anchor: AnyPath | None = None,
-    within: ArrayLike | None = None,
+    within: Annotated[tuple[float, float, float] | ArrayLike | None, "X Y Z"] = None,
     layout: str | None = None,
-    columns: int | None = None,
-    origin: ArrayLike | None = None,
+    columns: Annotated[int | None, Ge(3)] = None,
+    origin: Annotated[tuple[float, float, float] | ArrayLike | None, "X Y Z"] = None,
     protocol: str | None = None,
     detections: AnyPath | None = None,
-    workers: int | None = None,
+    workers: Annotated[int | None, Ge(1)] = None,
     progress: ShowProgress = True,
 ) -> Report | ObjectsReport:
-    """Measure synthetic frames against real ones, or our bodies in the boxes of real objects.
+    """Measure simulated frames against real ones.
+
+    With ``objects`` it measures bodies of the catalogue in the boxes of labelled real frames.
 
     Args:
-        real: real frames: a folder of clouds, or a dataset in a layout that is known.
-        dataset: a dataset, or a folder of clouds in the same frame; none with ``objects``.
-        out: the folder to write, in which an older report is replaced; ``report`` beside the
-            dataset (``objects`` beside the real frames) when not given.
-        objects: put our bodies into the boxes of labelled real frames and compare points, shape,
-            codes and lost rays, ray by ray: it needs no twin and no dataset.
-        sensor: with ``objects``: the model that recorded the real frames, or its file; what their
-            layout tells if not given.
-        arbitrary: clouds of another site, measured alike as a control; ``none``: no control; if
-            not given an example site, recorded by the dataset's sensors.
-        anchor: other real frames of the place, for real against real; each frame's neighbour if
-            not given.
-        within: (3,) half extents about the frame's origin, metres, that all sides are cropped to.
-        layout: of the real frames; what their files tell if not given.
-        columns: values per row of ``.bin`` files: 4 if not given.
-        origin: (3,) the sensor's place in the clouds' frame, metres; what the data says if not
+        real: real frames: clouds, a dataset in a known layout, a ROS bag or MCAP, or a capture of
+            packets.
+        dataset: dataset, or folder of clouds in the same frame; none with ``objects``.
+        out: folder to write, in which an older report is replaced; ``report`` beside the dataset
+            (``objects`` beside the real frames) if not given.
+        objects: put bodies of the catalogue into the boxes of labelled real frames and compare
+            points, shape, codes and lost rays, ray by ray; needs no twin and no dataset.
+        sensor: with ``objects``: model of the sensor that recorded the real frames, or its file; by
+            their layout if not given.
+        arbitrary: clouds of another site, measured alike as a control; ``none`` for no control; an
+            example site, recorded by the dataset's sensors, if not given.
+        anchor: other real frames of the place, for real against real; each frame's neighbour if not
             given.
-        protocol: a challenge's protocol to compute as well: ``urbantwin-challenge``.
+        within: half extents of the box about the frame's origin that all sides are cropped to,
+            metres.
+        layout: layout of the real frames; recognised from their files if not given.
+        columns: values per row of ``.bin`` files; 4 if not given.
+        origin: position of the sensor in the clouds' frame, metres; as the data says if not given.
+        protocol: protocol of a challenge to compute as well: ``urbantwin-challenge``.
         detections: detections in the real frames, for the protocol.
-        workers: processes to work with; every number gives the same bytes.
-        progress: show how far it is; or a function that is told (share, doing).
+        workers: number of processes; every number gives the same bytes.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: a side cannot be read, ``out`` holds other files, or an option is of the other
@@ -268,6 +270,7 @@ def compare(  # noqa: PLR0913 - the options of the command
     Example:
         >>> report = ut.compare("real/", dataset)
         >>> report.means["js_mean"]
+        $ urbantwin compare real/ urbantwin-demo/dataset -o report/
     """
     only_frames = {
         "dataset": dataset,

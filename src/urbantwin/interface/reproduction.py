@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import Ge
 
 from urbantwin.dataset.reproduction import Plan, make_again, plan_of
 from urbantwin.errors import StageError
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
+from urbantwin.interface.summary import Result, Summary
 from urbantwin.progress import Progress
 from urbantwin.traffic import Motion
 from urbantwin.twin import Twin
@@ -21,7 +24,7 @@ __all__ = ["Reproduction", "reproduce"]
 
 
 @dataclass(frozen=True, repr=False)
-class Reproduction:
+class Reproduction(Result):
     """Whether a dataset that was made again has the same bytes, and if not, why.
 
     Attributes:
@@ -90,6 +93,7 @@ class Reproduction:
         )
 
 
+@command
 def reproduce(
     path: AnyPath,
     *,
@@ -97,29 +101,30 @@ def reproduce(
     out: AnyPath | None = None,
     twin: AnyPath | None = None,
     motion: AnyPath | None = None,
-    workers: int | None = None,
-    note: Callable[[str], None] | None = None,
+    workers: Annotated[int | None, Ge(1)] = None,
     progress: ShowProgress = True,
 ) -> Reproduction:
-    """Make a dataset again from its manifest, and say whether the bytes are the same or why not.
+    """Record a dataset again, and compare the bytes.
+
+    It is made from its manifest; if the bytes differ, the first stage that differs is named.
 
     Args:
-        path: a dataset's folder, or its ``dataset.json``.
-        inputs: folders where inputs are looked for first, by name and SHA-256; then around the
+        path: dataset's folder, or its ``dataset.json``.
+        inputs: folder where inputs are looked for first, by name and SHA-256; then around the
             dataset and in the current folder.
-        out: keep what is made: twin, motion and dataset. If not given, it goes again.
-        twin: the dataset's twin, not to build it again.
-        motion: the dataset's motion, not to simulate it again.
-        workers: processes to work with; every number gives the same bytes.
-        note: called beforehand with each reason why bytes may differ.
-        progress: show how far it is; or a function that is told (share, doing), of each stage.
+        out: folder for twin, motion and dataset; nothing is kept if not given.
+        twin: twin of the dataset, not to build it again.
+        motion: motion of the dataset, not to simulate it again.
+        workers: number of processes; every number gives the same bytes.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: it is no dataset, or one that does not tell what it was made from.
         StageError: a stage failed.
 
     Example:
-        >>> ut.reproduce("out/dataset").check()
+        >>> ut.dataset.reproduce("out/dataset").check()
+        $ urbantwin dataset reproduce urbantwin-demo/dataset
     """
     given = Path(path)
     plan = plan_of(
@@ -129,14 +134,13 @@ def reproduce(
         motion=None if motion is None else Path(motion),
     )
     for reason in plan.reasons():
-        if note is not None:
-            note(f"may change bytes: {reason}")
+        tell_line(f"may change bytes: {reason}", progress)
     place = None if out is None else Path(out)
     if plan.missing:
         return Reproduction(given, plan, None, None)
 
     def draw(dataset: Path, twin: Twin, motion: Motion, tell: Progress) -> None:
-        from urbantwin.view.pictures import pictures_of_dataset
+        from urbantwin.drawing.pictures import pictures_of_dataset
 
         pictures_of_dataset(dataset, twin=twin, motion=motion, progress=tell)
 

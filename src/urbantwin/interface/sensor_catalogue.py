@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, overload
 
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.stage import ShowProgress
+from urbantwin.interface.summary import Listing, Summary
 from urbantwin.lidar.catalogue import nominal_sensor_names, sensor, sensor_names
 from urbantwin.lidar.sensor import Sensor
 
@@ -50,7 +52,7 @@ _WIDEST = max(len(label) for _, label, _ in _LINES)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Datasheet:
+class Datasheet(Listing):
     """Everything known of a sensor: shown, it is a page.
 
     Attributes:
@@ -82,7 +84,7 @@ class Datasheet:
         return Summary(_everything(self.sensor))
 
 
-class SensorCatalogue(Mapping[str, Datasheet]):
+class SensorCatalogue(Listing, Mapping[str, Datasheet]):
     """The sensors of the catalogue by their names: shown, it is a table."""
 
     @property
@@ -121,18 +123,25 @@ class SensorCatalogue(Mapping[str, Datasheet]):
 def sensors() -> SensorCatalogue: ...
 @overload
 def sensors(name: AnyPath) -> Datasheet: ...
-def sensors(name: AnyPath | None = None) -> SensorCatalogue | Datasheet:
-    """Return the catalogue of sensors, or everything known of one.
+@command
+def sensors(
+    name: AnyPath | None = None,
+    *,
+    progress: ShowProgress = True,
+) -> SensorCatalogue | Datasheet:
+    """List sensors, or print all that is known of one.
 
     Args:
-        name: a model, or the path of a sensor's file (.yaml, .json, .csv).
+        name: model, or the path of a sensor's file (.yaml, .json, .csv); all models if not given.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: there is no such sensor.
 
     Example:
-        >>> ut.sensors()
-        >>> ut.sensors("OS1-128").sensor.elevation_deg
+        >>> ut.catalogue.sensors()
+        >>> ut.catalogue.sensors("OS1-128").sensor.elevation_deg
+        $ urbantwin catalogue sensors OS1-128
     """
     if name is None:
         return SensorCatalogue()

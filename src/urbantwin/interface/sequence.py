@@ -18,9 +18,10 @@ from urbantwin.artefact.manifest import Part, validated
 from urbantwin.dataset.reading.columns import LANES_FILE, SEQUENCE_TABLES, TRAJECTORIES_FILE
 from urbantwin.dataset.reading.tables import read_table
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -50,7 +51,7 @@ class _Manifest(Part):
     ego_motion: bool
 
 
-class SequenceFiles:
+class SequenceFiles(Artefact):
     """What `sequence` wrote; it stands for its folder.
 
     Attributes:
@@ -113,10 +114,6 @@ class SequenceFiles:
     def _table(self, name: str) -> pa.Table:
         return read_table(self.folder / f"{name}.parquet")
 
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
     def __repr__(self) -> str:
         """Return how much there is, and the folder."""
         return (
@@ -130,6 +127,7 @@ class SequenceFiles:
         return Summary(path=str(self.folder), **{name: self.manifest[name] for name in told})
 
 
+@command
 def sequence(
     dataset: AnyPath,
     out: AnyPath | None = None,
@@ -140,25 +138,27 @@ def sequence(
     csv: bool = False,
     progress: ShowProgress = True,
 ) -> SequenceFiles:
-    """Write tracks, tracklets, trajectories and poses of a dataset, and the flow of its points.
+    """Write tracks, trajectories, poses and scene flow.
 
     A dataset that was recorded by this version has the four tables itself. This makes them for an
     older one, writes them as CSV, too, and the flow of every point as files.
 
     Args:
-        dataset: a dataset, or its folder.
-        out: the folder to write; ``sequence`` beside the dataset when not given.
-        motion: that the dataset was recorded of: for trajectories, which an older dataset lacks.
-        flow: write where each point goes until the next frame, too.
-        ego: the flow, which is asked for, is with the motion of who looks; see `Frame.flow`.
+        dataset: dataset, or its folder.
+        out: folder to write; ``sequence`` beside the dataset if not given.
+        motion: motion that the dataset was recorded of: for trajectories, which an older dataset
+            lacks.
+        flow: write the displacement of each point until the next frame.
+        ego: include the motion of the sensor in the flow, as Argoverse 2 does.
         csv: write each table as CSV, too.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: it is no dataset, is one for each sensor, or the motion is another.
 
     Example:
-        >>> ut.sequence("out/dataset", flow=True).flow("000003")
+        >>> ut.dataset.sequence("out/dataset", flow=True).flow("000003")
+        $ urbantwin dataset sequence urbantwin-demo/dataset -o sequence/ --csv
     """
     from urbantwin.dataset.sequence_tables import write_sequence_tables
     from urbantwin.dataset.trajectories import paths_of_trajectories

@@ -6,13 +6,16 @@ import shlex
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge, Interval
 
 from urbantwin.artefact import new_folder
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.progress import between
 
 if TYPE_CHECKING:
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["Site", "init"]
 
 
-class Site:
+class Site(Artefact):
     """A ``site.yaml``; it stands for its file: ``ut.build(site)``.
 
     Attributes:
@@ -56,10 +59,6 @@ class Site:
 
         return load_site(self.path)
 
-    def __fspath__(self) -> str:
-        """Return the file."""
-        return str(self.path)
-
     def __repr__(self) -> str:
         """Return name, place, area and file."""
         site = self.checked
@@ -68,15 +67,15 @@ class Site:
             f"{site.region.area:,.0f} m2, {len(site.rig.sensors)} sensors ({self.path})"
         )
 
-    def summary(self) -> Summary:
-        """Return the resolved site."""
+    def resolved(self) -> Summary:
+        """Return the site with every default filled in."""
         resolved = self.checked.resolved()
         resolved["region"] = {"area_m2": round(self.checked.region.area, 1)}
         return Summary(
             {"path": str(self.path), "kind": "site", **resolved, "inputs": self.checked.inputs()}
         )
 
-    def proposal(self) -> Summary:
+    def summary(self) -> Summary:
         """Return what ``init`` decided, and what to do next: what else is usual is in the file."""
         site = self.checked
         sensors = {one.name: f"{one.model}, {_height_of(one)}" for one in site.rig.sensors}
@@ -99,19 +98,20 @@ def _height_of(sensor: SensorSpec) -> str:
     return f"{sensor.up_m:g} m above the anchor's ground"
 
 
-def init(  # noqa: PLR0913 - the options of the command
+@command
+def init(
     folder: AnyPath,
     *,
     osm: AnyPath | None = None,
     roads: AnyPath | None = None,
     out: AnyPath | None = None,
-    lat: float | None = None,
-    lon: float | None = None,
+    lat: Annotated[float | None, Interval(ge=-90, le=90)] = None,
+    lon: Annotated[float | None, Interval(ge=-180, le=180)] = None,
     at_junction: bool = False,
-    radius: float | None = None,
+    radius: Annotated[float | None, Ge(20)] = None,
     region: AnyPath | None = None,
     preset: str | None = None,
-    at: str | tuple[float, float] | None = None,
+    at: Annotated[str | tuple[float, float] | None, "LAT,LON"] = None,
     place: str | None = None,
     use: str | Sequence[str] | None = None,
     also: str | Sequence[str] | None = None,
@@ -123,36 +123,37 @@ def init(  # noqa: PLR0913 - the options of the command
     force: bool = False,
     progress: ShowProgress = True,
 ) -> Site:
-    """Write a commented ``site.yaml`` for a place on a map, or for any place on earth.
+    """Write a commented site.yaml for a place or a map.
 
     With ``at`` or ``place`` its inputs are fetched from public sources and kept in ``inputs``
     beside it, with where each came from, when, and on which terms.
 
     Args:
-        folder: the folder to write it in; with ``out``, the map instead.
-        osm: an OpenStreetMap extract: osm, osm.bz2, osm.gz, osm.pbf.
-        roads: a map of the roads, used instead of the extract's: OpenDRIVE or Lanelet2.
-        out: the folder, where a map comes first.
-        lat: the anchor's latitude, degrees, WGS84.
-        lon: the anchor's longitude.
-        at_junction: take the busiest signalised junction of the map, which is also what happens
-            without coordinates.
-        radius: region of interest: metres around the anchor.
+        folder: folder to write the file in; with ``out``, the map instead.
+        osm: OpenStreetMap extract: osm, osm.bz2, osm.gz or osm.pbf.
+        roads: map of the roads, used instead of the extract's: OpenDRIVE (xodr) or Lanelet2 (osm).
+        out: folder to write, where a map is given first.
+        lat: latitude of the anchor, degrees, WGS84.
+        lon: longitude of the anchor, degrees, WGS84.
+        at_junction: take the busiest signalised junction of the map, as without coordinates.
+        radius: radius of the region of interest around the anchor, metres.
         region: region of interest: a GeoJSON polygon.
-        preset: a place at which a dataset was recorded, of `presets`: anchor, region, sensors and
-            traffic as far as they are published.
-        at: latitude and longitude of a place whose inputs are fetched; ``"48.1374,11.5755"``.
-        place: its name instead: ``"street and street, town"``, or any name.
-        use: names of sources, also as one text with commas between; only these are asked.
-        also: names of sources that are asked beside the usual ones.
-        sources: a table of further sources, as docs/acquire.md tells.
-        cache: where answers are kept; the user's cache when not given.
-        offline: ask nobody: what the cache holds has to do.
-        key_env: environment variables that the table of sources may name as keys though their
-            names do not begin with ``URBANTWIN_``.
+        preset: name of a place where a dataset was recorded (``site presets``): anchor, region,
+            sensors and traffic as far as they are published; without ``osm`` its inputs are
+            fetched.
+        at: latitude and longitude of a place whose inputs are fetched from public sources:
+            ``"48.1374,11.5755"``.
+        place: name of that place instead: ``"street and street, town"``, or any name.
+        use: sources to request, with commas between; no others are asked.
+        also: sources to request beside the usual ones, with commas between.
+        sources: table of further sources (docs/acquire.md).
+        cache: folder in which answers are kept; the user's cache if not given.
+        offline: request nothing: use what the cache holds.
+        key_env: environment variables that the table of sources may name as keys though their names
+            do not begin with ``URBANTWIN_``.
         allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
         force: replace a ``site.yaml``.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: no map, half a place, a map that cannot be used; a place in the sea, without
@@ -162,6 +163,7 @@ def init(  # noqa: PLR0913 - the options of the command
         >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
         >>> site = ut.init("s110", preset="tumtraf-s110")
         >>> site = ut.init("mysite", at=(48.1374, 11.5755), radius=120)
+        $ urbantwin init mysite/ --at 48.1374,11.5755
     """
     from urbantwin.download import keys_allowed
     from urbantwin.interface.fetched_inputs import FetchOptions, fetched_inputs

@@ -14,7 +14,7 @@ from urbantwin.errors import InputError
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.result_warning import ResultWarning
 
 __all__ = ["StoredDataset"]
@@ -23,7 +23,7 @@ __all__ = ["StoredDataset"]
 _TOGETHER = 64
 
 
-class StoredDataset:
+class StoredDataset(Artefact):
     """A dataset on storage, ``s3://bucket/name``; `fetch` brings it to a folder.
 
     Attributes:

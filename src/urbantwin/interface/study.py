@@ -14,7 +14,7 @@ from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.reckoning import FRAME_S, JUDGED_S, TRAFFIC_S, training_s
 from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.study_course import Course, Judge, density_of, of_this_version
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -32,7 +32,7 @@ _TOLD = ("seen", "ap", "hota", "idf1")
 
 
 @dataclass(frozen=True, repr=False)
-class Study:
+class Study(Artefact):
     """What faults, weather and traffic do to what is seen, detected and followed.
 
     Attributes:
@@ -58,10 +58,6 @@ class Study:
         inside = place if (place / f"{_KIND}.json").is_file() else place / _REPORT
         manifest = read_json(inside / f"{_KIND}.json", kind=_KIND)
         return cls(place, manifest, report=inside)
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return the headline and the folder."""
@@ -130,7 +126,7 @@ def study(
         StageError: the base of a seed failed, or the disk is full.
 
     Example:
-        >>> ut.study("grid.yaml").effects.to_pandas()
+        >>> ut.experiment.run("grid.yaml").effects.to_pandas()
     """
     from urbantwin.interface.rig import placed, rig_spec_on
     from urbantwin.interface.twin import Twin
@@ -224,7 +220,9 @@ def _detector_looks(described: StudyFile, rig: RigSpec) -> list[str]:
         design = read_model(described.model).design
         if not design.classes:
             raise InputError(
-                "tells no boxes", file=described.model, expected="a model of `urbantwin train`"
+                "tells no boxes",
+                file=described.model,
+                expected="a model of `urbantwin model train`",
             )
         for name in described.classes or ():
             if name not in design.classes:

@@ -7,7 +7,7 @@ from typing import Any
 
 from urbantwin.errors import readable
 
-__all__ = ["Summary"]
+__all__ = ["Artefact", "Listing", "Result", "Summary"]
 
 #: Most characters of a text that a result holds, on a terminal.
 _LONGEST = 1500
@@ -21,6 +21,50 @@ class Summary(dict[str, Any]):
         return "\n".join(_lines_of(self))
 
     __repr__ = __str__
+
+    def summary(self) -> Summary:
+        """Return itself."""
+        return self
+
+    def text(self) -> str:
+        """Return what a command prints for a person."""
+        return str(self)
+
+
+class Result:
+    """What a function made or found."""
+
+    def summary(self) -> Summary:
+        """Return what is known of it in a few values."""
+        raise NotImplementedError
+
+    def text(self) -> str:
+        """Return what a command prints for a person."""
+        return str(self.summary())
+
+
+class Artefact(Result):
+    """A result on disk, which stands for its folder or file wherever a path is asked for.
+
+    Its place is the attribute ``folder``, or ``path`` where it is one file.
+    """
+
+    def __fspath__(self) -> str:
+        """Return its folder, or its file."""
+        return str(getattr(self, "folder", None) or getattr(self, "path", ""))
+
+
+class Listing(Result):
+    """A catalogue: shown, it is a table."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of what it lists."""
+        return ()
+
+    def text(self) -> str:
+        """Return what a command prints for a person: the table."""
+        return repr(self)
 
 
 def _lines_of(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:

@@ -7,12 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge
 
 from urbantwin.artefact.markdown import escaped, table
 from urbantwin.dataset.card.page import licence_lines
 from urbantwin.dataset.split import SplitAsked
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.done_steps import DoneSteps
 from urbantwin.interface.evaluation_report import Evaluation, evaluate
 from urbantwin.interface.motion import Motion, driven
@@ -20,7 +23,7 @@ from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.reckoning import FRAME_S, JUDGED_S, TRAFFIC_S, TWIN_S, training_s
 from urbantwin.interface.recording import recorded
 from urbantwin.interface.stage import ShowProgress, tell_line
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.interface.trained_model import train
 from urbantwin.interface.twin import Twin, build_of, site_with_known_sensors
 
@@ -37,7 +40,7 @@ _MOST_OFF = (5.0, 45.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Taught:
+class Taught(Artefact):
     """A detector for one place, in a folder.
 
     Attributes:
@@ -51,7 +54,7 @@ class Taught:
     seconds: tuple[float, float]
 
     def __fspath__(self) -> str:
-        """Return the folder of the model: ``ut.detect(taught, frames)``."""
+        """Return the folder of the model: ``ut.model.detect(taught, frames)``."""
         return str(self.folder / "model")
 
     def __repr__(self) -> str:
@@ -77,58 +80,62 @@ class Taught:
         )
 
 
-def teach(  # noqa: PLR0913, PLR0915 - the options of the command, step by step
+@command
+def teach(
     site: AnyPath,
     out: AnyPath | None = None,
     *,
-    minutes: float = 30.0,
-    steps: int | None = None,
-    drives: int = 6,
-    judging: int = 2,
-    seconds: float = 200.0,
-    every: float = 4.0,
+    minutes: Annotated[float, Ge(0.1)] = 30.0,
+    steps: Annotated[int | None, Ge(1)] = None,
+    drives: Annotated[int, Ge(1)] = 6,
+    judging: Annotated[int, Ge(1)] = 2,
+    seconds: Annotated[float, Ge(3)] = 200.0,
+    every: Annotated[float, Ge(0.05)] = 4.0,
     real: Sequence[AnyPath] = (),
-    background: Sequence[str] = (),
-    within: tuple[float, float] = (0.05, 0.3),
-    seed: int = 1,
-    workers: int | None = None,
-    device: str = "cpu",
+    background: Annotated[Sequence[str], "[NAME=]FILE"] = (),
+    within: Annotated[tuple[float, float], "M DEG"] = (0.05, 0.3),
+    seed: Annotated[int, Ge(0)] = 1,
+    workers: Annotated[int | None, Ge(1)] = None,
+    device: Annotated[str, "NAME"] = "cpu",
     plan: bool = False,
     key_env: Sequence[str] | None = None,
     allow_key: Sequence[str] | None = None,
     progress: ShowProgress = True,
 ) -> Taught:
-    """Make a detector for the sensors of one place; interrupted, the same call goes on.
+    """Make a detector for the sensors of one place.
 
     The site's twin is built and driven several times, at other hours, with other demand, weather,
     light and seeds, its sensors moved by what is uncertain of them; a detector is trained on what
     they record; it is judged by drives of other seeds and hours, and by real frames if given.
 
     Args:
-        site: the ``site.yaml``.
-        out: the folder to write; ``detector`` beside the site when not given.
-        minutes: of training.
-        steps: of training, in place of minutes.
-        drives: that teach.
-        judging: drives that judge.
-        seconds: length of each drive.
-        every: seconds between its frames.
-        real: labelled real frames, to judge by.
-        background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world; two
-            of three drives that teach, and those that judge, see it.
-        within: how far off the rig's places (metres) and angles (degrees) may be.
-        seed: of every random choice.
-        workers: processes to record with.
-        device: of torch.
+        site: the ``site.yaml``, with its rig.
+        out: folder to write; ``detector`` beside the site if not given.
+        minutes: minutes of training.
+        steps: number of training steps, in place of minutes.
+        drives: number of drives to learn from.
+        judging: number of drives to judge by.
+        seconds: length of each drive, seconds.
+        every: time between its frames, seconds.
+        real: labelled real frames to judge by, too.
+        background: measured static world of real sensors, ``FILE`` or ``NAME=FILE``; two of three
+            drives that teach, and those that judge, see it.
+        within: uncertainty of the rig's places (metres) and angles (degrees).
+        seed: random seed.
+        workers: number of processes; every number gives the same bytes.
+        device: device of PyTorch: ``cpu`` or ``cuda``.
         plan: only say what would be done, and how long it takes.
         key_env: environment variables that the site's file may name as keys though their names do
             not begin with ``URBANTWIN_``.
         allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
-        progress: show how far it is; or a function that is told (share, doing), of each stage.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the site, a file that it names, or real frames cannot be used; no torch.
         StageError: a stage failed.
+
+    Example:
+        $ urbantwin model teach mysite/site.yaml -o detector/ --plan
     """
     from urbantwin.learn.torch_device import check_torch
 
@@ -374,7 +381,7 @@ def _card(
         f"seed {trained['seed']}, UrbanTwin {trained['urbantwin']}.",
         "- Files: `model/model.onnx`, `model/model.safetensors`, `model/model.yaml` "
         "(classes, range, cells).",
-        "- Use: `urbantwin detect model/ FRAMES -o detections/`.",
+        "- Use: `urbantwin model detect model/ FRAMES -o detections/`.",
         "",
         "## Drives",
         "",

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+from annotated_types import Interval
+
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from urbantwin.detections import Detections
@@ -18,8 +21,8 @@ __all__ = ["TrackedObjects", "track"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TrackedObjects:
-    """Tracks in a folder of detections; it stands for its folder: ``ut.evaluate(tracked, data)``.
+class TrackedObjects(Artefact):
+    """Tracks in a folder of detections; it stands for its folder.
 
     Attributes:
         folder: where it was written.
@@ -28,10 +31,6 @@ class TrackedObjects:
 
     folder: Path
     found: Detections
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return how many tracks there are, and the folder."""
@@ -57,35 +56,39 @@ class TrackedObjects:
         )
 
 
-def track(  # noqa: PLR0913 - the options of the command
+@command
+def track(
     detections: AnyPath,
     out: AnyPath | None = None,
     *,
     frames: AnyPath | None = None,
-    rate: float | None = None,
+    rate: Annotated[float | None, Interval(ge=0.1, le=1000)] = None,
     smooth: bool = False,
-    gap: float = 2.0,
-    birth: float = 0.3,
-    lowest: float = 0.1,
+    gap: Annotated[float, Interval(ge=0, le=60)] = 2.0,
+    birth: Annotated[float, Interval(ge=0, le=1)] = 0.3,
+    lowest: Annotated[float, Interval(ge=0, le=1)] = 0.1,
     progress: ShowProgress = True,
 ) -> TrackedObjects:
-    """Follow road users through detections of frames: one class and size each, gaps filled.
+    """Track road users through detections.
+
+    A track has one class and size; gaps are filled and marked.
 
     Args:
-        detections: a folder of detections, of ours or another's form (see `evaluate`).
-        out: the folder to write; one beside the detections when not given.
-        frames: the recording: where the sensor rides, its frames say where it is; a dataset of
-            ours says when its frames were taken.
-        rate: frames per second, where the detections do not say when frames were taken.
-        smooth: let what came later tell, too, as of a recording that is labelled by a teacher:
-            broken tracks are joined, places and headings smoothed.
-        gap: so long nobody need be detected, seconds.
-        birth: a detection with such a score may begin a track.
-        lowest: one with a lower score is ignored.
-        progress: show how far it is; or a function that is told (share, doing).
+        detections: folder of detections, ours or in another form (see ``model evaluate``).
+        out: folder to write; one beside the detections if not given.
+        frames: recording: poses of a sensor mounted on a vehicle, and times of the frames.
+        rate: frames per second, Hz; as the detections say if not given.
+        smooth: use later frames, too: join broken tracks, smooth places and headings.
+        gap: longest time without a detection, seconds.
+        birth: lowest score with which a track begins.
+        lowest: lowest score of a detection that is used.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the detections cannot be used, or nothing says when frames were taken.
+
+    Example:
+        $ urbantwin model track detections/ -o tracked/ --rate 10
     """
     from urbantwin.detections import check_detections_folder, write_detections
     from urbantwin.detections.forms import read_any_form

@@ -207,7 +207,7 @@ class _Workplace:
             train,
             data,
             steps=steps,
-            start=start,
+            weights=start,
             classes=self.classes,
             reach=self.how.reach_m,
             cell=self.how.cell_m,

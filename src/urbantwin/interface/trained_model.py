@@ -7,13 +7,16 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from annotated_types import Ge, Interval
 
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.parts import chosen_frames
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 __all__ = ["TrainedModel", "pretrain", "train"]
 
@@ -24,8 +27,8 @@ _FEWEST_POINTS = 200
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TrainedModel:
-    """A model in a folder; it stands for its folder: ``ut.detect(model, frames)``.
+class TrainedModel(Artefact):
+    """A model in a folder; it stands for its folder: ``ut.model.detect(model, frames)``.
 
     Attributes:
         folder: where it was written.
@@ -34,10 +37,6 @@ class TrainedModel:
 
     folder: Path
     trained: dict[str, Any]
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return how much it learned from, and the folder."""
@@ -48,60 +47,66 @@ class TrainedModel:
         return Summary(path=str(self.folder), **self.trained)
 
 
-def train(  # noqa: PLR0913 - the options of the command
+@command
+def train(
     datasets: Sequence[AnyPath] | AnyPath,
     out: AnyPath | None = None,
     *,
-    steps: int | None = None,
-    minutes: float | None = None,
-    classes: Sequence[str] | None = None,
-    reach: float = 60.0,
-    cell: float = 0.4,
-    batch: int = 4,
-    width: float = 1.0,
+    steps: Annotated[int | None, Ge(1)] = None,
+    minutes: Annotated[float | None, Ge(0.1)] = None,
+    classes: Annotated[Sequence[str] | None, "NAME"] = None,
+    reach: Annotated[float, Interval(ge=10, le=300)] = 60.0,
+    cell: Annotated[float, Interval(ge=0.1, le=1)] = 0.4,
+    batch: Annotated[int, Interval(ge=1, le=256)] = 4,
+    width: Annotated[float, Interval(ge=0.25, le=8)] = 1.0,
     intensity: bool = False,
-    without: Sequence[str] = (),
-    heads: Sequence[str] | None = None,
-    start: AnyPath | None = None,
+    without: Annotated[Sequence[str], "KIND"] = (),
+    heads: Annotated[Sequence[str] | None, "NAME"] = None,
+    weights: Annotated[AnyPath | None, "MODEL"] = None,
     in_order: bool = False,
     second_look: bool = True,
-    part: str = "train",
-    seed: int = 0,
-    workers: int = 1,
-    device: str = "cpu",
+    part: Annotated[str, "NAME"] = "train",
+    seed: Annotated[int, Ge(0)] = 0,
+    workers: Annotated[int, Interval(ge=1, le=64)] = 1,
+    device: Annotated[str, "NAME"] = "cpu",
     progress: ShowProgress = True,
 ) -> TrainedModel:
-    """Train a detector on labelled frames; interrupted, the same call goes on.
+    """Train a detector on labelled frames.
+
+    Interrupted, the same call continues.
 
     Args:
-        datasets: of ours, documents of `split`, or any labelled recording that is read.
-        out: the folder to write; ``model`` beside the first dataset when not given.
-        steps: so many; when neither is given, ten minutes.
-        minutes: as many steps as this machine does in so long, reading left out.
-        classes: that it tells apart; all that detectors know when not given.
-        reach: how far it looks from the middle of the sensors along x and y, metres.
-        cell: edge of its pillars, metres.
-        batch: windows of frames in a step.
-        width: multiple of the channels of the network for two processors.
-        intensity: tell it of intensities (0..1): those of other sensors may mean something else.
-        without: how samples are not varied: ``placed``, ``beams``, ``objects``, ``sizes``,
-            ``clutter``.
-        heads: what it tells: ``boxes``, and ``points``: the semantic class of every point; boxes
-            when not given.
-        start: a model of the same cells and channels: its weights are the first, where it has
-            them (a model of `pretrain` has no heads).
+        datasets: datasets, documents of ``dataset split``, or any labelled recording.
+        out: folder to write; ``model`` beside the first dataset if not given.
+        steps: number of training steps; as many as fit into ``minutes`` if not given.
+        minutes: minutes of training on this machine, reading left out; 10 if neither is given.
+        classes: class to detect; all if not given.
+        reach: range from the middle of the sensors along x and y, metres.
+        cell: edge of a pillar, metres.
+        batch: samples in a step.
+        width: multiple of the channels of the small network.
+        intensity: use intensities (0..1): those of other sensors may mean something else.
+        without: augmentation to leave out: ``placed`` (turned, mirrored, scaled), ``beams``
+            (fewer), ``objects`` (of other frames), ``sizes`` (of objects), ``clutter`` (bushes,
+            walls, posts).
+        heads: output: ``boxes``, or ``points`` for the semantic class of every point; boxes if not
+            given.
+        weights: model of the same cells and channels whose weights are the first, where it has them
+            (a model of ``model pretrain`` has no heads).
         in_order: learn from the datasets one after the other, as of a curriculum; needs ``steps``.
-        second_look: learn to look again at the points of people and two-wheelers that are found,
-            which takes about a quarter of the time.
-        part: of each dataset that is split, the frames to learn from: ``train``, ``val``, ``test``
-            or ``all``.
-        seed: of the weights at the start and of all samples.
-        workers: processes that read frames and make samples; the weights are the same.
-        device: of torch: ``cpu``, ``cuda``.
-        progress: show how far it is; or a function that is told (share, doing).
+        second_look: learn to look again at the points of detected people and two-wheelers, which
+            takes about a quarter of the time.
+        part: part of each split dataset to learn from: ``train``, ``val``, ``test`` or ``all``.
+        seed: random seed of weights and samples.
+        workers: number of processes that read frames and make samples; the weights are the same.
+        device: device of PyTorch: ``cpu`` or ``cuda``.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: torch is not installed, or a dataset or ``start`` cannot be used.
+
+    Example:
+        $ urbantwin model train urbantwin-demo/dataset -o model/ --minutes 10
     """
     from urbantwin.learn.torch_device import check_torch
 
@@ -138,7 +143,7 @@ def train(  # noqa: PLR0913 - the options of the command
     chosen = tuple(one for one in DETECTED_CLASSES if classes is None or one in classes)
     minutes = 10.0 if steps is None and minutes is None else minutes
     design = Design(chosen if "boxes" in heads else (), reach, cell, intensity, width)
-    first = None if start is None else first_weights(Path(start), design)
+    first = None if weights is None else first_weights(Path(weights), design)
     window = min(Recipe.window_m, 2 * reach)
     recipe = Recipe(steps, minutes, batch, window, seed, device, workers, varied=varied,
                     in_order=in_order)  # fmt: skip
@@ -248,50 +253,56 @@ def _known_points(points: Mapping[str, int], sources: Sequence[Path]) -> tuple[s
     return found
 
 
-def pretrain(  # noqa: PLR0913 - the options of the command
+@command
+def pretrain(
     frames: Sequence[AnyPath] | AnyPath,
     out: AnyPath | None = None,
     *,
-    task: str = "masked",
-    steps: int | None = None,
-    minutes: float | None = None,
-    reach: float = 60.0,
-    cell: float = 0.4,
-    batch: int = 4,
-    width: float = 1.0,
+    task: Annotated[str, "NAME"] = "masked",
+    steps: Annotated[int | None, Ge(1)] = None,
+    minutes: Annotated[float | None, Ge(0.1)] = None,
+    reach: Annotated[float, Interval(ge=10, le=300)] = 60.0,
+    cell: Annotated[float, Interval(ge=0.1, le=1)] = 0.4,
+    batch: Annotated[int, Interval(ge=1, le=256)] = 4,
+    width: Annotated[float, Interval(ge=0.25, le=8)] = 1.0,
     intensity: bool = False,
-    part: str = "train",
-    seed: int = 0,
-    workers: int = 1,
-    device: str = "cpu",
+    part: Annotated[str, "NAME"] = "train",
+    seed: Annotated[int, Ge(0)] = 0,
+    workers: Annotated[int, Interval(ge=1, le=64)] = 1,
+    device: Annotated[str, "NAME"] = "cpu",
     progress: ShowProgress = True,
 ) -> TrainedModel:
-    """Train a network without labels, to begin a detector with; interrupted, the call goes on.
+    """Train a network on frames without labels.
+
+    ``model train --from`` begins with its weights. Interrupted, the same call continues.
 
     It learns to say where anything is, and how high it reaches: in blocks of pillars that are
     hidden (``masked``), or in the sweep that comes next (``next-sweep``).
 
     Args:
-        frames: recordings, real or simulated; no label of them is looked at.
-        out: the folder to write; ``pretrained`` beside the first recording when not given.
-        task: ``masked``, or ``next-sweep`` of sweeps one after the other, whose sensors stand or
-            whose poses are told.
-        steps: so many; when neither is given, ten minutes.
-        minutes: as many steps as this machine does in so long, reading left out.
-        reach: as of `train`.
-        cell: as of `train`: edge of its pillars, metres.
+        frames: recordings, real or simulated; their labels are not used.
+        out: folder to write; ``pretrained`` beside the first recording if not given.
+        task: task to learn: ``masked`` (hidden pillars), or ``next-sweep`` of sweeps one after the
+            other, whose sensors are static or whose poses are known.
+        steps: number of training steps; as many as fit into ``minutes`` if not given.
+        minutes: minutes of training on this machine, reading left out; 10 if neither is given.
+        reach: range from the middle of the sensors along x and y, metres.
+        cell: edge of a pillar, metres.
         batch: windows of frames in a step.
-        width: as of `train`.
-        intensity: tell it of intensities.
-        part: as of `train`.
-        seed: of the weights at the start and of all samples.
-        workers: processes that read frames and make samples; the weights are the same.
-        device: of torch: ``cpu``, ``cuda``.
-        progress: show how far it is; or a function that is told (share, doing).
+        width: multiple of the channels of the small network.
+        intensity: use intensities (0..1).
+        part: part of each split dataset to learn from: ``train``, ``val``, ``test`` or ``all``.
+        seed: random seed of weights and samples.
+        workers: number of processes that read frames and make samples; the weights are the same.
+        device: device of PyTorch: ``cpu`` or ``cuda``.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: torch is not installed, there is no such task, a recording cannot be used, or
             the next sweep is asked for and no frame is followed by one of the same place.
+
+    Example:
+        $ urbantwin model pretrain urbantwin-demo/dataset -o pretrained/ --minutes 10
     """
     from urbantwin.learn.torch_device import check_torch
 

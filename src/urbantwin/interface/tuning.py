@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from annotated_types import Ge
 
 from urbantwin.artefact import check_folder, read_json
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Tuning", "tune"]
 
 
-class Tuning:
+class Tuning(Artefact):
     """A fit, judged by frames that were held out.
 
     ``ut.record(twin, motion, rig=tuning.rig)`` records with what was found, and
@@ -65,10 +68,6 @@ class Tuning:
         """The value of each knob."""
         return {name: float(one["value"]) for name, one in self.manifest["knobs"].items()}
 
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
     def __repr__(self) -> str:
         """Return how many knobs were fitted, and the folder."""
         states = [one["state"] for one in self.manifest["knobs"].values()]
@@ -83,51 +82,55 @@ class Tuning:
 
     def plot(self) -> Figure:
         """Show how the fit went, and distributions before and after."""
-        from urbantwin.view.style import figure_of_picture
+        from urbantwin.drawing.style import figure_of_picture
 
         return figure_of_picture(self.folder / "report.png")
 
 
-def tune(  # noqa: PLR0913 - the options of the command
+@command
+def tune(
     real: AnyPath,
     twin: Twin | AnyPath,
     motion: Motion | AnyPath | None = None,
     out: AnyPath | None = None,
     *,
     rig: AnyPath | None = None,
-    fit: str = "pose,noise,dropout,reflectivity,actors",
-    held_out: float = 0.3,
-    trials: int = 300,
-    seed: int = 0,
-    workers: int | None = None,
+    fit: Annotated[str, "LIST"] = "pose,noise,dropout,reflectivity,actors",
+    held_out: Annotated[float, "SHARE"] = 0.3,
+    trials: Annotated[int, Ge(1)] = 300,
+    seed: Annotated[int, Ge(0)] = 0,
+    workers: Annotated[int | None, Ge(1)] = None,
     points_in: Literal["sensor", "level", "site"] | None = None,
     layout: str | None = None,
-    columns: int | None = None,
+    columns: Annotated[int | None, Ge(3)] = None,
     report: bool = True,
     progress: ShowProgress = True,
 ) -> Tuning:
-    """Fit what is uncertain of a rig and its actors to unlabelled real frames.
+    """Fit a rig and its actors to unlabelled real frames.
 
     Args:
         real: real frames of the rig, in the order of time.
-        twin: the twin, or its folder.
-        motion: a motion on it, to fit the actors of.
-        out: the folder to write; ``tuned`` beside the twin when not given.
-        rig: a ``rig.yaml``; the twin's own rig if not given.
-        fit: what may be fitted, with commas.
+        twin: twin, or its folder.
+        motion: motion on it, to fit the actors of.
+        out: folder to write; ``tuned`` beside the twin if not given.
+        rig: ``rig.yaml``; the twin's own rig if not given.
+        fit: groups of values that may be fitted, with commas.
         held_out: share of the frames, the last ones, that nothing is fitted to.
-        trials: of each group.
-        seed: that everything random follows from.
-        workers: threads; every number gives the same values.
-        points_in: the frame of the real points; the rig's if not given.
-        layout: of the real frames; what their files tell if not given.
-        columns: values per row of ``.bin`` files: 4 if not given.
+        trials: number of trials of each group.
+        seed: random seed of the search.
+        workers: number of threads; every number gives the same values.
+        points_in: frame of the real points; the rig's if not given.
+        layout: layout of the real frames; recognised from their files if not given.
+        columns: values per row of ``.bin`` files; 4 if not given.
         report: measure and draw before and after.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: too few frames, a rig that rides, ``out`` holds other files, or the extra
             ``tune`` is not installed.
+
+    Example:
+        $ urbantwin rig tune real/ twin/ --rig rig.yaml -o tuned/
     """
     from urbantwin.extras import check_extra
     from urbantwin.fidelity.tuning import Tuning as Wish

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from urbantwin.interface.command import command
 from urbantwin.interface.outcome import outcome_of_twin
 from urbantwin.interface.place import AnyPath, folder_of_site
 from urbantwin.interface.rig import fields_below
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.progress import Progress
 from urbantwin.roads.network import Lane
 from urbantwin.twin import Twin as BuiltTwin
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["Twin", "build", "build_of", "rig_field", "site_with_known_sensors"]
 
 
-class Twin(BuiltTwin):
+class Twin(Artefact, BuiltTwin):
     """A twin on disk, of which each part is read when it is first asked for.
 
     Besides the attributes of `urbantwin.twin.Twin` (``mesh``: vertices (V, 3) and faces (F, 3) with
@@ -60,10 +61,6 @@ class Twin(BuiltTwin):
     def lanes(self) -> tuple[Lane, ...]:
         """The lanes as strips: centre lines (N, 3), widths, kinds, who may drive there."""
         return tuple(self.roads.lanes)
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return name, place, counts and folder."""
@@ -113,11 +110,12 @@ class Twin(BuiltTwin):
         Raises:
             InputError: there is no such picture.
         """
-        from urbantwin.view.pictures import figure_of_twin
+        from urbantwin.drawing.pictures import figure_of_twin
 
         return figure_of_twin(self, picture)
 
 
+@command
 def build(
     site: AnyPath,
     out: AnyPath | None = None,
@@ -127,17 +125,17 @@ def build(
     allow_key: Sequence[str] | None = None,
     progress: ShowProgress = True,
 ) -> Twin:
-    """Build a site's twin: ground, roads and labelled scene.
+    """Build a site's twin: ground, roads, labelled scene.
 
     Args:
         site: the ``site.yaml``, or its folder.
-        out: the folder to write, in which an older twin is replaced; ``NAME/twin`` beside the site
-            when not given, where NAME is the site's name.
-        pictures: draw pictures into the twin's folder, which takes a while.
+        out: folder to write, in which an older twin is replaced; ``NAME/twin`` beside the site if
+            not given.
+        pictures: draw pictures into the twin's folder.
         key_env: environment variables that the site's file may name as keys though their names do
             not begin with ``URBANTWIN_``.
         allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the site, or a file that it names, cannot be used; ``out`` holds other files;
@@ -146,6 +144,7 @@ def build(
 
     Example:
         >>> twin = ut.build("examples/two-avenues/site.yaml")
+        $ urbantwin build mysite/site.yaml -o twin/
     """
     from urbantwin.download import keys_allowed
 
@@ -200,8 +199,8 @@ def build_of(
 
     def also(twin: BuiltTwin, tell: Progress) -> None:
         if pictures:
-            from urbantwin.view.geometry_pictures import pictures_of_geometry
-            from urbantwin.view.pictures import attributions, pictures_of_twin
+            from urbantwin.drawing.geometry_pictures import pictures_of_geometry
+            from urbantwin.drawing.pictures import attributions, pictures_of_twin
 
             folder = twin.folder / "pictures"
             if found:

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge
 
 from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.errors import StageError
+from urbantwin.interface.command import command
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.recording import recorded, recorders
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,7 +31,7 @@ __all__ = ["Variation", "vary"]
 
 
 @dataclass(frozen=True, repr=False)
-class Variation:
+class Variation(Artefact):
     """Recordings that differ in one factor, in one folder.
 
     Attributes:
@@ -38,10 +41,6 @@ class Variation:
 
     folder: Path
     manifest: dict[str, Any]
-
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
 
     def __repr__(self) -> str:
         """Return the factor and the folder."""
@@ -82,33 +81,37 @@ class Variation:
         return Summary(path=str(self.folder), factor=self.manifest["factor"], base=base, **rows)
 
 
+@command
 def vary(
     run: AnyPath,
     out: AnyPath | None = None,
     *,
-    changes: str,
-    workers: int | None = None,
+    changes: Annotated[str, "FACTOR=VALUES"],
+    workers: Annotated[int | None, Ge(1)] = None,
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Variation:
-    """Record the same again with one factor changed, prove it, and say what became of each object.
+    """Record a run again with one factor changed.
+
+    It is proved that nothing else differs, and said what became of each object.
 
     Args:
-        run: a ``run.yaml``, or the folder that ``run`` or ``demo`` wrote.
-        out: the folder for the recordings; ``variation`` beside the run when not given.
-        changes: the factor and its values: ``sensor.height=4,5,6.5``, ``sensor.NAME.FIELD=VALUE``,
+        run: ``run.yaml``, or the folder that ``run`` or ``demo`` wrote.
+        out: folder for the recordings; ``variation`` beside the run if not given.
+        changes: factor and its values: ``sensor.height=4,5,6.5``, ``sensor.NAME.FIELD=VALUE``,
             ``signal.PROGRAM.offset=SECONDS``, ``scenario=FILE``, ``insert=bicycle`` or
             ``insert=CLASS@STREET``, ``weather=rain``, ``visibility=300``.
-        workers: processes to record with; every number gives the same bytes.
+        workers: number of processes; every number gives the same bytes.
         pictures: draw what became of the objects.
-        progress: show how far it is; or a function that is told (share, doing), of each stage.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the run or the factor cannot be used.
         StageError: a stage failed, or more than the factor differs.
 
     Example:
-        >>> ut.vary("run.yaml", changes="sensor.height=4,6.5").fates
+        >>> ut.experiment.vary("run.yaml", changes="sensor.height=4,6.5").fates
+        $ urbantwin experiment vary urbantwin-demo/ --set sensor.height=4,6.5 -o sweep/
     """
     from urbantwin.interface.twin import Twin
     from urbantwin.variation import load_run, read_factor
@@ -171,7 +174,7 @@ def _rigs(described: RunFile, factor: Factor, twin: Twin) -> None:
             raise InputError(
                 "does not say what traffic was asked for",
                 file=described.motion,
-                expected="a motion of urbantwin traffic, or traffic: in the run",
+                expected="a motion of urbantwin drive, or traffic: in the run",
             )
     if factor.kind == "signal":
         known = sorted({one.program for one in twin.roads.signals})
@@ -292,7 +295,7 @@ def _recorded(
     )
 
 
-def _compared(  # noqa: PLR0913, PLR0917 - what was made, and of what
+def _compared(
     place: Path,
     factor: Factor,
     names: list[str],
@@ -341,8 +344,8 @@ def _compared(  # noqa: PLR0913, PLR0917 - what was made, and of what
             pq.write_table(pa.concat_tables(tables), folder / "fates.parquet", **PARQUET)
             write_json(folder / "variation.json", manifest)
             if pictures:
-                from urbantwin.view.fates import fates_figure
-                from urbantwin.view.style import save
+                from urbantwin.drawing.fates import fates_figure
+                from urbantwin.drawing.style import save
 
                 (folder / "pictures").mkdir()
                 save(fates_figure(rows, factor.text), folder / "pictures" / "fates.png")

@@ -12,9 +12,10 @@ from urbantwin.artefact import verify as verify_artefacts
 from urbantwin.artefact.privacy import Finding, names_here, search_files
 from urbantwin.artefact.verify import is_artefact
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Result, Summary
 from urbantwin.processes import usable_processors
 from urbantwin.progress import between
 
@@ -24,8 +25,12 @@ if TYPE_CHECKING:
 __all__ = ["Verification", "verify"]
 
 
+#: Files that are named of each artefact in text.
+_LISTED = 20
+
+
 @dataclass(frozen=True, repr=False)
-class Verification:
+class Verification(Result):
     """What was found of each artefact.
 
     Attributes:
@@ -95,6 +100,10 @@ class Verification:
             found["not_proven"] = NOT_PROVEN
         return found
 
+    def text(self) -> str:
+        """Return what a command prints for a person: the first files of each artefact."""
+        return str(self.summary(_LISTED))
+
     def check(self) -> None:
         """Refuse what is damaged, what CARLA would trip over, and what says something of people.
 
@@ -113,7 +122,7 @@ class Verification:
             + (f" at {bad.where}" if bad.where else "")
             + (f", and {wrong - 1} more are wrong" if wrong > 1 else ""),
             file=first.folder,
-            expected="the files as they were written; `urbantwin reproduce` makes a dataset again",
+            expected="the files as written; `urbantwin dataset reproduce` makes a dataset again",
         )
 
     def _check_carla(self) -> None:
@@ -135,25 +144,32 @@ class Verification:
             )
 
 
-def verify(path: AnyPath, *, privacy: bool = False, progress: ShowProgress = True) -> Verification:
-    """Find files of artefacts that are damaged, missing or foreign, by their checksums.
+@command
+def verify(
+    path: AnyPath,
+    *,
+    privacy: bool = False,
+    progress: ShowProgress = True,
+) -> Verification:
+    """Check all files of a result against their checksums.
 
     A package for CARLA is also put before the rules of CARLA's own import, server and tools; those
     about lanes and signals need its Python package.
 
     Args:
-        path: an artefact, or a folder of them: what `run` or `campaign` wrote, or `export` to
-            CARLA. With ``privacy`` any file or folder.
-        privacy: search all files, too, for what they say of people: absolute paths, names of users
-            and machines (this one's among them), e-mail addresses, time stamps, in texts and in
-            the metadata of formats that are known.
-        progress: show how far it is; or a function that is told (share, doing).
+        path: result, or a folder of them: what ``run``, a campaign or an export to CARLA wrote;
+            with ``privacy`` any file or folder.
+        privacy: search all files, too, for personal data: absolute paths, names of users and
+            machines, e-mail addresses and time stamps, in texts and in the metadata of known
+            formats.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: there is no artefact, or its inventory cannot be read.
 
     Example:
-        >>> assert ut.verify("out/")
+        >>> assert ut.dataset.verify("out/")
+        $ urbantwin dataset verify urbantwin-demo/
     """
     from urbantwin.dataset.damaged_file import where_damaged
 

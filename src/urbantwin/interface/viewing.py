@@ -11,22 +11,24 @@ from contextlib import suppress
 from pathlib import Path
 from queue import SimpleQueue
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from annotated_types import Ge
 
 from urbantwin.artefact import check_file
 from urbantwin.errors import InputError
-from urbantwin.interface.overwrite import may_overwrite
+from urbantwin.interface.command import command
 from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Result, Summary
 
 if TYPE_CHECKING:
     from urbantwin.web import PageServer, SavedPage, Shown
 
-__all__ = ["View", "look"]
+__all__ = ["View", "view"]
 
 
-class View:
+class View(Result):
     """What is looked at: a page that is being served, or files that were written.
 
     A page is served until `close`, or until the block ends that it is opened with.
@@ -37,7 +39,7 @@ class View:
         rerun: the recording for rerun; None where none was asked for.
 
     Example:
-        >>> with ut.look("out/dataset") as page:
+        >>> with ut.view("out/dataset") as page:
         ...     page.address
     """
 
@@ -151,14 +153,14 @@ class View:
         return Summary(found)
 
 
-@may_overwrite
-def look(  # noqa: PLR0913 - the options of the command
+@command
+def view(
     path: AnyPath,
     other: AnyPath | None = None,
     *,
     save: AnyPath | None = None,
-    frames: str | None = None,
-    every: int = 1,
+    frames: Annotated[str | None, "A:B"] = None,
+    every: Annotated[int, Ge(1)] = 1,
     detections: AnyPath | None = None,
     report: AnyPath | None = None,
     twin: AnyPath | None = None,
@@ -169,38 +171,37 @@ def look(  # noqa: PLR0913 - the options of the command
     overwrite: bool = False,
     progress: ShowProgress = True,
 ) -> View:
-    """Look at a twin, a motion, a dataset, real frames, or two of them side by side.
+    """Show a result or real frames in the browser.
 
     A page is served on 127.0.0.1 until the `View` is closed, or saved as one file. Twin, motion and
     coverage are found beside a dataset. docs/view.md tells what the page shows.
 
     Args:
-        path: a twin, a motion, a dataset, a folder of real frames in any layout that is known,
-            detections or a report of ``compare`` beside their data, or a folder with a twin, a
-            motion and a dataset in it.
-        other: frames that are shown beside those of ``path`` with the same camera.
-        save: write the page into this one file instead of serving it.
-        frames: ``A:B``, from frame A to before frame B, counted from 0; all when not given, and in
-            a saved page as many as fit into 40 MB.
-        every: only each N-th of them.
-        detections: boxes with scores, shown over the labels of ``path``: hits, misses, false
-            alarms.
-        report: of ``compare``, whose worst places are listed.
-        twin: the twin that frames are shown in; the one beside them when not given.
-        motion: the motion whose signals are shown; the one beside them when not given.
-        port: of the server; any that is free when 0.
+        path: twin, motion, dataset, folder of real frames in any known layout, detections or report
+            of ``compare`` beside their data, or a folder with a twin, a motion and a dataset in it.
+        other: frames to show beside those of ``path`` with the same camera.
+        save: HTML file to write instead of serving the page.
+        frames: frames from number A to before B, counted from 0; all if not given, in a saved page
+            as many as fit into 40 MB.
+        every: show only every N-th of the frames.
+        detections: detections, shown over the labels of ``path``: hits, misses, false alarms.
+        report: report of ``compare`` whose worst places are listed.
+        twin: twin to show frames in; the one beside them if not given.
+        motion: motion whose signals are shown; the one beside the frames if not given.
+        port: port of the server; 0 for any that is free.
         browser: open the page in the desktop's browser, where there is a desktop.
-        rerun: write also a recording for rerun, ``NAME.rrd``.
-        overwrite: replace a file that urbantwin did not write, or that was changed since, or is
+        rerun: recording for rerun to write, ``NAME.rrd``.
+        overwrite: replace a file that urbantwin did not write, or that was changed or made
             read-only.
-        progress: show how far it is; or a function that is told (share, doing).
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: what is asked for is missing, damaged or nothing that can be shown; the port
             cannot be had; or rerun is not installed.
 
     Example:
-        >>> ut.look("out/dataset", save="page.html", frames="0:20").path
+        >>> ut.view("out/dataset", save="page.html", frames="0:20").path
+        $ urbantwin view urbantwin-demo/dataset --save page.html --frames 0:20
     """
     from urbantwin.web import PageServer, open_shown, write_page, write_rerun
     from urbantwin.web.chosen_frames import ChosenFrames

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import Ge
 
 from urbantwin.artefact import check_folder, new_folder
 from urbantwin.errors import InputError
+from urbantwin.interface.command import command
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion, drive
 from urbantwin.interface.outcome import (
@@ -20,9 +23,9 @@ from urbantwin.interface.place import AnyPath, folder_of_site
 from urbantwin.interface.recording import recorded, recorders
 from urbantwin.interface.rig import fields_below, rig_spec_on
 from urbantwin.interface.stage import ShowProgress, tell_line
-from urbantwin.interface.summary import Summary
+from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.interface.twin import Twin, build_of, rig_field, site_with_known_sensors
-from urbantwin.interface.viewing import look
+from urbantwin.interface.viewing import view
 from urbantwin.processes import Helpers
 from urbantwin.result_warning import ResultWarning
 
@@ -38,7 +41,7 @@ LATITUDE, LONGITUDE, RADIUS_M = 60.174, 24.9503, 130.0
 _ON_THE_PAGE = "0:10"
 
 
-class Run:
+class Run(Artefact):
     """A twin, its motion and its dataset, a folder each in one folder.
 
     Attributes:
@@ -82,10 +85,6 @@ class Run:
         """What is wrong with the three."""
         return (*self.twin.warnings, *self.motion.warnings, *self.dataset.warnings)
 
-    def __fspath__(self) -> str:
-        """Return the folder."""
-        return str(self.folder)
-
     def __repr__(self) -> str:
         """Return each part on a line."""
         return f"{self.twin!r}\n{self.motion!r}\n{self.dataset!r}"
@@ -105,33 +104,36 @@ class Run:
         )
 
 
+@command
 def run(
     site: AnyPath,
     out: AnyPath | None = None,
     *,
-    workers: int | None = None,
+    workers: Annotated[int | None, Ge(1)] = None,
     pictures: bool = True,
     key_env: Sequence[str] | None = None,
     allow_key: Sequence[str] | None = None,
     progress: ShowProgress = True,
 ) -> Run:
-    """Go the whole way: twin, motion and dataset of a site.
+    """Build, drive and record a site in one go.
 
     Args:
         site: the ``site.yaml``.
-        out: the folder for the three; ``NAME`` beside the site when not given, where NAME is the
-            site's name.
-        workers: processes to record with; every number gives the same bytes.
-        pictures: draw pictures, which takes a while.
+        out: folder for ``twin``, ``motion`` and ``dataset``; ``NAME`` beside the site if not given.
+        workers: number of processes; every number gives the same bytes.
+        pictures: draw pictures of all three.
         key_env: environment variables that the site's file may name as keys though their names do
             not begin with ``URBANTWIN_``.
         allow_key: ``NAME=https://host``: variables, and the server that the key in each may go to.
-        progress: show how far it is; or a function that is told (share, doing), of each stage.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: the site, or a file that it names, cannot be used; the site asks for a key that
             is not allowed.
         StageError: a stage failed.
+
+    Example:
+        $ urbantwin run mysite/site.yaml -o out/
     """
     from urbantwin.download import keys_allowed
 
@@ -141,21 +143,27 @@ def run(
         return _run_of(checked, place, workers=workers, pictures=pictures, progress=progress)
 
 
+@command
 def demo(
     out: AnyPath = "urbantwin-demo",
     *,
-    workers: int | None = None,
+    workers: Annotated[int | None, Ge(1)] = None,
     progress: ShowProgress = True,
 ) -> Run:
-    """Run a real intersection in central Helsinki, map to frames.
+    """Run a real intersection, from the map to frames.
+
+    The place is a signalised junction in central Helsinki.
 
     Args:
-        out: the folder to write.
-        workers: processes to record with.
-        progress: show how far it is; or a function that is told (share, doing), of each stage.
+        out: folder to write.
+        workers: number of processes; every number gives the same bytes.
+        progress: show progress; or a function that is called with (share, doing).
 
     Raises:
         InputError: a checkout in which the map of Helsinki was not made.
+
+    Example:
+        $ urbantwin demo -o urbantwin-demo
     """
     from urbantwin.lidar.siting import place_in_sight
     from urbantwin.site.initial_site import init_site
@@ -175,7 +183,7 @@ def demo(
     checked = site_with_known_sensors(file)
     made = _run_of(checked, place, workers=workers, pictures=True, progress=progress)
     try:
-        look(made.dataset, save=made.page, frames=_ON_THE_PAGE, progress=progress)
+        view(made.dataset, save=made.page, frames=_ON_THE_PAGE, progress=progress)
     except InputError as error:  # a checkout may be without the page; all else is made
         tell_line(f"demo: no page: {error}", progress)
     return made

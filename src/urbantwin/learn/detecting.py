@@ -105,7 +105,7 @@ def detected(
     if not model.design.classes and not model.design.points:
         raise InputError(
             "the model tells nothing: it was pre-trained",
-            expected="a model of `urbantwin train`, which may begin --from this one",
+            expected="a model of `urbantwin model train`, which may begin --from this one",
         )
     names: list[str] = []
     rows: list[tuple[NDArray[np.float64], list[str], NDArray[np.float64]]] = []

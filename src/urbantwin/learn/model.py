@@ -32,7 +32,7 @@ __all__ += ["read_model", "write_model"]
 KIND = "model"
 #: Which fields there are; a later one adds to them.
 SCHEMA = 1
-_EXPECTED = "a folder that `urbantwin train` wrote"
+_EXPECTED = "a folder that `urbantwin model train` wrote"
 _WEIGHTS = "model.safetensors"
 _TEXT = "model.yaml"
 #: What the weights of the second look are called, beside those of the detector.

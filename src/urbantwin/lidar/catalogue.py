@@ -150,7 +150,7 @@ def _unknown(name: str) -> InputError:
     return InputError(
         f"unknown sensor {name!r}",
         expected=f"one of {', '.join(names or sensor_names())}"
-        + (" (`urbantwin sensors` lists them all)" if names else "")
+        + (" (`urbantwin catalogue sensors` lists them all)" if names else "")
         + ", or the path of a .yaml, .json or .csv file",
     )
 

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
+    from urbantwin.interface.input_check import Findings, check
+    from urbantwin.interface.preset_catalogue import PresetCatalogue, presets
     from urbantwin.site.dem import DemGrid, check_dem, grid_step_m, read_heights
     from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece
     from urbantwin.site.extract_file import box_around, read_extract
@@ -23,6 +25,7 @@ __all__ = [
     "DemGrid",
     "Effects",
     "Extract",
+    "Findings",
     "GeometrySource",
     "GeometrySpec",
     "ImagerySource",
@@ -31,6 +34,7 @@ __all__ = [
     "JunctionProposal",
     "Orthophoto",
     "OsmFeature",
+    "PresetCatalogue",
     "Relation",
     "RigSpec",
     "SensorSpec",
@@ -39,6 +43,7 @@ __all__ = [
     "Way",
     "WayPiece",
     "box_around",
+    "check",
     "check_dem",
     "check_extract",
     "grid_step_m",
@@ -46,6 +51,7 @@ __all__ = [
     "load_rig_spec",
     "load_site",
     "load_traffic_changes",
+    "presets",
     "propose_junction",
     "read_extract",
     "read_heights",

@@ -336,7 +336,7 @@ region:
   {outline}
 
 {inputs}{beside}{roads}
-# Programs of signals, if you know them; else they are assumed. `urbantwin inspect` of the twin
+# Programs of signals, if you know them; else they are assumed. `urbantwin info` of the twin
 # lists its junctions with their streets, approaches and phases.
 # signals:
 #   - junction: First Street / Second Street
@@ -373,7 +373,7 @@ def _proposed_rig(pole: PolePosition) -> str:
     # More sensors: more items. docs/rigs.md has all that a rig can say: heights, timing, echoes,
     # weather, faults, riding.
     - name: pole
-      model: {SENSOR}    # "urbantwin sensors" lists the models
+      model: {SENSOR}    # "urbantwin catalogue sensors" lists the models
       columns: {SENSOR_COLUMNS}     # per turn
       east_m: {pole.east_m}
       north_m: {pole.north_m}

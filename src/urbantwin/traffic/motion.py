@@ -248,7 +248,7 @@ def step_times(steps: int, step_s: float) -> NDArray[np.float64]:
 
 
 def describe(folder: Path) -> dict[str, Any]:
-    """Return a summary of a motion folder, for ``urbantwin inspect``.
+    """Return a summary of a motion folder, for ``urbantwin info``.
 
     Raises:
         InputError: it is not a motion.

@@ -65,7 +65,7 @@ def warnings_of_build(
             "map",
             f"{len(dropped)} of its elements {'is' if len(dropped) == 1 else 'are'} dropped",
             f"{dropped[0]:.160}",
-            "urbantwin inspect TWIN lists " + ("it" if len(dropped) == 1 else "all"),
+            "urbantwin info TWIN lists " + ("it" if len(dropped) == 1 else "all"),
         )
     left_out: Any = roads.notes.get("left_out", [])
     parts = [part for part in left_out if part["metres"] >= LONG_M]

@@ -4,7 +4,7 @@ Asphalt is from 6 % (fresh) to 28 % (bleached) reflective at 905 nm (``asphalt-d
 ``asphalt-light`` of the table of materials, both measured), and lines fade. So a site's streets are
 as bright as the table's by a factor that its place decides: log-normal about 1, with `SPREAD` such
 that the measured extremes are 2.5 standard deviations away. ``reflectivity:`` of a rig, by hand or
-by `urbantwin tune`, takes its place.
+by `urbantwin rig tune`, takes its place.
 """
 
 from __future__ import annotations

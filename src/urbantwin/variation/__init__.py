@@ -9,9 +9,10 @@ if TYPE_CHECKING:
     from urbantwin.variation.fates import FATES, fates_of
     from urbantwin.variation.ladder import (
         LADDERS,
+        CurriculumFile,
         Grade,
         graded_rig,
-        load_ladder,
+        read_curriculum,
         refuse_nobody,
         traffic_of_density,
     )
@@ -21,15 +22,16 @@ if TYPE_CHECKING:
 __all__ = [
     "FATES",
     "LADDERS",
+    "CurriculumFile",
     "Factor",
     "Grade",
     "Proof",
     "RunFile",
     "fates_of",
     "graded_rig",
-    "load_ladder",
     "load_run",
     "proof_of",
+    "read_curriculum",
     "read_factor",
     "refuse_nobody",
     "traffic_of_density",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,14 +15,15 @@ from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
 from urbantwin.site import RigSpec
 from urbantwin.site.conditions import Strict
-from urbantwin.site.yaml_document import nearest, read_document
+from urbantwin.site.yaml_document import must_exist, nearest, read_document
 from urbantwin.traffic import Motion
 
 __all__ = [
     "LADDERS",
+    "CurriculumFile",
     "Grade",
     "graded_rig",
-    "load_ladder",
+    "read_curriculum",
     "refuse_nobody",
     "traffic_of_density",
 ]
@@ -47,7 +49,14 @@ class Grade(Strict):
 
 
 class _Fields(Strict):
-    grades: Annotated[list[Grade], Field(min_length=1, max_length=50)]
+    twin: str
+    rig: str | None = None
+    ladder: str | None = None
+    grades: Annotated[list[Grade], Field(min_length=1, max_length=50)] | None = None
+    seconds: Annotated[float, Field(ge=0.1, le=86400.0)] | None = None
+    start: Annotated[float, Field(ge=0.0, le=86400.0)] = 0.0
+    stop: Annotated[float, Field(ge=0.0, le=86400.0)] | None = None
+    seed: Annotated[int, Field(ge=0)] | None = None
 
 
 #: Ladders by their names: all three axes together, or one alone.
@@ -74,27 +83,65 @@ LADDERS: dict[str, tuple[Grade, ...]] = {
 }
 
 
-def load_ladder(name: str) -> tuple[Grade, ...]:
-    """Return a ladder by its name, or of a file with ``grades``.
+@dataclass(frozen=True)
+class CurriculumFile:
+    """A curriculum, its files found.
+
+    Attributes:
+        twin: the twin's folder.
+        rig: the rig's file; ``None`` for the twin's own.
+        ladder: name of the ladder; ``own`` for grades of its own.
+        grades: the grades, the easiest first.
+        seconds: length of each motion, seconds; ``None`` for the site's.
+        start: time of the first frame at the earliest, seconds of the motion.
+        stop: time of the last frame at the latest, seconds; ``None`` for the motion's end.
+        seed: random seed; ``None`` for the site's.
+    """
+
+    twin: Path
+    rig: Path | None
+    ladder: str
+    grades: tuple[Grade, ...]
+    seconds: float | None
+    start: float
+    stop: float | None
+    seed: int | None
+
+
+def read_curriculum(path: Path) -> CurriculumFile:
+    """Read a curriculum's file; names of files in it are relative to it.
 
     Raises:
-        InputError: it is neither, or a field is wrong; file and line are named.
+        InputError: a field is wrong, or a file that it names is missing; file and line are named.
     """
-    if name in LADDERS:
-        return LADDERS[name]
-    path = Path(name)
-    if path.suffix not in (".yaml", ".yml"):
-        raise InputError(
-            f"there is no ladder {name!r:.60}",
-            place="ladder",
-            expected=f"{nearest(name, list(LADDERS))}, or a .yaml file with grades",
+    document = read_document(path, kind="a curriculum")
+    fields = document.validated(_Fields)
+    if (fields.ladder is None) == (fields.grades is None):
+        raise document.error("needs a ladder or grades", [], "one of the two")
+    if fields.ladder is not None and fields.ladder not in LADDERS:
+        raise document.error(
+            f"there is no ladder {fields.ladder!r:.60}",
+            ["ladder"],
+            nearest(fields.ladder, list(LADDERS)),
         )
-    document = read_document(path, kind="a ladder")
-    grades = tuple(document.validated(_Fields).grades)
-    names = [one.name for one in grades]
+    names = [one.name for one in fields.grades or ()]
     if len(set(names)) < len(names):
         raise document.error("names a grade twice", ["grades"], "each name once")
-    return grades
+    for field in ("twin", "rig"):
+        given = getattr(fields, field)
+        if given is not None:
+            expected = "a name beside the curriculum's file"
+            must_exist(document, (field,), path.parent / given, expected, folders=True)
+    return CurriculumFile(
+        twin=path.parent / fields.twin,
+        rig=None if fields.rig is None else path.parent / fields.rig,
+        ladder=fields.ladder or "own",
+        grades=LADDERS[fields.ladder] if fields.ladder else tuple(fields.grades or ()),
+        seconds=fields.seconds,
+        start=fields.start,
+        stop=fields.stop,
+        seed=fields.seed,
+    )
 
 
 def graded_rig(spec: RigSpec, grade: Grade) -> RigSpec:

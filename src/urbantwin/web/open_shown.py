@@ -11,6 +11,7 @@ import numpy as np
 from urbantwin.artefact import kind_of
 from urbantwin.artefact.document import read_bytes
 from urbantwin.detections.forms import read_any_form
+from urbantwin.drawing.pictures import attributions
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.fidelity.readers.layouts import layout_of, recordings_inside
@@ -19,7 +20,6 @@ from urbantwin.lidar import place_rig
 from urbantwin.progress import Progress, untold
 from urbantwin.traffic import Motion
 from urbantwin.twin import Twin, load_twin
-from urbantwin.view.pictures import attributions
 from urbantwin.web.beside import (
     away_from,
     farthest_place,

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import ArrayOf, read_arrays
+from urbantwin.drawing.surface_colours import surface_colours
 from urbantwin.geometry import Pose
 from urbantwin.taxonomy import materials, semantic_classes
 from urbantwin.traffic import Motion
 from urbantwin.twin import Twin
-from urbantwin.view.surface_colours import surface_colours
 from urbantwin.web.packet import packet, quantised
 
 __all__ = ["coverage_packet", "lanes_packet", "twin_packet"]
@@ -113,7 +113,7 @@ def coverage_packet(folder: Path) -> bytes:
     """Return the packet of where a rig sees how much of what stands upright, site frame.
 
     Args:
-        folder: of a coverage, as ``urbantwin coverage`` wrote it.
+        folder: of a coverage, as ``urbantwin rig coverage`` wrote it.
 
     Raises:
         InputError: it is none.

@@ -47,8 +47,8 @@ class DetectionsBeside:
     def over(self, index: int, labels: ShownBoxes) -> ShownBoxes:
         """Return labels of a frame with the detections in it behind them, and what became of each.
 
-        As `urbantwin evaluate` judges, frame by frame: by falling score, each the nearest object
-        of its class within the class's distance that none found before.
+        As `urbantwin model evaluate` judges, frame by frame: by falling score, each the nearest
+        object of its class within the class's distance that none found before.
 
         Args:
             index: of the side's frame.

@@ -307,4 +307,4 @@ def test_what_is_lost_is_told_before_anything_is_written(
     # Named after the dataset; a .yaml alone is asked for by its name.
     assert made.path == Path("dataset-openpcdet")
     assert (made.path / "custom_infos_train.pkl").is_file()
-    assert ut.verify(made.path)
+    assert ut.dataset.verify(made.path)

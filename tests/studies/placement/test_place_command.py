@@ -35,7 +35,7 @@ def folder(two_avenues_twin, motion, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def placement(two_avenues_twin, folder):
-    return ut.place(
+    return ut.rig.place(
         two_avenues_twin.folder, folder / "motion", folder / "one", wish=folder / "place.yaml",
         layouts=8, workers=1, progress=False,
     )  # fmt: skip
@@ -69,11 +69,11 @@ def test_an_interrupted_run_leaves_the_same_bytes_whoever_goes_on(
     with monkeypatch.context() as patch:
         patch.setattr(casts, "write_sighting", dies_at_the_third)
         with pytest.raises(KeyboardInterrupt):
-            ut.place(*arguments, workers=1, **options)
+            ut.rig.place(*arguments, workers=1, **options)
     assert not out.exists()
     left = [one for one in folder.iterdir() if one.name.endswith("urbantwin-partial")]
     assert len(list((left[0] / "casts").glob("view-*.npz"))) == 2
-    ut.place(*arguments, workers=workers, **options)
+    ut.rig.place(*arguments, workers=workers, **options)
     assert bytes_of(out) == bytes_of(placement.folder)
     assert not [one for one in folder.iterdir() if one.name.endswith("urbantwin-partial")]
 
@@ -118,10 +118,10 @@ def test_the_page_holds_every_layout_and_needs_no_other_file(placement):
 
 def test_a_placement_opens_and_is_whole(placement):
     opened = ut.open(placement.folder)
-    assert isinstance(opened, ut.Placement)
+    assert isinstance(opened, ut.rig.Placement)
     assert opened.summary()["front"]
     assert "8 layouts" in repr(opened)
-    assert ut.verify(placement.folder)
+    assert ut.dataset.verify(placement.folder)
 
 
 def test_default_candidates_are_free_and_hang_on_what_they_say(two_avenues_twin, motion):
@@ -208,8 +208,8 @@ def test_a_refusal_is_one_line_and_leaves_nothing(two_avenues_twin, folder, tmp_
     file = tmp_path / "place.yaml"
     file.write_text(yaml.safe_dump(wish({"budget": 4799})))
     code = main(
-        ["place", str(two_avenues_twin.folder), str(folder / "motion"), "-o", str(tmp_path / "out"),
-         "--wish", str(file), "--quiet"]
+        ["rig", "place", str(two_avenues_twin.folder), str(folder / "motion"),
+         "-o", str(tmp_path / "out"), "--wish", str(file), "--quiet"]
     )  # fmt: skip
     said = capfd.readouterr().err
     assert code == 2
@@ -224,7 +224,7 @@ def test_a_motion_of_another_twin_is_refused(two_avenues_twin, folder, tmp_path,
     told = json.loads((tmp_path / "motion" / "motion.json").read_text())
     told["twin_sha256"] = "0" * 64
     (tmp_path / "motion" / "motion.json").write_text(json.dumps(told))
-    code = main(["place", str(two_avenues_twin.folder), str(tmp_path / "motion"),
+    code = main(["rig", "place", str(two_avenues_twin.folder), str(tmp_path / "motion"),
                  "-o", str(tmp_path / "out"), "--quiet"])  # fmt: skip
     assert code == 2
     assert "another twin" in capfd.readouterr().err

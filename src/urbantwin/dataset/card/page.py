@@ -344,8 +344,8 @@ def _reproducing(folder: Path, manifest: Mapping[str, Any]) -> list[str]:
     lacking = [name for name in ("twin", "motion", "record") if made.get(name) is None]
     if mapping(manifest, "about", "traffic").get("recorded") is not None:
         first = (
-            "`urbantwin replay` of the recorded tracks and `urbantwin record`, with the inputs "
-            "below and these seeds: `urbantwin reproduce` does not know tracks."
+            "`urbantwin traffic replay` of the recorded tracks and `urbantwin record`, with the "
+            "inputs below and these seeds: `urbantwin dataset reproduce` does not know tracks."
         )
     elif lacking:
         first = (
@@ -354,7 +354,8 @@ def _reproducing(folder: Path, manifest: Mapping[str, Any]) -> list[str]:
         )
     else:
         first = (
-            "`urbantwin reproduce dataset.json --inputs FOLDER`, with the inputs below in FOLDER."
+            "`urbantwin dataset reproduce dataset.json --inputs FOLDER`, with the inputs below in "
+            "FOLDER."
         )
     seeds = ", ".join(f"{escaped(name)} {seed}" for name, seed in manifest["seeds"].items())
     versions = ", ".join(
@@ -375,7 +376,7 @@ def _reproducing(folder: Path, manifest: Mapping[str, Any]) -> list[str]:
                 f"Versions: {versions}.",
                 f"SHA-256 of `dataset.json`, which has those of the frames and tables: "
                 f"`{sha256_of(folder / 'dataset.json')}`. `SHA256SUMS` has every file's; "
-                "`urbantwin verify .` compares them.",
+                "`urbantwin dataset verify .` compares them.",
             ]
         ),
     ]
@@ -426,7 +427,8 @@ def privacy_lines(
             *lines,
             "The files were searched for absolute paths, home folders, names of users and "
             "machines, e-mail addresses and time stamps: nothing was found. "
-            "`urbantwin verify . --privacy` searches again, also for your own machine's names.",
+            "`urbantwin dataset verify . --privacy` searches again, also for your own machine's "
+            "names.",
         ]
     rows = [[code(one.file), escaped(one.place), escaped(one.what)] for one in private[:20]]
     more = ["", f"And {len(private) - 20:,} more."] if len(private) > 20 else []

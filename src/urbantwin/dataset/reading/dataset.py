@@ -126,8 +126,8 @@ class Dataset(Frames):
             raise InputError(
                 "has no trajectories.parquet: it is of a version that did not write it",
                 file=self.folder,
-                expected="`urbantwin sequence dataset/ --motion motion/`, which writes it, or "
-                "`tracklets`, which have the frames alone",
+                expected="`urbantwin dataset sequence dataset/ --motion motion/`, which writes it, "
+                "or `tracklets`, which have the frames alone",
             )
         return table
 

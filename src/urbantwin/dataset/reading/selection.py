@@ -113,7 +113,7 @@ class Frames(Sequence[Frame]):
             )
         return found[0]
 
-    def where(  # noqa: PLR0913 - all that people filter by
+    def where(  # noqa: PLR0913 - a filter each
         self,
         *,
         classes: str | Iterable[str] = (),

@@ -175,7 +175,7 @@ def read_source_manifest(file: Path) -> SourceManifest:
     made = motion.made
     if (made.actors, made.meshes) != (dataset.motion_sha256, dataset.meshes_sha256):
         raise InputError(
-            "its motion was changed after `urbantwin traffic` made it: how is not recorded",
+            "its motion was changed after `urbantwin drive` made it: how is not recorded",
             file=file,
             place="motion_sha256",
             expected="a motion as it was made",

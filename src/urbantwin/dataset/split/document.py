@@ -24,7 +24,7 @@ __all__ = [
     "write_split_document",
 ]
 
-_EXPECTED = "a split of urbantwin split"
+_EXPECTED = "a split of urbantwin dataset split"
 
 
 class _Row(Part):
@@ -104,7 +104,7 @@ def read_split_document(file: Path) -> SplitDocument:
         if one.motion_sha256 is not None and now != one.motion_sha256:
             raise InputError(
                 f"was made when {one.path[:80]} showed another motion", file=file, place=place,
-                expected="`urbantwin split` once more",
+                expected="`urbantwin dataset split` once more",
             )  # fmt: skip
         kept = None if one.kept is None else tuple(one.kept)
         rows += [(part, one.part, kept) for part in parts_of(folder)]

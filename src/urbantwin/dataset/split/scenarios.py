@@ -49,8 +49,8 @@ def scenarios_of(sources: Sequence[Source]) -> list[Scenario]:
     """Return datasets grouped by scenario, in the order of the first of each.
 
     Two belong together where they have the same motion; where their traffic was asked for alike but
-    for what `urbantwin vary` changes; or where actors go the same ways (a variant of one run,
-    whoever made it).
+    for what `urbantwin experiment vary` changes; or where actors go the same ways (a variant of one
+    run, whoever made it).
     """
     group = list(range(len(sources)))
     reasons: dict[int, list[str]] = {}

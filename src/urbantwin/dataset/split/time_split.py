@@ -146,7 +146,7 @@ def warnings_of_split(told: Mapping[str, Any]) -> Iterator[ResultWarning]:
     empty = [part for part in PARTS if told["shares"][part] and not told["parts"][part]["frames"]]
     remedy = (
         "a longer recording; or other recordings to validate and test on: "
-        "urbantwin split --by scenario"
+        "urbantwin dataset split --by scenario"
     )
     if empty:
         yield ResultWarning(

@@ -42,7 +42,7 @@ def read_any_form(
     raise InputError(
         "holds no detections" if path.exists() else "is not there",
         file=path,
-        expected="detections.json of `urbantwin detect`, KITTI's texts (16 values a line), "
+        expected="detections.json of `urbantwin model detect`, KITTI's texts (16 values a line), "
         "OpenPCDet's result.pkl or nuScenes' results.json",
     )
 

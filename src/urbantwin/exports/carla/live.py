@@ -1,16 +1,25 @@
-"""A running CARLA server, driven with a package: its traffic by ``traffic.json``, its rig recorded.
+"""Drive this package's traffic on a running CARLA 0.9.16 server, and record it with its rig.
 
-What of this was tested: that transforms, attributes and points are what CARLA's own classes make
-of them, and that a missing server is reported in one line. **Nothing here was run against a
-live server**; the sequence of calls follows CARLA's documentation and examples.
+    python run_in_carla.py FRAMES [--host localhost] [--port 2000] [--seconds 10]
+
+FRAMES gets ``points/NNNNNN_<sensor>.npy`` (the sensor's points, x, y, z in the site frame, metres)
+and ``actors/NNNNNN.json`` (boxes in the site frame) per step of the rig. It needs numpy and
+CARLA's Python package (``pip install carla==0.9.16``), and nothing of UrbanTwin, whose exported
+CARLA packages have this file.
+
+Transforms, attributes and points were checked against CARLA's own classes. **Nothing here was run
+on a live server**; the sequence of calls follows CARLA's documentation and examples.
 """
 
 from __future__ import annotations
 
+import argparse
 import fnmatch
 import importlib
+import json
 import queue
 import random
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -19,24 +28,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact import replaced_folder, write_json
-from urbantwin.artefact.document import read_bytes
-from urbantwin.errors import StageError
-from urbantwin.exports.carla.frame import carla_points, pose_of_carla
-from urbantwin.exports.carla.package_documents import read_plan
-from urbantwin.exports.carla.rig import SEMANTIC
-from urbantwin.extras import check_extra
-from urbantwin.progress import Progress, untold
+__all__ = ["SEMANTIC_POINT", "LiveError", "chosen_blueprints", "drive", "site_points"]
 
-__all__ = ["chosen_blueprints", "drive", "site_points"]
-
+SEMANTIC = "sensor.lidar.ray_cast_semantic"
 #: How a point of ``sensor.lidar.ray_cast_semantic`` and of ``sensor.lidar.ray_cast`` is sent.
 SEMANTIC_POINT = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("cos", "<f4"), ("actor", "<u4"), ("tag", "<u4")]
 )
 PLAIN_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-#: How long a server may take to load a map or to answer a step, seconds.
+#: Longest wait for a server to load a map or to answer a step, seconds.
 SLOW_S = 120.0
+#: From CARLA's left-handed frame (y south) to the site frame (y north), and back.
+MIRROR = np.array([1.0, -1.0, 1.0])
+
+
+class LiveError(Exception):
+    """The package, CARLA's Python package or the server cannot be used; one line."""
 
 
 def drive(
@@ -46,45 +53,40 @@ def drive(
     host: str = "localhost",
     port: int = 2000,
     seconds: float = 10.0,
-    progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Set down traffic and sensors on a server, run it step by step, and write frames.
-
-    ``out`` gets ``points/NNNNNN_<sensor>.npy`` (what the sensor sends, x, y, z moved to the site
-    frame) and ``actors/NNNNNN.json`` (boxes in the site frame) per step of the rig.
+    """Spawn traffic and sensors on a server, run it step by step, and write frames.
 
     Args:
-        package: the folder that ``urbantwin export --to carla`` wrote.
-        out: the folder to write.
-        host: the server's name.
-        port: its port.
-        seconds: how long, of simulated time.
-        progress: told the fraction done and what is being done.
+        package: folder of the package.
+        out: folder to write, which must not exist.
+        host: name of the server.
+        port: port of the server.
+        seconds: simulated time, seconds.
 
     Returns:
-        What was set down and written.
+        What was spawned and written.
 
     Raises:
-        InputError: the package is not one, or CARLA's Python package is not installed.
-        StageError: no server answers, or it failed.
+        LiveError: the package is not one, CARLA's Python package is missing, ``out`` exists, no
+            server answers, or it failed.
     """
-    tell = progress or untold
-    plan = read_plan(package)
-    carla = _carla()
+    plan = _read_plan(package)
+    try:
+        carla = importlib.import_module("carla")
+    except ImportError as error:
+        raise LiveError("CARLA's Python package is missing: pip install carla==0.9.16") from error
+    if out.exists():
+        raise LiveError(f"{out} exists; expected a new folder")
     client = carla.Client(host, port)
     client.set_timeout(10.0)
     try:
         version = client.get_server_version()
     except RuntimeError as error:
         said = str(error).splitlines()[0] if str(error) else "no answer"
-        raise StageError(f"no CARLA server at {host}:{port} ({said})") from None
+        raise LiveError(f"no CARLA server at {host}:{port} ({said})") from None
     try:
-        with (
-            replaced_folder(out, kind="carla_frames", inputs=[package]) as scratch,
-            ExitStack() as stack,
-        ):
+        with ExitStack() as stack:
             client.set_timeout(SLOW_S)
-            tell(0.0, "loading the map")
             imported = _load_map(client, package, plan)
             world = client.get_world()
             stack.enter_context(_in_steps(carla, client, world, plan))
@@ -94,11 +96,10 @@ def drive(
             queues = actors.listen(plan["rig"])
             step_s = float(plan["rig"]["fixed_delta_seconds"])
             steps = max(1, round(seconds / step_s))
-            (scratch / "points").mkdir()
-            (scratch / "actors").mkdir()
+            (out / "points").mkdir(parents=True)
+            (out / "actors").mkdir()
             for step in range(steps):
-                tell(step / steps, "driving")
-                _write_frame(scratch, step, world, queues)
+                _write_frame(out, step, world, queues)
             record = {
                 "kind": "carla_frames",
                 "server": version,
@@ -108,15 +109,26 @@ def drive(
                 "step_s": step_s,
                 "actors": counts,
             }
-            write_json(scratch / "carla_frames.json", record)
+            _write_json(out / "carla_frames.json", record)
             return record
     except RuntimeError as error:  # what CARLA's client raises
-        raise StageError(f"the CARLA server failed ({str(error).splitlines()[0]})") from error
+        raise LiveError(f"the CARLA server failed ({str(error).splitlines()[0]})") from error
 
 
-def _carla() -> Any:  # noqa: ANN401 - carla has no types
-    check_extra("carla", "a live server")
-    return importlib.import_module("carla")
+def _read_plan(package: Path) -> dict[str, Any]:
+    """Return the package's traffic, spawn points, rig and names."""
+    plan = {}
+    for name in ("traffic", "spawn_points", "rig", "carla"):
+        file = package / f"{name}.json"
+        try:
+            plan[name] = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise LiveError(f"{file} cannot be read ({error}); expected a package") from error
+    return plan
+
+
+def _write_json(file: Path, value: object) -> None:
+    file.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
 
 
 def _load_map(client: Any, package: Path, plan: Mapping[str, Any]) -> bool:  # noqa: ANN401
@@ -125,8 +137,8 @@ def _load_map(client: Any, package: Path, plan: Mapping[str, Any]) -> bool:  # n
     if any(one.rsplit("/", 1)[-1] == name for one in client.get_available_maps()):
         client.load_world(name)
         return True
-    roads = read_bytes(package / folder / name / f"{name}.xodr", "the package's map of the roads")
-    client.generate_opendrive_world(roads.decode(errors="replace"))
+    roads = package / folder / name / f"{name}.xodr"
+    client.generate_opendrive_world(roads.read_text(encoding="utf-8"))
     return False
 
 
@@ -292,13 +304,13 @@ def _write_frame(
             {
                 "id": actor.id,
                 "blueprint": actor.type_id,
-                "centre": carla_points([centre.x, centre.y, centre.z])[0].round(4).tolist(),
+                "centre": (np.array([centre.x, centre.y, centre.z]) * MIRROR).round(4).tolist(),
                 "size": [2 * box.extent.x, 2 * box.extent.y, 2 * box.extent.z],
                 "yaw": -float(np.radians(transform.rotation.yaw)),
-                "velocity": carla_points([velocity.x, velocity.y, velocity.z])[0].tolist(),
+                "velocity": (np.array([velocity.x, velocity.y, velocity.z]) * MIRROR).tolist(),
             }
         )
-    write_json(folder / "actors" / f"{step:06d}.json", {"frame": frame, "actors": rows})
+    _write_json(folder / "actors" / f"{step:06d}.json", {"frame": frame, "actors": rows})
 
 
 def site_points(
@@ -311,9 +323,35 @@ def site_points(
         location: x, y, z of the sensor in CARLA's frame, metres.
         rotation: its pitch, yaw, roll, degrees.
     """
-    xyz = np.column_stack([points["x"], points["y"], points["z"]]).astype(np.float64)
+    xyz = np.column_stack([points["x"], points["y"], points["z"]]).astype(np.float64) * MIRROR
+    pitch, yaw, roll = np.radians(np.asarray(rotation, np.float64)) * [-1.0, -1.0, 1.0]
+    sines, cosines = np.sin([yaw, pitch, roll]), np.cos([yaw, pitch, roll])
+    about_z = np.array([[cosines[0], -sines[0], 0], [sines[0], cosines[0], 0], [0, 0, 1]])
+    about_y = np.array([[cosines[1], 0, sines[1]], [0, 1, 0], [-sines[1], 0, cosines[1]]])
+    about_x = np.array([[1, 0, 0], [0, cosines[2], -sines[2]], [0, sines[2], cosines[2]]])
+    turned = xyz @ (about_z @ about_y @ about_x).T + np.asarray(location) * MIRROR
     moved = points.copy()
-    moved["x"], moved["y"], moved["z"] = (
-        pose_of_carla(location, rotation).apply(carla_points(xyz)).T
-    )
+    moved["x"], moved["y"], moved["z"] = turned.T
     return moved
+
+
+def main() -> int:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("out", type=Path, metavar="FRAMES", help="folder to write")
+    parser.add_argument("--host", default="localhost", help="name of the server")
+    parser.add_argument("--port", type=int, default=2000, help="port of the server")
+    parser.add_argument("--seconds", type=float, default=10.0, help="simulated time, seconds")
+    given = parser.parse_args()
+    try:
+        made = drive(Path(__file__).parent, given.out, host=given.host, port=given.port,
+                     seconds=given.seconds)  # fmt: skip
+    except LiveError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(json.dumps(made, indent=2))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

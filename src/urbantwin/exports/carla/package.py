@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 import textwrap
 from pathlib import Path
 
 from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.drawing.markings import markings
+from urbantwin.exports.carla import live
 from urbantwin.exports.carla.check import NOT_PROVEN
 from urbantwin.exports.carla.meshes import named_objects, navigation_objects
 from urbantwin.exports.carla.names import OBJECTS, folder_of, map_name
@@ -16,7 +19,6 @@ from urbantwin.exports.mesh import Look, write_fbx, write_obj
 from urbantwin.lidar.placement import place_rig
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.twin import Twin
-from urbantwin.view.markings import markings
 
 __all__ = ["write_carla"]
 
@@ -79,6 +81,7 @@ def write_carla(twin: Twin, folder: Path) -> None:
             )
         )
         write_json(scratch / "rig.json", {"map": name, **rig})
+        shutil.copyfile(live.__file__, scratch / "run_in_carla.py")
         (scratch / "README.txt").write_text(readme(title, package, name), encoding="utf-8")
         kinds = [one.name.rsplit("_", 1)[0] for one in objects]
         write_json(
@@ -139,11 +142,12 @@ def readme(title: str, package: str, name: str) -> str:
         "",
         "Frame: x east, y south, z up, metres from the anchor, as in carla.Map. The FBX has",
         "centimetres and y north; Unreal mirrors y as it imports.",
-        "traffic.json, spawn_points.json and rig.json are what urbantwin carla sets up.",
+        "run_in_carla.py spawns traffic.json, spawn_points.json and rig.json on a server, and",
+        "records frames: python run_in_carla.py FRAMES.",
         "",
-        "Checked: `urbantwin verify` puts every file here before the rules of CARLA's own code,",
-        "and names the file of CARLA that has the rule; with CARLA's Python package, also lanes,",
-        "signals and spawn points.",
+        "Checked: `urbantwin dataset verify` puts every file here before the rules of CARLA's own",
+        "code, and names the file of CARLA that has the rule; with CARLA's Python package, also",
+        "lanes, signals and spawn points.",
         *textwrap.wrap(f"Not proven: {NOT_PROVEN}.", 88),
     ]
     return "\n".join(lines) + "\n"

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from urbantwin.artefact import replaced_file
+from urbantwin.drawing.markings import markings
 from urbantwin.errors import InputError
 from urbantwin.exports.mesh import (
     Look,
@@ -20,7 +21,6 @@ from urbantwin.exports.scene.objects import named_objects
 from urbantwin.exports.scene.ply import write_ply
 from urbantwin.exports.scene.usd import write_usd
 from urbantwin.twin import Twin
-from urbantwin.view.markings import markings
 
 __all__ = ["SCENE_FORMATS", "write_scene"]
 

@@ -25,7 +25,7 @@ _AS_MODEL_DEG = 0.02
 #: What is written of each point: -1 for a point that is on no sensor's ring.
 RAYS = np.dtype([("sensor", "<i2"), ("ring", "<i2"), ("column", "<i4")])
 _HEAD = """\
-# Found by `urbantwin discover` in the points of frames: x, y, z of their frame as east, north, up.
+# Found by `urbantwin rig discover` in points of frames: x, y, z of their frame as east, north, up.
 # Points do not show the yaw: it is 0 here, and columns count from there. The rate is assumed.
 """
 
@@ -77,7 +77,7 @@ def _yaml(document: dict[str, Any]) -> str:
 def _unit(one: FoundSensor, model: Sensor | None) -> dict[str, Any]:
     """Return the sensor's file of one unit: its own elevations, and all else of its model."""
     elevation = np.round(one.fit.unit.elevation_deg, 4)
-    sources = {"elevation_deg": "urbantwin discover: rings in points"}
+    sources = {"elevation_deg": "urbantwin rig discover: rings in points"}
     if model is None:
         unit = Sensor.of_beams("unknown", elevation, np.zeros(len(elevation)), one.columns, 10.0)
         unit = replace(unit, name="unknown")

@@ -119,7 +119,7 @@ def write_objects(
         raise InputError(
             "does not say which sensor recorded it",
             file=real,
-            expected="--sensor and a model (`urbantwin sensors` lists them)",
+            expected="--sensor and a model (`urbantwin catalogue sensors` lists them)",
         )
     model = model_of(name)
     with replaced_folder(out, kind="objects", inputs=[real]) as folder:

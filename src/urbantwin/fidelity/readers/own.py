@@ -197,7 +197,7 @@ def _labelled_places(file: Path) -> dict[str, NDArray[np.float64]]:
     """Return where the sensors are in frames that a model labelled, by name of frame."""
     if not file.is_file():
         return {}
-    expected = "a folder of urbantwin label"
+    expected = "a folder of urbantwin model label"
     told = validated(read_json(file, kind="labelling"), _Labelling, file=file, expected=expected)
     return {name: np.array(one) for name, one in told.sensors.items() if one}
 

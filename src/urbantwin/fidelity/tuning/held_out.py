@@ -110,7 +110,7 @@ def judge(  # noqa: PLR0913 - all that a fit is made of
 
 
 def _sized(motion: Motion | None, values: Values) -> Motion | None:
-    """Return a motion with the actors' sizes; how many they are is for ``traffic`` to say."""
+    """Return a motion with the actors' sizes; how many they are is for ``drive`` to say."""
     size: Any = actor_changes(values, {}).get("size", {})
     return None if motion is None else resized(motion, size)
 

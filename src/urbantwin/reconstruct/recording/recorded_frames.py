@@ -16,7 +16,7 @@ from urbantwin.geometry import Pose
 
 __all__ = ["RecordedFrame", "RecordedFrames", "RecordingSensor"]
 
-_EXPECTED = "frames with rings, as urbantwin discover --frames writes them"
+_EXPECTED = "frames with rings, as urbantwin rig discover --frames writes them"
 _MOST_METRES = 1e6
 #: Frames are read several times; so many bytes of them are kept, from the first on.
 _KEPT_BYTES = 1 << 30
@@ -78,7 +78,7 @@ class RecordedFrame:
 
 
 class RecordedFrames:
-    """A folder of ``urbantwin discover --frames``: the frames, and the sensors that recorded them.
+    """A folder of ``urbantwin rig discover --frames``: frames, and the sensors that recorded them.
 
     Attributes:
         folder: where they are.
@@ -95,8 +95,8 @@ class RecordedFrames:
             raise InputError(
                 "holds no discovery.json",
                 file=folder,
-                expected="a folder that `urbantwin discover FRAMES -o rig.yaml --frames FOLDER` "
-                "wrote",
+                expected="a folder that `urbantwin rig discover FRAMES -o rig.yaml --frames FOLDER`"
+                " wrote",
             )
         told = validated(
             read_json(file, kind="discovery"), _Discovery, file=file, expected=_EXPECTED

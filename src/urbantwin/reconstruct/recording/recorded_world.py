@@ -38,7 +38,7 @@ def read_recording(folder: Path, tell: Progress = untold) -> ImportedModel:
     """Return the static world of frames with rings, in the frame of their points.
 
     Args:
-        folder: that ``urbantwin discover --frames`` wrote.
+        folder: that ``urbantwin rig discover --frames`` wrote.
         tell: called with the share done and what is being done.
 
     Returns:

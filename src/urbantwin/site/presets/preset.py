@@ -263,6 +263,6 @@ def preset(name: str) -> Preset:
         raise InputError(
             f"{name!r:.60} is no preset",
             place="--preset",
-            expected=f"{expected}`urbantwin init --list-presets` lists them",
+            expected=f"{expected}`urbantwin site presets` lists them",
         )
     return read_document(_files()[plain], kind="a preset").validated(Preset)

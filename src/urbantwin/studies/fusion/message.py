@@ -44,7 +44,7 @@ MOST_PAYLOAD = 65_535
 #: Codec of a payload -> its number.
 CODECS = {"voxel": 1, "octree": 2, "draco": 3, "features": 4, "boxes": 5, "moving": 6}
 _NAMES = {number: name for name, number in CODECS.items()}
-_EXPECTED = "a message of `urbantwin fuse` (docs/fusion.md)"
+_EXPECTED = "a message of `urbantwin model fuse` (docs/fusion.md)"
 
 
 @dataclass(frozen=True, eq=False)

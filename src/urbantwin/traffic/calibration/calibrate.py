@@ -70,7 +70,7 @@ def calibrate_traffic(
     Args:
         tracks: a description of tracks (YAML), or a file of tracks.
         site: the ``site.yaml``.
-        out: the folder to write: ``traffic.yaml`` for ``urbantwin traffic --demand``, ``site.yaml``
+        out: the folder to write: ``traffic.yaml`` for ``urbantwin drive --demand``, ``site.yaml``
             with traffic and signals, ``calibration.json``.
         fit_share: share of the recording that is fitted to; 1: all, and nothing judges.
         gap_s: between the two parts, seconds.

@@ -57,9 +57,9 @@ def calibrate_observation(
     """Write the demand with which as many are present as were observed.
 
     Args:
-        observed: folder that ``urbantwin observe --twin`` wrote.
+        observed: folder that ``urbantwin traffic observe --twin`` wrote.
         site: the ``site.yaml``.
-        out: the folder to write: ``traffic.yaml`` for ``urbantwin traffic --demand``, ``site.yaml``
+        out: the folder to write: ``traffic.yaml`` for ``urbantwin drive --demand``, ``site.yaml``
             with this traffic, ``calibration.json``.
         seed: of the simulations.
         progress: called with the fraction done and what is being done.

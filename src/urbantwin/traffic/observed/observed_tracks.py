@@ -18,7 +18,7 @@ from urbantwin.traffic.observed.frame_times import FrameTimes, evenly_spaced
 
 __all__ = ["ObservedTracks", "is_observation", "read_observation"]
 
-_EXPECTED = "a folder that `urbantwin observe FRAMES --twin TWIN -o FOLDER` wrote"
+_EXPECTED = "a folder that `urbantwin traffic observe FRAMES --twin TWIN -o FOLDER` wrote"
 _COLUMNS = ("class", "track_id", "time_s", "x", "y", "yaw_rad", "length", "width", "height")
 #: Slower than this one stands, m/s.
 _STANDS_M_S = 0.3
@@ -72,7 +72,7 @@ class ObservedTracks:
 
 
 def is_observation(path: Path) -> bool:
-    """Return whether this is a folder that ``urbantwin observe`` wrote."""
+    """Return whether this is a folder that ``urbantwin traffic observe`` wrote."""
     return (path / "observation.json").is_file()
 
 

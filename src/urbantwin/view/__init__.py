@@ -1,7 +1,0 @@
-"""Pictures, written without a display: plans, labelled frames, range images, histograms, scenes.
-
-Modules are imported by their own names (``urbantwin.view.plan``), so that a picture that is not
-drawn loads nothing.
-"""
-
-__all__: list[str] = []
