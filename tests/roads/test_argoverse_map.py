@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import runpy
 from collections import defaultdict
 from pathlib import Path
@@ -260,22 +261,16 @@ def test_its_name_says_where_on_earth_it_lies(few, tmp_path):
     ("change", "said"),
     [
         (lambda data: data.update(lane_segments={}), "has no lane segments"),
-        (lambda data: _first(data).update(lane_type="TRAM"), "lane_type 'TRAM' is unknown"),
-        (
-            lambda data: _first(data).update(left_lane_boundary=[]),
-            "left_lane_boundary is not a line",
-        ),
         (
             lambda data: _first(data)["left_lane_boundary"][0].update(x=math.nan),
             "NaN, which is not",
         ),
-        (lambda data: _first(data).update(id="a"), "has id 'a'"),
-        (lambda data: _first(data).update(successors=3), "successors is not a list"),
-        (lambda data: _first(data)["right_lane_boundary"][0].pop("y"), "is not a line"),
         (lambda data: data.update(drivable_areas=[]), None),
         (lambda data: data.update(drivable_areas=[1]), "drivable_areas is not an object"),
-        (lambda data: _area(data).update(area_boundary=None), "area_boundary is not a line"),
-        (lambda data: _area(data)["area_boundary"].__delitem__(slice(2, None)), "fewer than three"),
+        (
+            lambda data: [row.update(lane_type="TRAM") for row in data["lane_segments"].values()],
+            "lane_type 'TRAM' is unknown",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(few, tmp_path, change, said):
@@ -288,6 +283,39 @@ def test_what_is_wrong_is_said_in_a_line(few, tmp_path, change, said):
         return
     with pytest.raises(InputError, match=said):
         read_map(broken, SiteFrame(*ANCHOR))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda data: _first(data).update(lane_type="TRAM"), "lane_type 'TRAM' is unknown"),
+        (lambda data: _first(data).update(left_lane_boundary=[]), "is not a line"),
+        (lambda data: _first(data)["right_lane_boundary"][0].pop("y"), "is not a line"),
+        (lambda data: _first(data).update(id="a"), "has id 'a'"),
+        (lambda data: _first(data).update(successors=3), "successors is not a list"),
+        (lambda data: _first(data)["left_lane_boundary"].__delitem__(slice(1, None)), "not a line"),
+        (
+            lambda data: _first(data).update(left_lane_boundary=[{"x": 1, "y": 2, "z": 0}] * 2),
+            "without length",
+        ),
+        (lambda data: data["lane_segments"].update(again=_first(data)), "has the id of another"),
+        (lambda data: _area(data).update(area_boundary=None), "area_boundary is not a line"),
+        (lambda data: _area(data)["area_boundary"].__delitem__(slice(2, None)), "fewer than three"),
+    ],
+)
+def test_one_bad_element_is_dropped_and_the_map_is_read(few, tmp_path, change, said):
+    data = json.loads(few.read_text())
+    name = next(iter(data["lane_segments"]))
+    area = next(iter(data["drivable_areas"]))
+    change(data)
+    broken = tmp_path / "log_map_archive_x____PIT_city_1.json"
+    broken.write_text(json.dumps(data))
+    found = read_map(broken, SiteFrame(*ANCHOR))
+    (words,) = found.notes["dropped"]
+    assert said in words
+    kind = f"drivable area {area}" if "area" in words.partition(":")[0] else f"lane segment {name}"
+    assert re.match(rf"{kind}( at x = -?\d+\.\d, y = -?\d+\.\d)?: ", words)
+    assert found.model.roads
 
 
 def test_drivable_areas_are_where_the_file_says_with_and_without_a_city(few, tmp_path):

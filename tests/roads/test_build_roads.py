@@ -219,3 +219,68 @@ def test_the_sumo_network_has_no_date_and_no_path(write_osm, tmp_path):
     assert texts[0] == texts[1]
     assert str(tmp_path) not in texts[0]
     assert "generated on" not in texts[0]
+
+
+def test_ids_below_zero_give_the_same_roads(write_osm, tmp_path):
+    """Editors give what is not uploaded yet negative ids (OSM wiki, "JOSM file format")."""
+    nodes = {1: (-100, 0, {}), 2: (0, 0, {"highway": "traffic_signals"}), 3: (100, 0, {})}
+    nodes |= {4: (0, -100, {}), 5: (0, 100, {}), 6: (40, 0, {"highway": "crossing"})}
+    nodes |= {7: (2, 100, {})}
+    ways = {
+        10: ([1, 2, 6, 3], {"highway": "secondary", "lanes": "3", "turn:lanes": "left|through"}),
+        11: ([4, 2], {"highway": "residential", "lanes": "1"}),
+        12: ([2, 5], {"highway": "residential", "oneway": "yes", "oneway:bicycle": "no"}),
+    }
+    banned = {30: ([("way", 10, "from"), ("node", 2, "via"), ("way", 12, "to")],
+                   {"type": "restriction", "restriction": "no_right_turn"})}  # fmt: skip
+    region = shapely.box(-90, -90, 90, 90)
+    found = []
+    for sign in (1, -1):
+        path = write_osm(
+            {sign * node: row for node, row in nodes.items()},
+            {sign * way: ([sign * n for n in row], tags) for way, (row, tags) in ways.items()},
+            f"map{sign}.osm",
+            {
+                sign * k: ([(what, sign * ref, role) for what, ref, role in members], tags)
+                for k, (members, tags) in banned.items()
+            },
+        )
+        found.append(build(path, HERE, region, tmp_path / f"n{sign}.net.xml"))
+    plain, signed = found
+    assert {way for road in signed.network.roads for way in road.ways} == {-10, -11, -12}
+
+    def lanes(built):
+        names = {road.id: road.ways for road in built.network.roads}
+        return sorted(
+            (
+                [abs(way) for way in names.get(lane.road, ())],
+                lane.kind,
+                np.round(lane.centre[[0, -1]], 2).tolist(),
+                round(lane.width, 3),
+                lane.allowed,
+                len(lane.successors),
+            )
+            for lane in built.network.lanes
+        )
+
+    assert lanes(plain) == lanes(signed)
+    (words,) = signed.notes["reinterpreted"]
+    assert re.match(r"way -12 at 48\.70\d+, 9\.1[78]\d+: oneway:bicycle=no: ", words)
+
+
+def test_streets_without_markings_have_no_lines(write_osm, tmp_path):
+    nodes = {1: (-60, 0, {}), 2: (0, 0, {}), 3: (60, 0, {})}
+    street = {"highway": "tertiary", "sidewalk": "left"}
+    ways = {1: ([1, 2], {**street, "lane_markings": "no"})}
+    ways[2] = [2, 3], {**street, "lanes": "3"}
+    built = build(
+        write_osm(nodes, ways), HERE, shapely.box(-50, -50, 50, 50), tmp_path / "n.net.xml"
+    )
+    marks = {
+        road.ways[0]: {section.centre_mark for section in road.sections}
+        | {lane.mark for section in road.sections for lane in section.lanes if lane.kind != "curb"}
+        for road in built.model.roads
+        if road.junction < 0
+    }
+    assert marks[1] <= {"none", "curb"}
+    assert "broken" in marks[2]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from urbantwin.roads.cross_section import cross_section
+from urbantwin.roads.cross_section import cross_section, reinterpreted
 from urbantwin.roads.cross_section.lane_tags import count, metres
 from urbantwin.roads.cross_section.speed import speed_of
 
@@ -392,3 +392,46 @@ def test_one_lane_for_both_directions(tags, shared, width, side):
         ahead, back = found.forward[0], found.backward[0]
         assert (len(found.forward), len(found.backward)) in ((1, 1), (2, 2))
         assert ahead.width == back.width == pytest.approx(width / 2)
+
+
+@pytest.mark.parametrize(
+    ("tags", "words"),
+    [
+        ({"oneway": "reversible"}, "traffic runs as the way is drawn"),
+        ({"oneway": "alternating", "lanes": "2"}, "nobody waits"),
+        ({"oneway": "maybe"}, "taken for no"),
+        ({"lanes": "3", "lanes:both_ways": "1"}, "a turning lane"),
+        ({"oneway": "yes", "oneway:bicycle": "no"}, "bicycles ride with the traffic only"),
+        ({"oneway": "yes", "cycleway": "opposite"}, "cycleway=opposite: bicycles"),
+        ({"lanes": "4", "lanes:forward": "2", "lanes:backward": "1"}, "lanes=4, but lanes:forward"),
+        ({"lanes": "2", "lanes:forward": "3"}, "lanes=2, but lanes:forward=3"),
+        ({"lanes": "2", "oneway": "yes", "lanes:forward": "3"}, "the parts are taken"),
+        ({"lanes": "2", "oneway": "yes", "turn:lanes": "left|through|right"}, "3 values for 2"),
+        # As they say.
+        ({}, None),
+        ({"lanes": "1"}, None),
+        ({"oneway": "alternating"}, None),
+        ({"oneway": "yes", "oneway:bicycle": "no", "cycleway:left": "lane"}, None),
+        ({"oneway": "yes", "cycleway": "opposite_lane"}, None),
+        ({"lanes": "3", "lanes:forward": "2", "lanes:backward": "1"}, None),
+        ({"lanes": "3", "lanes:forward": "1"}, None),
+        ({"lanes": "2", "oneway": "yes", "turn:lanes": "left|through"}, None),
+        (
+            {"lanes": "2", "oneway": "yes", "turn:lanes": "left|none|through"}
+            | {"bicycle:lanes": "|designated|", "vehicle:lanes": "|no|"},
+            None,
+        ),
+    ],
+)
+def test_what_is_taken_otherwise_is_said_once(tags, words):
+    said = reinterpreted({"highway": "primary", **tags}, section(tags))
+    assert (said == []) if words is None else (len(said) == 1 and words in said[0])
+
+
+def test_a_turning_lane_in_the_middle_counts_by_its_turns():
+    """OSM wiki, "Key:lanes": lanes = lanes:forward + lanes:backward + lanes:both_ways."""
+    tags = {"lanes": "5", "lanes:forward": "2", "lanes:backward": "2"}
+    found = section({**tags, "turn:lanes:both_ways": "left"})
+    assert (len(found.forward), len(found.backward)) == (3, 2)
+    assert [lane.both_ways for lane in found.forward] == [True, False, False]
+    assert reinterpreted(tags, section(tags)) != []

@@ -1,6 +1,7 @@
 """Lanelet2 files that are wrong: one line that says what and where."""
 
 import math
+import re
 import runpy
 from pathlib import Path
 from types import SimpleNamespace
@@ -146,19 +147,77 @@ def test_a_node_that_is_missing_or_nowhere(complaint):
     gone = town.ways[town.lines[1]][0][0]
     (x, _, z), tags = town.nodes[gone]
     town.nodes[gone] = ((x, math.nan, z), tags)
-    assert f"relation {town.only}: node {gone} has no finite" in complaint(town)
+    text = complaint(town)
+    assert f"relation {town.only} at " in text
+    assert f": node {gone} has no finite" in text
     del town.nodes[gone]
     text = complaint(town)
     assert f"relation {town.only}" in text
     assert f"refers to node {gone}" in text
 
 
-def test_a_light_that_refers_to_a_missing_way(complaint):
+def dropped(tmp_path, town):
+    """What is dropped of a map that is read all the same, and how many lanelets are left."""
+    _, notes = read_lanelet2(town.write(tmp_path / "map.osm"), FRAME)
+    return notes["dropped"], notes["lanelets"]
+
+
+def test_a_light_that_refers_to_a_missing_way_is_dropped_alone(tmp_path):
     town = street()
+    there = town.way([(39, -1), (39, -2)], type="traffic_light")
     light = town.relation(
-        [("way", 77, "refers")], type="regulatory_element", subtype="traffic_light"
+        [("way", 77, "refers"), ("way", there, "refers")],
+        type="regulatory_element",
+        subtype="traffic_light",
     )
-    assert f"relation {light}: refers to way 77" in complaint(town)
+    members, tags = town.relations[town.only]
+    town.relations[town.only] = ([*members, ("relation", light, "regulatory_element")], tags)
+    model, notes = read_lanelet2(town.write(tmp_path / "map.osm"), FRAME)
+    (words,) = notes["dropped"]
+    place = rf"relation {light} at 4[89]\.\d{{5}}, 8\.40\d{{3}}"
+    assert re.fullmatch(f"{place}: refers to way 77, which the file lacks", words)
+    assert len(model.signals) == 1
+
+
+#: What may be wrong with one lanelet.
+FAULTS = {
+    "no right bound": lambda town, one: town.relations[one][0].pop(),
+    "a way that is missing": lambda town, one: town.ways.pop(town.relations[one][0][0][1]),
+    "a point that is missing": lambda town, one: town.nodes.pop(inner_node(town, one)),
+    "a point that is nowhere": lambda town, one: town.nodes.update(
+        {inner_node(town, one): ((0.0, math.nan, 0.0), {})}
+    ),
+    "no width": lambda town, one: town.ways.update(
+        {town.relations[one][0][1][1]: town.ways[town.relations[one][0][0][1]]}
+    ),
+    "a point on another continent": lambda town, one: town.nodes.update(
+        {inner_node(town, one): ((2e6, 0.0, 0.0), {})}
+    ),
+}
+
+
+def inner_node(town, one):
+    return town.ways[town.relations[one][0][0][1]][0][1]
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_one_bad_lanelet_is_dropped_and_the_others_are_read(tmp_path, name):
+    town = street()
+    bad = town.between([(40, 50), (60, 51), (80, 50)], [(40, 46.5), (60, 47.5), (80, 46.5)])
+    assert dropped(tmp_path, town) == ([], 2)
+    FAULTS[name](town, bad)
+    (words,), left = dropped(tmp_path, town)
+    assert left == 1
+    assert re.match(rf"relation {bad} at 49\.\d{{5}}, 8\.40\d{{3}}: ", words)
+
+
+def test_an_id_that_is_no_number_costs_its_element_alone(tmp_path):
+    path = street().write(tmp_path / "map.osm")
+    path.write_text(path.read_text().replace("</osm>", "<way id='one'/></osm>"))
+    _, notes = read_lanelet2(path, FRAME)
+    assert notes["lanelets"] == 1
+    assert len(notes["dropped"]) == 1
+    assert "id='one'" in notes["dropped"][0]
 
 
 def test_a_map_of_another_town(complaint):

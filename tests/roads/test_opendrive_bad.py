@@ -73,7 +73,6 @@ BAD = {
     ),
     "deeply nested": (HEAD + "<road>" * 5000, "not complete XML"),
     "no length": (HEAD + road(values="") + END, "road 12: <road> length is missing"),
-    "lengths differ": (HEAD + road(values='length="80"') + END, "road 12: is 80 m long"),
     "negative length": (
         HEAD + road(plan=geometry('s="0" x="0" y="0" hdg="0" length="-5"')) + END,
         "road 12: .* length -5",
@@ -270,6 +269,27 @@ def test_one_line_says_what_is_wrong(tmp_path, name):
     assert "\n" not in line
     assert time.perf_counter() - start < 5.0
     assert [file.name for file in tmp_path.iterdir()] == ["map.xodr"]
+
+
+@pytest.mark.parametrize("length", ["80", "100.2", "2000"])
+def test_a_road_is_as_long_as_its_reference_line(tmp_path, length):
+    """As in public maps of esmini and Scenic, whose roads say 2000 m for 500 and 20 m for 100."""
+    path = tmp_path / "map.xodr"
+    path.write_text(HEAD + road(values=f'length="{length}"') + END)
+    read = read_opendrive(path)
+    assert [one.length for one in read.model.roads] == [pytest.approx(100.0)]
+    assert read.notes["dropped"] == []
+    assert "roads whose length is not that of their reference line" in read.notes["remarks"][0]
+
+
+def test_a_spiral_that_does_not_say_where_it_begins_to_bend_starts_straight(tmp_path):
+    path = tmp_path / "map.xodr"
+    spiral = LINE.replace("<line/>", '<spiral curvEnd="0.01"/>')
+    assert spiral != LINE
+    path.write_text(HEAD + road(plan=spiral) + END)
+    read = read_opendrive(path)
+    assert read.model.roads[0].curve.at([100.0])[0, 2] == pytest.approx(0.5, abs=1e-3)
+    assert "straight where they do not say" in read.notes["remarks"][0]
 
 
 def test_a_file_that_is_not_there_and_a_folder(tmp_path):

@@ -214,3 +214,20 @@ def test_two_nodes_of_a_street_at_one_place_are_one(write_osm):
     assert extract.ways[11].nodes == (5, 2, 6)
     assert extract.ways[12].nodes == (7,), "what nothing joins stays apart"
     assert extract.node_tags[2] == {"highway": "traffic_signals", "ref": "x"}
+
+
+def test_what_an_editor_marked_as_deleted_is_not_read(tmp_path: Path) -> None:
+    """JOSM keeps deleted elements in its files (OSM wiki, "JOSM file format")."""
+    (tmp_path / "drawn.osm").write_text(
+        "<osm version='0.6' upload='false' generator='JOSM'>"
+        "<node id='-1' action='modify' visible='true' lat='48.7' lon='9.18'/>"
+        "<node id='-2' lat='48.701' lon='9.18' action='modify'/>"
+        "<node id='5' action='delete' visible='true' version='2' lat='48.7' lon='9.19'/>"
+        "<node id='6' visible='false' version='2' lat='48.7' lon='9.19'/>"
+        "<way id='-3' action='modify'><nd ref='-1'/><nd ref='-2'/>"
+        "<tag k='highway' v='residential'/></way>"
+        "<way action='delete' id='7' version='3'><nd ref='-1'/><nd ref='5'/></way></osm>"
+    )
+    found = read_extract(tmp_path / "drawn.osm")
+    assert sorted(found.nodes) == [-2, -1]
+    assert list(found.ways) == [-3]

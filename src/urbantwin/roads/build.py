@@ -21,7 +21,12 @@ from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.assignment.movement_flows import movement_flows
 from urbantwin.roads.building_ground import building_grounds
 from urbantwin.roads.bus_stops import bus_poles, bus_ways, with_buses
-from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
+from urbantwin.roads.cross_section import (
+    MappedSegment,
+    prepare_ways,
+    reinterpreted,
+    write_sumo_edges,
+)
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
     Crossing,
@@ -38,6 +43,7 @@ from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.merging_lanes import zip_merging_lanes
 from urbantwin.roads.model import LaneModel
+from urbantwin.roads.model.lane_marks import without_lines
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.rails import add_rails, with_trams
@@ -257,7 +263,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     model = before_buildings(model, buildings)
     tell(0.6, "heights")
     model, surface = with_heights(model, elevation, lift)
-    model = with_banked_widths(model)
+    model = _with_lines_of_map(with_banked_widths(model), ways)
     tell(0.75, "lanes")
     model = with_island_areas(with_furniture(model, raw, surface.height))
     network = with_buses(network_of_model(model, raw, surface.height), extract, frame)
@@ -295,10 +301,38 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         "left_out_tunnels": len(tunnels),
         "roads_before_portals": len(found.before_portals),
         "left_out": [item.as_note() for item in found.left_out],
+        "reinterpreted": _reinterpreted(ways, prepared.segments, frame),
         "netconvert_warnings": len(warnings),
     }
     unclear = warnings_of_ways(network, standing)
     return BuiltRoads(model, network, surface, notes, unclear, moved)
+
+
+def _with_lines_of_map(model: LaneModel, ways: Sequence[Way]) -> LaneModel:
+    """Return the model without lines on the streets that have none (``lane_markings=no``)."""
+    bare = {way.id for way in ways if way.tags.get("lane_markings") == "no"}
+    return model.with_roads(
+        tuple(
+            without_lines(road) if road.ways and bare.issuperset(road.ways) else road
+            for road in model.roads
+        )
+    )
+
+
+def _reinterpreted(
+    ways: Sequence[Way], segments: Sequence[MappedSegment], frame: SiteFrame
+) -> list[str]:
+    """Return the tags that are taken otherwise than they say, each with its way and its place."""
+    first = {segment.way: segment for segment in reversed(segments)}
+    found = []
+    for way in ways:
+        segment = first.get(way.id)
+        said = [] if segment is None else reinterpreted(way.tags, segment.section)
+        if segment is not None and said:
+            longitude, latitude = frame.lonlat_from_site(segment.points[:1])[0]
+            place = f"way {way.id} at {latitude:.5f}, {longitude:.5f}"
+            found += [f"{place}: {words}" for words in said]
+    return found
 
 
 def _serve(

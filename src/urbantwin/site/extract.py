@@ -155,8 +155,8 @@ class Extract:
     ) -> tuple[WayPiece, ...]:
         """Return ``ways``, cut where they leave ``area``.
 
-        A way that leaves the area and comes back becomes several pieces, each with an id of its
-        own; where it was cut, there is a new node.
+        A way that leaves the area and comes back becomes several pieces, each with a positive id of
+        its own; where it was cut, there is a new node.
 
         Args:
             frame: the site frame.
@@ -172,8 +172,11 @@ class Extract:
                 continue
             xy = frame.site_from_lonlat([self.nodes[n] for n in known])
             for number, piece in enumerate(_cut(xy, area)):
-                identity = way.id if number == 0 else new_way
-                new_way += number > 0
+                # A sign before the name of an edge says its direction: of ways that an editor drew
+                # and nobody has uploaded, which have negative ids, pieces get other ones.
+                own = number == 0 and way.id > 0
+                identity = way.id if own else new_way
+                new_way += not own
                 ids = []
                 for index, _ in piece:
                     if index is None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 import osmium
@@ -33,6 +35,11 @@ _WHOLE, _NEAR = 2.6, 0.25
 
 #: Margin around a region that affects it: where streets lead, crossings, signals; metres.
 _AROUND_M = 1000.0
+
+#: Elements that an editor marked as deleted, in its own files, and the id of one (OSM wiki, "JOSM
+#: file format"): osmium knows no such mark.
+_DELETED = re.compile(rb"""<(node|way|relation)\s[^<>]*\baction=["']delete["'][^<>]*>""")
+_ID = re.compile(rb"""\bid=["'](-?\d{1,19})["']""")
 
 #: West, south, east, north, degrees.
 LonLatBox = tuple[float, float, float, float]
@@ -104,9 +111,14 @@ def _read_whole(path: Path, stream: MapStream) -> Extract:
     node_tags: dict[int, dict[str, str]] = {}
     ways: dict[int, Way] = {}
     relations: dict[int, Relation] = {}
+    deleted = _deleted(path)
     with stream.reader() as reader:
         box = reader.header().box()
         for item in stream.of(osmium.OsmFileIterator(reader)):
+            if isinstance(item, osmium.osm.Changeset):
+                continue
+            if not item.visible or (deleted and (type(item).__name__, item.id) in deleted):
+                continue
             if isinstance(item, osmium.osm.Node):
                 place = item.location
                 if place.valid():
@@ -123,6 +135,20 @@ def _read_whole(path: Path, stream: MapStream) -> Extract:
         low, high = box.bottom_left, box.top_right
         bounds = (low.lon, low.lat, high.lon, high.lat)
     return Extract(path, nodes, node_tags, ways, relations, bounds)
+
+
+def _deleted(path: Path) -> frozenset[tuple[str, int]]:
+    """Return type and id of what an editor marked as deleted in a file of its own."""
+    if not path.name.lower().endswith((".osm", ".xml")):
+        return frozenset()
+    with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as text:
+        if text.find(b"action=") < 0:
+            return frozenset()
+        return frozenset(
+            (found[1].decode().capitalize(), int(identity[1]))
+            for found in _DELETED.finditer(text)
+            if (identity := _ID.search(found[0]))
+        )
 
 
 @contextmanager

@@ -67,6 +67,15 @@ def warnings_of_build(
             f"{dropped[0]:.160}",
             "urbantwin info TWIN lists " + ("it" if len(dropped) == 1 else "all"),
         )
+    otherwise: Any = roads.notes.get("reinterpreted", [])
+    if otherwise:
+        ways = len({words.partition(": ")[0] for words in otherwise})
+        yield ResultWarning(
+            "roads",
+            f"tags of {ways} way{'' if ways == 1 else 's'} are taken otherwise than they say",
+            f"{otherwise[0]:.160}",
+            "urbantwin info TWIN lists " + ("it" if len(otherwise) == 1 else "all"),
+        )
     left_out: Any = roads.notes.get("left_out", [])
     parts = [part for part in left_out if part["metres"] >= LONG_M]
     for kind, counts in mapped.items():

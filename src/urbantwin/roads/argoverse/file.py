@@ -7,8 +7,10 @@ Source: argoverse/av2-api, ``src/av2/map/README.md`` ("Vector Map: Lane Graph an
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,14 +59,26 @@ class Crossing:
     edges: tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
+_Item = TypeVar("_Item")
+_Numbered = TypeVar("_Numbered", Segment, Crossing)
+
+
 @dataclass(frozen=True)
 class MapFile:
-    """A whole map, by id; ``drivable`` are outlines (N, 3) of where vehicles can drive."""
+    """A whole map, by id.
+
+    Attributes:
+        path: the file.
+        segments, crossings: by id.
+        drivable: outlines (N, 3) of where vehicles can drive.
+        dropped: errors of the elements that are not used, in the order of the file.
+    """
 
     path: Path
     segments: dict[int, Segment]
     crossings: dict[int, Crossing]
     drivable: tuple[NDArray[np.float64], ...] = ()
+    dropped: tuple[InputError, ...] = ()
 
 
 def is_argoverse(path: Path) -> bool:
@@ -80,8 +94,10 @@ def is_argoverse(path: Path) -> bool:
 def read_file(path: Path) -> MapFile:
     """Read lane segments, pedestrian crossings and drivable areas.
 
+    One that lacks what it must have, or has the id of another one, is dropped.
+
     Raises:
-        InputError: not found, not JSON, no lane segments, or one that lacks what it must have.
+        InputError: not found, not JSON, or no lane segment can be read.
     """
     try:
         if path.stat().st_size > MOST_BYTES:
@@ -98,15 +114,53 @@ def read_file(path: Path) -> MapFile:
     crossings = data.get("pedestrian_crossings") or {}
     if not isinstance(crossings, dict):
         raise InputError("pedestrian_crossings is not an object", file=path, expected=EXPECTED)
-    segments = [_segment(path, key, row) for key, row in rows.items()]
-    walks = [_crossing(path, key, row) for key, row in crossings.items()]
     areas = data.get("drivable_areas") or {}
     if not isinstance(areas, dict):
         raise InputError("drivable_areas is not an object", file=path, expected=EXPECTED)
-    drivable = tuple(_outline(path, key, row) for key, row in areas.items())
-    found = MapFile(path, {s.id: s for s in segments}, {c.id: c for c in walks}, drivable)
-    if len(found.segments) < len(segments) or len(found.crossings) < len(walks):
-        raise InputError("has an id twice", file=path, expected=EXPECTED)
+    dropped: list[InputError] = []
+    segments = _by_id(path, "lane segment", _read(path, rows, _segment, dropped), dropped)
+    walks = _by_id(path, "pedestrian crossing", _read(path, crossings, _crossing, dropped), dropped)
+    outlines = tuple(_read(path, areas, _outline, dropped))
+    if not segments:
+        raise dropped[0]
+    return MapFile(path, segments, walks, outlines, tuple(dropped))
+
+
+def _read(
+    path: Path,
+    rows: Mapping[str, object],
+    reader: Callable[[Path, str, object], _Item],
+    dropped: list[InputError],
+) -> Iterator[_Item]:
+    """Yield what can be read of rows; the errors of the others are appended to ``dropped``."""
+    for key, row in rows.items():
+        try:
+            yield reader(path, key, row)
+        except InputError as error:
+            place = f"{error.place}{_where(row)}"
+            dropped.append(InputError(error.problem, file=path, place=place))
+
+
+def _where(row: object) -> str:
+    """Return the first point of an element, the city's metres; empty where it has none."""
+    for line in row.values() if isinstance(row, dict) else ():
+        for point in line if isinstance(line, list) else ():
+            x, y = (point.get(key) if isinstance(point, dict) else None for key in "xy")
+            if isinstance(x, (int, float)) and isinstance(y, (int, float)):
+                return f" at x = {x:.1f}, y = {y:.1f}"
+    return ""
+
+
+def _by_id(
+    path: Path, kind: str, items: Iterable[_Numbered], dropped: list[InputError]
+) -> dict[int, _Numbered]:
+    """Return items by id, the first of each."""
+    found: dict[int, _Numbered] = {}
+    for item in items:
+        if item.id in found:
+            place = f"{kind} {item.id}"
+            dropped.append(InputError("has the id of another one", file=path, place=place))
+        found.setdefault(item.id, item)
     return found
 
 

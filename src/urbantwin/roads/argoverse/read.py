@@ -82,18 +82,20 @@ def lanelets_of_map(read: MapFile) -> Document:
     """Return an Argoverse 2 map as the lanelets that it holds.
 
     Segments and crossings keep their ids unless they share one. ``intersection`` says whether the
-    map has a segment within an intersection.
-
-    Raises:
-        InputError: a crossing or a segment whose boundaries are a single place.
+    map has a segment within an intersection. Those whose boundaries are a single place are dropped.
     """
     drawn = _Drawn(read)
     relations: dict[int, Relation] = {}
+    dropped = list(read.dropped)
     for segment in read.segments.values():
-        ways = [
-            drawn.way(line, mark)
-            for line, mark in zip((segment.left, segment.right), segment.marks, strict=True)
-        ]
+        try:
+            ways = [
+                drawn.way(line, mark)
+                for line, mark in zip((segment.left, segment.right), segment.marks, strict=True)
+            ]
+        except InputError as error:
+            dropped.append(_at(error, f"lane segment {segment.id}", segment.left))
+            continue
         relations[segment.id] = _lanelet(
             ways,
             {
@@ -107,9 +109,21 @@ def lanelets_of_map(read: MapFile) -> Document:
         identity = crossing.id
         if identity in relations:
             identity, spare = spare, spare + 1
-        ways = [drawn.way(line, "NONE") for line in crossing.edges]
+        try:
+            ways = [drawn.way(line, "NONE") for line in crossing.edges]
+        except InputError as error:
+            dropped.append(_at(error, f"pedestrian crossing {crossing.id}", crossing.edges[0]))
+            continue
         relations[identity] = _lanelet(ways, {"subtype": "crosswalk"})
-    return Document(read.path, drawn.nodes(), drawn.ways, relations)
+    if not relations:
+        raise dropped[0]
+    return Document(read.path, drawn.nodes(), drawn.ways, relations, tuple(dropped))
+
+
+def _at(error: InputError, element: str, line: NDArray[np.float64]) -> InputError:
+    """Return an error that names an element and where it lies in the city, metres."""
+    place = f"{element} at x = {line[0, 0]:.1f}, y = {line[0, 1]:.1f}"
+    return InputError(error.problem, file=error.file, place=place, expected=error.expected)
 
 
 def _lanelet(ways: list[int], tags: dict[str, str]) -> Relation:

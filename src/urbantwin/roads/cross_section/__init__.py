@@ -2,6 +2,7 @@
 
 from urbantwin.roads.cross_section.from_tags import cross_section
 from urbantwin.roads.cross_section.netconvert_input import MappedSegment, PreparedWays, prepare_ways
+from urbantwin.roads.cross_section.reinterpreted import reinterpreted
 from urbantwin.roads.cross_section.section import (
     CarriagewayLane,
     CrossSection,
@@ -21,5 +22,6 @@ __all__ = [
     "SignedTurns",
     "cross_section",
     "prepare_ways",
+    "reinterpreted",
     "write_sumo_edges",
 ]

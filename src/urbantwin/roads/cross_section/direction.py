@@ -92,7 +92,7 @@ def _two_way(
     tags: Mapping[str, str], driving_side: str
 ) -> tuple[DirectionTags, DirectionTags, int]:
     total = count(tags.get("lanes"))
-    shared = count(tags.get("lanes:both_ways")) or 0
+    shared = count(tags.get("lanes:both_ways")) or int(_has_turning_lane(tags))
     lists = {name: _lists(tags, name) for name in ("forward", "backward")}
     wanted = {name: count(tags.get(f"lanes:{name}")) for name in lists}
     for name, values in lists.items():
@@ -117,6 +117,11 @@ def _two_way(
         for n in lists
     )
     return forward, backward, shared
+
+
+def _has_turning_lane(tags: Mapping[str, str]) -> bool:
+    """Whether tags other than its count say that a lane for both directions lies in the middle."""
+    return "turn:lanes:both_ways" in tags or tags.get("centre_turn_lane") == "yes"
 
 
 def _with_lanes_for_cars(

@@ -56,17 +56,33 @@ class Relation:
 
 @dataclass(frozen=True)
 class Document:
-    """A whole file; ids as the file has them."""
+    """A whole file; ids as the file has them.
+
+    Attributes:
+        path: the file.
+        nodes, ways, relations: what it holds, by id.
+        dropped: errors of the elements that are not used, in the order of reading.
+    """
 
     path: Path
     nodes: dict[int, Node]
     ways: dict[int, Way]
     relations: dict[int, Relation]
+    dropped: tuple[InputError, ...] = ()
 
     def error(self, problem: str, relation: int | None = None) -> InputError:
-        """Return an error that names the file and a relation."""
-        place = None if relation is None else f"relation {relation}"
+        """Return an error that names the file, a relation, and where it lies."""
+        place = None if relation is None else f"relation {relation}{self._where(relation)}"
         return InputError(problem, file=self.path, place=place, expected=EXPECTED)
+
+    def _where(self, relation: int) -> str:
+        """Return latitude and longitude of the first point of a relation that has both."""
+        item = self.relations.get(relation, Relation((), {}))
+        ways = (self.ways[ref] for _, ref, _ in item.members if ref in self.ways)
+        for node in (self.nodes[n] for way in ways for n in way.nodes if n in self.nodes):
+            if math.isfinite(node.latitude) and (node.latitude or node.longitude):
+                return f" at {node.latitude:.5f}, {node.longitude:.5f}"
+        return ""
 
 
 def is_lanelet2(path: Path) -> bool:
@@ -90,33 +106,41 @@ def is_lanelet2(path: Path) -> bool:
 def read_document(path: Path) -> Document:
     """Read nodes, ways and relations that are not deleted.
 
+    Those with an id that is no number are dropped.
+
     Raises:
-        InputError: not found, not XML, with a document type or entities, not OSM, an id that is no
-            number, or without lanelets.
+        InputError: not found, not XML, with a document type or entities, not OSM, or without
+            lanelets.
     """
     root = _root(path)
     nodes: dict[int, Node] = {}
     ways: dict[int, Way] = {}
     relations: dict[int, Relation] = {}
+    dropped: list[InputError] = []
     for item in root:
         if not isinstance(item.tag, str) or item.get("action") == "delete":
             continue
         if item.get("visible") == "false":
             continue
-        if item.tag == "node":
-            degrees = _degrees(item.get("lat"), 90.0), _degrees(item.get("lon"), 180.0)
-            nodes[_id(path, item, "id")] = Node(*degrees, _tags(item))
-        elif item.tag == "way":
-            refs = tuple(_id(path, nd, "ref") for nd in item.iterfind("nd"))
-            ways[_id(path, item, "id")] = Way(refs, _tags(item))
-        elif item.tag == "relation":
-            members = tuple(
-                (m.get("type", ""), _id(path, m, "ref"), m.get("role", ""))
-                for m in item.iterfind("member")
-            )
-            relations[_id(path, item, "id")] = Relation(members, _tags(item))
-    document = Document(path, nodes, ways, relations)
+        try:
+            if item.tag == "node":
+                degrees = _degrees(item.get("lat"), 90.0), _degrees(item.get("lon"), 180.0)
+                nodes[_id(path, item, "id")] = Node(*degrees, _tags(item))
+            elif item.tag == "way":
+                refs = tuple(_id(path, nd, "ref") for nd in item.iterfind("nd"))
+                ways[_id(path, item, "id")] = Way(refs, _tags(item))
+            elif item.tag == "relation":
+                members = tuple(
+                    (m.get("type", ""), _id(path, m, "ref"), m.get("role", ""))
+                    for m in item.iterfind("member")
+                )
+                relations[_id(path, item, "id")] = Relation(members, _tags(item))
+        except InputError as error:
+            dropped.append(error)
+    document = Document(path, nodes, ways, relations, tuple(dropped))
     if not any(r.tags.get("type") == "lanelet" for r in relations.values()):
+        if dropped:
+            raise dropped[0]
         streets = any("highway" in way.tags for way in ways.values())
         raise document.error(
             "is a street map of OpenStreetMap, without lanelets" if streets else "has no lanelets"

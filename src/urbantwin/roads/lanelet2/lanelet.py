@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,10 +13,12 @@ from urbantwin.roads.lanelet2.document import Document, Relation
 from urbantwin.roads.lanelet2.projection import Places
 from urbantwin.roads.lanelet2.traffic_rules import allowed_of, kind_of
 
-__all__ = ["Lanelet", "bounds_of", "lanelets_of"]
+__all__ = ["Lanelet", "bounds_of", "lanelet_of"]
 
 #: No lane between two places where lanes meet is longer: one of its points is misplaced.
 LONGEST_M = 10_000.0
+#: Bounds that are nearer to each other than this in the mean are one line, metres.
+NO_WIDTH_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -129,40 +130,45 @@ def bounds_of(document: Document, identity: int, relation: Relation) -> tuple[in
     return found[0], found[1]
 
 
-def lanelets_of(
-    document: Document, bounds: Mapping[int, tuple[int, int]], places: Places
-) -> dict[int, Lanelet]:
-    """Return every lanelet, its bounds turned so that left is left and right is right.
+def lanelet_of(document: Document, identity: int, ways: tuple[int, int], places: Places) -> Lanelet:
+    """Return a lanelet, its bounds turned so that left is left and right is right.
 
     A way may be drawn either way round: a bound is turned where the other one's middle does not
     lie on its side.
+
+    Raises:
+        InputError: a point of a bound has no place, a bound has no length or too great a one, or
+            there is nothing between the two.
     """
-    found = {}
-    for identity, ways in bounds.items():
-        relation = document.relations[identity]
-        nodes = [_distinct(document.ways[way].nodes, places) for way in ways]
-        lines = [np.array([places[n] for n in ids]) for ids in nodes]
-        if any(len(line) < 2 for line in lines):
-            raise document.error("has a bound without length", identity)
-        longest = max(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
-        if longest > LONGEST_M:
-            raise document.error(f"has a bound of {longest / 1000:.0f} km", identity)
-        turned = [False, False]
-        for k, sign in ((0, -1.0), (1, 1.0)):
-            if sign * _side(lines[k][:, :2], _middle(lines[1 - k][:, :2])) <= 0:
-                turned[k] = True
-                lines[k], nodes[k] = lines[k][::-1], nodes[k][::-1]
-        found[identity] = Lanelet(
-            identity,
-            relation.tags,
-            ways,
-            (turned[0], turned[1]),
-            (nodes[0], nodes[1]),
-            lines[0],
-            lines[1],
-            tuple(relation.of_role("regulatory_element", "relation")),
-        )
-    return found
+    relation = document.relations[identity]
+    for node in (node for way in ways for node in document.ways[way].nodes):
+        if node not in places:
+            raise document.error(f"node {node} has no finite latitude and longitude", identity)
+    nodes = [_distinct(document.ways[way].nodes, places) for way in ways]
+    lines = [np.array([places[n] for n in ids]) for ids in nodes]
+    if any(len(line) < 2 for line in lines):
+        raise document.error("has a bound without length", identity)
+    longest = max(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
+    if longest > LONGEST_M:
+        raise document.error(f"has a bound of {longest / 1000:.0f} km", identity)
+    turned = [False, False]
+    for k, sign in ((0, -1.0), (1, 1.0)):
+        if sign * _side(lines[k][:, :2], _middle(lines[1 - k][:, :2])) <= 0:
+            turned[k] = True
+            lines[k], nodes[k] = lines[k][::-1], nodes[k][::-1]
+    lanelet = Lanelet(
+        identity,
+        relation.tags,
+        ways,
+        (turned[0], turned[1]),
+        (nodes[0], nodes[1]),
+        lines[0],
+        lines[1],
+        tuple(relation.of_role("regulatory_element", "relation")),
+    )
+    if lanelet.polygon.area < NO_WIDTH_M * longest:
+        raise document.error("has no width", identity)
+    return lanelet
 
 
 def _distinct(nodes: tuple[int, ...], places: Places) -> tuple[int, ...]:

@@ -179,6 +179,7 @@ def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[Roa
         lines = [
             shapely.LineString([places[n][:2] for n in document.ways[way].nodes])
             for way in relation.of_role("outer")
+            if len(document.ways[way].nodes) > 1
         ]
         for polygon in shapely.get_parts(shapely.polygonize([shapely.union_all(lines)])):
             corners = shapely.get_coordinates(polygon)[:-1]

@@ -42,7 +42,7 @@ def anchor_of(path: Path) -> tuple[float, float]:
 def places_of(
     document: Document, frame: SiteFrame, used: Mapping[int, int], notes: dict[str, object]
 ) -> Places:
-    """Return where nodes lie.
+    """Return where nodes lie; those without a place are left out.
 
     Latitude and longitude are used where they are given. Nodes with ``local_x`` and ``local_y``
     only are placed by those that have both; if there is none, the map has no place on the Earth:
@@ -56,7 +56,7 @@ def places_of(
         notes: takes what was assumed.
 
     Raises:
-        InputError: a node without a place, or a map far from the anchor.
+        InputError: no node has a place, or a map far from the anchor.
     """
     ids = list(used)
     nodes = [document.nodes[i] for i in ids]
@@ -68,13 +68,13 @@ def places_of(
         xy[~unplaced] = frame.site_from_lonlat(degrees[~unplaced][:, ::-1])
     if unplaced.any():
         _fill(xy, local, notes)
-    bad = np.flatnonzero(~np.isfinite(xy).all(axis=1))
-    if len(bad):
-        node = ids[int(bad[0])]
-        raise document.error(f"node {node} has no finite latitude and longitude", used[node])
+    placed = np.isfinite(xy).all(axis=1)
+    if not placed.any():
+        raise document.error(f"node {ids[0]} has no finite latitude and longitude", used[ids[0]])
     # Heights count from the ground: not from the lamps of traffic lights.
     ground = [document.relations[used[i]].tags.get("type") == "lanelet" for i in ids]
-    near = int(np.argmin(np.where(ground, np.linalg.norm(xy, axis=1), np.inf)))
+    away_m = np.where(placed, np.linalg.norm(xy, axis=1), np.inf)
+    near = int(np.argmin(np.where(ground, away_m, np.maximum(away_m, 1e9))))
     away = float(np.linalg.norm(xy[near]))
     if away > FAR_M and not unplaced.all():
         raise document.error(f"lies {away / 1000:.0f} km from the site's anchor")
@@ -82,7 +82,9 @@ def places_of(
     if z[near]:
         notes["heights_count_from_metres"] = round(float(z[near]), 3)
     z = z - z[near]
-    return {i: np.array([*point, h]) for i, point, h in zip(ids, xy, z, strict=True)}
+    return {
+        i: np.array([*point, h]) for i, point, h, ok in zip(ids, xy, z, placed, strict=True) if ok
+    }
 
 
 def _unplaced(degrees: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import shapely
 
+from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.driving_side import driving_side
 from urbantwin.roads.lanelet2.attributes import attributes_of
 from urbantwin.roads.lanelet2.build import BuiltRoads, LaneAt, build_streets_and_junctions
 from urbantwin.roads.lanelet2.document import Document, read_document
 from urbantwin.roads.lanelet2.junction import junctions_of
-from urbantwin.roads.lanelet2.lanelet import Lanelet, bounds_of, lanelets_of
+from urbantwin.roads.lanelet2.lanelet import Lanelet, bounds_of, lanelet_of
 from urbantwin.roads.lanelet2.markings import BuiltMap, areas_of, hosts_of, island_ways, stop_lines
 from urbantwin.roads.lanelet2.projection import Places, places_of
 from urbantwin.roads.lanelet2.regulatory_elements import (
@@ -53,14 +54,15 @@ def read_lanelet2(path: Path, frame: SiteFrame) -> tuple[LaneModel, dict[str, ob
     Lanelets that share bounds lie on one road; both directions where they share the line between
     them. Bounds become borders of lanes within a few millimetres; where roads end obliquely, what
     is missing of a lane belongs to the ways through the junction. ``ways`` of roads are the ids of
-    lanelets.
+    lanelets. A lanelet, light or sign that cannot be read is dropped: ``dropped`` in the notes
+    lists each with its id, its place and why.
 
     Returns:
         The model, and notes: counts, what was assumed and what was left out.
 
     Raises:
-        InputError: not a Lanelet2 map; a lanelet without bounds; a bound or a point that is
-            missing or has no place; a map far from the anchor.
+        InputError: not a Lanelet2 map; nothing that vehicles may use, or nothing of it can be
+            read; a map far from the anchor.
         StageError: the lanelets make no roads.
     """
     translation = translate(path, frame)
@@ -75,11 +77,14 @@ def translate(path: Path, frame: SiteFrame) -> Translation:
 def translated(document: Document, frame: SiteFrame) -> Translation:
     """Translate a map that was read, or made of another format's."""
     notes: dict[str, object] = {}
-    lanelets, places = _lanelets(document, frame, notes)
+    document, lanelets, places = _lanelets(document, frame, notes)
     side = driving_side(frame.latitude, frame.longitude)
     ways = {identity: way.tags for identity, way in document.ways.items()}
     if not any(n.drives for n in lanelets.values()):
+        if document.dropped:
+            raise document.dropped[0]
         raise document.error("has no lanelets that vehicles may use")
+    notes["dropped"] = [f"{error.place}: {error.problem}" for error in document.dropped]
     parts = build_streets_and_junctions(lanelets, side, attributes_of(document), ways)
     first = 1 + len(parts.streets) + len(parts.connecting_roads)
     roads, junctions = junctions_of(parts.streets, parts.connecting_roads, first)
@@ -100,35 +105,87 @@ def translated(document: Document, frame: SiteFrame) -> Translation:
 
 def _lanelets(
     document: Document, frame: SiteFrame, notes: dict[str, object]
-) -> tuple[dict[int, Lanelet], Places]:
-    bounds = {
-        identity: bounds_of(document, identity, relation)
-        for identity, relation in sorted(document.relations.items())
-        if relation.tags.get("type") == "lanelet"
-    }
+) -> tuple[Document, dict[int, Lanelet], Places]:
+    """Return the document without what cannot be read, its lanelets, and where its points lie.
+
+    Raises:
+        InputError: none of the lanelets can be read, or the map lies far from the anchor.
+    """
+    dropped = list(document.dropped)
+    bounds: dict[int, tuple[int, int]] = {}
+    for identity, relation in sorted(document.relations.items()):
+        if relation.tags.get("type") == "lanelet":
+            try:
+                bounds[identity] = bounds_of(document, identity, relation)
+            except InputError as error:
+                dropped.append(error)
+    if not bounds:
+        raise dropped[0]
     needs: dict[int, int] = {way: i for i, pair in bounds.items() for way in pair}
-    for identity, relation in document.relations.items():
-        if relation.tags.get("type") == "regulatory_element":
-            ways = [*sign_ways(relation), *relation.of_role("ref_line")]
-            needs.update((way, identity) for way in ways if way not in needs)
-    for identity, relation in island_ways(document).items():
-        needs.update((way, identity) for way in relation.of_role("outer") if way not in needs)
+    others = _ways_of_others(document)
+    for identity, ways in others.items():
+        for way in ways:
+            needs.setdefault(way, identity)
     for way in stop_lines(document):
         needs.setdefault(way, next(iter(bounds)))
-    used: dict[int, int] = {}
-    for way, identity in needs.items():
-        if way not in document.ways:
-            raise document.error(f"refers to way {way}, which the file lacks", identity)
-        for node in document.ways[way].nodes:
-            if node not in document.nodes:
-                raise document.error(
-                    f"way {way} refers to node {node}, which the file lacks", identity
-                )
-            used.setdefault(node, identity)
-        if not document.ways[way].nodes:
-            raise document.error(f"way {way} has no points", identity)
+    used = {
+        node: identity
+        for way, identity in reversed(needs.items())
+        if way in document.ways
+        for node in document.ways[way].nodes
+        if node in document.nodes
+    }
     places = places_of(document, frame, used, notes)
-    return lanelets_of(document, bounds, places), places
+    lanelets: dict[int, Lanelet] = {}
+    for identity, pair in bounds.items():
+        try:
+            lanelets[identity] = lanelet_of(document, identity, pair, places)
+        except InputError as error:
+            dropped.append(error)
+    relations = {
+        identity: relation
+        for identity, relation in document.relations.items()
+        if relation.tags.get("type") != "lanelet" or identity in lanelets
+    }
+    for identity, ways in others.items():
+        bad = {way: problem for way in ways if (problem := _problem(document, way, places))}
+        if bad:
+            dropped += [document.error(problem, identity) for problem in bad.values()]
+            members = tuple(
+                row for row in relations[identity].members if row[0] != "way" or row[1] not in bad
+            )
+            relations[identity] = replace(relations[identity], members=members)
+    # Stop lines are ways by themselves.
+    lost = {way for way in stop_lines(document) if _problem(document, way, places)}
+    kept = {identity: way for identity, way in document.ways.items() if identity not in lost}
+    sound = replace(document, ways=kept, relations=relations, dropped=tuple(dropped))
+    return sound, lanelets, places
+
+
+def _ways_of_others(document: Document) -> dict[int, list[int]]:
+    """Return the ways of lights, signs, stop lines and islands, by their relation."""
+    found = {}
+    for identity, relation in sorted(document.relations.items()):
+        if relation.tags.get("type") == "regulatory_element":
+            found[identity] = [*sign_ways(relation), *relation.of_role("ref_line")]
+    for identity, relation in island_ways(document).items():
+        found[identity] = relation.of_role("outer")
+    return found
+
+
+def _problem(document: Document, way: int, places: Places) -> str:
+    """Return what is wrong with a way, empty if nothing is."""
+    if way not in document.ways:
+        return f"refers to way {way}, which the file lacks"
+    nodes = document.ways[way].nodes
+    if not nodes:
+        return f"way {way} has no points"
+    for node in nodes:
+        if node not in document.nodes:
+            return f"way {way} refers to node {node}, which the file lacks"
+        if node not in places:
+            return f"node {node} has no finite latitude and longitude"
+    return ""
 
 
 def _painted(road: ModelRoad) -> ModelRoad:

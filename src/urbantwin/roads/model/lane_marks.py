@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from urbantwin.roads.model.lane_section import RAISED_KINDS, LaneSection, SectionLane
+from urbantwin.roads.model.road import ModelRoad
 
-__all__ = ["with_lane_marks"]
+__all__ = ["with_lane_marks", "without_lines"]
 
 _MOTOR = ("driving", "bus")
 
@@ -20,6 +21,18 @@ def with_lane_marks(section: LaneSection) -> LaneSection:
     """
     lanes = tuple(_marked(section, lane) for lane in section.lanes)
     return replace(section, lanes=lanes, centre_mark=_centre(section), centre_change="none")
+
+
+def without_lines(road: ModelRoad) -> ModelRoad:
+    """Return a road without painted lines on and between its lanes; curbs stay."""
+    sections = []
+    for section in road.sections:
+        lanes = tuple(
+            lane if lane.mark == "curb" else replace(lane, mark="none") for lane in section.lanes
+        )
+        centre = section.centre_mark if section.centre_mark == "curb" else "none"
+        sections.append(replace(section, lanes=lanes, centre_mark=centre))
+    return replace(road, sections=tuple(sections))
 
 
 def _centre(section: LaneSection) -> str:

@@ -36,8 +36,8 @@ def read_curve(road: etree._Element, spot: Spot) -> Curve:
         spot: the road, for errors.
 
     Raises:
-        InputError: there is no reference line, it has no length, its length is not the road's, it
-            has a gap, or a number in it is invalid.
+        InputError: there is no reference line, it has no length, it has a gap, or a number in it
+            is invalid.
     """
     items = road.findall("planView/geometry")
     if not items:
@@ -69,9 +69,7 @@ def read_curve(road: etree._Element, spot: Spot) -> Curve:
     if not pieces:
         raise spot.error("has a reference line of no length", expected="more than 0 m")
     if abs(s - told) > LENGTH_M:
-        raise spot.error(
-            f"is {told:g} m long, but its reference line {s:.3f} m", expected="the same length"
-        )
+        spot.remark("roads whose length is not that of their reference line: the line's is taken")
     curve = Curve(tuple(pieces))
     _check_gaps(curve, spot)
     return curve
@@ -88,7 +86,9 @@ def _pieces(item: etree._Element, length: float, spot: Spot) -> list[Piece]:
     if shape.tag == "arc":
         return [Piece(x, y, heading, length, _bend(spot.number(shape, "curvature")))]
     if shape.tag == "spiral":
-        first, last = (spot.number(shape, key) for key in ("curvStart", "curvEnd"))
+        if shape.get("curvStart") is None or shape.get("curvEnd") is None:
+            spot.remark("spirals that are straight where they do not say how they bend")
+        first, last = (spot.number(shape, key, 0.0) for key in ("curvStart", "curvEnd"))
         if abs(last - first) * length < 1e-9:
             return [Piece(x, y, heading, length, _bend((first + last) / 2))]
         if max(abs(first), abs(last)) * length > 1000:
