@@ -20,6 +20,8 @@ from urbantwin.evaluation.tracks import judged_tracks
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry.box_overlap import plan_overlaps
 
+from ..whole_page import whole_page
+
 FRAMES, CARS = 10, 4
 Floats = NDArray[np.float64]
 
@@ -246,7 +248,8 @@ def test_the_command_writes_a_page_and_refuses_other_frames(data: Path, tmp_path
     made = ut.model.evaluate(tmp_path / "found", data, tmp_path / "report", progress=False)
     assert made.figures["car"]["ap"]["within_1_m"]["ap"] == 1.0
     assert "car 100" in made.in_short
-    assert "<html" in (tmp_path / "report" / "evaluation.html").read_text()
+    page = whole_page((tmp_path / "report" / "evaluation.html").read_text())
+    assert "100.0 100–100" in page.cells
     strange = [f"street {name}x" for name in "abcdefghij"]
     write_detections(tmp_path / "strange", joined(strange, found), {})
     with pytest.raises(InputError, match="none of the frames"):

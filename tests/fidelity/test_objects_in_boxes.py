@@ -26,6 +26,7 @@ from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic.assets import asset, scaled_mesh
 
 from ..real_files import argoverse_log
+from ..whole_page import whole_page
 
 
 def ring_frame(kept: np.ndarray, rings: bool) -> tuple[Frame, np.ndarray]:
@@ -331,6 +332,8 @@ def test_a_report_of_two_real_cars(shared_data: Path, tmp_path: Path) -> None:
     assert {path.name for path in report.folder.iterdir()} >= {
         *("objects.json", "objects.html", "objects.png"),
     }
+    page = whole_page((report.folder / "objects.html").read_text())
+    assert page.cells[:3] == ["Class", "m", "Boxes"]
     (row,) = (one for one in report.figures if (one["from_m"], one["to_m"]) == (0.0, 80.0))
     assert (row["class"], row["boxes"]) == ("car", 2)
     assert row["chamfer_m"] < 0.35

@@ -13,6 +13,7 @@ import urbantwin as ut
 from urbantwin.cli import main
 
 from ..reliability.small_site import bytes_of
+from ..whole_page import whole_page
 from .conftest import Line
 
 WEATHER = {"dry": {}, "fog": {"weather": "fog", "visibility_m": 60}}
@@ -86,6 +87,7 @@ def test_the_index_tells_what_there_is(made: ut.experiment.Campaign) -> None:
         assert row["points"] == sum(len(frame.points) for frame in dataset)
         files = [one for one in dataset.folder.rglob("*") if one.is_file()]
         assert row["bytes"] == sum(one.stat().st_size for one in files)
+    assert "fog" in whole_page((made.folder / "index" / "campaign.html").read_text()).cells
     assert ut.dataset.verify(made.folder, progress=False)
     assert ut.info(made.folder, progress=False)["cells"] == 4
 

@@ -10,6 +10,7 @@ import urbantwin as ut
 from urbantwin.cli import main
 from urbantwin.detections import detected_class, joined, write_detections
 
+from ..whole_page import whole_page
 from .conftest import Line
 
 #: Between the sensor, at (12, -12), and the car.
@@ -81,7 +82,7 @@ def test_the_car_behind_the_truck_is_hidden_by_that_truck(
     assert counts == {"hidden": len(lost)}
     assert (made.folder / "changes.csv").read_text().count("\n") == made.changes.num_rows + 1
     page = (made.folder / "explanation.html").read_text()
-    assert f"truck {truck} hides" in page
+    assert any(f"truck {truck} hides" in cell for cell in whole_page(page).cells)
     assert isinstance(ut.open(made), ut.experiment.Explanation)
 
 

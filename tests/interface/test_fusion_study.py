@@ -13,6 +13,7 @@ import urbantwin as ut
 from urbantwin.cli import main
 
 from ..reliability.small_site import bytes_of
+from ..whole_page import whole_page
 from .conftest import Line
 
 torch = pytest.importorskip(
@@ -105,7 +106,7 @@ def test_the_study_holds_what_it_tells(study: ut.model.FusionStudy) -> None:
     assert study.over_time is not None
     assert sum(row["frames"] for row in study.over_time.to_pylist()) == 7 * 2
     page = (study.folder / "fusion.html").read_text()
-    assert study.manifest["in_short"] in page
+    assert study.manifest["in_short"] in whole_page(page).texts
     assert str(study.folder.parent) not in page
     assert isinstance(ut.open(study.folder), ut.model.FusionStudy)
     told = pq.read_table(study.folder / "settings.parquet")

@@ -14,6 +14,7 @@ from urbantwin.detections import detected_class, joined, write_detections
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.studies.robustness import judged_recording
 
+from ..whole_page import whole_page
 from .conftest import Line
 
 SPAN = {"seconds": 1.2, "start": 0.6, "every": 2}
@@ -50,6 +51,8 @@ def test_a_wrong_pose_moves_points_and_a_dead_sensor_has_none(made: ut.experimen
     assert all(row["seeds"] == 2 for row in rows.values())
     told = {row["level"]: row["seen"] for row in made.summary()["effects"]}
     assert told["outage_unit = corner"] == "-100.0 (-100.0 to -100.0)"
+    page = whole_page((made.folder / "report" / "study.html").read_text())
+    assert "-100.0 to -100.0" in page.cells
 
 
 def test_the_base_is_what_record_sees(

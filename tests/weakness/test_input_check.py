@@ -20,6 +20,8 @@ from pyproj import Geod, Transformer
 import urbantwin as ut
 from urbantwin.cli import main
 
+from ..whole_page import whole_page
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "two-avenues"
 LINK = re.compile(
     r"https://www\.openstreetmap\.org/edit\?editor=id(?:&(node|way|relation)=(\d+))?"
@@ -318,6 +320,8 @@ def test_pictures_pages_and_text_say_the_same(tmp_path: Path, capsys: Any) -> No
     for said in ("there is no imagery", "no program of the signals"):
         assert said in text
         assert said in page
+    hrefs = [attributes["href"] for tag, attributes in whole_page(page).tags if tag == "a"]
+    assert all(LINK.fullmatch(href) for href in hrefs)
     assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
 
 

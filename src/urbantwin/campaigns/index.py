@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,8 +17,8 @@ from urbantwin.campaigns.grid_file import AXES
 from urbantwin.campaigns.steps import Step
 from urbantwin.dataset.description import parts_of
 from urbantwin.errors import InputError
-from urbantwin.fidelity.report_html import html_picture, html_table, write_html
 from urbantwin.grid import Level
+from urbantwin.pages import write_page
 
 __all__ = ["FOLDER", "KIND", "dataset_told", "datasets_of", "index_of", "read_index", "write_index"]
 
@@ -156,7 +155,13 @@ def write_index(folder: Path, index: Mapping[str, Any], picture: Path | None = N
             for row in rows
         ]
         write_parquet_and_csv(folder / "cells", pa.Table.from_pylist(flat))
-    _write_page(folder / f"{KIND}.html", index, picture)
+    write_page(
+        folder / f"{KIND}.html",
+        "campaigns/index.html.j2",
+        index=index,
+        drawn=picture,
+        most=_ON_THE_PAGE,
+    )
 
 
 def read_index(folder: Path) -> dict[str, Any]:
@@ -189,46 +194,3 @@ def datasets_of(folder: Path) -> list[Path] | None:
     if kind_of(folder / FOLDER) != KIND:
         return None
     return [folder / row["path"] for row in read_index(folder)["datasets"]]
-
-
-def _write_page(path: Path, index: Mapping[str, Any], picture: Path | None) -> None:
-    counts = index["counts"]
-    title = f"Campaign: {index['grid']}"
-    lead = (
-        f"{len(index['datasets'])} of {index['cells']} cells are recorded: {counts['frames']:,} "
-        f"frames, {counts['boxes']:,} boxes with points, {counts['bytes'] / 1e9:.3g} GB."
-    )
-    parts = [f"<h1>{escape(title)}</h1>", f'<p class="lead">{escape(lead)}</p>']
-    if index["failed"]:
-        parts.append(f'<p class="doubt">{len(index["failed"])} cells failed; see below.</p>')
-    axes = [
-        (name, str(len(levels)), ", ".join(map(str, levels[:50])) + (" ..." * (len(levels) > 50)))
-        for name, levels in index["axes"].items()
-    ]
-    parts += ["<h2>Axes</h2>", html_table(("Axis", "levels", "which"), axes, text=True)]
-    if picture is not None:
-        parts.append(html_picture("A frame of some cells", picture))
-    rows = [
-        (
-            *map(str, row["levels"].values()),
-            f"{row['frames']:,}",
-            f"{row['points'] / max(row['frames'], 1):,.0f}",
-            f"{row['boxes'] / max(row['frames'], 1):.1f}",
-            f"{row['bytes'] / 1e6:,.1f}",
-        )
-        for row in index["datasets"][:_ON_THE_PAGE]
-    ]
-    head = (*index["axes"], "frames", "points a frame", "boxes a frame", "MB")
-    parts += ["<h2>Datasets</h2>", html_table(head, rows)]
-    left = len(index["datasets"]) - len(rows)
-    if left:
-        parts.append(f"<p>{left:,} more are in cells.csv.</p>")
-    if index["failed"]:
-        lost = [(one["path"], one["why"]) for one in index["failed"][:_ON_THE_PAGE]]
-        parts += ["<h2>Failed</h2>", html_table(("Cell", "why"), lost, text=True)]
-    sources = [
-        (str(one["name"]), str(one["licence"]), str(one["attribution"])) for one in index["inputs"]
-    ]
-    whose = ("Input", "licence", "attribution")
-    parts += ["<h2>Sources</h2>", html_table(whose, sources, text=True)]
-    write_html(path, title, parts)

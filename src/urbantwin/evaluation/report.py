@@ -11,20 +11,22 @@ import numpy as np
 from urbantwin.artefact import as_json, write_json
 from urbantwin.evaluation.bootstrap import same_objects
 from urbantwin.evaluation.case_picture import draw_cases
-from urbantwin.evaluation.criterion import JUDGED
+from urbantwin.evaluation.criterion import CRITERIA, JUDGED, near, overlapping
 from urbantwin.evaluation.definitions import DEFINITIONS
 from urbantwin.evaluation.evaluate import Figures
+from urbantwin.evaluation.false_alarms import REASONS
 from urbantwin.evaluation.figure import draw_figures
-from urbantwin.evaluation.page import in_short, write_page
 from urbantwin.evaluation.tracks import judged_tracks
 from urbantwin.evaluation.worst import worst_false_alarms, worst_misses
 from urbantwin.fidelity.readers import Recording
+from urbantwin.pages import write_page
 
 __all__ = ["KIND", "write_evaluation"]
 
 KIND = "evaluation"
 #: So many misses and so many false alarms are drawn.
 _SHOWN = 8
+_TITLES = {"bev_iou": "BEV IoU {:g}", "iou_3d": "3D IoU {:g}", "distance_m": "within {:g} m"}
 
 
 def write_evaluation(
@@ -87,7 +89,39 @@ def write_evaluation(
         "definitions": DEFINITIONS,
     }
     report["in_short"] = in_short(report)
-    write_page(report, paths, folder / f"{KIND}.html")
+    write_page(
+        folder / f"{KIND}.html",
+        "evaluation/page.html.j2",
+        report=report,
+        pictures=paths,
+        criteria={one.name: _TITLES[one.measure].format(one.limit) for one in CRITERIA},
+        reasons=REASONS,
+        near=near,
+        overlapping=overlapping,
+        definitions=DEFINITIONS,
+    )
     written: dict[str, Any] = as_json(report)
     write_json(folder / f"{KIND}.json", written)
     return written
+
+
+def in_short(report: Mapping[str, Any]) -> str:
+    """Return the headline: every class at its distance and at an overlap of a half, in per cent."""
+    points, said = report["semantic"], []
+    of_points = f"classes of points: mean IoU {_percent(points['mean_iou'])}" if points else ""
+    if points and not any(row["detections"] for row in report["classes"].values()):
+        return f"No boxes; {of_points}; {report['frames']} frames."
+    for name, row in report["classes"].items():
+        if name == "large" or not row["objects"]:
+            continue
+        figures = [_percent(row["ap"][one.name]["ap"]) for one in (near(name), overlapping())]
+        said.append(
+            f"{name} {figures[0]} within {near(name).limit:g} m, {figures[1]} at BEV IoU 0.5 "
+            f"(n = {row['objects']})"
+        )
+    said += [of_points] if of_points else []
+    return f"Average precision: {'; '.join(said)}; {report['frames']} frames."
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f}"

@@ -128,7 +128,7 @@ def _draw(report: Report, found: Findings, folder: Path) -> None:
     from urbantwin.fidelity.object_figure import draw_objects
     from urbantwin.fidelity.pair_figure import draw_missing, draw_pair
     from urbantwin.fidelity.report_figure import draw_report
-    from urbantwin.fidelity.report_page import Pictures, write_page
+    from urbantwin.fidelity.report_page import Pictures, write_report
 
     origin = found.pairs.origin
     draw_report(report, found.pooled, folder / "report.png")
@@ -145,7 +145,7 @@ def _draw(report: Report, found: Findings, folder: Path) -> None:
     if report.objects is not None:
         objects = folder / "objects.png"
         draw_objects(report.objects, objects)
-    write_page(
+    write_report(
         report, Pictures(folder / "report.png", missing, worst, objects), folder / "report.html"
     )
 

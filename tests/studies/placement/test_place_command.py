@@ -21,6 +21,7 @@ from urbantwin.studies.placement.place_file import PlaceSpec, load_place_spec
 from urbantwin.taxonomy import semantic_id
 
 from ...thorough import further
+from ...whole_page import whole_page
 from .conftest import SPEC
 
 
@@ -113,7 +114,9 @@ def test_the_page_holds_every_layout_and_needs_no_other_file(placement):
         int(path.stem.split("-")[1]) for path in placement.rigs
     ]
     assert data["plan"]["road"]
-    assert not re.search(r"(src|href)=\"(?!data:)", text)
+    page = whole_page(text)
+    assert "seen_20" in page.cells
+    assert any(attributes.get("id") == "placement" for _, attributes in page.tags)
 
 
 def test_a_placement_opens_and_is_whole(placement):

@@ -15,6 +15,7 @@ from urbantwin.fidelity.objects.measure import ObjectSeen, compare_objects
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.lidar import sensor as model_of
 from urbantwin.lidar.sensor import Sensor
+from urbantwin.pages import write_page
 from urbantwin.progress import Progress, untold
 
 __all__ = ["ObjectsReport", "compare_in_boxes", "write_objects"]
@@ -126,12 +127,16 @@ def write_objects(
         found = compare_in_boxes(recording, model, progress=tell)
         written = _as_json(found, real, model)
         write_json(folder / "objects.json", written)
-        from urbantwin.fidelity.objects.page import write_objects_page
         from urbantwin.fidelity.objects.picture import draw_objects_seen
 
         tell(0.96, "drawing the report")
         draw_objects_seen(found.seen, found.figures, folder / "objects.png")
-        write_objects_page(written, folder / "objects.png", folder / "objects.html")
+        write_page(
+            folder / "objects.html",
+            "fidelity/objects/page.html.j2",
+            report=written,
+            drawn=folder / "objects.png",
+        )
     tell(1.0, "compared")
     return found
 

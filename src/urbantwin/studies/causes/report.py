@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from html import escape
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import as_json, write_json
 from urbantwin.artefact.tables import write_parquet_and_csv
-from urbantwin.fidelity.report_html import html_picture, html_table, write_html
+from urbantwin.pages import write_page
 from urbantwin.progress import Progress, each
 from urbantwin.studies.causes.changes import LOST, WON, Change, Comparison
 from urbantwin.studies.causes.picture import draw_change
@@ -64,7 +63,15 @@ def write_explanation(
         "reasons": dict(REASONS),
         "warnings": [],
     }
-    _write_page(folder, report, rows, pictures)
+    write_page(
+        folder / f"{KIND}.html",
+        "studies/causes/page.html.j2",
+        report=report,
+        rows=rows,
+        ways=(LOST, WON),
+        fewer=FEWER,
+        pictures={title: folder / name for title, name in _shown(rows, pictures)},
+    )
     written: dict[str, Any] = as_json(report)
     write_json(folder / f"{KIND}.json", written)
     return written
@@ -162,83 +169,15 @@ def _write_table(stem: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_parquet_and_csv(stem, table)
 
 
-def _write_page(
-    folder: Path,
-    report: Mapping[str, Any],
-    rows: Sequence[Mapping[str, Any]],
-    pictures: Mapping[tuple[str, int, str], str],
-) -> None:
-    title = f"Found and missed: {report['factor']}"
-    scores = ", ".join(f"{name} {score:.2f}" for name, score in report["scores"].items())
-    parts = [
-        f"<h1>{escape(title)}</h1>",
-        f'<p class="lead">{escape(report["in_short"])}</p>',
-        f"<p>An object is found where a detection of its class, with a score of at least "
-        f"{escape(scores or '0')}, {escape(report['criterion'])}. Counted are objects in one frame "
-        "each that count in either recording.</p>",
-        "<h2>Reasons</h2>",
-        _reasons(report),
-        f"<h2>{report['drawn']} of {report['objects']} objects, where they have most points</h2>",
-    ]
-    for (variant, track, way), name in pictures.items():
-        mine = [
-            row
-            for row in rows
-            if row["variant"] == variant and row["track"] == track and row["change"] == way
-        ]
+def _shown(
+    rows: Sequence[Mapping[str, Any]], pictures: Mapping[tuple[str, int, str], str]
+) -> Iterator[tuple[str, str]]:
+    """Yield the title of each picture, with the reasons of all its frames, and its file."""
+    for key, name in pictures.items():
+        mine = [row for row in rows if (row["variant"], row["track"], row["change"]) == key]
         why = "; ".join(
             f"{reason} in {count} frame{'s' * (count != 1)}"
             for reason, count in Counter(row["reason"] for row in mine).items()
         )
-        title_of = f"{mine[0]['class']} {track}, {way} ({variant}): {why}"
-        parts.append(html_picture(title_of, folder / name, level=3))
-    parts += [
-        "<details><summary>All of them</summary>",
-        _all(rows),
-        "</details>",
-        "<details><summary>Definitions</summary>",
-        html_table(("Reason", "Definition"), REASONS.items(), text=True),
-        f"<p>Points are fewer from {100 * FEWER:.0f} % of those of the other recording down; then "
-        "what takes them is told, and beside it what the detector said.</p></details>",
-    ]
-    write_html(folder / f"{KIND}.html", title, parts)
-
-
-def _reasons(report: Mapping[str, Any]) -> str:
-    variants = report["variants"]
-    head = ["Found to missed", *variants]
-    lines: list[Sequence[str]] = []
-    for way in (LOST, WON):
-        lines.append((way[0].upper() + way[1:],))
-        total = [str(sum(told[way].values())) for told in variants.values()]
-        lines.append(("all", *total))
-        lines += [
-            (reason, *(str(told[way].get(reason, 0)) for told in variants.values()))
-            for reason in REASONS
-            if any(told[way].get(reason) for told in variants.values())
-        ]
-    lines.append(("Otherwise",))
-    for key in ("found_in_both", "missed_in_both", "on_one_side_only"):
-        lines.append((key.replace("_", " "), *(str(told[key]) for told in variants.values())))
-    return html_table(["Objects in frames", *head[1:]], lines)
-
-
-def _all(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = ("Object", "variant", "frame", "change", "reason", "why", "detector", "points")
-    return html_table(
-        head,
-        [
-            (
-                f"{row['class']} {row['track']}",
-                row["variant"],
-                row["frame"],
-                row["change"],
-                row["reason"],
-                row["why"],
-                row["detector_said"],
-                f"{row['points_base']} to {row['points_variant']}",
-            )
-            for row in rows
-        ],
-        text=True,
-    )
+        variant, track, way = key
+        yield f"{mine[0]['class']} {track}, {way} ({variant}): {why}", name

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import as_json, write_json
 from urbantwin.artefact.tables import write_parquet_and_csv
-from urbantwin.fidelity.report_html import html_picture, html_table, write_html
+from urbantwin.pages import write_page
 from urbantwin.studies.fusion.figure import draw_bitrate, draw_curves, draw_failure
 from urbantwin.studies.fusion.setting import STUDIES
 
@@ -23,6 +22,11 @@ _TITLES = {
     "pose": "Poses",
     "loss": "Lost packets",
     "nodes": "Number of nodes",
+    "failure": "A node falls silent",
+}
+_PICTURES = {
+    "bitrate": "Bits",
+    "curves": "What goes wrong",
     "failure": "A node falls silent",
 }
 _DEFINITIONS = {
@@ -78,7 +82,15 @@ def write_report(
     report: dict[str, Any] = as_json(
         {"kind": KIND, "schema": 1, **told, "in_short": in_short(rows), "definitions": _DEFINITIONS}
     )
-    _write_page(folder, report, rows, over_time, {name for name, there in draw.items() if there})
+    write_page(
+        folder / f"{KIND}.html",
+        "studies/fusion/page.html.j2",
+        report=report,
+        rows=rows,
+        over_time=over_time,
+        studies={study: _TITLES[study] for study in STUDIES},
+        pictures={_PICTURES[name]: pictures / f"{name}.png" for name in draw if draw[name]},
+    )
     write_json(folder / f"{KIND}.json", report)
     return report
 
@@ -109,94 +121,5 @@ def _write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_parquet_and_csv(path, table)
 
 
-def _write_page(
-    folder: Path,
-    report: Mapping[str, Any],
-    rows: Sequence[Mapping[str, Any]],
-    over_time: Sequence[Mapping[str, Any]],
-    drawn: set[str],
-) -> None:
-    nodes = ", ".join(one["name"] for one in report["nodes"])
-    counts = ", ".join(f"{name} {count}" for name, count in report["objects"].items())
-    parts = [
-        f"<h1>Fusion of {escape(nodes)}</h1>",
-        f'<p class="lead">{escape(report["in_short"])}</p>',
-        *(f'<p class="doubt">{escape(one)}</p>' for one in report["doubts"]),
-        f"<p>{report['frames']} frames of {escape(report['nodes'][0]['name'])}, which receives; "
-        f"objects within {report['within_m']:g} m: {escape(counts)}, of {report['distinct']} "
-        f"distinct ones. Packets of {report['mtu']} bytes. Detector {escape(report['model'])}, "
-        f"trained on {escape(report['trained_on'])}.</p>",
-    ]
-    if "bitrate" in drawn:
-        parts.append(html_picture("Bits", folder / "pictures" / "bitrate.png"))
-    if "curves" in drawn:
-        parts.append(html_picture("What goes wrong", folder / "pictures" / "curves.png"))
-    if "failure" in drawn:
-        parts.append(html_picture("A node falls silent", folder / "pictures" / "failure.png"))
-    for study in STUDIES:
-        mine = [row for row in rows if row["study"] == study]
-        if mine:
-            parts += ["<details><summary>" + _TITLES[study] + "</summary>", _table(mine),
-                      "</details>"]  # fmt: skip
-    if over_time:
-        parts += ["<details><summary>Over time</summary>", _of_time(over_time), "</details>"]
-    parts += [
-        "<details><summary>Definitions</summary>",
-        html_table(("Word", "What it means"), _DEFINITIONS.items(), text=True),
-        "</details>",
-    ]
-    write_html(folder / f"{KIND}.html", f"Fusion of {nodes}", parts)
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = ("", "told", "value", "moved by its stamp", "kbit/s", "kbit a frame", "packets a frame",
-            "age, s", "mAP, %", "gain", "mAP at BEV IoU 0.5", "n")  # fmt: skip
-    return html_table(
-        head,
-        [
-            (
-                row["way"] + (" (a node falls silent)" if row["silent_from_s"] is not None else ""),
-                row["told"],
-                "" if row["value"] is None else f"{row['value']:g} {row['unit']}",
-                "yes" if row["aligned"] else "",
-                f"{row['kbit_s']:,.1f}",
-                f"{row['kbit_frame']:,.1f}",
-                f"{row['packets_frame']:.1f}",
-                "" if row["age_s"] is None else f"{row['age_s']:.2f}",
-                _with_ends(row, "map"),
-                _with_ends(row, "gain", "+"),
-                _value(row, "map_bev_iou_0.5"),
-                str(row["objects"]),
-            )
-            for row in rows
-        ],
-    )
-
-
-def _of_time(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = ("", "from, s", "to, s", "frames", "mAP, %", "n")
-    return html_table(
-        head,
-        [
-            (
-                row["way"] + (" (a node falls silent)" if row["silent_from_s"] is not None else ""),
-                f"{row['from_s']:.1f}",
-                f"{row['to_s']:.1f}",
-                str(row["frames"]),
-                _with_ends(row, "map"),
-                str(row["objects"]),
-            )
-            for row in rows
-        ],
-    )
-
-
-def _value(row: Mapping[str, Any], name: str, sign: str = "") -> str:
-    return "–" if row.get(name) is None else format(row[name], f"{sign}.1f")
-
-
-def _with_ends(row: Mapping[str, Any], name: str, sign: str = "") -> str:
-    low, high = row[f"{name}_low"], row[f"{name}_high"]
-    if low is None or high is None:
-        return _value(row, name, sign)
-    return f"{_value(row, name, sign)} <small>{low:{sign}.0f} to {high:{sign}.0f}</small>"
+def _value(row: Mapping[str, Any], name: str) -> str:
+    return "–" if row[name] is None else format(row[name], ".1f")

@@ -14,7 +14,7 @@ from urbantwin.artefact.tables import write_parquet_and_csv
 from urbantwin.result_warning import ResultWarning, rows_of
 from urbantwin.studies.placement.measure import LEVELS, MEASURES, SURROGATES
 from urbantwin.studies.placement.moments import class_counts
-from urbantwin.studies.placement.page import write_page
+from urbantwin.studies.placement.page import write_placement_page
 from urbantwin.studies.placement.pictures import draw_front, draw_layouts
 from urbantwin.studies.placement.place import Placed
 from urbantwin.studies.placement.site_plan import site_plan
@@ -76,7 +76,7 @@ def write_placement(
     pictures.mkdir(exist_ok=True)
     draw_front(placed, pictures / "front.png")
     draw_layouts(placed, plan, reach, pictures / "layouts.png")
-    write_page(folder / "report.html", placed, manifest, plan, reach)
+    write_placement_page(folder / "report.html", placed, manifest, plan, reach)
 
 
 def write_rig(placed: Placed, layout: Layout, path: Path) -> None:

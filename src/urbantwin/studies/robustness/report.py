@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import as_json, write_json
 from urbantwin.artefact.tables import write_parquet_and_csv
-from urbantwin.fidelity.report_html import html_picture, html_table, write_html
 from urbantwin.grid.axes import told_level
+from urbantwin.pages import write_page
 from urbantwin.studies.robustness.effects import Measured, interactions_of, main_effects_of
-from urbantwin.studies.robustness.factors import FACTORS, by_clock
+from urbantwin.studies.robustness.factors import by_clock
 from urbantwin.studies.robustness.figure import draw_effects, draw_levels
 from urbantwin.studies.robustness.grid_file import StudyFile
 from urbantwin.studies.robustness.judging import ALL, METRICS
@@ -79,13 +78,26 @@ def write_study(
     }
     pictures = folder / "pictures"
     pictures.mkdir()
-    paths = {}
+    drawn = {}
     if effects:
-        paths["effects"] = pictures / "effects.png"
-        draw_effects(effects, ALL, paths["effects"])
-        paths["levels"] = pictures / "levels.png"
-        draw_levels(_along(study, measured), ALL, paths["levels"])
-    _write_page(folder / "study.html", report, effects, together, paths)
+        drawn = {"Effects": pictures / "effects.png", "Levels": pictures / "levels.png"}
+        draw_effects(effects, ALL, drawn["Effects"])
+        draw_levels(_along(study, measured), ALL, drawn["Levels"])
+    classes = sorted(dict.fromkeys(row["class"] for row in effects), key=lambda name: name != ALL)
+    write_page(
+        folder / "study.html",
+        "studies/robustness/page.html.j2",
+        report=report,
+        all=ALL,
+        effects={name: [row for row in effects if row["class"] == name] for name in classes},
+        together=[row for row in together if row["class"] == ALL],
+        in_percent=_PERCENT,
+        sensors={
+            one.axis.name: ", ".join(one.sensors) or ("first" if one.factor.first_sensor else "all")
+            for one in study.factors
+        },
+        pictures=drawn,
+    )
     written: dict[str, Any] = as_json(report)
     write_json(folder / f"{KIND}.json", written)
     return written
@@ -214,118 +226,3 @@ def _in_short(effects: Sequence[Mapping[str, Any]], seeds: int) -> str:
         for row in worst
     )
     return f"What changes {words} most, in points of a hundred ({seeds} seeds): {said}."
-
-
-def _write_page(
-    path: Path,
-    report: Mapping[str, Any],
-    effects: Sequence[Mapping[str, Any]],
-    together: Sequence[Mapping[str, Any]],
-    pictures: Mapping[str, Path],
-) -> None:
-    title = f"Robustness: {report['study']}"
-    parts = [
-        f"<h1>{escape(title)}</h1>",
-        f'<p class="lead">{escape(report["in_short"])}</p>',
-        *(f'<p class="doubt">{escape(one)}</p>' for one in report["doubts"]),
-        f"<p>{escape(report['how'])}</p>",
-    ]
-    heads = {"effects": "Effects", "levels": "Levels"}
-    parts += [html_picture(heads[name], one) for name, one in pictures.items()]
-    parts += ["<h2>Factors</h2>", _factors(report)]
-    names = list(dict.fromkeys(row["class"] for row in effects))
-    names.sort(key=lambda name: name != ALL)
-    for name in names:
-        mine = [row for row in effects if row["class"] == name]
-        table = _effects(mine)
-        if name == ALL:
-            parts.append("<h2>Differences to the base level: all classes</h2>" + table)
-        else:
-            parts.append(f"<details><summary>{escape(name)}</summary>{table}</details>")
-    mine = [row for row in together if row["class"] == ALL]
-    if mine:
-        parts.append("<h2>What two do together beyond the sum of both</h2>" + _interactions(mine))
-    if report["failed"]:
-        lost = [(str(one["seed"]), one["cell"], one["why"]) for one in report["failed"]]
-        parts.append("<h2>Failed</h2>" + html_table(("Seed", "cell", "why"), lost, text=True))
-    rows: list[tuple[str, str]] = list(report["figures"].items())
-    rows += [
-        ("difference", "mean over seeds of level less base, each seed's on the same motion"),
-        ("95 %", "Student's interval of paired differences over seeds"),
-        ("d", "Cohen's: difference over the standard deviation of both levels over seeds"),
-        ("d_z", "difference over the standard deviation of the differences over seeds"),
-        ("delta", "Cliff's: how much oftener the level is greater than the base, -1 to 1"),
-    ]
-    parts.append("<h2>Definitions</h2>" + html_table(("Figure", "Definition"), rows, text=True))
-    write_html(path, title, parts)
-
-
-def _factors(report: Mapping[str, Any]) -> str:
-    rows = [
-        (
-            name,
-            one["told"],
-            ", ".join(one["levels"]),
-            ", ".join(one.get("sensors", [])) or ("first" if FACTORS[name].first_sensor else "all"),
-        )
-        for name, one in report["factors"].items()
-    ]
-    return html_table(("Factor", "what", "levels, the base first", "sensors"), rows, text=True)
-
-
-def _number(figure: str, value: float | None, *, signed: bool = True) -> str:
-    if value is None:
-        return "–"
-    times = 100 if figure in _PERCENT else 1
-    return format(times * value, "+.1f" if signed else ".1f")
-
-
-def _effects(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = ["Factor = level", "figure", "seeds", "base", "level", "difference", "95 %"]
-    head += ["d", "d_z", "delta"]
-    told: list[Sequence[str]] = []
-    for label in dict.fromkeys((row["factor"], row["level"]) for row in rows):
-        for row in rows:
-            if (row["factor"], row["level"]) != label:
-                continue
-            figure = row["figure"]
-            unit = ", %" if figure in _PERCENT else ""
-            told.append(
-                (
-                    f"{row['factor']} = {row['level']}",
-                    f"{figure}{unit}",
-                    str(row["seeds"]),
-                    _number(figure, row["base_mean"], signed=False),
-                    _number(figure, row["level_mean"], signed=False),
-                    _number(figure, row["difference"]),
-                    _interval(figure, row),
-                    *(
-                        "–" if row[key] is None else f"{row[key]:+.2f}"
-                        for key in ("cohens_d", "d_z", "cliffs_delta")
-                    ),
-                )
-            )
-    return html_table(head, told)
-
-
-def _interval(figure: str, row: Mapping[str, Any]) -> str:
-    if row["low"] is None:
-        return "–"
-    return f"{_number(figure, row['low'])} to {_number(figure, row['high'])}"
-
-
-def _interactions(rows: Sequence[Mapping[str, Any]]) -> str:
-    head = ("Both", "figure", "seeds", "beyond the sum", "95 %")
-    return html_table(
-        head,
-        [
-            (
-                f"{row['factor']} = {row['level']}, {row['other_factor']} = {row['other_level']}",
-                row["figure"] + (", %" if row["figure"] in _PERCENT else ""),
-                str(row["seeds"]),
-                _number(row["figure"], row["difference"]),
-                _interval(row["figure"], row),
-            )
-            for row in rows
-        ],
-    )
