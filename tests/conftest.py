@@ -220,7 +220,7 @@ def planned_once(
         return known[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("sumo", "carla.traffic"):
+        for module in ("sumo", "carla.package"):
             patch.setattr(f"urbantwin.exports.{module}.demand_of", planned)
         yield planned
 

@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from urbantwin.dataset.fleet.draws import Purpose, normal_draws, uniform_draws
-from urbantwin.dataset.fleet.pose_error import pose_errors, reported_pose
-from urbantwin.dataset.fleet.radio import received
+from urbantwin.dataset.fleet.node_table import pose_errors, received, reported_pose
 from urbantwin.geometry import Pose
 from urbantwin.site.nodes import PoseErrorSpec, RadioSpec
 

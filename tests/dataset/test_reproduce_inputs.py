@@ -4,7 +4,7 @@ import hashlib
 
 import pytest
 
-from urbantwin.dataset.reproduction.search import Search
+from urbantwin.dataset.reproduction.inputs import Search
 from urbantwin.twin.provenance import rig_and_files, without_secrets
 
 

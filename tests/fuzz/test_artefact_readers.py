@@ -37,7 +37,7 @@ from urbantwin.errors import InputError
 from urbantwin.exports.carla.check.read import Mesh, Package, read_roads
 from urbantwin.exports.carla.check.rules import findings
 from urbantwin.exports.carla.check.walking_rules import triangles_of_obj
-from urbantwin.exports.carla.spawn_points import spawn_points
+from urbantwin.exports.carla.package import spawn_points
 from urbantwin.exports.geojson import write_geojson
 from urbantwin.fidelity.challenge import read_detections
 from urbantwin.fidelity.readers import open_recording

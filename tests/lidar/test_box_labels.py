@@ -9,7 +9,7 @@ import pytest
 import shapely
 
 from urbantwin.dataset.box_columns import packed_columns
-from urbantwin.dataset.box_table import write_boxes
+from urbantwin.dataset.dataset_writer import write_boxes
 from urbantwin.dataset.layout import FOLDERS, write_frame
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import PosedActor

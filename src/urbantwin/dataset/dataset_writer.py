@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from urbantwin.artefact import check_room, sha256_of, write_json
+from urbantwin.artefact.tables import PARQUET
 from urbantwin.cluster import Cluster
-from urbantwin.dataset.box_columns import packed_columns
-from urbantwin.dataset.box_table import write_boxes
+from urbantwin.dataset.box_columns import UNKNOWN_IS_NAN, packed_columns
 from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.frame_place import MARKS, FramePlace
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, areas_of, write_ignore_regions
 from urbantwin.dataset.layout import folders_of, frame_name
 from urbantwin.dataset.manifest import frames_of, manifest_of
-from urbantwin.dataset.reading.columns import SEQUENCE_TABLES
+from urbantwin.dataset.reading.columns import BOXES, SEQUENCE_TABLES, arrow_schema
 from urbantwin.dataset.reading.frame_files import RAY_TYPE
 from urbantwin.dataset.sequence_tables import write_sequence_tables
 from urbantwin.dataset.split.actor_places import Recorded
@@ -27,6 +29,7 @@ from urbantwin.dataset.sweep_table import write_sweeps
 from urbantwin.dataset.workers import Part, Recipe, Task, Workers, crew_of, record_frames
 from urbantwin.errors import StageError
 from urbantwin.lidar import Rig
+from urbantwin.lidar.annotated import truck_of_load
 from urbantwin.lidar.timing import span_of
 from urbantwin.processes import Helpers
 from urbantwin.progress import Progress
@@ -35,12 +38,56 @@ if TYPE_CHECKING:
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
-__all__ = [
-    "Recording",
-    "check_room_for",
-    "checksums",
-    "write_datasets",
-]
+__all__ = ["Recording", "check_room_for", "checksums", "write_boxes", "write_datasets"]
+
+
+def write_boxes(
+    path: Path,
+    times_s: Mapping[int, float],
+    entries: Sequence[Mapping[str, Any]],
+    motion: Motion,
+) -> None:
+    """Write the table.
+
+    Args:
+        path: the file.
+        times_s: number of each frame -> its time.
+        entries: what ``layout.write_frame`` returned for each frame, in the same order, with the
+            boxes packed.
+        motion: whose actors these are: who is parked, and who is towed by whom.
+    """
+    # Imported here: workers, which start with this package, have no use for it.
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from urbantwin.traffic.paths.coupling import towed_by
+
+    parked, pulls = frozenset(motion.parked["track"].to_pylist()), towed_by(motion.rows)
+    each = [entry["boxes"] for entry in entries]
+    of_frame = np.repeat(np.arange(len(each)), [len(one["track"]) for one in each])
+    names = np.array([frame_name(index) for index in times_s], object)
+    columns: dict[str, Any] = {
+        "frame": names[of_frame],
+        "time_s": np.array(list(times_s.values()), np.float64)[of_frame],
+    }
+    for name in each[0] if each else ():
+        columns[name] = np.concatenate([one[name] for one in each])
+    track = columns["track"].tolist()
+    columns["parked"] = np.array([one in parked for one in track], np.bool_)
+    both = zip(track, columns["class"].tolist(), strict=True)
+    columns["towed_by"] = [pulls.get(one, _carries(one, kind)) for one, kind in both]
+    schema = arrow_schema(BOXES)
+    arrays = [
+        pa.array(columns[one.name], one.type, from_pandas=one.name in UNKNOWN_IS_NAN)
+        for one in schema
+    ]
+    pq.write_table(pa.table(arrays, schema=schema), path, **PARQUET)
+
+
+def _carries(track: int, kind: str) -> int | None:
+    """Return the track of the truck whose load has a track and a class."""
+    return truck_of_load(track) if kind == "trailer" else None
+
 
 #: Changes with what marks hold: a run does not go on from marks that it cannot read.
 MARKS_FORMAT = 2
@@ -51,7 +98,6 @@ BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
 LEAST_LEFT = {"npy": 1.0, "zstd": 0.25, "laz": 0.1}
 #: So many of the rays come back at least, in a street.
 LEAST_RETURNED = 0.4
-
 Entries = list[dict[str, Any]]
 
 

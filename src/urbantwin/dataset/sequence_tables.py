@@ -6,18 +6,48 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.dataset.lane_table import write_lanes
 from urbantwin.dataset.pose_table import frame_poses, write_poses
-from urbantwin.dataset.reading.columns import LANES_FILE, TRAJECTORIES_FILE
+from urbantwin.dataset.reading.columns import (
+    LANES,
+    LANES_FILE,
+    PLACE,
+    TRAJECTORIES_FILE,
+    arrow_schema,
+)
 from urbantwin.dataset.reading.tables import read_table
 from urbantwin.dataset.tracklets import write_tracklets
 from urbantwin.dataset.trajectories import write_trajectories
 
 if TYPE_CHECKING:
+    from urbantwin.roads.network import RoadNetwork
     from urbantwin.traffic.motion import Motion
     from urbantwin.twin import Twin
 
 __all__ = ["write_sequence_tables"]
+
+
+def write_lanes(path: Path, roads: RoadNetwork) -> None:
+    """Write one row for each lane, by its id, which ``trajectories.parquet`` names.
+
+    ``x``, ``y`` and ``z`` are lists: its middle from start to end, site frame, metres;
+    ``successors`` are ids of the lanes that follow, ``allowed`` the classes that may use it.
+
+    Args:
+        path: the file.
+        roads: the twin's.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows: list[dict[str, Any]] = [
+        {
+            **{name: getattr(lane, name) for name in LANES if name not in PLACE},
+            **dict(zip(PLACE, lane.centre.T.tolist(), strict=True)),
+        }
+        for lane in sorted(roads.lanes, key=lambda one: one.id)
+    ]
+    table = pa.Table.from_pylist(rows, schema=arrow_schema(LANES))
+    pq.write_table(table, path, compression="zstd")
 
 
 def write_sequence_tables(

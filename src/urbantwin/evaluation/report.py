@@ -2,26 +2,211 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Polygon
+from numpy.typing import NDArray
 
 from urbantwin.artefact import as_json, write_json
 from urbantwin.evaluation.bootstrap import same_objects
-from urbantwin.evaluation.case_picture import draw_cases
 from urbantwin.evaluation.criterion import CRITERIA, JUDGED, near, overlapping
 from urbantwin.evaluation.definitions import DEFINITIONS
 from urbantwin.evaluation.evaluate import Figures
 from urbantwin.evaluation.false_alarms import REASONS
-from urbantwin.evaluation.figure import draw_figures
 from urbantwin.evaluation.tracks import judged_tracks
-from urbantwin.evaluation.worst import worst_false_alarms, worst_misses
+from urbantwin.evaluation.worst import Case, worst_false_alarms, worst_misses
 from urbantwin.fidelity.readers import Recording
+from urbantwin.fidelity.report_style import COLOURS, FAINT, INK, LOST, blank, legend, plain, save
+from urbantwin.geometry import box_corners
 from urbantwin.pages import write_page
 
 __all__ = ["KIND", "write_evaluation"]
+
+
+#: Of every class that is judged, apart for people who see no red or no green (Okabe and Ito).
+CLASS_COLOURS = {
+    "car": "#0072b2",
+    "truck": "#e69f00",
+    "bus": "#d55e00",
+    "motorcycle": "#cc79a7",
+    "bicycle": "#009e73",
+    "pedestrian": "#56b4e9",
+    "large": "#1d2733",
+}
+
+
+def draw_figures(figures: Figures, path: Path) -> None:
+    """Write the picture as a PNG."""
+    figure = blank(15, 4.6)
+    grid = figure.add_gridspec(1, 3, left=0.045, right=0.985, top=0.8, bottom=0.12, wspace=0.18)
+    legend(
+        figure,
+        [
+            (f"{name} ({one.figures['objects']})", CLASS_COLOURS[name])
+            for name, one in figures.classes.items()
+        ],
+        0.035,
+        0.99,
+    )
+    _curves(figure.add_subplot(grid[0]), figures)
+    _by(figure.add_subplot(grid[1]), figures, "range", "Found, by range, %")
+    _by(figure.add_subplot(grid[2]), figures, "points", "Found, by points in the box, %")
+    save(figure, path)
+
+
+def _curves(axes: Axes, figures: Figures) -> None:
+    plain(axes, "Precision over recall, by distance of centres, %")
+    for name, one in figures.classes.items():
+        if not one.found.total or not len(one.found.detection):
+            continue
+        hits = np.cumsum(one.found.right)
+        precision = hits / np.arange(1, len(hits) + 1)
+        recall = hits / one.found.total
+        limit = f"{name}: {near(name).limit:g} m"
+        axes.plot(100 * recall, 100 * precision, color=CLASS_COLOURS[name], lw=1.5, label=limit)
+    axes.set(xlim=(0, 101), ylim=(0, 102))
+    if axes.lines:
+        axes.legend(fontsize=8, frameon=False, loc="lower left")
+
+
+def _by(axes: Axes, figures: Figures, kind: str, title: str) -> None:
+    """Draw the share that is found at the best threshold, a line for each class."""
+    plain(axes, title)
+    bins = list(
+        dict.fromkeys(
+            row["bin"]
+            for one in figures.classes.values()
+            for row in one.figures["by"]
+            if row["by"] == kind
+        )
+    )
+    bins.sort(key=lambda text: float(text.split()[0]))
+    for name, one in figures.classes.items():
+        rows = [row for row in one.figures["by"] if row["by"] == kind]
+        at = [bins.index(row["bin"]) for row in rows]
+        axes.plot(at, [100 * row["found"] for row in rows], "o-", color=CLASS_COLOURS[name], ms=4)
+    short = [one.replace(" and more", "+").replace(" to ", "–") for one in bins]
+    axes.set_xticks(range(len(bins)), [one.removesuffix(" points") for one in short], fontsize=7.5)
+    axes.set_ylim(0, 102)
+
+
+_COLUMNS = 4
+_FOUND = COLOURS["synthetic"]
+#: Half the edge of a picture: at least this, or so many times the length, metres.
+_LEAST_M, _TIMES = 5.0, 1.2
+#: Above the lowest point about it, so that what is on the ground stands out, metres.
+_GROUND_M = 0.2
+
+
+def draw_cases(
+    cases: Sequence[Case],
+    figures: Figures,
+    recording: Recording,
+    path: Path,
+) -> None:
+    """Draw cases, each from above and from the side.
+
+    Args:
+        cases: at least one.
+        figures: whose labels and detections are drawn.
+        recording: whose points.
+        path: the PNG to write.
+    """
+    rows = -(-len(cases) // _COLUMNS)
+    figure = blank(15, 0.6 + 5.6 * rows)
+    grid = figure.add_gridspec(
+        2 * rows,
+        _COLUMNS,
+        left=0.03,
+        right=0.99,
+        top=1 - 0.75 / (0.6 + 5.6 * rows),
+        bottom=0.03,
+        hspace=0.28,
+        wspace=0.12,
+        height_ratios=[3.0, 1.5] * rows,
+    )
+    legend(
+        figure,
+        [("labelled", INK), ("labelled, does not count", "#9aa7b4"), ("detected", _FOUND)]
+        + [("false alarm", LOST)] * any(one.score is not None for one in cases),
+        0.025,
+        0.998,
+    )
+    clouds: dict[int, NDArray[np.float64]] = {}
+    for place, one in enumerate(cases):
+        if one.frame not in clouds:
+            clouds[one.frame] = recording.read(figures.seen.number[one.frame]).points
+        row, column = divmod(place, _COLUMNS)
+        above = figure.add_subplot(grid[2 * row, column])
+        aside = figure.add_subplot(grid[2 * row + 1, column])
+        _draw(above, aside, one, figures, clouds[one.frame])
+    save(figure, path)
+
+
+def _draw(
+    above: Axes, aside: Axes, one: Case, figures: Figures, points: NDArray[np.float64]
+) -> None:
+    reach = max(_LEAST_M, _TIMES * float(one.box[3]))
+    near = points[(np.abs(points[:, :2] - one.box[:2]) <= reach).all(axis=1)]
+    named = figures.seen.truth.frames[one.frame].rsplit(".", 1)[0]
+    score = "" if one.score is None else f" {one.score:.2f}"
+    above.set_title(
+        f"{one.class_name}{score} in {named[-12:]}, {one.range_m:.0f} m, "
+        f"{one.num_points} points\n{one.told}",
+        loc="left",
+        fontsize=7.5,
+        color=INK,
+    )
+    floor = np.percentile(near[:, 2], 2) if len(near) else 0.0
+    high = near[:, 2] > floor + _GROUND_M
+    above.plot(*near[~high, :2].T, ".", color=FAINT, markersize=1.2)
+    above.plot(*near[high, :2].T, ".", color="#5a6675", markersize=1.6)
+    ahead = np.array([np.cos(one.box[6]), np.sin(one.box[6])])
+    left = np.array([-ahead[1], ahead[0]])
+    strip = near[np.abs((near[:, :2] - one.box[:2]) @ left) <= one.box[4] / 2 + 0.5]
+    aside.plot((strip[:, :2] - one.box[:2]) @ ahead, strip[:, 2], ".", color="#5a6675", ms=1.6)
+    for box, colour, width in _boxes(one, figures):
+        away = np.hypot(*(box[:2] - one.box[:2]))
+        if away > 1.5 * reach + box[3:5].sum() / 2:
+            continue  # out of both pictures: of a poor detector hundreds are
+        corners = box_corners(box)
+        above.add_patch(Polygon(corners[:4, :2], fill=False, edgecolor=colour, linewidth=width))
+        nose = box[:2] + np.array([np.cos(box[6]), np.sin(box[6])]) * box[3] / 2
+        above.plot(*np.array([box[:2], nose]).T, color=colour, linewidth=width / 2)
+        if np.abs((box[:2] - one.box[:2]) @ left) <= box[4] / 2 + 0.5:
+            u = (corners[:, :2] - one.box[:2]) @ ahead
+            low, top = box[2] - box[5] / 2, box[2] + box[5] / 2
+            outline = [(u.min(), low), (u.max(), low), (u.max(), top), (u.min(), top)]
+            aside.add_patch(Polygon(outline, fill=False, edgecolor=colour, linewidth=width))
+    x, y, z = one.box[:3]
+    above.set(xlim=(x - reach, x + reach), ylim=(y - reach, y + reach), aspect="equal")
+    aside.set(xlim=(-reach, reach), ylim=(z - 0.3 * reach - 1, z + 0.2 * reach + 2))
+    aside.set_aspect("equal")
+    for axes in (above, aside):
+        axes.tick_params(labelsize=6, length=2)
+        for spine in axes.spines.values():
+            spine.set_color(FAINT)
+
+
+def _boxes(one: Case, figures: Figures) -> list[tuple[NDArray[np.float64], str, float]]:
+    """Return the boxes of the frame with their colours and widths, the case's own last."""
+    truth, found = figures.seen.truth, figures.seen.detections
+    own = figures.classes[one.class_name]
+    drawn: list[tuple[NDArray[np.float64], str, float]] = []
+    for row in np.flatnonzero(truth.frame == one.frame):
+        counts = any(judged.roles[row] > 0 for judged in figures.classes.values())
+        drawn.append((truth.box[row], INK if counts else "#9aa7b4", 1.2))
+    mine = found.frame == one.frame
+    threshold = own.threshold
+    shown = np.flatnonzero(mine & (found.score >= threshold))
+    drawn += [(found.box[row], _FOUND, 1.2) for row in shown]
+    drawn.append((one.box, INK if one.score is None else LOST, 2.4))
+    return drawn
+
 
 KIND = "evaluation"
 #: So many misses and so many false alarms are drawn.

@@ -4,24 +4,109 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from urbantwin.artefact.tables import PARQUET
+from urbantwin.dataset.fleet.draws import Purpose, normal_draws, uniform_draws
 from urbantwin.dataset.fleet.node import Node
-from urbantwin.dataset.fleet.pose_error import pose_errors, reported_pose
-from urbantwin.dataset.fleet.radio import received
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.motion_interpolation import rows_at
 from urbantwin.dataset.reading.columns import NODES, POSE, arrow_schema
 from urbantwin.dataset.reading.manifest import pose_matrix, pose_of_matrix
 from urbantwin.geometry import Pose, ypr_from_rotation
+from urbantwin.site.nodes import PoseErrorSpec, PoseOffset, PoseSpread, RadioSpec
 
 if TYPE_CHECKING:
     from urbantwin.traffic import Motion
 
-__all__ = ["node_rows", "write_nodes"]
+__all__ = ["node_rows", "pose_errors", "received", "reported_pose", "write_nodes"]
+
+
+def pose_errors(
+    spec: PoseErrorSpec, seed: int, numbers: Sequence[int], rate_hz: float
+) -> NDArray[np.float64]:
+    """Return the errors (F, 6) of a node in frames: forward, left, up in metres, yaw, pitch, roll.
+
+    Angles are in radians. A frame's error depends on its number, not on which others there are.
+
+    Args:
+        spec: how wrong the poses are.
+        seed: of the node.
+        numbers: of the frames, from 0; frame n is at ``n / rate_hz`` seconds.
+        rate_hz: frames per second.
+    """
+    index = np.asarray(numbers, np.int64)
+    time_s = index[:, None] / rate_hz
+    error = _vector(spec.bias) + _vector(spec.drift) * time_s
+    if not len(index):
+        return error
+    count = int(index.max()) + 1
+    noise, walk = _vector(spec.noise), _vector(spec.walk)
+    if noise.any():
+        error = error + normal_draws(seed, Purpose.NOISE, count)[index, :6] * noise
+    if walk.any():
+        steps = normal_draws(seed, Purpose.WALK, count)[:, :6]
+        steps[0] = 0.0  # it begins at the motion's start
+        error = error + np.cumsum(steps, axis=0)[index] * walk / np.sqrt(rate_hz)
+    return error
+
+
+def reported_pose(site_SE3_node: Pose, error: NDArray[np.float64]) -> Pose:
+    """Return the pose that a node reports.
+
+    Args:
+        site_SE3_node: where it is.
+        error: (6,) a row of `pose_errors`.
+    """
+    yaw, pitch, roll = (float(one) for one in error[3:])
+    return site_SE3_node @ Pose.from_ypr(error[:3], yaw, pitch, roll)
+
+
+def _vector(spec: PoseOffset | PoseSpread) -> NDArray[np.float64]:
+    angles = np.radians([spec.yaw_deg, spec.pitch_deg, spec.roll_deg])
+    return np.array([spec.forward_m, spec.left_m, spec.up_m, *angles])
+
+
+#: No frame is later than this many standard deviations.
+_FARTHEST_JITTER = 4.0
+
+
+class Received(NamedTuple):
+    """What became of F frames.
+
+    Attributes:
+        lost: (F,) which never arrive.
+        arrival_s: (F,) when each arrives, or would have.
+    """
+
+    lost: NDArray[np.bool_]
+    arrival_s: NDArray[np.float64]
+
+
+def received(
+    spec: RadioSpec, seed: int, numbers: Sequence[int], sent_s: NDArray[np.float64]
+) -> Received:
+    """Return what becomes of the frames of a node.
+
+    Args:
+        spec: of its radio.
+        seed: of the node.
+        numbers: of the frames, from 0.
+        sent_s: (F,) when each is sent, true time of the motion.
+    """
+    from scipy.special import ndtri
+
+    index = np.asarray(numbers, np.int64)
+    draws = uniform_draws(seed, Purpose.RADIO, int(index.max(initial=-1)) + 1)[index]
+    lost = draws[:, 0] < spec.loss
+    for one in spec.outages:
+        until = np.inf if one.stop_s is None else one.stop_s
+        lost |= (sent_s >= one.start_s) & (sent_s < until)
+    late = np.clip(ndtri(draws[:, 1]), -_FARTHEST_JITTER, _FARTHEST_JITTER) * spec.jitter_s
+    return Received(lost, sent_s + np.maximum(spec.latency_s + late, 0.0))
 
 
 def node_rows(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from urbantwin.artefact import (
     as_json,
     check_folder,
     replaced_folder,
+    sha256_of,
     write_inventory,
     write_json,
 )
@@ -27,19 +28,20 @@ from urbantwin.dataset.dataset_writer import (
     write_datasets,
 )
 from urbantwin.dataset.fleet.common_boxes import write_common_boxes
-from urbantwin.dataset.fleet.manifest import manifest_of_fleet
 from urbantwin.dataset.fleet.node import Node, PlacedRig, placed_nodes
 from urbantwin.dataset.fleet.node_table import node_rows, write_nodes
 from urbantwin.dataset.frame_place import MARKS, FolderPlace
+from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.manifest import hashes_of, recipe_key, recipe_of
 from urbantwin.dataset.provenance import asked_of
-from urbantwin.dataset.reading.fleet_manifest import KIND
+from urbantwin.dataset.reading.manifest import FLEET
 from urbantwin.dataset.recording import checked_seed, frame_times
 from urbantwin.dataset.split import SplitAsked, check_split
 from urbantwin.dataset.workers import Workers
 from urbantwin.geometry.rays import library_named
 from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.progress import Progress, untold
+from urbantwin.result_warning import ResultWarning, rows_of
 from urbantwin.site.nodes import NodesFile
 
 if TYPE_CHECKING:
@@ -47,6 +49,102 @@ if TYPE_CHECKING:
     from urbantwin.twin import Twin
 
 __all__ = ["record_fleet"]
+
+
+#: Changes when the meaning of a fleet's files does.
+FORMAT = 1
+TABLES = ("boxes.parquet", "nodes.parquet")
+#: Of the recipe of its nodes, what all have in common.
+_SHARED = (
+    *("urbantwin", "python", "platform", "dependencies", "backend", "storage", "anchor"),
+    *("region_m", "scene_sha256", "surface_sha256", "motion_sha256", "meshes_sha256", "about"),
+)
+_LAYOUT = {
+    "boxes": "boxes.parquet: one row per frame and actor: its box in the site at the frame's time, "
+    "and how each node sees it",
+    "nodes": "nodes.parquet: one row per frame and node: pose, clock, and when the others have it",
+    "NODE": "NODE/: a dataset for each node, with the frames in which it is there",
+}
+
+
+def manifest_of_fleet(
+    folder: Path,
+    recipe: Mapping[str, Any],
+    nodes: Sequence[Node],
+    times_s: Mapping[int, float],
+    rows: Mapping[str, Mapping[int, Mapping[str, Any]]],
+    inputs: Sequence[Mapping[str, Any]],
+    seeds: Mapping[str, int],
+) -> dict[str, Any]:
+    """Return what ``fleet.json`` holds.
+
+    Args:
+        folder: of the fleet, with all its tables and datasets.
+        recipe: of one of its nodes, see `dataset.manifest.recipe_of`.
+        nodes: all of them.
+        times_s: number of each frame of the run -> its time.
+        rows: name of each node -> number of each of its frames -> its row of the table.
+        inputs: of all nodes.
+        seeds: of the run and of the traffic.
+    """
+    return {
+        "kind": FLEET,
+        "format": FORMAT,
+        **{key: recipe[key] for key in _SHARED},
+        "seeds": dict(seeds),
+        "rate_hz": nodes[0].rig.rate_hz,
+        "boxes": nodes[0].rig.boxes,
+        "inputs": list(inputs),
+        "layout": _LAYOUT,
+        "nodes": [_told(folder, node, times_s, rows[node.name]) for node in nodes],
+        "tables_sha256": {name: sha256_of(folder / name) for name in TABLES},
+        "warnings": rows_of(_warnings(nodes, times_s, rows)),
+        "frames": [{"name": frame_name(k), "time_s": time_s} for k, time_s in times_s.items()],
+    }
+
+
+def _told(
+    folder: Path,
+    node: Node,
+    times_s: Mapping[int, float],
+    rows: Mapping[int, Mapping[str, Any]],
+) -> dict[str, Any]:
+    """Return what is said of a node."""
+    return {
+        "name": node.name,
+        "rides": node.rig.ride is not None,
+        "carrier": node.rig.carrier,
+        "there_s": None if node.spans_s is None else [list(one) for one in node.spans_s],
+        "sensors": [{"name": one.name, "model": one.sensor.name} for one in node.rig.sensors],
+        "seed": node.seed,
+        **{key: as_json(getattr(node.spec, key)) for key in ("clock", "pose_error", "radio")},
+        "frames": len(rows),
+        "frames_absent": len(times_s) - len(rows),
+        "frames_lost": sum(row["lost"] for row in rows.values()),
+        "points": sum(row["points"] for row in rows.values()),
+        "dataset_sha256": sha256_of(folder / node.name / "dataset.json"),
+    }
+
+
+def _warnings(
+    nodes: Sequence[Node],
+    times_s: Mapping[int, float],
+    rows: Mapping[str, Mapping[int, Mapping[str, Any]]],
+) -> Iterator[ResultWarning]:
+    for node in nodes:
+        own = rows[node.name]
+        if len(own) < len(times_s) and node.spans_s is not None:
+            spans = " and ".join(f"{on:.9g} to {off:.9g} s" for on, off in node.spans_s)
+            yield ResultWarning(
+                f"node {node.name}",
+                f"absent in {len(times_s) - len(own)} of {len(times_s)} frames",
+                f"track {node.rig.carrier}, which carries it, is there from {spans}",
+                "--start and --stop within that, or another carrier",
+            )
+        if own and all(row["lost"] for row in own.values()):
+            yield ResultWarning(
+                f"node {node.name}", "none of its frames arrives", "radio: loss or outages"
+            )
 
 
 def record_fleet(  # noqa: PLR0913 - every one is a person's choice
@@ -106,7 +204,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
     backend = backend or library_named()
     tracer_on(backend)  # Before any work: is it there?
     inputs = [twin.folder, *inputs]
-    check_folder(out, kind=KIND, inputs=inputs)
+    check_folder(out, kind=FLEET, inputs=inputs)
     say = progress or untold
     say(0.0, "static world")
     hashes = hashes_of(twin, motion)
@@ -133,7 +231,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
             "marks": MARKS_FORMAT,
         }
     )
-    with replaced_folder(out, kind=KIND, inputs=inputs, key=key) as folder:
+    with replaced_folder(out, kind=FLEET, inputs=inputs, key=key) as folder:
         if not (folder / INVENTORY).is_file():
             recordings = {
                 node.name: Recording(
@@ -205,4 +303,4 @@ def _write_common(
     manifest = manifest_of_fleet(
         folder, recipes[nodes[0].name], nodes, times_s, rows, list(inputs.values()), seeds
     )
-    write_json(folder / f"{KIND}.json", manifest)
+    write_json(folder / f"{FLEET}.json", manifest)

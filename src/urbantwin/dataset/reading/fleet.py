@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from urbantwin.dataset.reading.columns import BOX, FLEET_BOXES, NODES, POSE
 from urbantwin.dataset.reading.dataset import Dataset
-from urbantwin.dataset.reading.fleet_manifest import read_fleet_manifest
 from urbantwin.dataset.reading.frame import Frame
 from urbantwin.dataset.reading.frame_files import FrameFiles
+from urbantwin.dataset.reading.manifest import read_fleet_manifest
 from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.dataset.reading.tables import read_table
 from urbantwin.errors import InputError

@@ -14,7 +14,64 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 from urbantwin.taxonomy import BoxKind
 
-__all__ = ["FramePoses", "Matrix", "pose_matrix", "pose_of_matrix", "read_manifest"]
+__all__ = [
+    "FLEET",
+    "FramePoses",
+    "Matrix",
+    "pose_matrix",
+    "pose_of_matrix",
+    "read_fleet_manifest",
+    "read_manifest",
+]
+
+
+FLEET = "fleet"
+
+
+class _FleetSensor(Part):
+    name: str
+    model: str
+
+
+class _Node(Part):
+    name: PlainName
+    rides: bool
+    carrier: _Count | None = None
+    seed: _Count
+    frames: _Count
+    frames_absent: _Count
+    frames_lost: _Count
+    points: _Count
+    sensors: list[_FleetSensor]
+
+
+class _FleetFrame(Part):
+    name: PlainName
+    time_s: _Seconds
+
+
+class _Fleet(Part):
+    kind: Literal["fleet"]
+    urbantwin: str
+    rate_hz: Annotated[float, Field(gt=0, le=10_000)]
+    boxes: BoxKind = "track"
+    seeds: dict[str, _Count]
+    inputs: list[dict[str, Any]]
+    nodes: Annotated[list[_Node], Field(min_length=1)]
+    frames: Annotated[list[_FleetFrame], Field(min_length=1)]
+
+
+def read_fleet_manifest(folder: Path) -> dict[str, Any]:
+    """Read and check the manifest of a fleet.
+
+    Raises:
+        InputError: there is none, or a field is missing or wrong; it is named.
+    """
+    file = folder / f"{FLEET}.json"
+    manifest = read_json(file, kind=FLEET)
+    validated(manifest, _Fleet, file=file, expected="a fleet's manifest")
+    return manifest
+
 
 _EXPECTED = "a dataset's manifest"
 #: How far a rotation may be from one, and a place from the origin, metres.

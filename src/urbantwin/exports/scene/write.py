@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from urbantwin.artefact import replaced_file
 from urbantwin.drawing.markings import markings
@@ -17,12 +20,178 @@ from urbantwin.exports.mesh import (
 )
 from urbantwin.exports.scene.cityjson import write_cityjson
 from urbantwin.exports.scene.georeference import georeference
-from urbantwin.exports.scene.objects import named_objects
-from urbantwin.exports.scene.ply import write_ply
+from urbantwin.exports.scene.materials import look_of
 from urbantwin.exports.scene.usd import write_usd
+from urbantwin.geometry import LabelledMesh
+from urbantwin.scene import FIRST_OBJECT
+from urbantwin.scene.surface import PARTS
+from urbantwin.taxonomy import materials, semantic_classes, semantic_id
 from urbantwin.twin import Twin
 
 __all__ = ["SCENE_FORMATS", "write_scene"]
+
+
+#: Parts of the ground by their names.
+_GROUND = {"carriageway": "road", "footway": "sidewalk", "paved": "paved ground"}
+#: What an object of a class is called.
+_NOUNS = {
+    "building": "building",
+    "fence": "fence",
+    "other-structure": "structure",
+    "vegetation": "vegetation",
+    "trunk": "tree",
+    "pole": "pole",
+    "traffic-sign": "sign",
+    "other-object": "object",
+    "terrain": "ground",
+    "water": "water",
+}
+#: What the paint on the road is called.
+PAINT = "lane paint"
+#: A part that has any of these is called after it, whatever else it has.
+_TELLING = ("building", "trunk", "pole")
+
+
+def named_objects(
+    mesh: LabelledMesh, paint: LabelledMesh
+) -> tuple[list[MeshObject], dict[str, Look]]:
+    """Return the world as one object per part, in the order of their numbers, and their looks.
+
+    Objects carry their class, its number and their ``part`` of ``scene.npz`` as extras. The paint
+    on the road is an object of its own, without a part.
+
+    Args:
+        mesh: the static world, site frame.
+        paint: the paint on the road, close above it.
+    """
+    order = np.argsort(mesh.part, kind="stable")
+    parts, begin = np.unique(mesh.part[order], return_index=True)
+    counted: dict[str, int] = {}
+    objects: list[MeshObject] = []
+    looks: dict[str, Look] = {}
+    for part, faces in zip(parts, np.split(order, begin[1:]), strict=True):
+        noun, kind = kind_of_part(int(part), mesh.semantic[faces])
+        name = noun
+        if part >= FIRST_OBJECT:
+            counted[noun] = counted.get(noun, 0) + 1
+            name = f"{noun} {counted[noun]}"
+        extras: dict[str, object] = {
+            "semantic": kind,
+            "semantic_id": semantic_id(kind),
+            "part": int(part),
+        }
+        objects.append(_object(name, mesh, faces, extras, looks))
+    if len(paint.faces):
+        extras = {"semantic": "road", "semantic_id": semantic_id("road")}
+        every = np.arange(len(paint.faces))
+        objects.append(_object(PAINT, paint, every, extras, looks))
+    return objects, looks
+
+
+def kind_of_part(part: int, semantic: NDArray[np.uint16]) -> tuple[str, str]:
+    """Return what an object is called, and its class.
+
+    Args:
+        part: its number.
+        semantic: (F,) classes of its triangles.
+    """
+    names = {one.id: one.name for one in semantic_classes().values()}
+    numbers, counts = np.unique(semantic, return_counts=True)
+    present = [names[int(one)] for one in numbers]
+    kind = next((one for one in _TELLING if one in present), present[int(np.argmax(counts))])
+    if part < FIRST_OBJECT:
+        ground = {number: name for name, number in PARTS.items()}
+        name = ground.get(part, f"ground {part}")
+        return _GROUND.get(name, name), kind
+    return _NOUNS.get(kind, kind), "vegetation" if kind == "trunk" else kind
+
+
+def _object(
+    name: str,
+    mesh: LabelledMesh,
+    faces: NDArray[np.int64],
+    extras: dict[str, object],
+    looks: dict[str, Look],
+) -> MeshObject:
+    used, corners = np.unique(mesh.faces[faces], return_inverse=True)
+    both = mesh.semantic[faces].astype(np.int64) * 256 + mesh.material[faces]
+    pairs, material = np.unique(both, return_inverse=True)
+    labels = []
+    for pair in pairs:
+        label, look = look_of(int(pair) // 256, int(pair) % 256)
+        looks[label] = look
+        labels.append(label)
+    return MeshObject(
+        name,
+        mesh.vertices[used],
+        corners.reshape(-1, 3).astype(np.int32),
+        material.ravel().astype(np.int32),
+        tuple(labels),
+        extras,
+    )
+
+
+def write_ply(mesh: LabelledMesh, path: Path, comments: Mapping[str, object]) -> None:
+    """Write a PLY whose faces carry colour, class, material and part; vertices are double.
+
+    Comments name the classes and the materials by their numbers.
+
+    Args:
+        mesh: the scene, site frame.
+        path: the file.
+        comments: further comments, key and value.
+    """
+    pairs, which = np.unique(
+        mesh.semantic.astype(np.int64) * 256 + mesh.material, return_inverse=True
+    )
+    colours = [_srgb(look_of(int(pair) // 256, int(pair) % 256)[1].colour) for pair in pairs]
+    face = np.dtype(
+        [
+            ("count", "u1"),
+            ("corners", "<i4", 3),
+            ("colour", "u1", 3),
+            ("semantic", "<u2"),
+            ("material", "u1"),
+            ("part", "<i4"),
+        ]
+    )
+    rows = np.zeros(len(mesh.faces), face)
+    rows["count"], rows["corners"] = 3, mesh.faces
+    rows["colour"] = np.array(colours, np.uint8).reshape(-1, 3)[which.ravel()]
+    rows["semantic"], rows["material"], rows["part"] = mesh.semantic, mesh.material, mesh.part
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *(f"comment {key} {value}" for key, value in comments.items()),
+        *_legend("semantic", mesh.semantic, {o.id: o.name for o in semantic_classes().values()}),
+        *_legend("material", mesh.material, {o.id: o.name for o in materials().values()}),
+        f"element vertex {len(mesh.vertices)}",
+        *(f"property double {axis}" for axis in "xyz"),
+        f"element face {len(mesh.faces)}",
+        "property list uchar int vertex_indices",
+        *(f"property uchar {channel}" for channel in ("red", "green", "blue")),
+        "property ushort semantic",
+        "property uchar material",
+        "property int part",
+        "end_header",
+    ]
+    with path.open("wb") as stream:
+        stream.write(("\n".join(lines) + "\n").encode("ascii", "replace"))
+        stream.write(mesh.vertices.astype("<f8").tobytes())
+        stream.write(rows.tobytes())
+
+
+def _legend(
+    word: str, values: np.ndarray[tuple[int], np.dtype[np.generic]], names: Mapping[int, str]
+) -> list[str]:
+    return [f"comment {word} {int(one)} {names[int(one)]}" for one in np.unique(values)]
+
+
+def _srgb(linear: tuple[float, float, float]) -> list[int]:
+    value = np.array(linear)
+    curved = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
+    return [int(one) for one in np.round(curved * 255)]
+
 
 Notes = Sequence[str] | None
 #: What readers know a format by.

@@ -244,7 +244,7 @@ def test_it_says_before_what_is_lost(motley, tmp_path):
 
 def test_objects_beyond_those_that_a_category_can_number(dataset, monkeypatch, tmp_path):
     """With room for none, no point has the number of an object, which is said before."""
-    monkeypatch.setattr("urbantwin.exports.frames.nuscenes_points._MOST_OBJECTS", 0)
+    monkeypatch.setattr("urbantwin.exports.frames.nuscenes._MOST_OBJECTS", 0)
     out, said, _ = exported(dataset, tmp_path)
     part = FrameSource(dataset).part_of
     tracks = {(row["track"], part(row["frame"]))
