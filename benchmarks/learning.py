@@ -177,20 +177,8 @@ def judged(work: Path) -> None:
     """Train one detector on all that was recorded; judge it by simulated and by real frames."""
     datasets = sorted(work.glob("*/train/*"))
     model = work / "model"
-    run(
-        work,
-        "model",
-        "model",
-        "train",
-        *datasets,
-        "--part",
-        "all",
-        "--steps",
-        TRAIN_STEPS,
-        "--seed",
-        1,
-        out=model,
-    )
+    how = ("--part", "all", "--steps", TRAIN_STEPS, "--seed", 1)
+    run(work, "model", "train", *datasets, *how, out=model)
     held = sorted(work.glob("*/held/*"))
     for data in (*held, REAL / "recordings" / "kitti-training", LUMPI):
         report = work / "judged" / "-".join(data.parts[-2:])
