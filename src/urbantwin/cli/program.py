@@ -103,7 +103,7 @@ class _Leaf(click.Command):
             name,
             context_settings=_CONTEXT,
             callback=self.call,
-            help=self.source.title,
+            help=_plain(f"{self.source.title}\n\n{self.source.description}"),
             params=[
                 *(_parameter(one, short=one.name == output) for one in self.taken),
                 click.Option(["--quiet", "-q"], is_flag=True, help="Print nothing but errors."),
@@ -122,14 +122,6 @@ class _Leaf(click.Command):
         function = getattr(import_module(self.source.module), self.source.name)
         asked = {name: value for name, value in given.items() if value not in (None, ())}
         Console(quiet=quiet, as_json=as_json).result(function(**asked, progress=not quiet))
-
-    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write what the command does, in plain text."""
-        with formatter.indentation():
-            for text in (self.source.title, *self.source.description.split("\n\n")):
-                if text:
-                    formatter.write_paragraph()
-                    formatter.write_text(_plain(" ".join(text.split())))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings, and the example."""
