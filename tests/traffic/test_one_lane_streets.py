@@ -1,5 +1,10 @@
 """Streets with one lane for both directions: one is built, and vehicles wait for each other."""
 
+import json
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
@@ -10,8 +15,12 @@ from urbantwin.roads import build_roads
 from urbantwin.site import read_extract
 from urbantwin.traffic.assets import asset, asset_names
 from urbantwin.traffic.demand.demand import Demand, Trip
+from urbantwin.traffic.sumo import simulation
 from urbantwin.traffic.sumo.simulation import one_lane_streets, simulate
 
+from .conftest import netconvert
+
+ONE_LANE = Path(simulation.__file__).with_name("one_lane.py")
 HERE = SiteFrame(48.7, 9.18)
 #: Two lanes at both ends; between them two streets of one lane, and one across where they meet.
 NODES = {
@@ -139,3 +148,49 @@ def test_vehicles_wait_for_each_other_and_all_arrive(roads):
         tree = shapely.STRtree(bodies)
         first, second = tree.query(bodies, predicate="intersects")
         assert (first == second).all()
+
+
+#: Runs SUMO: a car stands on the narrow street "ba", and another one wants to enter it at "a".
+DRIVE = """
+import json, runpy, sys
+import libsumo
+net, source, known = sys.argv[1:]
+streets = runpy.run_path(source)["OneLaneStreets"](json.loads(known))
+libsumo.start(["sumo", "-n", net, "--step-length", "0.5", "--no-step-log", "--no-warnings"])
+libsumo.route.add("stands", ["yb", "ba", "ax"])
+libsumo.route.add("comes", ["xa", "ab", "by"])
+libsumo.vehicle.add("1", "stands")
+libsumo.vehicle.setStop("1", "ba", 30.0, 0, 300.0)
+for _ in range(40):
+    streets.heed(0.5)
+    libsumo.simulationStep()
+libsumo.vehicle.add("2", "comes")
+seen = []
+for _ in range(400):
+    streets.heed(0.5)
+    libsumo.simulationStep()
+    if "2" in libsumo.vehicle.getIDList():
+        row = libsumo.vehicle.getRoadID("2"), libsumo.simulation.getTime()
+        if not seen or seen[-1][0] != row[0]:
+            seen.append(row)
+print(json.dumps([row for row in seen if not row[0].startswith(":")]))
+"""
+
+
+def test_a_vehicle_that_waits_for_long_takes_another_way(tmp_path):
+    places = {"x": (-100, 0), "a": (0, 0), "b": (100, 0), "y": (200, 0), "c": (50, 80)}
+    nodes = "".join(f'<node id="{k}" x="{x}" y="{y}"/>' for k, (x, y) in places.items())
+    pairs = ["xa", "ax", "ab", "ba", "by", "yb", "ac", "cb"]
+    edges = "".join(f'<edge id="{p}" from="{p[0]}" to="{p[1]}" speed="10"/>' for p in pairs)
+    net = netconvert(tmp_path, nodes, edges)
+    known = {"street": {"ab": "ab", "ba": "ab"}, "mouths": ["xa", "yb"], "short": []}
+    done = subprocess.run(
+        [sys.executable, "-c", DRIVE, net, ONE_LANE, json.dumps(known)],
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    seen = json.loads(done.stdout.splitlines()[-1])
+    assert [edge for edge, _ in seen] == ["xa", "ac", "cb", "by"]
+    # It came to the street after some ten seconds, and waited three quarters of a minute.
+    assert 45 < seen[1][1] - seen[0][1] < 70

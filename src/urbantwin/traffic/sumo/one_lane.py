@@ -25,6 +25,9 @@ AHEAD_S, AHEAD_M = 1.0, 8.0
 #: A vehicle that comes so soon after another one follows it, s, unless an oncoming one has waited
 #: for so long, s.
 FOLLOWS_S, PATIENCE_S = 5.0, 40.0
+#: A vehicle that has waited for so long, s, takes another way, if there is one that comes back to
+#: one of so many of the streets that were to come.
+GIVES_UP_S, REJOINS = 45.0, 12
 #: A vehicle that has entered has left the road before when its rear is so far beyond, m.
 CLEAR_M = 1.0
 #: Classes of vehicles that do not wait: bicycles have room, trams have rails.
@@ -48,6 +51,7 @@ class OneLaneStreets:
         self.passages: dict[str, _Passage] = {}
         self.waiting: dict[str, float] = {}
         self.entered: dict[str, float] = {}
+        self.tried: dict[str, float] = {}
         self.slowed: set[str] = set()
 
     def heed(self, step_s: float) -> None:
@@ -70,6 +74,7 @@ class OneLaneStreets:
                 asking[name] = edge, run, ahead_m
                 held.add(lane)
         self.waiting = {name: self.waiting.get(name, now_s) for name in asking}
+        self.tried = {name: at_s for name, at_s in self.tried.items() if name in asking}
         slowed: set[str] = set()
         before: list[tuple[float, list[str]]] = []
         for name in sorted(asking, key=lambda one: (self.waiting[one], len(one), one)):
@@ -83,6 +88,9 @@ class OneLaneStreets:
                 del self.waiting[name]
                 continue
             before.append((self.waiting[name], run))
+            if now_s - self.waiting[name] > self.tried.get(name, 0.0) + GIVES_UP_S:
+                self.tried[name] = now_s - self.waiting[name]
+                self._go_round(name)
             speed = libsumo.vehicle.getSpeed(name)
             most = max(_safe(ahead_m - BEFORE_M), speed - HARDEST_MS2 * step_s, 0.0)
             libsumo.vehicle.setSpeed(name, most)
@@ -138,6 +146,29 @@ class OneLaneStreets:
             elif edge not in self.short:
                 break
         return run
+
+    def _go_round(self, name: str) -> None:
+        """Lead a vehicle another way that its lane leads to, back to one of its next streets.
+
+        A queue behind a vehicle that waits may reach round to those that it waits for.
+        """
+        vehicle = libsumo.vehicle
+        route, at = vehicle.getRoute(name), vehicle.getRouteIndex(name)
+        # A vehicle that was given parameters has a type of its own, which routes do not know.
+        kind = vehicle.getTypeID(name).removesuffix(f"@{name}")
+        best: tuple[float, list[str]] | None = None
+        for link in libsumo.lane.getLinks(vehicle.getLaneID(name)):
+            first = libsumo.lane.getEdgeID(link[0])
+            closed = vehicle.getVehicleClass(name) in libsumo.lane.getDisallowed(link[0])
+            if first.startswith(":") or first in self.street or closed:
+                continue
+            for rest in range(at + 1, min(at + 1 + REJOINS, len(route))):
+                found = libsumo.simulation.findRoute(first, route[rest], kind)
+                around = found.edges and not self.street.keys() & set(found.edges)
+                if around and (best is None or found.travelTime < best[0]):
+                    best = found.travelTime, [*found.edges, *route[rest + 1 :]]
+        if best is not None:
+            vehicle.setRoute(name, [route[at], *best[1]])
 
     def _is_free(self, name: str, run: list[str]) -> bool:
         return not any(
