@@ -56,7 +56,7 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
             # Studs are smaller than the plan can show.
             fill(axes, [lane.polygon], look.paint, zorder=11.05 + 10 * lane.level, alpha=0.35)
     paint = painted(network, model)
-    rest = paint.of("teeth", "bay")
+    rest = paint.of("teeth", "bay", "disc")
     axes.add_collection(
         PolyCollection(list(rest), facecolor=look.paint, linewidth=0, zorder=11.2), autolim=False
     )
@@ -116,7 +116,12 @@ def _draw_sign(axes: Axes, sign: Sign, size_m: float, look: Look) -> None:
     at = np.array([sign.x, sign.y])
     edged: dict[str, Any] = {"facecolor": "#ffffff", "edgecolor": look.signal, "zorder": 39}
     if np.isfinite(sign.value) and sign.unit in ("km/h", "mph", "m/s"):
-        axes.add_patch(Circle((sign.x, sign.y), 0.95 * size_m, lw=1.3, **edged))
+        if sign.plate == "upright":
+            edged |= {"edgecolor": "#16191d"}
+            corners = at + size_m * np.array([[-0.8, -1.0], [0.8, -1.0], [0.8, 1.0], [-0.8, 1.0]])
+            axes.add_patch(Polygon(corners, lw=1.0, **edged))
+        else:
+            axes.add_patch(Circle((sign.x, sign.y), 0.95 * size_m, lw=1.3, **edged))
         axes.text(
             sign.x, sign.y, f"{sign.value:.0f}", color="#16191d", fontsize=5.5, weight="bold",
             ha="center", va="center_baseline", zorder=40, clip_on=True,

@@ -15,6 +15,7 @@ from urbantwin.geometry import wrapped
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.marking.lines import placed
 from urbantwin.roads.model import LaneModel, RoadSignal
+from urbantwin.roads.signals import plate_of
 
 __all__ = ["Head", "Sign", "heads", "islands", "signs"]
 
@@ -25,12 +26,14 @@ class Sign:
 
     Attributes:
         name: for people.
+        plate: the shape of its plate: disc, upright, octagon or triangle.
         country, type, subtype, value, unit: what it says (``roads.model.RoadSignal``).
         x, y: its place, site frame, metres.
         yaw: heading of the traffic that it is for, radians.
     """
 
     name: str
+    plate: str
     country: str
     type: str
     subtype: str
@@ -81,11 +84,12 @@ def signs(model: LaneModel | None) -> list[Sign]:
     """Return the signs of a lane model."""
     return [
         Sign(
-            one.name, one.country, one.type, one.subtype, one.value, one.unit, *_stands(model, one)
+            one.name, plate_of(one), one.country, one.type, one.subtype, one.value, one.unit,
+            *_stands(model, one),
         )
         for one in (model.signals if model else ())
         if model and not one.dynamic
-    ]
+    ]  # fmt: skip
 
 
 def heads(network: RoadNetwork, model: LaneModel | None) -> list[Head]:

@@ -21,6 +21,7 @@ from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.assignment.movement_flows import movement_flows
 from urbantwin.roads.building_ground import building_grounds
 from urbantwin.roads.bus_stops import bus_poles, bus_ways, with_buses
+from urbantwin.roads.central_island import with_central_islands, with_painted_islands
 from urbantwin.roads.cross_section import (
     MappedSegment,
     prepare_ways,
@@ -38,7 +39,7 @@ from urbantwin.roads.grade_separation import (
 )
 from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.heights.banked_widths import with_banked_widths
-from urbantwin.roads.junctions import with_junctions_of_map
+from urbantwin.roads.junctions import is_mini_roundabout, small_rings, with_junctions_of_map
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.merging_lanes import zip_merging_lanes
@@ -198,6 +199,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
             stops=bus_poles(extract, frame),
         )
         pieces = prepared.pieces
+        rings = small_rings(pieces, prepared.segments)
+        standing = [*standing, *(ring.island for ring in rings)]
         extract.write_pieces(
             osm,
             frame,
@@ -222,6 +225,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
                 region=region,
                 prepared=prepared,
                 apart=apart,
+                rings=rings,
                 buildings=buildings,
                 standing=standing,
                 country=country,
@@ -256,8 +260,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         prepared.segments,
         country=country,
         obstacles=buildings,
-        crossings=_crossings(extract, frame, pieces),
-        islands=_crossings(extract, frame, pieces, only=is_island),
+        crossings=_places(extract, frame, pieces, _is_crossed),
+        islands=_places(extract, frame, pieces, is_island),
     )
     model, moved = with_moved_curbs(with_curbs(model), curbs or {})
     model = before_buildings(model, buildings)
@@ -267,6 +271,9 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     tell(0.75, "lanes")
     model = with_island_areas(with_furniture(model, raw, surface.height))
     network = with_buses(network_of_model(model, raw, surface.height), extract, frame)
+    model, network = with_central_islands(model, network, rings, surface.height)
+    minis = _places(extract, frame, pieces, is_mini_roundabout)
+    model = with_painted_islands(model, network, minis, surface.height)
     tell(0.87, "signs")
     ground = FreeGround(network)
     model = place_heads(model, network, ground, practice_of(country), surface.height)
@@ -395,20 +402,19 @@ def _network_ways(
     return kept, tunnels
 
 
-def _crossings(
+def _is_crossed(tags: Mapping[str, str]) -> bool:
+    return tags.get("highway") == "crossing" or is_island(tags)
+
+
+def _places(
     extract: Extract,
     frame: SiteFrame,
     pieces: Sequence[WayPiece],
-    only: Callable[[Mapping[str, str]], bool] = lambda tags: True,
+    only: Callable[[Mapping[str, str]], bool],
 ) -> NDArray[np.float64]:
-    """Return where people cross streets (N, 2), site frame."""
+    """Return where nodes of streets with some tags are (N, 2), site frame."""
     nodes = sorted({node for piece in pieces for node in piece.nodes})
-    tags = {node: extract.node_tags.get(node, {}) for node in nodes}
-    found = [
-        extract.nodes[node]
-        for node in nodes
-        if (tags[node].get("highway") == "crossing" or is_island(tags[node])) and only(tags[node])
-    ]
+    found = [extract.nodes[node] for node in nodes if only(extract.node_tags.get(node, {}))]
     return frame.site_from_lonlat(np.array(found).reshape(-1, 2))
 
 

@@ -24,7 +24,7 @@ from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import check_roads, mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
 from urbantwin.site.fetched import FetchedInput
-from urbantwin.site.junction_proposal import STREETS, propose_junction, streets_near
+from urbantwin.site.junction_proposal import STREETS, propose_junction, streets_near, titled
 from urbantwin.site.pole_site import PoleChoice, PoleGround, ground_around, nearest_place
 from urbantwin.site.region import circle
 from urbantwin.site.traffic_around import per_hour_around
@@ -153,7 +153,7 @@ def _place(extract: Extract, given: GivenPlace, otherwise: str) -> _Place:
             f"{found.signals} mapped signals" if found.signals else "no signals in this extract"
         )
         why = f"The busiest {kind}junction that is mapped all around: {found.arms} arms, {lights}."
-        title = " / ".join(found.names[:2]) or "Junction"
+        title = titled(found.names) or "Junction"
         return _Place(found.latitude, found.longitude, title, why)
     latitude, longitude = given.point
     nodes = np.array(list(extract.nodes.values()))

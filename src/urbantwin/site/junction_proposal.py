@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -27,6 +27,7 @@ __all__ = [
     "meeting_nodes",
     "propose_junction",
     "streets_near",
+    "titled",
     "way_lanes",
 ]
 
@@ -48,6 +49,8 @@ _SIGNAL_M = 40.0
 _RING_M = 30.0
 #: Streets that leave within this angle are one arm (two carriageways), degrees.
 _ARM_DEG = 30.0
+#: A title has the names of so many streets at most.
+MOST_NAMES = 4
 
 
 @dataclass(frozen=True)
@@ -169,6 +172,11 @@ def mapped_junctions(
     found = _Junctions(extract, frame, streets).all() if streets else []
     inside = [one for one in found if within.contains(shapely.Point(one.middle))]
     return sorted(inside, key=lambda one: (one.middle, one.node))
+
+
+def titled(names: Sequence[str]) -> str:
+    """Return a junction's title: the names of its streets, the first few if it has many."""
+    return " / ".join(names[:MOST_NAMES])
 
 
 def streets_near(extract: Extract, frame: SiteFrame) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ from urbantwin.site.country import country_of
 from urbantwin.site.draft import RADIUS_M, GivenPlace, SiteDraft, check_target, write_draft
 from urbantwin.site.extract import OsmFeature
 from urbantwin.site.extract_file import box_around, read_extract
+from urbantwin.site.junction_proposal import titled
 from urbantwin.site.pole_site import PoleChoice, PoleGround, features_around, nearest_place
 from urbantwin.site.region import circle
 
@@ -103,7 +104,7 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
     paved = paved_area(around).buffer(CORNER_M).buffer(-CORNER_M)
     country = country_of(frame.latitude, frame.longitude) if anchor_m is None else ""
     draft = SiteDraft(
-        title=" / ".join(found.names[:2]) or roads.name.split(".")[0],
+        title=titled(found.names) or roads.name.split(".")[0],
         why=_why(found, anchor_m, given=given.point is not None),
         latitude=frame.latitude,
         longitude=frame.longitude,

@@ -43,6 +43,7 @@ from urbantwin.roads.junctions.plain import (
     PlainNode,
     shape_text,
 )
+from urbantwin.roads.junctions.ring import CIRCULATING, Ring, ring_of
 from urbantwin.roads.junctions.strip import Strip, cut
 from urbantwin.roads.junctions.ways_through import Way, WaysThrough, ways_through
 
@@ -55,6 +56,8 @@ SLIP_M = 45.0
 ROAD_LEFT_M, LEAST_M = 12.0, 2.0
 #: What netconvert cuts off a road at a junction that is not made here, about, metres.
 OTHERS_M = 6.0
+#: Arms of a ring end at least this far from its lane's middle, for the curves into it, metres.
+ENTRY_M = 6.0
 #: Shorter remainders of edges between others belong to the junction, metres; a share that is none.
 STUMP_M, NOTHING = 5.0, 1e-6
 #: Step of a way through as netconvert is told it, metres.
@@ -79,6 +82,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
     apart: Collection[str],
     within: Collection[str] = (),
     followed: Mapping[str, NDArray[np.float64]] | None = None,
+    rings: Sequence[Ring] = (),
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
     buildings: Sequence[shapely.Polygon],
     standing: Sequence[shapely.Geometry] = (),
@@ -93,12 +97,14 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
         apart: edges that lie in no junction.
         within: edges that lie in one, as the map says.
         followed: edge within a junction -> the line (N, 2) that traffic keeps to, site frame.
+        rings: small roundabouts, each one junction.
         forbidden: turn restrictions over several edges, as in `passages_of`.
         buildings: where buildings stand on the ground, site frame.
         standing: outlines of posts and islands, which ways lead round, site frame.
         driving_side: ``right`` or ``left``.
     """
     outward = -1 if driving_side == "right" else 1
+    within = set(within).union(*(ring.edges for ring in rings))
     strips = {edge.id: Strip(edge, outward) for edge in plain.edges.values()}
     meeting = meeting_nodes(plain, within)
     chains = chains_of(plain, meeting)
@@ -110,7 +116,7 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
     ]
     clusters = [_cluster(group, chains, marks, apart) for group in [*groups, *single]]
     signalised = {one for one in meeting if is_signalised(plain, one)}
-    cuts = _cuts(clusters, strips, marks, signalised, meeting)
+    cuts = _cuts(clusters, strips, marks, signalised, meeting, rings)
     spans = _spans(plain, chains, cuts)
     # Edges that an arm loses altogether belong to the junction at that end.
     clusters = [_grown(cluster, spans) for cluster in clusters]
@@ -148,7 +154,11 @@ def consolidated(  # noqa: PLR0913 - all that a map says of its junctions
             signed,
             forbidden,
             partial(
-                ways_through, followed=followed or {}, standing=standing, driving_side=driving_side
+                ways_through,
+                followed=followed or {},
+                rings=rings,
+                standing=standing,
+                driving_side=driving_side,
             ),
             driving_side,
         )
@@ -200,6 +210,7 @@ def _cuts(
     marks: Marks,
     signalised: Collection[str],
     meeting: Collection[str],
+    rings: Sequence[Ring],
 ) -> dict[tuple[str, ...], list[float]]:
     """Return chain (its edges) -> metres that it gives at its start and at its end."""
     cuts: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
@@ -211,7 +222,9 @@ def _cuts(
     )
     for cluster, mine in zip(clusters, own, strict=True):
         found = mouths(cluster.arms, strips, mine)
-        for arm, (reach, marked) in zip(cluster.arms, found, strict=True):
+        least = ENTRY_M if ring_of(cluster.inner, rings) else 0.0
+        for arm, (mouth, marked) in zip(cluster.arms, found, strict=True):
+            reach = max(mouth, min(least, arm.length - SHORTEST_M))
             for chain, at in ((arm.outward, 0), (arm.inward, 1)):
                 if chain is not None:
                     names = tuple(edge.id for edge in chain.edges)
@@ -372,6 +385,10 @@ def _junction(
     outline = outline_of(swept, across, outside, ends)
     signals = any(is_signalised(plain, node) for node in cluster.nodes)
     attributes = {"type": "traffic_light", "tl": cluster.id} if signals else {"type": "priority"}
+    if not signals and any(
+        plain.nodes[node].attributes.get("type") == CIRCULATING for node in cluster.nodes
+    ):
+        attributes = {"type": CIRCULATING}
     middle = shapely.Polygon(outline).centroid
     return PlainNode(cluster.id, np.array([middle.x, middle.y]), attributes, outline), links
 

@@ -17,13 +17,11 @@ from urbantwin.roads.junctions.mapped_footways import mapped_footways
 from urbantwin.roads.junctions.mapped_marks import mapped_marks
 from urbantwin.roads.junctions.plain import PlainNetwork, points_of_text
 from urbantwin.roads.junctions.restriction import via_way_restrictions
+from urbantwin.roads.junctions.ring import RINGS, Ring, circulating, is_mini_roundabout
 from urbantwin.site.extract import Extract
 from urbantwin.site.sketch import FOLLOWED
 
 __all__ = ["with_junctions_of_map"]
-
-#: Values of ``junction`` of streets that lead round a middle (``yes`` is a way within a junction).
-RINGS = ("roundabout", "circular")
 
 
 def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
@@ -34,6 +32,7 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
     region: shapely.Polygon,
     prepared: PreparedWays,
     apart: Sequence[int],
+    rings: Sequence[Ring],
     buildings: Sequence[shapely.Polygon],
     standing: Sequence[shapely.Geometry],
     country: str,
@@ -48,13 +47,19 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
         region: what is built, site frame.
         prepared: the segments that its ways were cut into.
         apart: segments that lie in no junction: bridges, outer roads.
+        rings: small roundabouts, site frame.
         buildings: where buildings stand on the ground, site frame.
         standing: outlines of posts and islands, site frame.
         country: ISO 3166-1 alpha-2; empty if unknown.
         driving_side: ``right`` or ``left``.
     """
     pieces = prepared.pieces
-    rings = [piece.id for piece in pieces if piece.tags.get("junction") in RINGS]
+    small = set[str]().union(*(ring.edges for ring in rings))
+    wide = [
+        piece.id
+        for piece in pieces
+        if piece.tags.get("junction") in RINGS and str(piece.id) not in small
+    ]
     inside = [piece.id for piece in pieces if piece.tags.get("junction") == "yes"]
     within = {f"{sign}{piece}" for piece in inside for sign in ("", "-")}
     lines = {
@@ -63,13 +68,15 @@ def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
         if FOLLOWED in way.tags
     }
     followed = {str(piece.id): lines[piece.way] for piece in pieces if piece.way in lines}
+    minis = {str(node) for node, tags in extract.node_tags.items() if is_mini_roundabout(tags)}
     plain = consolidated(
-        plain,
+        circulating(plain, rings, minis),
         mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain, within)}),
         prepared.arrows,
-        apart={f"{sign}{piece}" for piece in [*apart, *rings] for sign in ("", "-")},
+        apart={f"{sign}{piece}" for piece in [*apart, *wide] for sign in ("", "-")},
         within=within,
         followed=followed,
+        rings=rings,
         forbidden=via_way_restrictions(extract, pieces),
         buildings=buildings,
         standing=standing,

@@ -17,6 +17,9 @@ __all__ = ["Strip", "cut", "heading_of"]
 
 #: Over how many metres of a line its heading at an end is taken: mapped lines have short kinks.
 HEADING_M = 6.0
+#: Where a line is cut, its points that are nearer than this are left out, metres: so short a leg
+#: has no heading, and what lies beside it would be turned.
+LEG_M = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,4 +99,8 @@ def heading_of(line: shapely.LineString, *, at_end: bool) -> float:
 
 def cut(line: shapely.LineString, first: float, last: float) -> NDArray[np.float64]:
     """Return a line's points (N, 2) between two stations."""
-    return np.asarray(shapely.get_coordinates(shapely.ops.substring(line, first, last)))
+    points = np.asarray(shapely.get_coordinates(shapely.ops.substring(line, first, last)))
+    ends = points[[0, -1]]
+    near = np.linalg.norm(points[:, None] - ends[None], axis=2).min(axis=1) < LEG_M
+    near[[0, -1]] = False
+    return np.asarray(points[~near])

@@ -14,6 +14,7 @@ from urbantwin.roads.junctions.drawn_turns import drawn_turns
 from urbantwin.roads.junctions.opposed_turns import passing_in_front
 from urbantwin.roads.junctions.passage import Passage
 from urbantwin.roads.junctions.plain import INTO_M
+from urbantwin.roads.junctions.ring import Ring, ring_of, round_ring
 from urbantwin.roads.junctions.strip import Strip
 from urbantwin.roads.model.curve import Curve
 from urbantwin.roads.round_standing import round_standing
@@ -36,7 +37,7 @@ class WaysThrough:
 
     Attributes:
         curves: the middle of each.
-        led: those of them that somebody drew, or that lead round what stands.
+        led: those of them that somebody drew, or that lead round a ring or what stands.
         drivable: those that are driven, in the order of the junction's ways.
     """
 
@@ -50,6 +51,7 @@ def ways_through(
     strips: Mapping[str, Strip],
     *,
     followed: Mapping[str, NDArray[np.float64]],
+    rings: Sequence[Ring],
     standing: Sequence[shapely.Geometry],
     driving_side: str,
 ) -> WaysThrough:
@@ -59,17 +61,37 @@ def ways_through(
         ways: the passages by lanes.
         strips: where the edges lie that lead in and out.
         followed: edge within the junction -> the line (N, 2) that traffic keeps to, site frame.
+        rings: small roundabouts, site frame.
         standing: outlines of posts and islands, site frame.
         driving_side: ``right`` or ``left``.
     """
     curves = _curves(ways, strips, driving_side)
     drawn = drawn_turns(ways, curves, strips, followed)
+    drawn |= _round_rings(ways, curves, rings, 1 if driving_side == "right" else -1)
     others = [way for way in ways if way not in drawn]
     passages = [ways[way] for way in others]
     moved = round_standing([curves[way] for way in others], passages, standing)
     led = drawn | {others[k]: curve for k, curve in moved.items()}
     curves |= led
     return WaysThrough(curves, frozenset(led), tuple(_drivable(ways, curves)))
+
+
+def _round_rings(
+    ways: Mapping[Way, Passage], curves: Mapping[Way, Curve], rings: Sequence[Ring], side: int
+) -> dict[Way, Curve]:
+    """Return the ways that lead over small rings, round their middle."""
+    found = {}
+    for way, passage in ways.items():
+        inner = {edge.id: edge for edge in passage.path[1:-1]}
+        ring = ring_of(inner, rings)
+        if ring is None:
+            continue
+        along = sum(edge.line.length for name, edge in inner.items() if name in ring.edges)
+        ends = curves[way].at([0.0, curves[way].length])
+        curve = round_ring(ends, ring, float(along), side)
+        if curve is not None:
+            found[way] = curve
+    return found
 
 
 def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:

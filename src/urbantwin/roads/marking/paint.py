@@ -18,16 +18,24 @@ from urbantwin.roads.marking.crossing_marks import crossing_marks
 from urbantwin.roads.marking.give_way import parking_bays, teeth
 from urbantwin.roads.marking.guide_line import guide_lines
 from urbantwin.roads.marking.line_through import lines_through
-from urbantwin.roads.marking.lines import DASH_M, GAP_M, MOTOR, lane_marks, stop_lines, strokes
+from urbantwin.roads.marking.lines import (
+    DASH_M,
+    GAP_M,
+    MOTOR,
+    lane_marks,
+    placed,
+    stop_lines,
+    strokes,
+)
 from urbantwin.roads.marking.turn_arrow import turn_arrow
 from urbantwin.roads.marking.zebra import zebra_of_area
-from urbantwin.roads.model import LaneModel
+from urbantwin.roads.model import MINI_ROUNDABOUT, LaneModel, RoadArea
 from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["PAINT_KINDS", "Paint", "painted"]
 
 #: Kinds of markings; ``zebra`` are stripes, ``crossing`` what marks crossings otherwise.
-PAINT_KINDS = ("zebra", "crossing", "line", "stop", "arrow", "teeth", "bay")
+PAINT_KINDS = ("zebra", "crossing", "line", "stop", "arrow", "teeth", "bay", "disc")
 #: Widths of lane marks, of stop lines and of the lines between parking bays, metres.
 LINE_M, STOP_LINE_M, BAY_LINE_M = 0.15, 0.4, 0.12
 
@@ -87,6 +95,11 @@ def painted(network: RoadNetwork, model: LaneModel | None = None) -> Paint:
             for area in model.areas
             if area.kind == "crosswalk" and not area.strip
         ]
+        found += [
+            ("disc", model.road_by_id[area.road].level, _fan(model, area))
+            for area in model.areas
+            if area.name == MINI_ROUNDABOUT and len(area.corners) > 2
+        ]
         found += [("teeth", level, quads) for level, quads in teeth(model)]
         found += [("bay", level, _ribbon(ends, BAY_LINE_M)) for level, ends in parking_bays(model)]
     found = [(kind, level, quads) for kind, level, quads in found if len(quads)]
@@ -110,6 +123,12 @@ def _ribbon(points: NDArray[np.float64], width: float) -> list[Quad]:
     low, high = points - side, points + side
     quads = np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1)
     return list(quads[np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6])
+
+
+def _fan(model: LaneModel, area: RoadArea) -> list[Quad]:
+    """Return a convex area as triangles, each with its last corner twice."""
+    ring = placed(model, area.road, area.s, area.corners)[:, :2]
+    return [ring[[0, k, k + 1, k + 1]] for k in range(1, len(ring) - 1)]
 
 
 def _arrows(network: RoadNetwork) -> Iterator[tuple[int, list[Quad]]]:

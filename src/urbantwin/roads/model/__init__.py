@@ -4,6 +4,7 @@ from urbantwin.roads.model.carriageway import carriageway_in_plan
 from urbantwin.roads.model.curve import Curve, Piece, all_turned, filleted, splined, turned
 from urbantwin.roads.model.furniture import (
     CROSSING_MARKINGS,
+    MINI_ROUNDABOUT,
     RoadArea,
     RoadSignal,
     SignalController,
@@ -25,6 +26,7 @@ __all__ = [
     "CROSSING_MARKINGS",
     "CURB_HEIGHT_M",
     "LANE_KINDS",
+    "MINI_ROUNDABOUT",
     "RAISED_KINDS",
     "Connection",
     "Curve",

@@ -6,10 +6,19 @@ from dataclasses import dataclass
 
 from urbantwin.artefact.typed_document import Said, Triples
 
-__all__ = ["CROSSING_MARKINGS", "Phase", "RoadArea", "RoadSignal", "SignalController"]
+__all__ = [
+    "CROSSING_MARKINGS",
+    "MINI_ROUNDABOUT",
+    "Phase",
+    "RoadArea",
+    "RoadSignal",
+    "SignalController",
+]
 
 #: What crossings are marked with: stripes, two lines, two broken lines, two rows of studs, nothing.
 CROSSING_MARKINGS = ("zebra", "lines", "dashes", "dots", "none")
+#: Name of areas that are painted in the middle of mini-roundabouts.
+MINI_ROUNDABOUT = "MiniRoundabout"
 #: A phase of a fixed-time program: seconds, and one character of state per link, as SUMO writes it.
 Phase = tuple[float, str]
 

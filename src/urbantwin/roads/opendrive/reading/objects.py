@@ -10,7 +10,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
-from urbantwin.roads.model import CROSSING_MARKINGS, Curve, Profile
+from urbantwin.roads.model import CROSSING_MARKINGS, MINI_ROUNDABOUT, Curve, Profile
 from urbantwin.roads.opendrive.reading.parsing import Spot
 
 __all__ = ["Outline", "read_outlines"]
@@ -78,6 +78,8 @@ def _kind(item: etree._Element) -> tuple[str, str]:
         return "crosswalk", name or "crosswalk"
     if "stopline" in plain:
         return "roadMark", "StopLine"
+    if "miniroundabout" in plain:
+        return "roadMark", MINI_ROUNDABOUT
     if kind == "trafficIsland":
         return kind, name or "island"
     return "", ""
