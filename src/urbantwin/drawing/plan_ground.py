@@ -27,8 +27,6 @@ __all__ = ["draw_ground", "draw_surfaces", "fill"]
 _OWN_FILL = ("driving", "bus", "bicycle", "parking", "shoulder")
 #: A carriageway's edge this near to what is raised is a curb, metres.
 _AT_CURB_M = 0.35
-#: What is narrower than twice this is a seam between outlines, not a carriageway, metres.
-_SLIVER_M = 0.4
 #: What `_of_mesh` returned, as long as the mesh is in use.
 _OUTLINES: WeakKeyDictionary[LabelledMesh, tuple[list[shapely.Geometry], ...]] = WeakKeyDictionary()
 
@@ -94,7 +92,7 @@ def draw_surfaces(axes: Axes, network: RoadNetwork, model: LaneModel | None, loo
     for level in network.levels:
         zorder = 10.0 + 10 * level
         lanes = [lane for lane in network.lanes if lane.level == level]
-        carriageway, footway = _driven(network, level), network.footway(level)
+        carriageway, footway = network.carriageway(level), network.footway(level)
         if level:
             deck = shapely.buffer(shapely.union_all([carriageway, footway]), 0.8)
             fill(axes, [deck], look.curb, zorder=zorder)
@@ -116,17 +114,3 @@ def draw_surfaces(axes: Axes, network: RoadNetwork, model: LaneModel | None, loo
         ]
         curbs = LineCollection(lines, colors=look.curb, linewidths=0.8, zorder=zorder + 1.6)
         axes.add_collection(curbs, autolim=False)
-
-
-def _driven(network: RoadNetwork, level: int) -> shapely.Geometry:
-    """Return the carriageway without slivers and corners that no lane leads to."""
-    lines = [
-        shapely.LineString(lane.centre[:, :2])
-        for lane in network.lanes
-        if lane.level == level and lane.kind not in ("sidewalk", "walkingarea")
-    ]
-    whole = shapely.buffer(network.carriageway(level), -_SLIVER_M, join_style="mitre")
-    whole = shapely.buffer(whole, _SLIVER_M, join_style="mitre")
-    parts = shapely.get_parts(whole)
-    used = shapely.intersects(parts, shapely.MultiLineString(lines))
-    return shapely.union_all(parts[used])

@@ -11,7 +11,9 @@ if TYPE_CHECKING:
         area_intersection,
         area_union,
         areas_of,
+        closed,
         grown,
+        opened,
     )
     from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
     from urbantwin.geometry.box_overlap import (
@@ -46,8 +48,10 @@ __all__ = [
     "box_corners",
     "box_footprints",
     "box_ious",
+    "closed",
     "grown",
     "moved_left",
+    "opened",
     "plan_overlaps",
     "points_in_box",
     "resampled",

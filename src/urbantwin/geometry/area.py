@@ -11,7 +11,15 @@ from collections.abc import Iterable
 
 import shapely
 
-__all__ = ["area_difference", "area_intersection", "area_union", "areas_of", "grown"]
+__all__ = [
+    "area_difference",
+    "area_intersection",
+    "area_union",
+    "areas_of",
+    "closed",
+    "grown",
+    "opened",
+]
 
 #: The grid that borders are snapped to, metres.
 SNAP_M = 1e-3
@@ -48,3 +56,13 @@ def area_difference(shape: shapely.Geometry, other: shapely.Geometry) -> shapely
 def grown(shape: shapely.Geometry, distance: float) -> shapely.MultiPolygon:
     """Return an area grown (or, with a negative distance, shrunk) by metres, corners kept sharp."""
     return areas_of(shapely.buffer(areas_of(shape), distance, join_style="mitre", mitre_limit=2))
+
+
+def closed(shape: shapely.Geometry, width: float) -> shapely.MultiPolygon:
+    """Return an area with its slits and notches filled that are narrower than ``width`` metres."""
+    return area_union([shape, grown(grown(shape, width / 2), -width / 2)])
+
+
+def opened(shape: shapely.Geometry, width: float) -> shapely.MultiPolygon:
+    """Return an area without its parts that are narrower than ``width`` metres."""
+    return area_intersection(shape, grown(grown(shape, -width / 2), width / 2))

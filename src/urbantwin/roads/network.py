@@ -14,7 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.artefact import write_json
 from urbantwin.artefact.typed_document import Numbers, Pairs, Triples, read_typed
 from urbantwin.errors import InputError
-from urbantwin.geometry import area_difference, area_intersection, area_union, stations_of_points
+from urbantwin.geometry import (
+    area_difference,
+    area_intersection,
+    area_union,
+    closed,
+    opened,
+    stations_of_points,
+)
 
 __all__ = [
     "BusStop",
@@ -33,6 +40,12 @@ CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
 FOOTWAY_KINDS = ("sidewalk", "walkingarea", "curb")
 #: Half the width of a neck through which nobody drives into the corner behind it, metres.
 NECK_M = 0.5
+#: Slits between lanes that are narrower than this are seams, not gaps, and what juts out and is
+#: narrower than the second is no part of a carriageway or a footway, metres; nor is a footway of
+#: less than the third, square metres.
+SEAM_M, FIN_M, SPECK_M2 = 0.6, 0.4, 0.5
+#: What is nearer than this to the end of a crossing lies at it, metres.
+END_M = 0.05
 #: No lane is wider, metres, and no road crosses over more others.
 _WIDEST_M, _HIGHEST = 1000.0, 100
 
@@ -279,26 +292,47 @@ class RoadNetwork:
         return self._areas[wanted, level]
 
     def footway(self, level: int) -> shapely.Geometry:
-        """Return sidewalks and walking areas in plan, less the carriageway."""
+        """Return sidewalks, walking areas and ends of crossings in plan, less the carriageway."""
         if ("footway", level) not in self._areas:
-            walked = area_difference(self.area_of(FOOTWAY_KINDS, level), self.carriageway(level))
-            self._areas["footway", level] = walked
+            driven = self.carriageway(level)
+            walked = closed(self.area_of((*FOOTWAY_KINDS, "crossing"), level), SEAM_M)
+            # A slit between both is a seam, too; one between carriageways is not.
+            slits = area_difference(closed(area_union([walked, driven]), 2 * SEAM_M), driven)
+            slits = area_difference(slits, closed(driven, 2 * SEAM_M))
+            beside = opened(area_difference(area_union([walked, slits]), driven), FIN_M)
+            parts = [part for part in shapely.get_parts(beside) if part.area > SPECK_M2]
+            self._areas["footway", level] = shapely.multipolygons(parts)
         return self._areas["footway", level]
 
     def carriageway(self, level: int) -> shapely.Geometry:
-        """Return where vehicles drive, in plan: lanes, crossings and junctions.
+        """Return where vehicles drive, in plan: lanes, junctions and crossings between kerbs.
 
-        A junction's outline includes the walking areas at its corners; they are not driven on
-        unless a lane or a turn runs there, nor is what lies behind them.
+        A junction's outline includes the walking areas at its corners, and islands; they are not
+        driven on unless a lane or a turn runs there, nor is what lies behind them. Seams are
+        closed; what juts out is cut off, and so are parts that no lane leads to.
         """
         if ("carriageway", level) in self._areas:
             return self._areas["carriageway", level]
         junctions = area_union([j.polygon for j in self.junctions if j.level == level])
-        core = area_difference(junctions, self.area_of(FOOTWAY_KINDS, level))
-        driven = self.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), level)
-        core = _reached(core, driven)
-        self._areas["carriageway", level] = found = area_union([core, driven])
-        return found
+        core = area_difference(junctions, self.area_of((*FOOTWAY_KINDS, "island"), level))
+        driven = self.area_of((*CARRIAGEWAY_KINDS, "connection"), level)
+        crossings = [x for x in self.lanes if x.kind == "crossing" and x.level == level]
+        core = _reached(core, area_union([driven, *(lane.polygon for lane in crossings)]))
+        whole = closed(area_union([core, driven]), SEAM_M)
+        within = [part for lane in crossings for part in _between_kerbs(lane, whole)]
+        whole = opened(area_union([whole, *within]), FIN_M)
+        lines = shapely.MultiLineString(
+            [
+                x.centre[:, :2]
+                for x in self.lanes
+                if x.level == level and x.kind in (*CARRIAGEWAY_KINDS, "connection", "crossing")
+            ]
+        )
+        shapely.prepare(lines)
+        parts = shapely.get_parts(whole)
+        whole = shapely.multipolygons(parts[shapely.intersects(parts, lines)])
+        self._areas["carriageway", level] = whole
+        return whole
 
     @property
     def levels(self) -> tuple[int, ...]:
@@ -374,6 +408,24 @@ def _reached(area: shapely.Geometry, driven: shapely.Geometry) -> shapely.Geomet
     parts = shapely.get_parts(area.buffer(-NECK_M))
     kept = [part for part in parts if part.intersection(driven).area > NECK_M]
     return area_intersection(area, area_union(kept).buffer(2 * NECK_M))
+
+
+def _between_kerbs(lane: Lane, driven: shapely.Geometry) -> list[shapely.Geometry]:
+    """Return what of a crossing lies between parts of the carriageway, not beyond its kerbs.
+
+    A crossing has square ends: where it leads over the street at an angle, their corners lie on
+    the footway.
+    """
+    line, half = lane.centre[:, :2], lane.width / 2
+    ends = []
+    for end, inner in ((line[0], line[1]), (line[-1], line[-2])):
+        ahead = (inner - end) / max(float(np.linalg.norm(inner - end)), 1e-9)
+        across = half * np.array([-ahead[1], ahead[0]])
+        ends.append(shapely.LineString([end - across, end + across]))
+    parts = shapely.get_parts(area_difference(lane.polygon, driven))
+    beyond = [shapely.dwithin(parts, end, END_M) for end in ends]
+    # What reaches from end to end has no kerb at all.
+    return list(parts[beyond[0] == beyond[1]])
 
 
 def _tapered(centre: NDArray[np.float64], widths: NDArray[np.float64]) -> shapely.Geometry:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import shapely
 
 from urbantwin.geometry import (
@@ -12,13 +13,15 @@ from urbantwin.geometry import (
     area_intersection,
     area_union,
     areas_of,
+    closed,
     grown,
+    opened,
 )
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.building_ground import building_ground
 from urbantwin.roads.model import CURB_HEIGHT_M
-from urbantwin.roads.network import CARRIAGEWAY_KINDS
+from urbantwin.roads.network import CARRIAGEWAY_KINDS, SEAM_M
 from urbantwin.scene.land_use import land_covers, mapped_cover
 from urbantwin.scene.water.plan import WaterBody
 from urbantwin.site.extract import OsmFeature
@@ -26,10 +29,13 @@ from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["Zone", "deck_zones", "ground_zones"]
 
-#: Slits narrower than this between neighbouring lanes are seams of the lane model, not gaps.
-SEAM_M = 0.6
 #: Gaps between carriageways up to this wide are raised medians or islands.
 MEDIAN_M = 8.0
+#: Gaps smaller than this are paved where they lie beside footways, square metres: less than the
+#: first share of their border lies at carriageways; larger ones are no islands below the second.
+PAVED_M2, KERB_SHARES = 4.0, (0.9, 0.25)
+#: What is nearer to a carriageway than this lies at it, metres.
+AT_KERB_M = 0.05
 #: Kinds of raised lanes without pedestrians.
 RAISED = ("median", "island")
 #: How far terrain goes on beyond the region, so that beams at its border meet ground.
@@ -109,13 +115,14 @@ def ground_zones(
     """
     tell(0.0, "carriageways")
     drivable = shapely.MultiPolygon() if drivable is None else drivable
-    carriageway = _closed(network.carriageway(0), SEAM_M)
+    carriageway = network.carriageway(0)
     tell(0.15, "footways")
-    footway = area_difference(_closed(network.footway(0), SEAM_M), carriageway)
+    footway = network.footway(0)
     tell(0.3, "islands")
     paved = area_union([carriageway, footway])
-    gaps = area_difference(_closed(paved, MEDIAN_M), paved)
-    islands = _opened(area_difference(gaps, drivable), SEAM_M)
+    gaps = area_difference(closed(paved, MEDIAN_M), paved)
+    islands, verges = _sorted_out(opened(area_difference(gaps, drivable), SEAM_M), carriageway)
+    footway = area_union([footway, *(part for part in verges if part.area < PAVED_M2)])
     # Medians and islands of the lane model are raised, whatever the gap around them.
     raised = _raised(network, 0)
     islands = area_union([islands, area_difference(raised, footway)])
@@ -124,10 +131,12 @@ def ground_zones(
     if not mapped.is_empty:
         islands, carriageway = area_union([islands, mapped]), area_difference(carriageway, mapped)
     tell(0.5, "gaps between lanes")
-    # What is too narrow for an island is asphalt between lanes.
-    slits = area_difference(area_intersection(_closed(paved, 2 * SEAM_M), gaps), islands)
+    # What is too narrow for an island is asphalt between lanes, else paving.
+    slits = area_difference(area_intersection(closed(paved, 2 * SEAM_M), gaps), islands)
     driven = area_difference(area_intersection(gaps, drivable), raised)
-    carriageway = area_union([carriageway, slits, driven])
+    seams = area_intersection(slits, closed(carriageway, 2 * SEAM_M))
+    carriageway = area_union([carriageway, seams, driven])
+    footway = area_difference(area_union([footway, slits]), carriageway)
     tell(0.6, "verges")
     taken = area_union([carriageway, footway, islands])
     everything = area_union(
@@ -141,7 +150,7 @@ def ground_zones(
         _zone("footway", footway, "sidewalk", "paving"),
         _zone("island", islands, "other-ground", "concrete"),
     ]
-    beside = _opened(area_difference(drivable, taken), SEAM_M)
+    beside = opened(area_difference(drivable, taken), SEAM_M)
     flush = [(beside, "road", "asphalt"), *_flush_areas(features, waters)]
     for area, semantic, material in each(flush, between(tell, 0.7, 0.95), "ground beside roads"):
         free = area_difference(area_intersection(area, everything), taken)
@@ -164,6 +173,18 @@ def ground_zones(
     return [zone for zone in zones if not zone.area.is_empty]
 
 
+def _sorted_out(
+    gaps: shapely.Geometry, carriageway: shapely.Geometry
+) -> tuple[shapely.Geometry, list[shapely.Polygon]]:
+    """Return the gaps between carriageways, and those that lie beside or behind footways."""
+    parts = shapely.get_parts(areas_of(gaps))
+    border = shapely.boundary(parts)
+    at_kerb = shapely.length(shapely.intersection(border, grown(carriageway, AT_KERB_M)))
+    least = np.where(shapely.area(parts) < PAVED_M2, KERB_SHARES[0], KERB_SHARES[1])
+    kerb = at_kerb >= least * shapely.length(border)
+    return area_union(parts[kerb]), list(parts[~kerb])
+
+
 def _mapped_islands(
     network: RoadNetwork, features: Sequence[OsmFeature], carriageway: shapely.Geometry
 ) -> shapely.Geometry:
@@ -179,14 +200,14 @@ def _mapped_islands(
         return shapely.MultiPolygon()
     used = network.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), 0)
     free = area_difference(area_intersection(area_union(found), carriageway), grown(used, ASIDE_M))
-    return _opened(free, SEAM_M)
+    return opened(free, SEAM_M)
 
 
 def deck_zones(network: RoadNetwork, level: int) -> list[Zone]:
     """Return the zones of the decks of one level above the ground."""
     raised = _raised(network, level)
-    carriageway = area_difference(_closed(network.carriageway(level), SEAM_M), raised)
-    footway = area_difference(_closed(network.footway(level), SEAM_M), carriageway)
+    carriageway = area_difference(network.carriageway(level), raised)
+    footway = area_difference(network.footway(level), carriageway)
     zones = [
         _zone("carriageway", carriageway, "road", "asphalt"),
         _zone("footway", area_difference(footway, raised), "sidewalk", "paving"),
@@ -230,7 +251,7 @@ def _flush_areas(
         if not body.wall.is_empty:
             groups.setdefault(("other-ground", "concrete"), []).append(body.wall)
     # Ways that are mapped as running through a building without a passage run inside it.
-    areas = {key: _closed(area_union(shapes), SEAM_M) for key, shapes in groups.items()}
+    areas = {key: closed(area_union(shapes), SEAM_M) for key, shapes in groups.items()}
     for key, area in areas.items():
         if key[0] in ("road", "sidewalk"):
             areas[key] = area_difference(area, standing)
@@ -250,13 +271,3 @@ def _is_below(tags: dict[str, str]) -> bool:
     if tags.get("tunnel") not in (None, "no", "building_passage"):
         return True
     return tags.get("layer", "0").startswith("-") or tags.get("location") == "underground"
-
-
-def _closed(shape: shapely.Geometry, width: float) -> shapely.Geometry:
-    """Fill slits up to ``width`` wide."""
-    return area_union([shape, grown(grown(shape, width / 2), -width / 2)])
-
-
-def _opened(shape: shapely.Geometry, width: float) -> shapely.Geometry:
-    """Remove parts narrower than ``width``."""
-    return area_intersection(shape, grown(grown(shape, -width / 2), width / 2))

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad, fitted
+from urbantwin.roads.model import CURB_HEIGHT_M, RAISED_KINDS, LaneModel, ModelRoad, fitted
 from urbantwin.roads.model.curve import all_at, aside
 from urbantwin.roads.side_lanes.clearance import STEP_M
 from urbantwin.roads.side_lanes.lane_insertion import Insertion
@@ -38,7 +38,7 @@ def medians(
         model: the lane model.
         footprints: the area of each street in plan, by its id.
     """
-    streets = [road for road in model.roads if road.junction < 0]
+    streets = [road for road in model.roads if road.junction < 0 and _is_driven(road)]
     shapes = [footprints[road.id] for road in streets]
     # Outer roads beyond the region are ways of no map: nothing is built between them.
     roads = [road for road in streets if any(road.ways) and _inner_side(road)]
@@ -55,6 +55,11 @@ def medians(
         if items:
             found[road.id] = items
     return found
+
+
+def _is_driven(road: ModelRoad) -> bool:
+    """Whether a road is more than a footway."""
+    return any(lane.kind not in RAISED_KINDS for part in road.sections for lane in part.lanes)
 
 
 def _inner_side(road: ModelRoad) -> int:
