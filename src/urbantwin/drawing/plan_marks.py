@@ -62,13 +62,10 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
     )
     crossings = np.isin(paint.kind, [PAINT_KINDS.index(kind) for kind in ("zebra", "crossing")])
     for level in np.unique(paint.level[crossings]).tolist():
-        stripes = PolyCollection(
-            list(paint.quads[crossings & (paint.level == level)]),
-            facecolor=look.paint,
-            linewidth=0,
-            zorder=11.1 + 10 * level,
-        )
-        axes.add_collection(stripes, autolim=False)
+        quads = shapely.polygons(paint.quads[crossings & (paint.level == level)])
+        # Where a crossing leads over the street at an angle, its corners lie beyond the kerb.
+        within = shapely.intersection(quads, network.carriageway(level))
+        fill(axes, within, look.paint, zorder=11.1 + 10 * level)
     for lane in network.lanes:
         if lane.kind in _DRIVEN and not lane.junction:
             _draw_arrows(axes, network, lane, look)
