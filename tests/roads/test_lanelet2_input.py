@@ -254,3 +254,13 @@ def test_what_is_left_out_is_counted(tmp_path):
     assert notes["left_out_regulatory_elements_of_subtype_speed_bump"] == 1
     assert not model.signals
     assert notes["missing_regulatory_elements"] == 1
+
+
+def test_a_lanelet_for_both_directions_is_listed_with_its_place(tmp_path):
+    town = street()
+    town.relations[town.only][1]["one_way"] = "no"
+    _, notes = read_lanelet2(town.write(tmp_path / "map.osm"), FRAME)
+    (words,) = notes["reinterpreted"]
+    assert re.fullmatch(
+        rf"relation {town.only} at \d+\.\d{{5}}, 8\.4\d{{4}}: one_way=no: .*", words
+    )

@@ -91,3 +91,16 @@ def test_problems_of_sources_and_of_the_roads_themselves_come_through() -> None:
         "geometry survey: has no CRS",
         "geometry survey: is far off",
     ]
+
+
+def test_tags_that_are_taken_otherwise_are_told_once() -> None:
+    made = roads()
+    made.notes["reinterpreted"] = [
+        "way 3 at 52.50000, 13.40000: oneway:bicycle=no: bicycles ride with the traffic only",
+        "way 3 at 52.50000, 13.40000: lanes=2, but lanes:forward=3: the parts are taken",
+    ]
+    made.notes["map"] = {"reinterpreted": ["relation 7 at 49.00000, 8.40000: one_way=no: used so"]}
+    (line,) = lines(made)
+    assert line.startswith("roads: tags of 2 of the map's elements are taken otherwise")
+    assert "way 3 at 52.50000, 13.40000: oneway:bicycle=no" in line
+    assert line.endswith("urbantwin info TWIN lists all")

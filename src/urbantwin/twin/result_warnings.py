@@ -67,12 +67,15 @@ def warnings_of_build(
             f"{dropped[0]:.160}",
             "urbantwin info TWIN lists " + ("it" if len(dropped) == 1 else "all"),
         )
-    otherwise: Any = roads.notes.get("reinterpreted", [])
+    otherwise: Any = [
+        *roads.notes.get("reinterpreted", []),  # type: ignore[misc]
+        *roads.notes.get("map", {}).get("reinterpreted", []),  # type: ignore[attr-defined]
+    ]
     if otherwise:
-        ways = len({words.partition(": ")[0] for words in otherwise})
+        elements = len({words.partition(": ")[0] for words in otherwise})
         yield ResultWarning(
             "roads",
-            f"tags of {ways} way{'' if ways == 1 else 's'} are taken otherwise than they say",
+            f"tags of {elements} of the map's elements are taken otherwise than they say",
             f"{otherwise[0]:.160}",
             "urbantwin info TWIN lists " + ("it" if len(otherwise) == 1 else "all"),
         )

@@ -203,6 +203,7 @@ def _note(
 ) -> None:
     """Count what was read, left out or looks wrong."""
     counts: Counter[str] = Counter()
+    otherwise: list[str] = []
     counts["lanelets"] = len(lanelets)
     for identity, lanelet in lanelets.items():
         made = identity in parts.lanes or identity in parts.stubs
@@ -212,6 +213,8 @@ def _note(
             counts[f"left_out_lanelets_{name}"] += 1
         if lanelet.drives and lanelet.tags.get("one_way", "yes") == "no":
             counts["lanelets_for_both_directions_used_in_one"] += 1
+            where = document.error("one_way=no: used in one direction", identity)
+            otherwise.append(f"{where.place}: {where.problem}")
         counts["missing_regulatory_elements"] += sum(
             i not in document.relations for i in lanelet.regulations
         )
@@ -228,6 +231,8 @@ def _note(
         [*(s.dropped for s in parts.streets), *(p.dropped for p in parts.connecting_roads)]
     )
     notes.update({key: n for key, n in counts.items() if n})
+    if otherwise:
+        notes["reinterpreted"] = otherwise
     loose = _loose(parts)
     if loose:
         notes["lanelets_that_end_on_others_without_sharing_points"] = loose
