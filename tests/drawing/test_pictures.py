@@ -37,7 +37,6 @@ from urbantwin.scene.surface import PARTS
 from urbantwin.taxonomy import material_id, semantic_classes, semantic_id
 
 from ..box_tables import write_table
-
 from ..interface.conftest import line
 
 __all__ = ["line"]

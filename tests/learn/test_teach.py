@@ -22,7 +22,7 @@ pytestmark = pytest.mark.xdist_group("learn")
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "two-avenues"
 #: Few and short drives.
-ASKED = {"drives": 1, "judging": 1, "seconds": 2.0, "every": 1.0, "progress": False}
+ASKED = {"drives": 1, "judging": 1, "seconds": 3.0, "every": 1.0, "progress": False}
 
 
 @pytest.fixture

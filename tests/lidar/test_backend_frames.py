@@ -58,7 +58,7 @@ def moving(actors, seed=2):
 def test_frames_are_the_same(street, rig_of, crowd, sensor, backend):
     rig = rig_of(
         street,
-        {"columns": 256, "model": "OS1-128", **sensor}
+        {"columns": 512, "model": "OS1-128", **sensor}
         | ({"columns": None} if "model" in sensor else {}),
     )
     ours, other = frames(street, rig, moving(crowd(25, 3)), backend)
@@ -89,7 +89,7 @@ def test_no_hit_of_a_whole_turn_differs(street, rig_of, crowd, backend):
 
 def test_a_sensor_that_sways_sees_the_same(street, rig_of, crowd, backend):
     """Nothing of the static world is kept: every ray is cast at it in every frame."""
-    rig = rig_of(street, {"columns": 256, "effects": EXACT}, sway={"rms_m": 0.02})
+    rig = rig_of(street, {"columns": 512, "effects": EXACT}, sway={"rms_m": 0.02})
     ours, other = frames(street, rig, moving(crowd(10, 4)), backend)
     mine, theirs = by_beam(ours), by_beam(other)
     shared = sorted(set(mine) & set(theirs))
@@ -101,7 +101,7 @@ def test_a_sensor_that_sways_sees_the_same(street, rig_of, crowd, backend):
 
 def test_frames_are_the_same_whatever_came_before(street, rig_of, crowd, backend):
     """Shapes that come later are sent to the device later, and nothing is left of a frame."""
-    rig = rig_of(street, {"columns": 256})
+    rig = rig_of(street, {"columns": 512})
     scanner = Scanner(street, rig, 1, backend=backend)
     scanner.scan(0, crowd(3, 1))
     scanner.scan(1, [])
@@ -116,7 +116,7 @@ def test_frames_are_the_same_whatever_came_before(street, rig_of, crowd, backend
 
 def test_threads_cast_side_by_side(street, rig_of, crowd, backend):
     """Turns of several threads are on the device at once; none sees what another sent."""
-    rig = rig_of(street, {"columns": 256})
+    rig = rig_of(street, {"columns": 512})
     scanner = Scanner(street, rig, 1, backend=backend)
     crowds = [moving(crowd(5 + 4 * number, number)) for number in range(4)]
     alone = [scanner.scan(number, one) for number, one in enumerate(crowds)]

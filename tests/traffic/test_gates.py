@@ -12,7 +12,7 @@ from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.demand.circulation import Circulation
 from urbantwin.traffic.sumo.simulation import Simulated, observe
 
-WARMUP, SECONDS = 120, 720
+WARMUP, SECONDS = 120, 480
 MOTOR = [ACTOR_CLASSES.index(name) for name in ("car", "truck", "bus", "motorcycle")]
 
 
