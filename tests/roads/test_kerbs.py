@@ -6,7 +6,7 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
-from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads import RoadNetwork, build_roads, driving_side
 from urbantwin.scene.zones import ground_zones
 from urbantwin.site import read_extract
 
@@ -110,3 +110,9 @@ def test_the_ring_of_montlake_leaves_an_island_and_whole_crossings(place):
     # Each leads over two lanes of 3 m, also the one at 90 m, before the region ends.
     assert max(lane.centre[:, 1].mean() for lane in crossings) > 85
     assert min(shapely.LineString(lane.centre[:, :2]).length for lane in crossings) > 5.5
+
+
+def test_a_place_without_roads_has_no_kerbs():
+    network = RoadNetwork("right", (), (), (), (), ())
+    assert network.carriageway(0).is_empty
+    assert network.footway(0).is_empty

@@ -301,7 +301,7 @@ class RoadNetwork:
             slits = area_difference(slits, closed(driven, 2 * SEAM_M))
             beside = opened(area_difference(area_union([walked, slits]), driven), FIN_M)
             parts = [part for part in shapely.get_parts(beside) if part.area > SPECK_M2]
-            self._areas["footway", level] = shapely.multipolygons(parts)
+            self._areas["footway", level] = area_union(parts)
         return self._areas["footway", level]
 
     def carriageway(self, level: int) -> shapely.Geometry:
@@ -330,7 +330,7 @@ class RoadNetwork:
         )
         shapely.prepare(lines)
         parts = shapely.get_parts(whole)
-        whole = shapely.multipolygons(parts[shapely.intersects(parts, lines)])
+        whole = area_union(parts[shapely.intersects(parts, lines)])
         self._areas["carriageway", level] = whole
         return whole
 
