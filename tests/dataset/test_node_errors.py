@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from urbantwin.dataset.fleet.draws import Purpose, normal_draws, uniform_draws
-from urbantwin.dataset.fleet.node_table import pose_errors, received, reported_pose
+from urbantwin.dataset.fleet.node_table import (
+    Purpose,
+    normal_draws,
+    pose_errors,
+    received,
+    reported_pose,
+    uniform_draws,
+)
 from urbantwin.geometry import Pose
 from urbantwin.site.nodes import PoseErrorSpec, RadioSpec
 

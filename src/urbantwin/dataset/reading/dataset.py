@@ -16,6 +16,7 @@ from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.dataset.reading.selection import Frames, Located
 from urbantwin.dataset.reading.tables import frames_of, read_table, rows_by_frame
 from urbantwin.dataset.reading.turns import SensorTurns
+from urbantwin.dataset.split import image_sets
 from urbantwin.errors import InputError
 from urbantwin.result_warning import ResultWarning, warnings_of
 
@@ -234,32 +235,35 @@ class Dataset(Frames):
         names = (table[name].to_pylist() for name in ("frame", "sensor"))
         return dict(zip(zip(*names, strict=True), ahead.tolist(), strict=True))
 
+    @cached_property
+    def splits(self) -> dict[str, tuple[str, ...]]:
+        """Names of the frames of each part: ``train``, ``val``, ``test``, and others by name.
+
+        Raises:
+            InputError: a list is damaged, or names a frame that is not there.
+        """
+        found = image_sets(self.folder)
+        for part, names in found.items():
+            for number, one in enumerate(names, start=1):
+                if one not in self.numbers:
+                    raise InputError(
+                        f"names frame {one[:40]}, which is not there",
+                        file=self.folder / "ImageSets" / f"{part}.txt",
+                        place=f"line {number}",
+                        expected="frames of the dataset",
+                    )
+        return {part: tuple(names) for part, names in sorted(found.items())}
+
     def split(self, name: str) -> tuple[str, ...]:
         """Return the names of the frames of a split: those of ``ImageSets/NAME.txt``.
 
         Raises:
-            InputError: there is no such split, or its file is damaged.
+            InputError: there is no such split, or a list is damaged.
         """
-        folder = self.folder / "ImageSets"
-        there = sorted(path.stem for path in folder.glob("*.txt"))
-        if name not in there:
-            raise InputError(
-                f"has no split {name!r}", file=self.folder, expected=", ".join(there) or "splits"
-            )
-        file = folder / f"{name}.txt"
-        try:
-            found = tuple(file.read_text(encoding="utf-8").split())
-        except (OSError, UnicodeDecodeError):
-            raise InputError("cannot be read", file=file, expected="names of frames") from None
-        for number, one in enumerate(found, start=1):
-            if one not in self.numbers:
-                raise InputError(
-                    f"names frame {one[:40]}, which is not there",
-                    file=file,
-                    place=f"line {number}",
-                    expected="frames of the dataset",
-                )
-        return found
+        if name not in self.splits:
+            there = ", ".join(self.splits) or "splits"
+            raise InputError(f"has no split {name!r}", file=self.folder, expected=there)
+        return self.splits[name]
 
     def _table(self, name: str) -> pa.Table | None:
         """Return a table; ``None``: the dataset is of a version that did not write it."""

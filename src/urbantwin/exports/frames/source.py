@@ -11,7 +11,6 @@ import numpy as np
 
 from urbantwin.dataset.reading import Dataset
 from urbantwin.dataset.reading.objects import LabelledObjects
-from urbantwin.dataset.split import image_sets
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.taxonomy import BOX_SEMANTICS
@@ -50,21 +49,6 @@ class FrameSource(Dataset):
     def rate_hz(self) -> float:
         """Frames a second of the rig."""
         return float(self.manifest["rig"]["rate_hz"])
-
-    @cached_property
-    def splits(self) -> dict[str, tuple[str, ...]]:
-        """Names of the frames of each part: ``train``, ``val`` and ``test``, as far as they are."""
-        found = {}
-        for part, names in sorted(image_sets(self.folder).items()):
-            unknown = next((one for one in names if one not in self.numbers), None)
-            if unknown is not None:
-                raise InputError(
-                    f"names the frame {unknown[:40]}",
-                    file=self.folder / "ImageSets" / f"{part}.txt",
-                    expected="frames of the dataset",
-                )
-            found[part] = tuple(names)
-        return found
 
     def part_of(self, name: str) -> str | None:
         """Return the part of the split that a frame is in; ``None`` for a frame of none."""
