@@ -23,7 +23,7 @@ from urbantwin.drawing.labelled_frame import (
     read_labelled_points,
 )
 from urbantwin.drawing.markings import markings
-from urbantwin.drawing.pictures import pictures_of_dataset, pictures_of_twin
+from urbantwin.drawing.pictures import figure_of_twin, pictures_of_dataset, pictures_of_twin
 from urbantwin.drawing.plan import plan, plan_figure
 from urbantwin.drawing.plan_style import DARK
 from urbantwin.drawing.range_image import range_image, spread_rays
@@ -37,6 +37,9 @@ from urbantwin.scene.surface import PARTS
 from urbantwin.taxonomy import material_id, semantic_classes, semantic_id
 
 from ..box_tables import write_table
+from ..interface.conftest import line
+
+__all__ = ["line"]
 
 COLUMNS = 90
 ELEVATION_DEG = np.array([-30.0, -10.0, -20.0, 0.0])  # channels not in the order of their height
@@ -505,16 +508,14 @@ def test_pictures_of_a_dataset_come_out_the_same(tmp_path):
         pictures_of_dataset(tmp_path / "nowhere")
 
 
-def test_a_helper_that_is_ready_draws_what_this_process_would(two_avenues_twin, tmp_path):
-    with helpers(2, time.sleep, 1.0) as crew:
+def test_a_helper_that_is_ready_draws_what_this_process_would(line, tmp_path):
+    with helpers(2, time.sleep, 0.5) as crew:
         assert crew.ready is None
         crew.first.result()
         assert crew.ready is crew.pool
-        pictures_of_twin(two_avenues_twin, tmp_path / "with", pool=crew.ready)
-    pictures_of_twin(two_avenues_twin, tmp_path / "alone")
-    assert (tmp_path / "with" / "scene.png").is_file()
-    for drawn in (tmp_path / "alone").iterdir():
-        assert (tmp_path / "with" / drawn.name).read_bytes() == drawn.read_bytes()
+        pictures_of_twin(line.twin, tmp_path / "with", pool=crew.ready)
+    alone = style.save(figure_of_twin(line.twin, "scene"), tmp_path / "scene.png")
+    assert (tmp_path / "with" / "scene.png").read_bytes() == alone.read_bytes()
     with helpers(1, int) as crew:
         assert crew.ready is None
 

@@ -1,4 +1,4 @@
-"""Twins to export: beside the example (right-hand traffic), a real place with left-hand traffic."""
+"""Twins to export: of the example its middle (right-hand traffic), and a real left-hand place."""
 
 import os
 from pathlib import Path
@@ -10,6 +10,10 @@ from urbantwin.exports.carla import write_carla
 from urbantwin.site import load_site
 from urbantwin.site.initial_site import init_site
 from urbantwin.twin import build_twin, load_twin
+
+from ..interface.conftest import line
+
+__all__ = ["line"]
 
 ROOT = Path(__file__).parents[2]
 
@@ -29,14 +33,16 @@ def perth_twin(shared_data, made_once):
 
 
 @pytest.fixture(scope="session")
-def two_avenues_package(two_avenues_twin, made_once):
-    """The example as a package for CARLA."""
-    return (
-        made_once(
-            "two-avenues-carla", lambda folder: write_carla(two_avenues_twin, folder / "carla")
-        )
-        / "carla"
-    )
+def small_twin(line):
+    """The example within 40 m of its middle."""
+    return line.twin
+
+
+@pytest.fixture(scope="session")
+def small_package(small_twin, made_once):
+    """It as a package for CARLA."""
+    made = made_once("small-carla", lambda folder: write_carla(small_twin, folder / "carla"))
+    return made / "carla"
 
 
 @pytest.fixture(scope="session")

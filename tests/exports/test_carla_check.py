@@ -17,8 +17,8 @@ from urbantwin.exports.carla.check.rules import findings
 
 
 @pytest.fixture(scope="module")
-def folder(two_avenues_package):
-    return two_avenues_package
+def folder(small_package):
+    return small_package
 
 
 @pytest.fixture(scope="module")

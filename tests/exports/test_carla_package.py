@@ -221,8 +221,8 @@ def test_points_of_a_sensor_come_back_to_the_site():
     assert moved["tag"][0] == 7
 
 
-def test_the_rig_becomes_ray_cast_sensors(two_avenues_twin):
-    twin = two_avenues_twin
+def test_the_rig_becomes_ray_cast_sensors(small_twin):
+    twin = small_twin
     rig = place_rig(twin.rig_spec(), twin.mesh)
     sensor = rig.sensors[0]
     entry = carla_sensor(sensor)
@@ -237,8 +237,8 @@ def test_the_rig_becomes_ray_cast_sensors(two_avenues_twin):
     assert attributes["range"] == sensor.sensor.range_max_m
 
 
-def test_a_sensor_turns_at_its_own_speed_and_a_rig_that_rides_is_refused(two_avenues_twin):
-    twin = two_avenues_twin
+def test_a_sensor_turns_at_its_own_speed_and_a_rig_that_rides_is_refused(small_twin):
+    twin = small_twin
     own = twin.rig_spec().sensors[0].model_copy(update={"rate_hz": 20.0})
     spec = twin.rig_spec().model_copy(update={"sensors": [own]})
     rig = place_rig(spec, twin.mesh)
@@ -318,10 +318,8 @@ def test_each_class_of_traffic_has_blueprints_of_its_own(exported):
         assert chosen_blueprints(library, entry) == expected[name]
 
 
-def test_the_fbx_of_the_package_is_the_same_mesh_in_centimetres(
-    two_avenues_twin, two_avenues_package
-):
-    path = files(two_avenues_package)[2].with_suffix(".fbx")
+def test_the_fbx_of_the_package_is_the_same_mesh_in_centimetres(small_twin, small_package):
+    path = files(small_package)[2].with_suffix(".fbx")
     content = path.read_bytes()
     for name in ("Road_Road_0", "Road_Sidewalk_0", "Road_Marking_0", "Terrain_0", "Building_0"):
         assert f"{name}\x00\x01Model".encode() in content  # how FBX writes a node's name
@@ -330,7 +328,7 @@ def test_the_fbx_of_the_package_is_the_same_mesh_in_centimetres(
     corners = np.concatenate([np.asarray(one.mesh.vertices) for one in read])
     paint = "Road_Marking"
     unpainted = [np.asarray(o.mesh.vertices) for o in read if not o.mesh_name.startswith(paint)]
-    expected = two_avenues_twin.mesh.vertices[:, [0, 2, 1]] * [100, 100, -100]
+    expected = small_twin.mesh.vertices[:, [0, 2, 1]] * [100, 100, -100]
     assert cKDTree(corners).query(expected)[0].max() < 0.5
     assert cKDTree(expected).query(np.concatenate(unpainted))[0].max() < 0.5
 

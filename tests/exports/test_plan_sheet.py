@@ -46,7 +46,7 @@ def boxes(figure):
     return found
 
 
-@pytest.mark.parametrize("name", ["two_avenues_twin", *further("perth_twin")])
+@pytest.mark.parametrize("name", ["small_twin", *further("perth_twin")])
 def test_no_text_covers_another_or_leaves_the_sheet(request, name):
     twin = request.getfixturevalue(name)
     figure = figure_of(twin)
@@ -66,10 +66,10 @@ def test_no_text_covers_another_or_leaves_the_sheet(request, name):
             assert on_map.intersection(twin.roads.carriageway(0)).area < 0.25 * on_map.area, text
 
 
-def test_svg_and_png_are_the_same_every_time(two_avenues_twin, tmp_path):
+def test_svg_and_png_are_the_same_every_time(small_twin, tmp_path):
     for name in ("one", "two"):
-        export_twin(two_avenues_twin, "plan", tmp_path / name)
-    export_twin(two_avenues_twin, "plan", tmp_path / "alone.svg")
+        export_twin(small_twin, "plan", tmp_path / name)
+    export_twin(small_twin, "plan", tmp_path / "alone.svg")
     for name in ("plan.svg", "plan.png", "plan.json"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
     svg = (tmp_path / "one" / "plan.svg").read_text()
@@ -80,8 +80,8 @@ def test_svg_and_png_are_the_same_every_time(two_avenues_twin, tmp_path):
     assert min(picture.shape[:2]) >= 1500
 
 
-def test_stop_lines_zebras_and_signals_are_on_the_sheet(two_avenues_twin, tmp_path):
-    twin = two_avenues_twin
+def test_stop_lines_zebras_and_signals_are_on_the_sheet(small_twin, tmp_path):
+    twin = small_twin
     figure = figure_of(twin)
     export_twin(twin, "plan", tmp_path / "plan.png")
     picture = imread(tmp_path / "plan.png")[..., :3]
@@ -109,11 +109,11 @@ def test_stop_lines_zebras_and_signals_are_on_the_sheet(two_avenues_twin, tmp_pa
     assert close.sum() > 20 * len({head.lane for head in twin.roads.signals})
 
 
-def test_what_stands_in_the_way_is_left_alone(two_avenues_twin, tmp_path):
+def test_what_stands_in_the_way_is_left_alone(small_twin, tmp_path):
     (tmp_path / "mine").write_text("mine")
     with pytest.raises(InputError, match="is a file"):
-        export_twin(two_avenues_twin, "plan", tmp_path / "mine")
+        export_twin(small_twin, "plan", tmp_path / "mine")
     (tmp_path / "folder.svg").mkdir()
     with pytest.raises(InputError, match="is a folder"):
-        export_twin(two_avenues_twin, "plan", tmp_path / "folder.svg")
+        export_twin(small_twin, "plan", tmp_path / "folder.svg")
     assert (tmp_path / "mine").read_text() == "mine"

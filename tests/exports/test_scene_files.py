@@ -32,10 +32,10 @@ ENDINGS = {
 
 
 @pytest.fixture(scope="module")
-def files(two_avenues_twin, tmp_path_factory):
+def files(small_twin, tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     return {
-        name: export_twin(two_avenues_twin, name, folder / f"scene.{ending}").path
+        name: export_twin(small_twin, name, folder / f"scene.{ending}").path
         for name, ending in ENDINGS.items()
     }
 
@@ -52,9 +52,9 @@ def expected_by_part(mesh):
     return {int(part): areas[mesh.part == part].sum() for part in np.unique(mesh.part)}
 
 
-def test_glb_has_a_node_per_object_with_its_class(files, two_avenues_twin):
+def test_glb_has_a_node_per_object_with_its_class(files, small_twin):
     document = gltf(files["glb"])
-    mesh = two_avenues_twin.mesh
+    mesh = small_twin.mesh
     names = [node["name"] for node in document["nodes"]]
     assert len(names) == len(set(names)) == len(np.unique(mesh.part)) + 1
     assert names[-1] == "lane paint"
@@ -82,9 +82,9 @@ def test_glb_has_a_node_per_object_with_its_class(files, two_avenues_twin):
     assert high[1] == pytest.approx(mesh.vertices[:, 2].max(), abs=1e-3)
 
 
-def test_glb_materials_name_class_and_material(files, two_avenues_twin):
+def test_glb_materials_name_class_and_material(files, small_twin):
     document = gltf(files["glb"])
-    mesh = two_avenues_twin.mesh
+    mesh = small_twin.mesh
     classes = {one.id: one.name for one in semantic_classes().values()}
     stuff = {one.id: one.name for one in materials().values()}
     pairs = {
@@ -96,16 +96,16 @@ def test_glb_materials_name_class_and_material(files, two_avenues_twin):
     for one in document["materials"]:
         assert f"{one['extras']['semantic']}/{one['extras']['material']}" == one["name"]
     place = document["scenes"][0]["extras"]["georeference"]
-    assert place["latitude"] == two_avenues_twin.frame.latitude
-    assert place["proj"] == two_avenues_twin.frame.proj
+    assert place["latitude"] == small_twin.frame.latitude
+    assert place["proj"] == small_twin.frame.proj
 
 
-def test_obj_is_the_same_scene(files, two_avenues_twin):
+def test_obj_is_the_same_scene(files, small_twin):
     text = files["obj"].read_text()
     names = [line[2:] for line in text.splitlines() if line.startswith("o ")]
     assert {"building_1", "road", "pole_1"} <= set(names)
     mesh = trimesh.load(files["obj"], force="mesh", process=False, skip_materials=True)
-    twin = two_avenues_twin
+    twin = small_twin
     paint = markings(twin.roads, twin.ground_mesh, twin.lane_model)
     assert len(mesh.faces) == len(twin.mesh.faces) + len(paint.faces)
     assert mesh.area == pytest.approx(twin.mesh.areas().sum() + paint.areas().sum(), rel=1e-3)
@@ -114,24 +114,24 @@ def test_obj_is_the_same_scene(files, two_avenues_twin):
     assert used == {line[7:] for line in library.splitlines() if line.startswith("newmtl ")}
 
 
-def test_ply_faces_carry_class_material_and_part(files, two_avenues_twin):
+def test_ply_faces_carry_class_material_and_part(files, small_twin):
     mesh = trimesh.load(files["ply"], process=False)
     rows = mesh.metadata["_ply_raw"]["face"]["data"]
-    own = two_avenues_twin.mesh
+    own = small_twin.mesh
     assert np.array_equal(mesh.vertices, own.vertices)
     assert np.array_equal(mesh.faces, own.faces)
     for name in ("semantic", "material", "part"):
         assert np.array_equal(np.asarray(rows[name]).ravel(), getattr(own, name))
 
 
-def test_usd_is_a_sound_stage_with_names_and_classes(files, two_avenues_twin):
+def test_usd_is_a_sound_stage_with_names_and_classes(files, small_twin):
     usd = pytest.importorskip("pxr.Usd")
     geometry = pytest.importorskip("pxr.UsdGeom")
     shade = pytest.importorskip("pxr.UsdShade")
     stage = usd.Stage.Open(str(files["usd"]))
     assert geometry.GetStageUpAxis(stage) == "Z"
     assert geometry.GetStageMetersPerUnit(stage) == 1.0
-    wanted = expected_by_part(two_avenues_twin.mesh)
+    wanted = expected_by_part(small_twin.mesh)
     found = {}
     for prim in stage.Traverse():
         if not prim.IsA(geometry.Mesh):
@@ -150,18 +150,18 @@ def test_usd_is_a_sound_stage_with_names_and_classes(files, two_avenues_twin):
     assert stage.GetPrimAtPath("/World/building_1").GetDisplayName() == "building 1"
 
 
-def test_cityjson_holds_every_wall_and_roof_where_it_stands(files, two_avenues_twin):
+def test_cityjson_holds_every_wall_and_roof_where_it_stands(files, small_twin):
     document = json.loads(files["cityjson"].read_text())
     assert (document["type"], document["version"]) == ("CityJSON", "2.0")
     code = document["metadata"]["referenceSystem"].rsplit("/", 1)[1]
     scale, shift = document["transform"]["scale"], document["transform"]["translate"]
     vertices = np.array(document["vertices"]) * scale + shift
-    frame = two_avenues_twin.frame
+    frame = small_twin.frame
     back = Transformer.from_crs(f"EPSG:{code}", "EPSG:4326", always_xy=True)
     site = frame.site_from_lonlat(np.column_stack(back.transform(vertices[:, 0], vertices[:, 1])))
-    anchor = two_avenues_twin.manifest["notes"]["ground"]["anchor_height_m"]
+    anchor = small_twin.manifest["notes"]["ground"]["anchor_height_m"]
     site = np.column_stack([site, vertices[:, 2] - anchor])
-    mesh, sills = two_avenues_twin.mesh, 0
+    mesh, sills = small_twin.mesh, 0
     for one in document["CityObjects"].values():
         own = mesh.select(mesh.part == one["attributes"]["part"])
         (geometry,) = one["geometry"]
@@ -219,28 +219,28 @@ def test_triangles_of_a_plane_become_one_polygon_with_its_holes():
 
 
 @pytest.mark.parametrize("name", ENDINGS)
-def test_the_same_twin_gives_the_same_bytes(files, two_avenues_twin, tmp_path, name):
-    again = export_twin(two_avenues_twin, name, tmp_path / files[name].name).path
+def test_the_same_twin_gives_the_same_bytes(files, small_twin, tmp_path, name):
+    again = export_twin(small_twin, name, tmp_path / files[name].name).path
     assert again.read_bytes() == files[name].read_bytes()
     assert str(tmp_path).encode() not in again.read_bytes()
 
 
-def test_nothing_is_left_where_writing_fails(two_avenues_twin, tmp_path, monkeypatch):
+def test_nothing_is_left_where_writing_fails(small_twin, tmp_path, monkeypatch):
     monkeypatch.setattr("urbantwin.exports.scene.write.write_glb", lambda *a: 1 / 0)
     (tmp_path / "s.glb").write_bytes(b"older")
     with overwriting(allowed=True), pytest.raises(ZeroDivisionError):
-        export_twin(two_avenues_twin, "glb", tmp_path / "s.glb")
+        export_twin(small_twin, "glb", tmp_path / "s.glb")
     assert (tmp_path / "s.glb").read_bytes() == b"older"
     assert len(list(tmp_path.iterdir())) == 1
     with pytest.raises(InputError, match="folder"):
-        export_twin(two_avenues_twin, "ply", tmp_path)
+        export_twin(small_twin, "ply", tmp_path)
     for name in ("glb", "usd", "fbx", "cityjson"):
         with pytest.raises(InputError, match="ends in"):
-            export_twin(two_avenues_twin, name, tmp_path / "scene.gltf")
+            export_twin(small_twin, name, tmp_path / "scene.gltf")
 
 
-def test_fbx_has_the_glb_s_objects_in_centimetres(files, two_avenues_twin):
-    model, mesh = read_fbx(files["fbx"]), two_avenues_twin.mesh
+def test_fbx_has_the_glb_s_objects_in_centimetres(files, small_twin):
+    model, mesh = read_fbx(files["fbx"]), small_twin.mesh
     assert model.notes["unit_in_file_m"] == 0.01
     # ufbx turns z up as the file's axes tell it to: it is up already.
     assert np.allclose(model.mesh.vertices.min(axis=0), mesh.vertices.min(axis=0), atol=1e-4)

@@ -55,7 +55,7 @@ def test_range_spread_and_drop_out_are_those_that_frames_were_made_with():
     aim = one.directions.reshape(-1, 3)
     true = generator.uniform(8.0, 90.0, len(aim))
     frames = []
-    for _ in range(200):
+    for _ in range(100):
         range_m = true + generator.normal(0, 0.03, len(aim))
         hidden = generator.random(len(aim)) < 0.2
         range_m[hidden] = generator.uniform(2.0, 7.0, hidden.sum())

@@ -26,8 +26,8 @@ def fused():
     """Two frames of two sensors, neither upright, with the sensor and ring of every point."""
     random = np.random.default_rng(4)
     rig = [
-        (sensor("HDL-32E"), (-8.0, -5.0, 3.6), (30.0, 4.0, -2.0), 450),
-        (sensor("VLP-16"), (9.0, -2.0, 2.4), (-70.0, -1.5, 2.0), 450),
+        (sensor("HDL-32E"), (-8.0, -5.0, 3.6), (30.0, 4.0, -2.0), 400),
+        (sensor("VLP-16"), (9.0, -2.0, 2.4), (-70.0, -1.5, 2.0), 400),
     ]
     frames, sensors, rings = [], [], []
     for turn in range(2):
@@ -129,12 +129,12 @@ def test_what_was_found_is_a_rig_and_frames(fused, found, tmp_path: Path):
     np.testing.assert_array_equal(again.ring, rays.ring)
     on = again.sensor == 0
     assert again.column[on].min() >= 0
-    assert again.column[on].max() < 450
+    assert again.column[on].max() < 400
 
 
 def test_a_model_that_nobody_knows_is_measured(tmp_path: Path):
     random = np.random.default_rng(1)
-    points, _ = scan(sensor("VLP-16"), (0.0, 0.0, 2.0), (0.0, 2.0, 1.0), 1200, random)
+    points, _ = scan(sensor("VLP-16"), (0.0, 0.0, 2.0), (0.0, 2.0, 1.0), 600, random)
     found = discover([points], ["0"], models=[sensor("OS1-128"), sensor("HDL-64E")])
     (one,) = found.sensors
     assert one.models == ()

@@ -301,7 +301,7 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
     frames = labelled_frames([street], design, tmp_path / "frames", untold)
     assert frames.objects == (10,)
     same = Varied(placed=False, beams=False, objects=False, sizes=False, clutter=False)
-    recipe = Recipe(steps=140, batch=2, window_m=24.0, varied=same)
+    recipe = Recipe(steps=120, batch=2, window_m=24.0, varied=same)
     network, *_ = trained(frames, design, recipe, tmp_path / "state", untold)
     folder = tmp_path / "model"
     folder.mkdir()
@@ -469,7 +469,7 @@ def test_frames_of_other_parts_are_not_learned_from(street: Path, tmp_path: Path
 def test_an_interrupted_training_ends_in_the_same_weights(street: Path, tmp_path: Path) -> None:
     design = Design(("car",), 16.0)
     frames = labelled_frames([street], design, tmp_path / "frames", untold)
-    recipe = Recipe(steps=6, batch=2, window_m=19.2, seed=4, kept_every_s=0)
+    recipe = Recipe(steps=4, batch=2, window_m=19.2, seed=4, kept_every_s=0)
     whole, *_ = trained(frames, design, recipe, tmp_path / "whole", untold)
 
     def interrupts(at: int) -> Callable[[float, str], None]:
@@ -480,10 +480,9 @@ def test_an_interrupted_training_ends_in_the_same_weights(street: Path, tmp_path
         return tell
 
     state = tmp_path / "parts"
-    for at in (3, 5):
-        with pytest.raises(KeyboardInterrupt):
-            trained(frames, design, recipe, state, interrupts(at))
-    threads = Recipe(steps=6, batch=2, window_m=19.2, seed=4, workers=2)
+    with pytest.raises(KeyboardInterrupt):
+        trained(frames, design, recipe, state, interrupts(3))
+    threads = Recipe(steps=4, batch=2, window_m=19.2, seed=4, workers=2)
     parts, *_ = trained(frames, design, threads, state, untold)
     for name, one in whole.state_dict().items():
         assert torch.equal(one, parts.state_dict()[name]), name

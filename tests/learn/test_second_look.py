@@ -293,15 +293,15 @@ def test_nobody_is_found_where_no_point_is_near(tmp_path: Path) -> None:
 def test_a_training_ends_with_a_second_look_where_it_found_somebody(
     people: Path, tmp_path: Path
 ) -> None:
-    given = {"reach": 12, "classes": ["pedestrian"], "batch": 2, "progress": False}
+    given = {"reach": 12, "cell": 0.8, "classes": ["pedestrian"], "batch": 2, "progress": False}
     model = ut.model.train(people, tmp_path / "few", steps=1, **given)
     assert model.trained["second_look"] is False
     assert not (model.folder / "second_look.onnx").exists()
-    model = ut.model.train(people, tmp_path / "model", steps=70, **given)
+    model = ut.model.train(people, tmp_path / "model", steps=50, **given)
     assert model.trained["second_look"] is True
     assert (model.folder / "second_look.onnx").is_file()
     assert read_model(model.folder).second_look is not None
-    bare = ut.model.train(people, tmp_path / "bare", steps=70, second_look=False, **given)
+    bare = ut.model.train(people, tmp_path / "bare", steps=50, second_look=False, **given)
     assert bare.trained["second_look"] is False
     ours, theirs = (read_model(one.folder).network.state_dict() for one in (model, bare))
     assert all(torch.equal(one, theirs[name]) for name, one in ours.items())

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.xdist_group("learn")
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "two-avenues"
 #: Few and short drives.
-ASKED = {"drives": 1, "judging": 1, "seconds": 4.0, "every": 1.0, "progress": False}
+ASKED = {"drives": 1, "judging": 1, "seconds": 3.0, "every": 1.0, "progress": False}
 
 
 @pytest.fixture
@@ -33,8 +33,8 @@ def site(tmp_path: Path) -> Path:
     file = folder / "site.yaml"
     told = yaml.safe_load(file.read_text())
     told |= {"closed_loop": False}
-    told["region"]["radius_m"] = 60
-    told["traffic"] |= {"warmup_s": 10}
+    told["region"]["radius_m"] = 40
+    told["traffic"] |= {"warmup_s": 5}
     told["rig"]["sensors"] = told["rig"]["sensors"][1:]
     file.write_text(yaml.safe_dump(told))
     return file

@@ -260,7 +260,7 @@ def turned(seed):
 lattice = st.tuples(*[st.integers(0, 4)] * 3)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     vertices=st.lists(lattice, min_size=3, max_size=12),
     faces=st.lists(st.tuples(*[st.integers(0, 11)] * 3), min_size=1, max_size=12),
@@ -327,7 +327,7 @@ def street(rng, size):
     return np.vstack(parts), np.vstack(faces).astype(np.int32)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     world=st.sampled_from([soup, street]),
@@ -365,7 +365,7 @@ def test_random_worlds(seed, world, size, kind, anchor):
 
 
 @pytest.mark.parametrize("backend", [embree, packets, bvh, bvh_packets, warp])
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([0.5, 8.0, 120.0]))
 def test_no_ray_leaves_a_closed_surface(backend, seed, size):
     """A convex body from inside, at its corners and edges: the nearest of its planes, always."""

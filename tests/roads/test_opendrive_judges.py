@@ -20,10 +20,12 @@ from urbantwin.site import read_extract
 from ..thorough import further
 
 ROOT = Path(__file__).parents[2]
-PLACES = ("two-avenues", "perth_stretched_lights", "quad_intersection")
-MORE_PLACES = ("taipei", "neukolln", "munich", "West-Oakland")
-#: ASAM's checker takes some seconds a file: right-hand and left-hand; old-style maps are below.
-CHECKED = ("two-avenues=1.8", "perth_stretched_lights=1.8")
+PLACES = ("two-avenues", "perth_stretched_lights")
+MORE_PLACES = ("quad_intersection", "taipei", "neukolln", "munich", "West-Oakland")
+#: ASAM's checker takes some seconds a file: a right-hand map and an old-style one are below.
+CHECKED = ("perth_stretched_lights=1.8",)
+#: The towns that it checks: side and version.
+TOWNS = (("right", "1.8"), ("left", "1.4"))
 
 
 def slope():
@@ -198,15 +200,15 @@ def town_judged(town, tmp_path_factory, judge):
         for version in ("1.8", "1.4"):
             file = folder / f"{side}-{version}.xodr"
             write_opendrive(town(side), SiteFrame(48.7, 9.18), file, version=version, name="town")
-            tasks[side, version, "check"] = f"check={file}"
+            if (side, version) in TOWNS:
+                tasks[side, version, "check"] = f"check={file}"
             if version == "1.4":
                 tasks[side, version, "carla"] = f"carla={file}"
     answers = judge("asam_and_carla", *tasks.values())
     return {key: answers[task] for key, task in tasks.items()}
 
 
-@pytest.mark.parametrize("version", ["1.8", "1.4"])
-@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize(("side", "version"), TOWNS)
 def test_asams_checker_reports_no_issue_of_a_town_made_by_hand(town_judged, side, version):
     answer = town_judged[side, version, "check"]
     assert answer["issues"] == []

@@ -75,18 +75,18 @@ def net(make_net: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory)
 def test_detectors_of_sumo_count_the_shares_that_are_told(net: Path, tmp_path: Path) -> None:
     """Eight in ten by the left lane, which nobody needs, of an approach of 25 m."""
     flow = '<vType id="car" sigma="0.3"/><route id="r" edges="ab bc cd"/>'
-    flow += '<flow id="f" type="car" route="r" begin="0" end="900" vehsPerHour="600" '
+    flow += '<flow id="f" type="car" route="r" begin="0" end="480" vehsPerHour="900" '
     flow += 'departLane="random" departSpeed="max"/>'
     loops = "".join(
         f'<e1Detector id="{lane}" lane="{lane}" pos="-2" period="1000" file="out.xml"/>'
         for lane in ("bc_0", "bc_1")
     )
     told = {"bc": {"queue_headway_s": None, "lanes": {"cd": {"0": 0.2, "1": 0.8}}}}
-    found = driven(tmp_path, net, flow, loops, ("lane_use.py", "LaneUse", told, 1000))
+    found = driven(tmp_path, net, flow, loops, ("lane_use.py", "LaneUse", told, 560))
     count = {row.get("id"): float(row.get("nVehContrib", 0)) for row in found}
-    assert sum(count.values()) == pytest.approx(150, abs=2)
+    assert sum(count.values()) == pytest.approx(120, abs=2)
     assert count["bc_1"] / sum(count.values()) == pytest.approx(0.8, abs=0.03)
-    again = driven(tmp_path, net, flow, loops, ("lane_use.py", "LaneUse", told, 1000))
+    again = driven(tmp_path, net, flow, loops, ("lane_use.py", "LaneUse", told, 560))
     assert ElementTree.tostring(again) == ElementTree.tostring(found)
 
 
@@ -101,7 +101,7 @@ def test_queues_leave_as_greenshields_saw_and_close_up_again(net: Path, tmp_path
         """Return the medians of the third of a queue to the seventh, and at 180 m a fifth below."""
         flow = f'<vType id="car" accel="2.0" tau="{tau_s}"/>'
         flow += (
-            '<route id="r" edges="ex xf fg"/><flow id="f" type="car" route="r" begin="0" end="900"'
+            '<route id="r" edges="ex xf fg"/><flow id="f" type="car" route="r" begin="0" end="450"'
         )
         flow += ' vehsPerHour="1600" departSpeed="max"/>'
         loops = "".join(
@@ -109,7 +109,7 @@ def test_queues_leave_as_greenshields_saw_and_close_up_again(net: Path, tmp_path
             for name, lane, at in (("line", "xf_0", -0.1), ("later", "fg_0", 180))
         )
         told = {"xf": {"queue_headway_s": queue_s, "lanes": {}}}
-        part = ("queue_headway.py", "QueueHeadways", told, 1000)
+        part = ("queue_headway.py", "QueueHeadways", told, 480)
         found: dict[str, list[float]] = {"line": [], "later": []}
         for row in driven(tmp_path, net, flow, loops, part):
             if row.get("state") == "enter":
@@ -118,7 +118,7 @@ def test_queues_leave_as_greenshields_saw_and_close_up_again(net: Path, tmp_path
         # More come than pass: behind each red a queue begins.
         queues = [one[2:7] for one in np.split(first, np.flatnonzero(first > 15.0))[1:]]
         whole = [one for one in queues if len(one) == 5]
-        assert len(whole) >= 6
+        assert len(whole) >= 4
         return np.median(whole, axis=0).tolist(), float(np.quantile(later, 0.2))
 
     close, told, far = headways(1.2, None), headways(1.2, 2.5), headways(2.0, None)

@@ -27,7 +27,7 @@ from urbantwin.traffic.recorded.track import RecordedSignals
 from urbantwin.traffic.sumo.counted_signals import timing_told
 from urbantwin.twin import Twin
 
-SECONDS, WARMUP_S = 420.0, 60.0
+SECONDS, WARMUP_S = 360.0, 60.0
 #: Who drives: as nobody does by default.
 TRUTH = {
     "speed_factor": 0.8,
@@ -149,7 +149,7 @@ def test_drivers_are_found_again(
         {"approach": a, "turn": b, "actor_class": "car", "per_hour": n * 3600 / SECONDS}
         for (a, b), n in whole.turns.items()
     ]
-    seen, shorter_s = shapely.box(-140, -140, 140, 140), 240.0
+    seen, shorter_s = shapely.box(-140, -140, 140, 140), 180.0
 
     def simulated(drivers: Mapping[str, float], turn: int) -> Measured:
         asked = {
@@ -168,7 +168,7 @@ def test_drivers_are_found_again(
         decisions = decided(passed, crossing_twin, links)
         return measured(again, passed, crossing_twin.roads, 0.0, shorter_s, decisions=decisions)
 
-    found, told, untold = fitted_drivers(whole, simulated, rounds=4)
+    found, told, untold = fitted_drivers(whole, simulated, rounds=3)
     assert untold == []
     (headway,) = (one for one in told if one["field"] == "headway_s")
     assert 0 < headway["standard_error"] < 0.1 * TRUTH["headway_s"]

@@ -28,7 +28,7 @@ from urbantwin.traffic.demand.circulation import Circulation
 from urbantwin.traffic.demand.guessed_volumes import bounded_by_signals
 from urbantwin.traffic.sumo.simulation import observe, sumo_options, write_routes
 
-SECONDS, WARMUP = 1500, 120
+SECONDS, WARMUP = 900, 120
 PER_HOUR = {"car": 500.0, "truck": 40.0, "bus": 30.0, "motorcycle": 40.0, "bicycle": 80.0}
 PER_HOUR["pedestrian"] = 120.0
 REGION = shapely.box(-120, -120, 120, 120)
@@ -102,7 +102,7 @@ def test_nobody_leaves_nobody_is_lifted_and_nobody_is_stuck(demand, seen) -> Non
 
 def test_speed_does_not_fall_with_time(seen) -> None:
     speed = seen.observed.metres[:, :5].sum(axis=1) / seen.observed.samples[:, :5].sum(axis=1)
-    first, last = speed[3:13].mean(), speed[-11:-1].mean()
+    first, last = speed[3:8].mean(), speed[-6:-1].mean()
     assert last == pytest.approx(first, rel=0.15)
     assert first > 2.0
 
@@ -122,13 +122,13 @@ def test_as_many_pass_as_were_asked_for(seen) -> None:
 def test_sumo_itself_counts_everybody_all_the_time(town, circulation, tmp_path: Path) -> None:
     """Traffic without gates in the program ``sumo``: its summary says how many there are."""
     demand = circulation.demand(
-        circulation.populations(at_once=1.0), warmup_s=120, duration_s=1000, body=Fleet().body
+        circulation.populations(at_once=1.0), warmup_s=120, duration_s=700, body=Fleet().body
     )
     write_routes(tmp_path / "r.rou.xml", demand, asset)
     summary, people = tmp_path / "s.xml", tmp_path / "p.xml"
     options = [f"--{k}={v}" for k, v in sumo_options(1000, 7, circulates=True).items()]
     command = [sumo_binary("sumo"), "-n", town[0], "-r", tmp_path / "r.rou.xml", *options]
-    command += ["--summary-output", summary, "--person-summary-output", people, "--end", "900"]
+    command += ["--summary-output", summary, "--person-summary-output", people, "--end", "600"]
     done = subprocess.run(
         [*map(str, command), "--no-step-log", "true"], capture_output=True, text=True, check=False
     )
@@ -136,7 +136,7 @@ def test_sumo_itself_counts_everybody_all_the_time(town, circulation, tmp_path: 
     vehicles = sum(trip.actor_class != "pedestrian" for trip in demand.trips)
     for path, tag, count in ((summary, "running", vehicles), (people, "loaded", None)):
         steps = ElementTree.parse(path).getroot().findall("step")
-        assert len(steps) > 800
+        assert len(steps) > 500
         late = steps[120:]
         if count is not None:
             assert {int(step.get(tag)) for step in late} == {count}

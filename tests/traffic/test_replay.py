@@ -23,7 +23,7 @@ from urbantwin.traffic.recorded.track_smoothing import smooth_positions, smooth_
 from urbantwin.traffic.replay import replay
 from urbantwin.twin import Twin
 
-SECONDS = 6.0
+SECONDS = 4.0
 
 
 @pytest.fixture(scope="module")

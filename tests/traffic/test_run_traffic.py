@@ -16,19 +16,12 @@ from urbantwin.traffic.assets import asset
 from urbantwin.traffic.paths.coupling import towed_by
 from urbantwin.twin import Twin
 
-WARMUP_S, SECONDS = 60.0, 60.0
+WARMUP_S, SECONDS = 60.0, 40.0
 
 
 @pytest.fixture(scope="module")
-def folder(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("motions") / "first"
-    run_traffic(crossing_twin, path)
-    return path
-
-
-@pytest.fixture(scope="module")
-def motion(folder: Path) -> Motion:
-    return Motion.load(folder)
+def motion(real_drive: Callable[[str], tuple[Twin, Motion]]) -> Motion:
+    return real_drive("crossing")[1]
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +139,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_motion(
 ) -> None:
     seeds = {"one": 1, "again": 1, "other": 2}
     made = {
-        name: run_traffic(brief_twin, tmp_path / name, seconds=5, seed=seed)
+        name: run_traffic(brief_twin, tmp_path / name, seconds=2, seed=seed)
         for name, seed in seeds.items()
     }
     for file in ("actors.parquet", "signals.parquet", "motion.json"):
@@ -252,7 +245,7 @@ def test_walkers_stay_upright(actors: np.recarray) -> None:
 
 def test_tracks_and_times_are_in_order(motion: Motion, actors: np.recarray) -> None:
     assert list(motion.times()[:4]) == [0.0, 0.1, 0.2, 0.3]
-    assert len(motion.times()) == 600
+    assert len(motion.times()) == 400
     assert set(actors.time_s) <= set(motion.times())
     assert (np.lexsort([actors.track, actors.time_s]) == np.arange(len(actors))).all()
     assert set(actors.track) == set(range(1, actors.track.max() + 1))

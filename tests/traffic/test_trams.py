@@ -22,7 +22,7 @@ from urbantwin.twin import load_twin
 
 #: Over the inner lanes of the street from west to east; the stop is before the crossing.
 OFFSET_M, STOP_M = 1.6, (60.0, 90.0)
-ASKED = {"car": 700.0, "truck": 60.0, "tram": 90.0, "pedestrian": 600.0, "bicycle": 100.0}
+ASKED = {"car": 700.0, "truck": 60.0, "tram": 180.0, "pedestrian": 600.0, "bicycle": 100.0}
 
 
 def straight(name: str, y: float, sign: int) -> Track:
@@ -48,8 +48,8 @@ def tram_twin(crossing_twin, tmp_path_factory):
 @pytest.fixture(scope="module")
 def motion(tram_twin, tmp_path_factory):
     out = tmp_path_factory.mktemp("motions") / "motion"
-    changes = {"per_hour": ASKED, "warmup_s": 40.0}
-    return run_traffic(tram_twin, out, seconds=60.0, seed=3, changes=changes)
+    changes = {"per_hour": ASKED, "warmup_s": 30.0}
+    return run_traffic(tram_twin, out, seconds=30.0, seed=3, changes=changes)
 
 
 def outlines(rows) -> np.ndarray:

@@ -29,11 +29,12 @@ def quiet_twin(
     crossing_net: Path, twin_of: Callable[..., Twin], tmp_path_factory: pytest.TempPathFactory
 ) -> Twin:
     per_hour = {"car": 500.0, "bicycle": 20.0, "pedestrian": 200.0}
-    return twin_of(tmp_path_factory.mktemp("quiet") / "twin", crossing_net, per_hour)
+    folder = tmp_path_factory.mktemp("quiet") / "twin"
+    return twin_of(folder, crossing_net, per_hour, warmup_s=20.0)
 
 
-def driven(twin: Twin, folder: Path, *events: dict[str, Any]) -> Motion:
-    return run_traffic(twin, folder, seconds=SECONDS, changes={"scenario": list(events)})
+def driven(twin: Twin, folder: Path, *events: dict[str, Any], seconds: float = SECONDS) -> Motion:
+    return run_traffic(twin, folder, seconds=seconds, changes={"scenario": list(events)})
 
 
 @pytest.fixture(scope="module")
@@ -65,16 +66,10 @@ def reacted(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Mo
         tmp_path_factory.mktemp("reacted") / "m",
         {"event": "hard_brake", "at_s": 8.0, "place": EAST, "deceleration": 6.0, **WITHIN},
         {"event": "collision", "at_s": 8.0, "place": {"x": 2.0, "y": -40.0}},
+        {"event": "red_light_running", "at_s": 8.0, "place": {"x": 30.0, "y": 2.0}},
+        {"event": "work_zone", "at_s": 9.0, "lasts_s": 20.0, "length_m": 8.0}
+        | {"place": {"x": 2.0, "y": -90.0}},
     )
-
-
-@pytest.fixture(scope="module")
-def ran_red(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
-    event = {"event": "red_light_running", "at_s": 2.0, "place": {"x": 30.0, "y": 2.0}}
-    zone = {"event": "work_zone", "at_s": 3.0, "lasts_s": 40.0, "length_m": 8.0}
-    events = [event, {**zone, "place": {"x": 2.0, "y": -90.0}}]
-    folder = tmp_path_factory.mktemp("red") / "m"
-    return run_traffic(crossing_twin, folder, seconds=70.0, changes={"scenario": events})
 
 
 def rows(motion: Motion) -> pd.DataFrame:
@@ -128,30 +123,30 @@ def test_who_brakes_hard_brakes_as_hard_as_was_asked_for(reacted: Motion) -> Non
     assert (speed[until : until + 29] == 0).all()  # stands_s is 3
 
 
-def test_who_runs_the_red_signal_passes_it_at_red(ran_red: Motion) -> None:
-    event = ran_red.manifest["events"][0]
-    table = ran_red.signals.to_pandas()
+def test_who_runs_the_red_signal_passes_it_at_red(reacted: Motion) -> None:
+    event = reacted.manifest["events"][2]
+    table = reacted.signals.to_pandas()
     mine = table[(table.signal == event["signal"]) & (table.link == event["link"])]
     crossed = mine[mine.time_s <= event["crossed_s"] + 0.1].iloc[-1]
     assert crossed.state == "r"
-    way = rows(ran_red)
+    way = rows(reacted)
     way = way[way.track == event["tracks"][0]]
     lanes = dict(zip(way.time_s.round(3), way.lane, strict=True))
     assert lanes[round(event["crossed_s"] + 0.1, 3)].startswith(":")
 
 
-def test_a_closed_lane_has_cones_and_nobody_comes_through_them(ran_red: Motion) -> None:
-    event = ran_red.manifest["events"][1]
-    shown = rows(ran_red)
+def test_a_closed_lane_has_cones_and_nobody_comes_through_them(reacted: Motion) -> None:
+    event = reacted.manifest["events"][3]
+    shown = rows(reacted)
     cones = shown[shown["class"] == "obstacle"]
     assert set(cones.track) == set(event["tracks"])
     assert set(cones.asset) == {"cone", "barrier"}
     assert cones.time_s.min() == pytest.approx(event["from_s"], abs=0.11)
-    assert cones.time_s.max() == pytest.approx(event["from_s"] + 40.0, abs=0.11)
+    assert cones.time_s.max() == pytest.approx(event["from_s"] + 20.0, abs=0.11)
     # The lane from the south: 3.2 m about x = 1.6, or so; the zone begins at the place.
     assert cones.y.min() == pytest.approx(-90.0, abs=0.6)
     assert np.ptp(cones.y) < 8.0
-    around = Surroundings(ran_red)
+    around = Surroundings(reacted)
     ours = frozenset(event["tracks"])
     for track in event["tracks"]:
         nearest = around.nearest(around.passage(track), ours)
@@ -192,7 +187,7 @@ def test_what_cannot_be_staged_is_told(
     quiet_twin: Twin, tmp_path: Path, event: dict[str, Any], said: str
 ) -> None:
     with pytest.raises(StageError, match=said):
-        driven(quiet_twin, tmp_path / "m", {"at_s": 1.0, "within_m": 0.0, **event})
+        driven(quiet_twin, tmp_path / "m", {"at_s": 1.0, "within_m": 0.0, **event}, seconds=4.0)
     assert not (tmp_path / "m").exists()
 
 

@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.controlled_links import Link, Signalised
@@ -19,8 +20,10 @@ from urbantwin.roads.signals.green_times import SATURATION_VEH_H
 
 __all__ = [
     "FOLLOWING_M",
+    "Choices",
     "Flows",
     "LaneLoad",
+    "choices_of",
     "gap_flow",
     "lane_loads",
     "on_lanes",
@@ -64,9 +67,14 @@ class LaneLoad:
         return self.flow / self.load if self.load else math.inf
 
 
-def saturation_flow(link: Link) -> float:
-    """Return how many cars an hour of green take a link from a lane of its own."""
-    in_bend = 3600.0 / (FOLLOWING_S + FOLLOWING_M / link.bend_speed)
+def saturation_flow(link: Link, *, in_bends: bool = True) -> float:
+    """Return the saturation flow of a link from a lane of its own, cars per hour of green.
+
+    Args:
+        link: the link.
+        in_bends: whether a narrow bend lowers it.
+    """
+    in_bend = 3600.0 / (FOLLOWING_S + FOLLOWING_M / (link.bend_speed if in_bends else math.inf))
     return min(SATURATION_VEH_H * (TURNING if link.is_turn else 1.0), in_bend)
 
 
@@ -78,22 +86,24 @@ def gap_flow(opposing: float) -> float:
     return opposing * math.exp(-rate * GAP_S) / -math.expm1(-rate * NEXT_S)
 
 
-def on_lanes(
-    junction: Signalised, flows: Flows, capacity: Callable[[Link], float]
-) -> dict[Link, float]:
-    """Return what each link carries, cars an hour, where everybody chooses the lane with most room.
+class Choices(NamedTuple):
+    """Links that vehicles of each flow may take, the flow with the fewest of them first.
 
-    Args:
-        junction: its links.
-        flows: what goes from street to street.
-        capacity: of a link, if the lane were its own.
+    Attributes:
+        links: all links of vehicles.
+        flows: links, and cars an hour that take one of them.
     """
+
+    links: tuple[Link, ...]
+    flows: tuple[tuple[Sequence[Link], float], ...]
+
+
+def choices_of(junction: Signalised, flows: Flows) -> Choices:
+    """Return which links of a junction its flows may take."""
     ways: dict[tuple[str, str], list[Link]] = defaultdict(list)
     for link in junction.links:
         if link.movement != "walk":
             ways[link.road, link.to.rpartition("_")[0]].append(link)
-    load: dict[str, float] = defaultdict(float)
-    found = {link: 0.0 for links in ways.values() for link in links}
     choices = []
     for way, count in flows.items():
         links = ways.get(way[:2], [])
@@ -101,12 +111,27 @@ def on_lanes(
         lead_on = [link for link in links if way[2] in junction.onward.get(link.to, ())]
         if links and count:
             choices.append((len(lead_on or links), way, lead_on or links, count))
-    # Who has least choice is put first.
-    for _, _, links, count in sorted(choices, key=lambda choice: choice[:2]):
+    choices.sort(key=lambda choice: choice[:2])
+    every = tuple(link for links in ways.values() for link in links)
+    return Choices(every, tuple((links, count) for _, _, links, count in choices))
+
+
+def on_lanes(choices: Choices, capacity: Callable[[Link], float]) -> dict[Link, float]:
+    """Return what each link carries, cars an hour, where vehicles choose the lane with most room.
+
+    Args:
+        choices: links and flows.
+        capacity: of a link, if the lane were its own.
+    """
+    load: dict[str, float] = defaultdict(float)
+    found = dict.fromkeys(choices.links, 0.0)
+    for links, count in choices.flows:
         part = count / PARTS
         needed = [(link.lane, part / max(capacity(link), NOTHING), link) for link in links]
         for _ in range(PARTS):
-            lane, more, best = min(needed, key=lambda one: (load[one[0]] + one[1], one[0]))
+            lane, more, best = needed[0]
+            if len(needed) > 1:
+                lane, more, best = min(needed, key=lambda one: (load[one[0]] + one[1], one[0]))
             load[lane] += more
             found[best] += part
     return found
@@ -120,6 +145,7 @@ def lane_loads(
     *,
     in_bends: bool = True,
     even: Mapping[Link, float] | None = None,
+    choices: Choices | None = None,
 ) -> list[LaneLoad]:
     """Return the load of every lane that waits, the highest first.
 
@@ -130,10 +156,13 @@ def lane_loads(
         behind: link -> inner links that what it lets go comes to -> room to wait there, metres.
         in_bends: whether who turns in a narrow bend leaves more slowly.
         even: what each link would carry if all had green all the time, where that is known.
+        choices: of the flows, where they are known.
     """
     cycle = sum(seconds for seconds, _ in phases)
+    if choices is None:
+        choices = choices_of(junction, flows)
     if even is None:
-        even = on_lanes(junction, flows, lambda link: SATURATION_VEH_H)
+        even = on_lanes(choices, lambda link: SATURATION_VEH_H)
     capacity = {
         link: min(
             _capacity(junction, link, phases, cycle, even, in_bends),
@@ -143,7 +172,7 @@ def lane_loads(
         )
         for link in even
     }
-    carried = on_lanes(junction, flows, capacity.__getitem__)
+    carried = on_lanes(choices, capacity.__getitem__)
     flow: dict[str, float] = defaultdict(float)
     load: dict[str, float] = defaultdict(float)
     links: dict[str, dict[Link, float]] = defaultdict(dict)
@@ -201,11 +230,11 @@ def _capacity(
 ) -> float:
     """Return how many an hour a link could carry, if the lane were its own."""
     green = [seconds for seconds, state in phases if state[link.index] in "gG"]
-    foes = [other for other in junction.links if junction.gives_way(link, other)]
+    foes = junction.yields_to[link]
     driven = [other for other in foes if other.movement != "walk"]
     cars, blocked = 0.0, 0.0
     lost = START_LOST_S / sum(green) if green else 0.0
-    saturation = saturation_flow(link if in_bends else replace(link, bend_speed=math.inf))
+    saturation = saturation_flow(link, in_bends=in_bends)
     waits = False
     for seconds, state in phases:
         letter = state[link.index]

@@ -146,6 +146,14 @@ class Signalised:
             found[link.index].append(link)
         return {index: tuple(links) for index, links in found.items()}
 
+    @cached_property
+    def yields_to(self) -> Mapping[Link, tuple[Link, ...]]:
+        """Links that each link gives way to, in the order of ``links``."""
+        return {
+            link: tuple(other for other in self.links if self.gives_way(link, other))
+            for link in self.links
+        }
+
     def are_foes(self, a: Link, b: Link) -> bool:
         """Whether two links' ways cross or merge."""
         return a.junction == b.junction and (a.junction, a.row, b.row) in self.foes

@@ -9,7 +9,14 @@ from functools import cached_property
 import numpy as np
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.capacity import Flows, LaneLoad, lane_loads, on_lanes
+from urbantwin.roads.signals.capacity import (
+    Choices,
+    Flows,
+    LaneLoad,
+    choices_of,
+    lane_loads,
+    on_lanes,
+)
 from urbantwin.roads.signals.controlled_links import Link, Signalised
 from urbantwin.roads.signals.green_times import (
     LONGEST_CYCLE_S,
@@ -113,7 +120,11 @@ class Timing:
     @cached_property
     def carried(self) -> dict[Link, float]:
         """Cars an hour on each link."""
-        return on_lanes(self.junction, self.flows, lambda link: SATURATION_VEH_H)
+        return on_lanes(self._choices, lambda link: SATURATION_VEH_H)
+
+    @cached_property
+    def _choices(self) -> Choices:
+        return choices_of(self.junction, self.flows)
 
     @cached_property
     def _flow(self) -> list[float]:
@@ -236,7 +247,13 @@ class Timing:
 
     def _loads(self, phases: Sequence[Phase]) -> list[LaneLoad]:
         return lane_loads(
-            self.junction, phases, self.flows, self.behind, in_bends=False, even=self.carried
+            self.junction,
+            phases,
+            self.flows,
+            self.behind,
+            in_bends=False,
+            even=self.carried,
+            choices=self._choices,
         )
 
     @cached_property

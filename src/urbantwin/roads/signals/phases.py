@@ -73,7 +73,7 @@ def _state(junction: Signalised, green: set[int], yellow: set[int]) -> str:
         link.index
         for link in on
         if link.movement != "walk"
-        and any(junction.gives_way(link, other) for other in on if other is not link)
+        and any(other.index in found for other in junction.yields_to[link] if other is not link)
     }
     letters = {k: "g" if letter == "G" and k in waiting else letter for k, letter in found.items()}
     return "".join(letters.get(index, "r") for index in range(junction.size))
