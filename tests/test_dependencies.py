@@ -5,7 +5,7 @@ import re
 import sys
 import tomllib
 from functools import cache
-from importlib.metadata import packages_distributions
+from importlib import metadata
 
 import pytest
 
@@ -34,6 +34,12 @@ def plain(name: str) -> str:
 
 def named(requirements: list[str]) -> set[str]:
     return {plain(re.split(r"[^A-Za-z0-9._-]", line)[0]) for line in requirements}
+
+
+@cache
+def packages_distributions() -> dict[str, list[str]]:
+    """The distributions of every module that is installed, which takes a second to find."""
+    return dict(metadata.packages_distributions())
 
 
 @cache

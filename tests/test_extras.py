@@ -1,13 +1,15 @@
 """A task whose optional packages are missing is refused in one line that says how to install them.
 
-The packages are really missing: the program runs in a process that cannot import them.
+The packages are really missing: the program runs in a process that cannot import any of them, as
+after a plain installation.
 """
 
+import json
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,12 +33,31 @@ if TYPE_CHECKING:
 
 __all__ = ["dataset", "motion", "motion_of", "rig", "twin"]
 
+#: Each line of its input is a folder and a command line: one process imports what they share once.
 WITHOUT = """
-import sys
-for name in sys.argv.pop(1).split(","):
-    sys.modules[name] = None
+import contextlib, io, json, os, sys
+
+NAMES = sys.argv.pop(1).split(",")
+
+class Without:
+    def __init__(self, finder):
+        self.finder = finder
+
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+
+    def find_spec(self, name, path=None, target=None):
+        return None if name in NAMES else self.finder.find_spec(name, path, target)
+
+sys.meta_path[:] = map(Without, sys.meta_path)
 from urbantwin.cli import main
-sys.exit(main())
+for line in sys.stdin:
+    folder, arguments = json.loads(line)
+    os.chdir(folder)
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(arguments)
+    print(json.dumps([code, out.getvalue(), err.getvalue()]), flush=True)
 """
 #: Extra, the module that is missing, and a command that needs it.
 COMMANDS = [
@@ -60,21 +81,42 @@ MORE_COMMANDS = [
 ]
 
 
-def run(folder: Path, without: str, arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-W", "ignore", "-c", WITHOUT, without, *arguments.split(), "-q"]
-    environment = {**os.environ, "PATH": "/nonexistent"}  # no ffmpeg
-    return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
+Run = Callable[[Path, str], tuple[int, str, str]]
 
 
-def is_refused(done: subprocess.CompletedProcess[str], extra: str, module: str) -> None:
-    assert done.returncode == 2, done.stderr
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1
-    assert module.removeprefix("imageio_") in done.stderr
-    assert f"pip install 'urbantwin[{extra}]'" in done.stderr
-    assert done.stdout == ""
+@pytest.fixture(scope="module")
+def run() -> Iterator[Run]:
+    """Run a command line in a folder: its code, output and errors."""
+    missing = ",".join(module for modules in EXTRAS.values() for module in modules)
+    with subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-c", WITHOUT, missing],
+        env={**os.environ, "PATH": "/nonexistent"},  # no ffmpeg
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+
+        def ran(folder: Path, arguments: str) -> tuple[int, str, str]:
+            asked = [str(folder), [*arguments.split(), "-q"]]
+            process.stdin.write(f"{json.dumps(asked)}\n")
+            process.stdin.flush()
+            code, out, err = json.loads(process.stdout.readline())
+            return code, out, err
+
+        yield ran
+        process.stdin.close()
+
+
+def is_refused(done: tuple[int, str, str], extra: str, module: str) -> None:
+    code, out, err = done
+    assert code == 2, err
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert module.removeprefix("imageio_") in err
+    assert f"pip install 'urbantwin[{extra}]'" in err
+    assert out == ""
 
 
 @pytest.fixture(scope="module")
@@ -98,8 +140,8 @@ def inputs(
 
 
 @pytest.mark.parametrize(("extra", "module", "command"), [*COMMANDS, *further(*MORE_COMMANDS)])
-def test_a_command(inputs: Path, extra: str, module: str, command: str) -> None:
-    is_refused(run(inputs, module, command), extra, module)
+def test_a_command(run: Run, inputs: Path, extra: str, module: str, command: str) -> None:
+    is_refused(run(inputs, command), extra, module)
     assert not list(inputs.glob("out*"))
 
 
@@ -137,7 +179,7 @@ def packed_mesh(packing: str) -> bytes:
         ),
     ],
 )
-def test_a_file_of_a_site(tmp_path: Path, extra: str, module: str, name: str) -> None:
+def test_a_file_of_a_site(run: Run, tmp_path: Path, extra: str, module: str, name: str) -> None:
     example = Path(__file__).parents[1] / "examples" / "two-avenues"
     shutil.copytree(example, tmp_path, dirs_exist_ok=True)
     geometry = f"geometry:\n  - file: {name}\n    licence: CC0-1.0\n    attribution: nobody\n"
@@ -154,7 +196,7 @@ def test_a_file_of_a_site(tmp_path: Path, extra: str, module: str, name: str) ->
         (tmp_path / name).write_bytes(b"anything")
     site = tmp_path / "site.yaml"
     site.write_text(f"{site.read_text()}\n{geometry}")
-    is_refused(run(tmp_path, module, "build site.yaml -o out"), extra, module)
+    is_refused(run(tmp_path, "build site.yaml -o out"), extra, module)
     assert not (tmp_path / "out").exists()
 
 

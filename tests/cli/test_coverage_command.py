@@ -42,10 +42,7 @@ def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
     colourful = picture.max(axis=2) - picture.min(axis=2) > 60
     thirds = np.array_split(colourful, 3, axis=1)
     assert all(third.mean() > 0.01 for third in thirds)
-    # Written again, nothing differs; somebody's own folder is never replaced.
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert run_here(*asked, "--quiet").code == 0
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    # Somebody's own folder is never replaced.
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "file").write_text("x")
     assert run_here("rig", "coverage", twin, "-o", tmp_path / "mine").code == 2

@@ -17,11 +17,11 @@ from urbantwin.processes import Helpers, handed, helpers, over, received, settle
 
 def test_helpers_serve_one_recording_after_the_other(twin, motion, rig, tmp_path, digests):
     """The second is of another seed: they must not go on with what they have of the first."""
-    with helpers(3, rehearse) as crew:
+    with helpers(2, rehearse) as crew:
         for seed in (5, 6):
-            record(twin, motion, rig, tmp_path / f"with{seed}", workers=crew, seed=seed)
+            record(twin, motion, rig, tmp_path / f"with{seed}", workers=crew, seed=seed, stop_s=0.5)
     for seed in (5, 6):
-        record(twin, motion, rig, tmp_path / f"alone{seed}", workers=1, seed=seed)
+        record(twin, motion, rig, tmp_path / f"alone{seed}", workers=1, seed=seed, stop_s=0.5)
         assert digests(tmp_path / f"with{seed}") == digests(tmp_path / f"alone{seed}")
     assert digests(tmp_path / "with5") != digests(tmp_path / "with6")
 
@@ -56,7 +56,7 @@ def test_helpers_write_nothing_when_a_recording_has_been_interrupted(twin, motio
         inside = [path for path in tmp_path.rglob("*") if path.is_file()]
         return {path: path.stat().st_mtime_ns for path in inside}
 
-    with helpers(3, rehearse) as crew:
+    with helpers(2, rehearse) as crew:
         with pytest.raises(KeyboardInterrupt):
             record(twin, motion, rig, tmp_path / "out", workers=crew, seed=5, progress=stop)
         there = files()

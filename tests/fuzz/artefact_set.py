@@ -75,12 +75,12 @@ def make_artefacts(folder: Path) -> None:
     twin, motion = folder / "twin", folder / "motion"
     commands = (
         ("build", folder / "site.yaml", "--out", twin, *_QUICK),
-        ("traffic", twin, "--out", motion, "--no-pictures", "--quiet"),
+        ("drive", twin, "--out", motion, "--no-pictures", "--quiet"),
         ("record", twin, motion, "--out", folder / "dataset", "--stop", "0.2", "--workers", "1",
          *_QUICK),
         ("record", twin, motion, "--nodes", folder / "nodes.yaml", "--out", folder / "fleet",
          "--stop", "0.2", "--workers", "1", *_QUICK),
-        ("coverage", twin, "--out", folder / "coverage", "--cell", "4", "--quiet"),
+        ("rig", "coverage", twin, "--out", folder / "coverage", "--cell", "4", "--quiet"),
     )  # fmt: skip
     # Not in this process: its children are forked, and these commands start threads.
     words = json.dumps([list(map(str, command)) for command in commands])

@@ -7,6 +7,7 @@ Run by hand, it reads many mutations and tells what it found:
 """
 
 import argparse
+import gc
 import importlib
 import json
 import os
@@ -46,10 +47,15 @@ def _begin() -> None:
     numba.njit(lambda number: number)(0)  # what any first call sets up
 
 
+@cache
 def _load(table: str) -> list[Any]:
     """Return the readers of a file of this folder, as its package would import it."""
     _begin()
-    return importlib.import_module(f"tests.fuzz.{table}").READERS
+    readers = importlib.import_module(f"tests.fuzz.{table}").READERS
+    # What is imported is no garbage: no child looks through it, which copies it.
+    gc.collect()
+    gc.freeze()
+    return readers
 
 
 def _processor_time(pid: int) -> float:

@@ -9,7 +9,7 @@ import pytest
 
 import urbantwin as ut
 
-from ..reliability.small_site import Stand
+from ..reliability.small_site import make_line
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,7 @@ def line(
 ) -> Line:
     """Of one making for all workers, a copy: studies write beside what they are of."""
 
-    def make(folder: Path) -> None:
-        twin = ut.build(Stand(folder).site, pictures=False, progress=False)
-        motion = ut.drive(twin, progress=False)
-        ut.record(twin, motion, stop=0.5, workers=1, pictures=False, progress=False)
-
-    made = made_once("small-line", make)
+    made = made_once("small-line", make_line)
     folder = tmp_path_factory.mktemp("interface")
     shutil.copytree(made, folder, dirs_exist_ok=True)
     run = ut.open(folder / "site" / "two-avenues")

@@ -221,7 +221,8 @@ def test_a_rig_may_leave_a_dataset_for_each_sensor(
     fields |= {"seeds": [1, 2], "duration_s": 0.4, "split": split}
     fields["shards"] = {"format": "parquet"}
     grid.write_text(yaml.safe_dump(fields))
-    pair = ut.experiment.run(grid, workers=1, progress=False)
+    shutil.copytree(made.folder, tmp_path / "campaign")  # of the same motions
+    pair = ut.experiment.run(grid, tmp_path / "campaign", workers=1, progress=False)
     assert [one["sensor"] for one in pair.levels] == ["fused", "north", "south"] * 2
     names = ("a-1-own-clear-none", "a-1-pair-clear-none-north", "a-1-pair-clear-none-south")
     assert tuple(dict.fromkeys(pair.sequences))[:3] == names
@@ -246,5 +247,5 @@ def test_a_rig_may_leave_a_dataset_for_each_sensor(
     shards = pads.dataset(pair.folder / "shards", exclude_invalid_files=True)
     names = shards.to_table(columns=["sensor_name"])["sensor_name"].to_pylist()
     assert {name: names.count(name) for name in names} == {"fused": 8, "north": 8, "south": 8}
-    again = ut.experiment.run(grid, workers=1, plan=True, progress=False)
+    again = ut.experiment.run(grid, pair.folder, workers=1, plan=True, progress=False)
     assert again.plan["left"]["dataset"] == 0

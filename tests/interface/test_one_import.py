@@ -11,7 +11,6 @@ import urbantwin as ut
 from urbantwin.cli.commands import GROUPS
 
 from ..reliability.small_site import ROOT
-from ..thorough import further
 from .conftest import Line
 
 HEAVY = (
@@ -39,11 +38,12 @@ def test_a_dataset_is_read_with_numpy_alone(line: Line) -> None:
     program = (
         "import sys, urbantwin as ut\n"
         "frame = ut.open(sys.argv[1])[3]\n"
-        "assert len(frame.points) == len(frame.semantic) == len(frame.instance) == len(frame.rays)"
+        "assert len(frame.points) == len(frame.semantic)"
+        " == len(frame.instance) == len(frame.rays)\n"
+        "assert not {'pyarrow', 'numba', 'scipy'} & set(sys.modules)\n"
+        "assert frame.boxes.num_rows >= 0"
     )
-    assert loaded(program, line.dataset.folder) == {"numpy"}
-    boxes = "import sys, urbantwin as ut; assert ut.open(sys.argv[1])[3].boxes.num_rows >= 0"
-    assert loaded(boxes, line.dataset.folder) == {"numpy", "pyarrow"}
+    assert loaded(program, line.dataset.folder) == {"numpy", "pyarrow"}
 
 
 def test_a_motion_is_read_without_what_made_it(line: Line) -> None:
@@ -59,7 +59,7 @@ def test_two_folders_of_clouds_are_compared_without_what_makes_twins(
     for side, numbers in (("real", (0, 1)), ("synthetic", (2, 3))):
         (tmp_path / side).mkdir()
         for number in numbers:
-            np.save(tmp_path / side / f"{number}.npy", line.dataset[number].points[::10])
+            np.save(tmp_path / side / f"{number}.npy", line.dataset[number].points[::50])
     program = (
         "import sys, urbantwin as ut\n"
         "ut.compare(*sys.argv[1:], arbitrary='none', workers=1, progress=False)"
@@ -69,17 +69,13 @@ def test_two_folders_of_clouds_are_compared_without_what_makes_twins(
     assert loaded(program, *folders) == {"numpy", "numba", "scipy", "matplotlib"}
 
 
-@pytest.mark.parametrize(
-    ("measure", "needed"),
-    [
+def test_a_measure_loads_what_it_computes_with() -> None:
+    for measure, needed in (
         ("jensen_shannon", {"numpy"}),
-        ("frechet", {"numpy", "scipy"}),
-        ("chamfer", {"numpy", "scipy", "numba"}),
-        *further(("earth_mover", {"numpy", "scipy"}), ("mean_discrepancy", {"numpy", "scipy"})),
-    ],
-)
-def test_a_measure_loads_what_it_computes_with(measure: str, needed: set[str]) -> None:
-    assert loaded(f"from urbantwin.fidelity import {measure}; {measure}.__doc__") <= needed
+        ("earth_mover", {"numpy", "scipy"}),
+    ):
+        program = f"from urbantwin.fidelity import {measure}; {measure}.__doc__"
+        assert loaded(program) <= needed
 
 
 def test_every_public_name_is_there_for_completion() -> None:

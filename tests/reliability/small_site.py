@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+import urbantwin as ut
 from urbantwin.cli import main
 
 ROOT = Path(__file__).parents[2]
@@ -270,6 +271,10 @@ class Stand:
             assert code == 0, err
         return out
 
+    def take(self, line: Path) -> None:
+        """Take the twin from where `make_line` made it: it has the bytes of the command's."""
+        shutil.copytree(line / "site" / "two-avenues" / "twin", self.folder / "expected/build/twin")
+
     def duration_s(self, key: str) -> float:
         """Return how long a command takes as a program, everything that it needs being there."""
         self.expected(key)
@@ -324,6 +329,13 @@ class Stand:
             code, err = self.ran(arguments)
             assert code == 0, err
         return out
+
+
+def make_line(folder: Path) -> None:
+    """Make the site's twin, motion and a dataset beside it, by Python's functions."""
+    twin = ut.build(Stand(folder).site, pictures=False, progress=False)
+    motion = ut.drive(twin, progress=False)
+    ut.record(twin, motion, stop=0.5, workers=1, pictures=False, progress=False)
 
 
 def command_line(arguments: list[object]) -> list[str]:

@@ -154,7 +154,7 @@ def test_frames_that_will_not_fit_are_refused_at_once(
 def test_a_read_only_disk_is_refused_before_the_work(
     stand: Stand, tmp_path: Path, disk: Disk
 ) -> None:
-    expected = dict.fromkeys(("traffic", "export", "background"), stand.twin)
+    expected = dict.fromkeys(("traffic", "export", "check"), stand.twin)
     disk.changed("ro")
     for key in expected:
         out = disk.folder / COMMANDS[key].output

@@ -24,14 +24,17 @@ def contents(number: int) -> dict[str, str]:
 
 
 @pytest.mark.parametrize(
-    ("exchange", "older"),
+    ("kind", "exchange", "older"),
     [
-        ("exchange", "older"),
-        ("no exchange", "older"),
-        *further(("exchange", "none"), ("no exchange", "none")),  # with nothing to exchange
+        ("folder", "exchange", "older"),
+        ("folder", "no exchange", "older"),
+        ("resumed", "exchange", "older"),
+        ("file", "exchange", "older"),
+        *further(("resumed", "no exchange", "older"), ("file", "no exchange", "older")),
+        # With nothing to exchange.
+        *further(*((kind, "exchange", "none") for kind in ("folder", "resumed", "file"))),
     ],
 )
-@pytest.mark.parametrize("kind", ["folder", "resumed", "file"])
 def test_at_every_change_one_of_the_two_is_whole(
     tmp_path: Path, kind: str, exchange: str, older: str
 ) -> None:

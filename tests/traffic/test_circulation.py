@@ -72,14 +72,13 @@ def circulation(town: tuple[Path, frozenset[str]]) -> Circulation:
 
 
 @pytest.fixture(scope="module")
-def demand(town: tuple[Path, frozenset[str]], circulation: Circulation):
-    inside = [x.getID() for x in StreetNetwork(town[0], REGION).streets if x.getID() not in town[1]]
+def demand(circulation: Circulation):
     return circulation.demand(
         circulation.populations(),
         warmup_s=WARMUP,
         duration_s=SECONDS - WARMUP,
         body=Fleet().body,
-        room=dict.fromkeys(inside, 500.0 / len(inside)),
+        room=500.0,
     )
 
 

@@ -12,6 +12,7 @@ from matplotlib.image import imread
 from pyproj import Transformer
 from rasterio.transform import Affine
 
+from urbantwin.drawing import ground_materials
 from urbantwin.drawing.ground_materials import ground_picture, materials_from_above
 from urbantwin.geometry import SurfaceMaterials
 from urbantwin.lidar import Scanner, place_rig
@@ -161,8 +162,9 @@ def test_beams_see_paint_and_lawn_at_the_same_places_as_before(twin):
     assert (np.abs(ratio[same & bright] - 1) < 0.35).mean() > 0.95
 
 
-def test_a_picture_shows_what_the_ground_is_made_of(twin, tmp_path):
+def test_a_picture_shows_what_the_ground_is_made_of(twin, tmp_path, monkeypatch):
     """Green where the lawn is, grey along the streets; and the legend's names are legible."""
+    monkeypatch.setattr(ground_materials, "_PIXELS", 350)
     path = ground_picture(
         twin.mesh, twin.surface_materials, shapely.box(-60, -60, 60, 60), tmp_path / "ground.png"
     )

@@ -1,4 +1,4 @@
-"""A small place to look at: twin, motion and a dataset of 55 frames, one in a folder."""
+"""A small place to look at: twin, motion and a dataset of 25 frames, one in a folder."""
 
 import json
 import shutil
@@ -16,8 +16,8 @@ from ..dataset.conftest import motion_of, rig, rig_spec, twin
 
 __all__ = ["motion_of", "rig", "rig_spec", "twin"]
 
-#: Frames of the dataset: more than the 50 that a browser plays.
-FRAMES = 55
+#: Frames of the dataset: more than the 20 that a browser plays.
+FRAMES = 25
 TRUCK, HIDDEN, WALKER, LATE = 4, 9, 12, 20
 
 

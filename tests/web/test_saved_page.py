@@ -15,6 +15,8 @@ from urbantwin.web import open_shown, saved_page
 from urbantwin.web.page_document import json_for_script
 from urbantwin.web.wanted import Wanted
 
+from .conftest import FRAMES
+
 pytestmark = pytest.mark.usefixtures("built_page")
 PACKET = re.compile(
     rb'<script type="application/octet-stream" data-packet="([^"]+)">([^<]*)</script>'
@@ -69,21 +71,21 @@ def test_the_same_gives_the_same_bytes_and_names_nobody(page, dataset, tmp_path)
 
 
 def test_without_a_choice_it_holds_as_many_frames_as_fit(dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr(saved_page, "_USUAL_BYTES", 600_000)
+    monkeypatch.setattr(saved_page, "_USUAL_BYTES", 300_000)
     made = ut.view(dataset, save=tmp_path / "page.html", progress=False)
     document = json.loads(DOCUMENT.search(made.path.read_bytes())[1])
     count = len(document["sides"][0]["frames"])
-    assert 1 <= count < 55
+    assert 1 <= count < FRAMES
     assert made.summary()["frames"] == count
-    assert f"{55 - count} frames" in made.summary()["left_out"]
-    assert sum(len(data) for _, data in PACKET.findall(made.path.read_bytes())) < 700_000
+    assert f"{FRAMES - count} frames" in made.summary()["left_out"]
+    assert sum(len(data) for _, data in PACKET.findall(made.path.read_bytes())) < 400_000
     assert all(one["frame"] < count for one in document["events"])
 
 
 def test_a_page_too_large_is_refused_and_leaves_nothing(dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr(saved_page, "MOST_BYTES", 900_000)
+    monkeypatch.setattr(saved_page, "MOST_BYTES", 400_000)
     with pytest.raises(InputError, match="fewer frames, by --frames or --every"):
-        ut.view(dataset, save=tmp_path / "page.html", frames="0:55", progress=False)
+        ut.view(dataset, save=tmp_path / "page.html", frames="0:25", progress=False)
     assert not list(tmp_path.iterdir())
 
 

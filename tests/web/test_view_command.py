@@ -55,7 +55,7 @@ def test_it_serves_until_it_is_ended(dataset, number, built_page):
             request = f"GET {path}packet/points/0/{which % 2} HTTP/1.1\r\nHost: 127.0.0.1:{port}"
             client.sendall(f"{request}\r\n\r\n".encode())
         process.send_signal(number)
-        out, error = process.communicate(timeout=20)
+        out, error = process.communicate(timeout=60)
         assert (process.returncode, out, error) == (0, "", "")
     finally:
         for client in clients:

@@ -1,6 +1,6 @@
 """Named objects of triangles, written as other programs read them."""
 
-from urbantwin.exports.mesh.fbx import write_fbx
+from urbantwin.exports.mesh.fbx import check_fbx, write_fbx
 from urbantwin.exports.mesh.gltf import write_glb
 from urbantwin.exports.mesh.mesh_object import Look, MeshObject
 from urbantwin.exports.mesh.wavefront import write_obj
@@ -8,6 +8,7 @@ from urbantwin.exports.mesh.wavefront import write_obj
 __all__ = [
     "Look",
     "MeshObject",
+    "check_fbx",
     "write_fbx",
     "write_glb",
     "write_obj",

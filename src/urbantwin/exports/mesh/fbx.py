@@ -21,7 +21,7 @@ from urbantwin.exports.mesh.gltf import write_glb
 from urbantwin.exports.mesh.mesh_object import Look, MeshObject
 from urbantwin.extras import check_extra, how_to_install
 
-__all__ = ["write_fbx"]
+__all__ = ["check_fbx", "write_fbx"]
 
 #: FBX's unit is the centimetre.
 _CM_PER_M = 100.0
@@ -32,6 +32,15 @@ _AXES = {"UpAxis": 2, "FrontAxis": 1, "FrontAxisSign": -1, "OriginalUpAxis": 2}
 _DATE = {"Year": 1970, "Month": 1, "Day": 1, "Hour": 0, "Minute": 0, "Second": 0}
 #: ``aiProcess_JoinIdenticalVertices``: corners of one place become one vertex in the file.
 _JOIN_IDENTICAL_VERTICES = 0x2
+
+
+def check_fbx() -> None:
+    """Refuse to write FBX where Assimp is missing, before any work.
+
+    Raises:
+        InputError: Assimp is not installed or does not load.
+    """
+    _assimp()
 
 
 def write_fbx(objects: Sequence[MeshObject], path: Path, looks: Mapping[str, Look]) -> None:

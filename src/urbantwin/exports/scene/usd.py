@@ -13,10 +13,19 @@ import numpy as np
 from urbantwin.exports.mesh import Look, MeshObject
 from urbantwin.extras import check_extra
 
-__all__ = ["write_usd"]
+__all__ = ["check_usd", "write_usd"]
 
 #: Of Pixar's library, an optional extra.
 _MODULES = ("Gf", "Sdf", "Usd", "UsdGeom", "UsdShade", "Vt")
+
+
+def check_usd() -> None:
+    """Refuse to write USD where it is not installed, before any work.
+
+    Raises:
+        InputError: USD is not installed.
+    """
+    check_extra("usd", "writing USD", place="--to usd")
 
 
 def write_usd(
@@ -38,7 +47,7 @@ def write_usd(
     Raises:
         InputError: USD is not installed.
     """
-    check_extra("usd", "writing USD", place="--to usd")
+    check_usd()
     pixar = [importlib.import_module(f"pxr.{name}") for name in _MODULES]
     Gf, Sdf, Usd, UsdGeom, UsdShade, Vt = pixar
     stage = Usd.Stage.CreateNew(str(path))

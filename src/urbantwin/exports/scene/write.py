@@ -14,6 +14,7 @@ from urbantwin.errors import InputError
 from urbantwin.exports.mesh import (
     Look,
     MeshObject,
+    check_fbx,
     write_fbx,
     write_glb,
     write_obj,
@@ -21,7 +22,7 @@ from urbantwin.exports.mesh import (
 from urbantwin.exports.scene.cityjson import write_cityjson
 from urbantwin.exports.scene.georeference import georeference
 from urbantwin.exports.scene.materials import look_of
-from urbantwin.exports.scene.usd import write_usd
+from urbantwin.exports.scene.usd import check_usd, write_usd
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene import FIRST_OBJECT
 from urbantwin.scene.surface import PARTS
@@ -203,6 +204,8 @@ _ENDINGS = {
     "fbx": (".fbx",),
     "cityjson": (".json",),
 }
+#: Formats whose packages not every installation has.
+_CHECKS = {"usd": check_usd, "fbx": check_fbx}
 
 
 def write_scene(twin: Twin, path: Path, name: str) -> Notes:
@@ -230,6 +233,8 @@ def write_scene(twin: Twin, path: Path, name: str) -> Notes:
             file=path,
             expected=f"a name that ends in {' or '.join(_ENDINGS[name])}",
         )
+    if name in _CHECKS:
+        _CHECKS[name]()
     with replaced_file(path, kind=name, inputs=[twin.folder]) as scratch:
         return SCENE_FORMATS[name](twin, scratch)
 

@@ -25,7 +25,6 @@ __all__ = [
     "Gate",
     "GatePlan",
     "LeftOut",
-    "NetworkPart",
     "Passengers",
     "Population",
     "Routes",
@@ -141,11 +140,11 @@ class Bound:
     """How much of a guess comes.
 
     Attributes:
-        share: of the motor traffic guessed, 1 where it is all; ``None`` where nothing was guessed.
+        share: of the motor traffic guessed, 1 where it is all.
         because: where it would queue, and what passes there; empty where all comes.
     """
 
-    share: float | None = None
+    share: float = 1.0
     because: str = ""
 
 
@@ -158,29 +157,12 @@ class Gate:
         per_hour: requested vehicles per hour.
         holds: whether vehicles wait there when more come; else vehicles are only added.
         reserve: numbers of the trips that may be added during the warm-up, in order.
-        part: number of the part of the network that it leads into, of those of its kind.
     """
 
     edge: str
     per_hour: float
     holds: bool
     reserve: tuple[int, ...]
-    part: int = 0
-
-
-@dataclass(frozen=True)
-class NetworkPart:
-    """A part of the network that no vehicle leaves for another part: gates meter each by itself.
-
-    Attributes:
-        edges: ids of its edges.
-        room: motor vehicles that fit onto its lanes in the region bumper to bumper.
-        passage_m: mean distance of motor vehicles from one entry into the region to the next.
-    """
-
-    edges: tuple[str, ...]
-    room: float
-    passage_m: float
 
 
 @dataclass(frozen=True)
@@ -189,11 +171,13 @@ class GatePlan:
 
     Attributes:
         gates: one per outer road that leads into the region, for motor vehicles and for bicycles.
-        parts: parts of the network of motor vehicles.
+        room: motor vehicles that fit onto the lanes of the region bumper to bumper.
+        passage_m: mean distance of motor vehicles from one entry into the region to the next.
     """
 
     gates: tuple[Gate, ...] = ()
-    parts: tuple[NetworkPart, ...] = ()
+    room: float = 1.0
+    passage_m: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -212,7 +196,6 @@ class Demand:
         passengers: who of them takes buses and trams.
         approaches: how single approaches are used (`approaches.approaches_of`).
         gates: how outer roads meter the inflow of those who circulate.
-        planned: of those who circulate: (edge, next edge) -> motor vehicles per hour.
     """
 
     trips: tuple[Trip, ...]
@@ -226,7 +209,6 @@ class Demand:
     passengers: Passengers = field(default_factory=Passengers)
     approaches: Mapping[str, Any] = field(default_factory=dict)
     gates: GatePlan = field(default_factory=GatePlan)
-    planned: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def circulates(self) -> bool:
