@@ -61,7 +61,7 @@ def an_hour(twin: Twin, seconds: int = 3600, seed: int = 1) -> dict[str, Any]:
     people = population.get("pedestrian", {"planned": 0, "least": 0, "most": 0})
     return {
         "driven": told["carried_share_of_motor_traffic"],
-        "share_of_guess": round(demand.bound.share, 3),
+        "share_of_guess": told["share_of_guess"],
         "held_up": told["held_up"],
         "speeds": speeds,
         "teleports": seen.teleports + int(max(row["teleports"] for row in rows)),

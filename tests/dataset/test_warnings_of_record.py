@@ -4,6 +4,8 @@ from typing import Any
 
 from urbantwin.dataset.box_columns import packed_columns
 from urbantwin.dataset.result_warnings import warnings_of_record
+from urbantwin.result_warning import ResultWarning
+from urbantwin.traffic.result_warnings import PAST_SENSORS
 
 
 def boxes(
@@ -47,6 +49,15 @@ def test_what_no_sensor_is_meant_to_see_is_not_told() -> None:
     assert not [*warnings_of_record([frame(beyond, boxes("car", [5]))])]
     (warning,) = warnings_of_record([frame(beyond)])
     assert warning.problem.startswith("no actor is ever within the region")
+
+
+def test_a_junction_without_traffic_is_told_first_and_range_is_not_blamed() -> None:
+    empty = ResultWarning(PAST_SENSORS, "no motor vehicle comes within 50 m", "", "look there")
+    far = boxes("car", [0] * 30, alone=0)
+    first, second = warnings_of_record([frame(far)], [ResultWarning("traffic", "x"), empty])
+    assert first == empty
+    assert "no motor vehicle comes within 50 m" in second.reason
+    assert "too far away" not in second.reason
 
 
 def test_frames_without_points_are_told() -> None:

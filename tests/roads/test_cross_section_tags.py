@@ -372,6 +372,11 @@ def test_left_hand_traffic_is_the_mirror_image(tags, highway):
         ({"lanes": "1"}, True, 3.5),
         ({"lanes": "1", "width": "4"}, True, 4.0),
         ({"lanes": "1", "width": "3"}, True, 3.0),
+        ({"lanes": "1", "width": "2.4"}, True, 2.4),
+        ({"lanes": "1", "width:lanes": "3.2"}, True, 3.2),
+        # Parked cars stand on it: 2.0 m on each side (RASt 06).
+        ({"lanes": "1", "width": "7", "parking:both": "lane"}, True, 3.0),
+        ({"lanes": "1", "width": "9", "parking:both": "lane"}, False, 5.0),
         ({"oneway": "alternating"}, True, 3.5),
         ({"lanes": "1", "cycleway:both": "track"}, True, 3.5),
         # Wide enough that two cars meet without waiting (RASt 06, 4.75 m; 4.10 m at low speed).

@@ -72,13 +72,14 @@ def circulation(town: tuple[Path, frozenset[str]]) -> Circulation:
 
 
 @pytest.fixture(scope="module")
-def demand(circulation: Circulation):
+def demand(town: tuple[Path, frozenset[str]], circulation: Circulation):
+    inside = [x.getID() for x in StreetNetwork(town[0], REGION).streets if x.getID() not in town[1]]
     return circulation.demand(
         circulation.populations(),
         warmup_s=WARMUP,
         duration_s=SECONDS - WARMUP,
         body=Fleet().body,
-        room=500.0,
+        room=dict.fromkeys(inside, 500.0 / len(inside)),
     )
 
 

@@ -27,7 +27,7 @@ def driven(
     per_hour = {name: times * rate for name, rate in PER_HOUR.items()}
     circulation = Circulation(network, town[1], per_hour, 3)
     inside = [x for x in network.streets if x.getID() not in town[1]]
-    room = sum(edge.getLength() * edge.getLaneNumber() for edge in inside) / 7.0
+    room = {edge.getID(): edge.getLength() * edge.getLaneNumber() / 7.0 for edge in inside}
     demand = circulation.demand(
         circulation.populations(),
         warmup_s=WARMUP,

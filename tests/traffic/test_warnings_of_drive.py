@@ -84,3 +84,41 @@ def test_an_event_that_is_elsewhere_or_touches_somebody_is_told() -> None:
     (line,) = problems(events=[{**there, "nearest": {**near, "gap_m": 0.0}}])
     assert "touches track 7 at 12 s" in line
     assert problems(events=[{"event": "collision", "nearest": {**near, "gap_m": 0.0}}]) == []
+
+
+def test_more_traffic_than_asked_for_is_told_beyond_chance() -> None:
+    told = {
+        "counted_for_s": 33,
+        "passages_per_hour": {"car": {"asked": 2147.0}},
+        "motor_traffic_per_hour": {"asked": 2147.0, "driven": 4691.0},
+    }
+    (line,) = problems(circulation={**told, "carried_share_of_motor_traffic": 2.185})
+    assert "4691 motor vehicles an hour drive, of 2147 asked for" in line
+    assert problems(circulation={**told, "carried_share_of_motor_traffic": 1.6}) == []
+
+
+def test_a_junction_without_traffic_is_the_first_warning() -> None:
+    seen = {"within_m": 50.0, "lanes_m": 700.0, "lanes_without_demand_m": 0.0}
+    classes = {"car": {"asked": 10, "driven": 10, "per_hour": 2560.0}}
+    wrong = {"classes": classes, "duration_s": 30.0, "teleports": 1}
+
+    def first(**there: float) -> str:
+        lines = problems(**wrong, past_sensors={**seen, **there})
+        return lines[0] if len(lines) > 1 else ""
+
+    line = first(asked_per_hour=0.0, driven_per_hour=0.0, vehicles=0)
+    assert line.startswith("traffic past the sensors: none of 2560 motor vehicles an hour")
+    line = first(asked_per_hour=900.0, driven_per_hour=0.0, vehicles=0)
+    assert "no motor vehicle comes within 50 m of a sensor, of 900 an hour planned" in line
+    absent = {"visits": 20, "of": 89, "actors": {"car": 20}}
+    (line, *_) = problems(
+        **wrong, absent=absent,
+        past_sensors={**seen, "asked_per_hour": 900.0, "driven_per_hour": 450.0, "vehicles": 4},
+    )  # fmt: skip
+    assert "450 of 900 motor vehicles an hour drive within 50 m" in line
+    assert "20 of 89 visits are left out" in line
+    # By chance 25 of 30 s' 7.5 vehicles, or none of one that is expected, say nothing.
+    assert first(asked_per_hour=900.0, driven_per_hour=600.0, vehicles=6) == ""
+    assert first(asked_per_hour=120.0, driven_per_hour=0.0, vehicles=0) == ""
+    # A sensor that watches no lane of motor vehicles misses none.
+    assert first(lanes_m=0.0, asked_per_hour=0.0, driven_per_hour=0.0, vehicles=0) == ""

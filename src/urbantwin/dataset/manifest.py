@@ -24,7 +24,7 @@ from urbantwin.dataset.result_warnings import BEYOND, warnings_of_record
 from urbantwin.dataset.split.time_split import warnings_of_split
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
-from urbantwin.result_warning import rows_of
+from urbantwin.result_warning import rows_of, warnings_of
 from urbantwin.taxonomy import ACTOR_CLASSES, OBSTACLE, semantic_classes
 from urbantwin.traffic.fingerprint import mesh_sha256, meshes_sha256, table_sha256
 
@@ -220,6 +220,8 @@ def manifest_of(
         in_reach.update(own["class"][reached].tolist())
         seen_in_reach.update(own["class"][reached & hit].tolist())
     classes = [*ACTOR_CLASSES, *([OBSTACLE] if boxes[OBSTACLE] else [])]
+    about = (recipe.get("about") or {}).get("warnings") or {}
+    driven = warnings_of({"warnings": about.get("motion")})
     turns = [turn for entry in entries for turn in entry["sweeps"]]
     points: Counter[int] = Counter()
     for entry in entries:
@@ -251,7 +253,7 @@ def manifest_of(
         ],
         "split": dict(split),
         "tables_sha256": dict(sorted(tables.items())),
-        "warnings": rows_of([*warnings_of_record(entries), *warnings_of_split(split)]),
+        "warnings": rows_of([*warnings_of_record(entries, driven), *warnings_of_split(split)]),
         "frames": frames,
     }
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.result_warning import ResultWarning
+from urbantwin.traffic.result_warnings import PAST_SENSORS
 
 __all__ = ["warnings_of_record"]
 
@@ -19,12 +20,18 @@ ENOUGH, FEW = 0.5, 4
 BEYOND = ("outside", "far")
 
 
-def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
+def warnings_of_record(
+    entries: Sequence[Mapping[str, Any]], motion: Sequence[ResultWarning] = ()
+) -> Iterator[ResultWarning]:
     """Yield what is wrong with a dataset.
 
     Args:
         entries: what ``layout.write_frame`` returned of each frame.
+        motion: the warnings of the motion: where it has too little traffic past the sensors, that
+            comes first, and their range is not the reason.
     """
+    empty_streets = [one for one in motion if one.about == PAST_SENSORS]
+    yield from empty_streets
     empty = sum(not entry["points"] for entry in entries)
     if empty:
         yield ResultWarning(
@@ -45,8 +52,12 @@ def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultW
             "objects",
             "of those in reach few have points: "
             + ", ".join(f"{share:.0%} of {kind} boxes" for kind, share in few.items()),
-            _reason(np.concatenate(alone)),
-            "move the sensors, or add one: urbantwin rig coverage shows what they see",
+            f"{PAST_SENSORS}: {empty_streets[0].problem}"
+            if empty_streets
+            else _reason(np.concatenate(alone)),
+            empty_streets[0].remedy
+            if empty_streets
+            else "move the sensors, or add one: urbantwin rig coverage shows what they see",
         )
     if not len(boxes["class"]):
         yield ResultWarning(

@@ -30,10 +30,10 @@ def outcome_of_twin(twin: Twin) -> dict[str, Any]:
 
 
 def outcome_of_motion(motion: Motion) -> dict[str, Any]:
-    """Return how many actors there are, the share of traffic carried, and how many overlap."""
+    """Return how many actors there are, how many drive of those asked for, and who overlaps."""
     told = motion.manifest
     seen = {name: row["seen"] for name, row in told.get("classes", {}).items() if row["seen"]}
-    carried = told.get("circulation", {}).get("carried_share_of_motor_traffic")
+    circulation, there = told.get("circulation", {}), told.get("past_sensors", {})
     met, absent = told.get("overlaps"), told.get("absent", {}).get("actors")
     counted: dict[str, Any] = {
         f"counted_{name}": round(sum(row[name] for row in told["counts"]), 1)
@@ -44,12 +44,16 @@ def outcome_of_motion(motion: Motion) -> dict[str, Any]:
         counted["counts"] = [_side_by_side(row) for row in told["counts"]]
     if told.get("signals_timed_for_counts"):
         counted["signals_timed_for_counts"] = len(told["signals_timed_for_counts"])
+    volumes = circulation.get("motor_traffic_per_hour")
+    names = ("within_m", "asked_per_hour", "driven_per_hour", "vehicles")
+    passing = {name: there[name] for name in names} if there.get("lanes_m") else None
     jaywalks = told.get("jaywalks", {}).get("count")
     return {
         "actors": seen,
         **counted,
         **({} if jaywalks is None else {"crossed_between_crossings": jaywalks}),
-        **({} if carried is None else {"traffic_carried_of_asked": carried}),
+        **({"motor_traffic_per_hour": volumes} if volumes else {}),
+        **({"motor_traffic_past_sensors": passing} if passing else {}),
         **({"left_out_lest_they_overlap": absent} if absent else {}),
         **({} if met is None else {"overlaps": met["actors"], "overlaps_with_scene": met["scene"]}),
     }

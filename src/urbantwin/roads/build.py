@@ -30,8 +30,11 @@ from urbantwin.roads.cross_section import (
 )
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
+    CLEARANCE_M,
     Crossing,
     Lift,
+    LiftedRoad,
+    LiftedTurn,
     find_crossings,
     levels_of_ways,
     lift_of_network,
@@ -46,7 +49,7 @@ from urbantwin.roads.merging_lanes import zip_merging_lanes
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.model.lane_marks import without_lines
 from urbantwin.roads.netconvert import sumo_network
-from urbantwin.roads.network import RoadNetwork
+from urbantwin.roads.network import Lane, RoadNetwork
 from urbantwin.roads.rails import add_rails, with_trams
 from urbantwin.roads.region_pieces import region_pieces
 from urbantwin.roads.side_lanes import (
@@ -88,6 +91,8 @@ BESIDE_M = 150.0
 
 #: A crossing this near to a node of the map is the node's, metres.
 FOUND_M = 3.0
+#: A way through a junction consists of so many lanes at most.
+_MOST_PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -253,6 +258,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         )
     tell(0.3, "streets")
     lift = _lift(raw, crossings)
+    raw = _with_junctions_on_bridges(raw, lift)
     planar = planar_model(raw, standing)
     tell(0.5, "side lanes")
     model = add_side_lanes(
@@ -433,7 +439,62 @@ def _signalised(
 def _lift(network: RoadNetwork, crossings: list[Crossing]) -> Lift:
     roads = []
     for road in network.roads:
-        lane = network.lane_by_id[road.lanes[-1]]
+        lanes = [network.lane_by_id[name] for name in road.lanes]
         ends = (road.from_junction, road.to_junction)
-        roads.append((lane.centre[:, :2], lane.level, frozenset(road.ways), ends))
-    return lift_of_network(roads, crossings)
+        inner, outer = lanes[-1], lanes[0]
+        lines = [lane.centre[:, :2] for lane in reversed(lanes)]
+        lines += [
+            _beside(lane, side)
+            for lane in {inner.id: inner, outer.id: outer}.values()
+            for side in (-0.5, 0.5)
+        ]
+        roads.append(LiftedRoad(tuple(lines), inner.level, frozenset(road.ways), ends))
+    number = {road.id: k for k, road in enumerate(network.roads)}
+    turns = []
+    for lane in network.lanes:
+        for name in lane.successors if lane.road else ():
+            way: list[NDArray[np.float64]] = []
+            after = network.lane_by_id.get(name)
+            while after is not None and not after.road and len(way) < _MOST_PARTS:
+                way.append(after.centre[:, :2])
+                after = network.lane_by_id.get(next(iter(after.successors), ""))
+            if way and after is not None and after.road:
+                centre = np.concatenate(way)
+                turns.append(LiftedTurn(centre, number[lane.road], number[after.road]))
+    return lift_of_network(roads, turns, crossings)
+
+
+def _beside(lane: Lane, share: float) -> NDArray[np.float64]:
+    """Return points (N, 2) beside the middle of a lane, by a share of its width to the left."""
+    points = lane.centre[:, :2]
+    ahead = np.gradient(points, axis=0)
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    return np.asarray(points + share * lane.width * ahead[:, ::-1] * [-1.0, 1.0])
+
+
+def _with_junctions_on_bridges(network: RoadNetwork, lift: Lift) -> RoadNetwork:
+    """Return the network with junctions as high as the bridge that begins there.
+
+    Where streets meet under the end of a bridge, a junction of the ground would join them to it.
+    """
+    level, low, over = dict[str, int](), set[str](), set[str]()
+    for road in network.roads:
+        lane = network.lane_by_id[road.lanes[-1]]
+        ends = lift.at(lane.centre[[0, -1], :2], lane.level)
+        for junction, height in zip((road.from_junction, road.to_junction), ends, strict=True):
+            level[junction] = max(level.get(junction, 0), lane.level)
+            if height < CLEARANCE_M / 2:
+                low.add(junction)
+        for junction, end in zip((road.from_junction, road.to_junction), (0, -1), strict=True):
+            if lift.is_above_another(lane.centre[end, :2], lane.level):
+                over.add(junction)
+    raised = {name: up for name, up in level.items() if up and name in over - low}
+    return replace(
+        network,
+        junctions=tuple(
+            replace(item, level=raised.get(item.id, item.level)) for item in network.junctions
+        ),
+        lanes=tuple(
+            replace(lane, level=raised.get(lane.junction, lane.level)) for lane in network.lanes
+        ),
+    )

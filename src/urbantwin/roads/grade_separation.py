@@ -20,7 +20,17 @@ from scipy.spatial import cKDTree
 
 from urbantwin.number_text import finite_number
 
-__all__ = ["Crossing", "Lift", "find_crossings", "lift_of_network", "way_layer"]
+__all__ = [
+    "CLEARANCE_M",
+    "Crossing",
+    "Lift",
+    "LiftedRoad",
+    "LiftedTurn",
+    "find_crossings",
+    "levels_of_ways",
+    "lift_of_network",
+    "way_layer",
+]
 
 #: Height of a road above the one that it crosses: 4.7 m clearance (AASHTO Green Book, minimum
 #: 4.3 to 4.9 m on local to arterial roads) plus the deck.
@@ -32,8 +42,14 @@ STEP_M = 4.0
 #: Lift between samples is a regression over this many of the nearest, weighted by a Gaussian of
 #: this standard deviation, metres; and how much is known across a line of samples, square metres.
 NEIGHBOURS, SMOOTHING_M, STIFFNESS = 12, 4.0, 0.5
-#: Where roads of different levels meet, as many samples of each count for the other.
-SHARED = 4
+#: Where roads of different levels meet, as many samples of each count for the other; unless one of
+#: another height is this near, metres: a street under the end of a bridge.
+SHARED, UNDER_M = 4, 15.0
+#: Samples nearby belong to one surface if their heights differ by no more than this step, metres,
+#: and this grade. Between a ramp and a street beside it is a wall.
+STEP_UP_M, STEEPEST = 0.5, 2.0 * RAMP_GRADE
+#: With less weight in all than this no sample nearby is of the same surface.
+LEAST_WEIGHT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -53,11 +69,14 @@ class Lift:
         xy: (N, 2) positions of samples, site frame.
         level: (N,) level of the sample's road.
         height: (N,) metres above the ground.
+        wide: the same all over the width of roads and ways through junctions: the nearest of them
+            says which surface a place belongs to.
     """
 
     xy: NDArray[np.float64]
     level: NDArray[np.int64]
     height: NDArray[np.float64]
+    wide: Lift | None = None
 
     def at(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
         """Return the lift (M,) at (M, 2) points of a level, by local linear regression."""
@@ -74,6 +93,16 @@ class Lift:
         gap = tree.data[index] - xy[near, None]
         # Weights fall off from the nearest sample on: far away its height is what counts.
         weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / SMOOTHING_M**2)
+        own = self.wide._of_level(level) if self.wide else None
+        if own is not None:
+            there = own[0].query(xy[near])[1]
+            nearest = own[1][there]
+            apart = np.linalg.norm(tree.data[index] - own[0].data[there][:, None], axis=2)
+            rise = np.abs(height[index] - nearest[:, None])
+            weight *= rise <= STEP_UP_M + STEEPEST * apart
+            alone = weight.sum(axis=1) < LEAST_WEIGHT
+            lift[near[alone]] = nearest[alone]
+            near, gap, index, weight = near[~alone], gap[~alone], index[~alone], weight[~alone]
         design = np.concatenate([np.ones((*gap.shape[:2], 1)), gap], axis=2)
         weighted = design * weight[..., None]
         normal = np.einsum("mki,mkj->mij", weighted, design)
@@ -82,6 +111,17 @@ class Lift:
         right = np.einsum("mki,mk->mi", weighted, height[index])
         lift[near] = np.maximum(np.linalg.solve(normal, right[..., None])[:, 0, 0], 0.0)
         return lift
+
+    def is_above_another(self, xy: NDArray[np.float64], level: int) -> bool:
+        """Return whether a street of the ground lies far below a point (2,) of a level, and near.
+
+        Near is what would be mixed with it if both were on one level.
+        """
+        height = float(self.at(xy[None], level)[0])
+        wide = self.wide or self
+        near = np.linalg.norm(wide.xy - xy, axis=1) < UNDER_M
+        below = wide.height < height - CLEARANCE_M / 2
+        return bool((near & below & (wide.level == 0)).any())
 
     def _of_level(self, level: int) -> tuple[cKDTree, NDArray[np.float64]] | None:
         if level not in self._trees:
@@ -148,14 +188,47 @@ def levels_of_ways(crossings: list[Crossing]) -> dict[int, int]:
     return level
 
 
+@dataclass(frozen=True, eq=False)
+class LiftedRoad:
+    """A road as far as its lift needs it.
+
+    Attributes:
+        lines: (N, 2) points of lines from the road's start to its end, all over its width: the
+            first is the middle of the innermost lane.
+        level: 0 on the ground, 1, 2, ... above other roads.
+        ways: ids of its ways in the map.
+        junctions: ids of the junctions at its start and its end.
+    """
+
+    lines: tuple[NDArray[np.float64], ...]
+    level: int
+    ways: frozenset[int]
+    junctions: tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class LiftedTurn:
+    """A way through a junction: (N, 2) centre, and the numbers of the roads that it joins."""
+
+    centre: NDArray[np.float64]
+    before: int
+    after: int
+
+    def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return points (M, 2) along it, and the share of the way at each (M,)."""
+        line = shapely.LineString(self.centre)
+        share = np.linspace(0.0, 1.0, max(2, int(line.length / STEP_M) + 1))
+        return shapely.get_coordinates(line.interpolate(share, normalized=True)), share
+
+
 def lift_of_network(
-    lines: list[tuple[NDArray[np.float64], int, frozenset[int], tuple[str, str]]],
-    crossings: list[Crossing],
+    roads: list[LiftedRoad], turns: list[LiftedTurn], crossings: list[Crossing]
 ) -> Lift:
     """Return how far every road stands above the ground.
 
     Args:
-        lines: per road: (N, 2) centre, level, ids of its ways, ids of its two junctions.
+        roads: the roads.
+        turns: the ways through junctions from road to road.
         crossings: where ways cross over others.
     """
     points, levels, links = [], [], []
@@ -163,8 +236,10 @@ def lift_of_network(
     seeds: dict[int, float] = {}
     start = 0
     starts: list[int] = []
-    for centre, level, ways, junctions in lines:
-        line = shapely.LineString(centre)
+    beside: list[tuple[int, NDArray[np.float64]]] = []
+    for road in roads:
+        level, junctions = road.level, road.junctions
+        line = shapely.LineString(road.lines[0])
         along = np.linspace(0, line.length, max(2, int(line.length / STEP_M) + 1))
         xy = shapely.get_coordinates(line.interpolate(along))
         index = start + np.arange(len(xy))
@@ -175,11 +250,16 @@ def lift_of_network(
         ends.setdefault(junctions[0], []).append(start)
         ends.setdefault(junctions[1], []).append(int(index[-1]))
         for crossing in crossings:
-            if crossing.upper in ways:
+            if crossing.upper in road.ways:
                 gap = np.linalg.norm(xy - crossing.point, axis=1)
                 for near in np.flatnonzero(gap < max(15.0, float(gap.min()) + STEP_M)):
                     key = int(index[near])
                     seeds[key] = max(seeds.get(key, 0.0), level * CLEARANCE_M)
+        share = along / max(line.length, 1e-9)
+        for points_beside in road.lines[1:]:
+            other = shapely.LineString(points_beside)
+            at = other.interpolate(share, normalized=True)
+            beside.append((start, shapely.get_coordinates(at)))
         starts.append(start)
         points.append(xy)
         levels.append(np.full(len(xy), level))
@@ -197,15 +277,44 @@ def lift_of_network(
     # A virtual source tops every seed, so that one shortest-path run gives the envelope
     # max over seeds of (needed height - grade x distance along the network).
     links += [(start, seed, (highest - need) / RAMP_GRADE) for seed, need in seeds.items()]
-    rows, columns, costs = (np.array(part) for part in zip(*links, strict=True))
-    graph = coo_matrix((costs + 1e-9, (rows, columns)), shape=(start + 1, start + 1)).tocsr()
+    one, other_end, costs = (np.array(part) for part in zip(*links, strict=True))
+    graph = coo_matrix((costs + 1e-9, (one, other_end)), shape=(start + 1, start + 1)).tocsr()
     distance = dijkstra(graph, directed=False, indices=start)[:start]
     height = np.maximum(0.0, highest - RAMP_GRADE * distance)
     level_of = np.concatenate(levels)
     extra = _shared(ends, level_of, starts)
-    index = np.concatenate([np.arange(start), [k for k, _ in extra]]).astype(np.int64)
-    level_of = np.concatenate([level_of, [level for _, level in extra]]).astype(np.int64)
-    return Lift(xy[index], level_of, height[index])
+    extra = [(k, other) for k, other in extra if not _crosses(k, level_of == other, xy, height)]
+    shared = np.array([k for k, _ in extra], np.int64)
+    of_shared = np.array([level for _, level in extra], np.int64)
+    # A road is level across.
+    rows = [(xy, level_of, height)]
+    for first, places in beside:
+        mine = first + np.arange(len(places))
+        rows.append((places, level_of[mine], height[mine]))
+    last = [*(k - 1 for k in starts[1:]), start - 1]
+    for turn in turns:
+        joined = [last[turn.before], starts[turn.after]]
+        places, share = turn.samples()
+        lowest = np.full(len(places), level_of[joined].min())
+        rows.append((places, lowest, np.interp(share, [0.0, 1.0], height[joined])))
+    places, of_level, heights = (np.concatenate(part) for part in zip(*rows, strict=True))
+    return Lift(
+        np.concatenate([xy, xy[shared]]),
+        np.concatenate([level_of, of_shared]).astype(np.int64),
+        np.concatenate([height, height[shared]]),
+        Lift(places, of_level.astype(np.int64), heights),
+    )
+
+
+def _crosses(
+    sample: int,
+    others: NDArray[np.bool_],
+    xy: NDArray[np.float64],
+    height: NDArray[np.float64],
+) -> bool:
+    """Return whether one of other samples (N,) lies far above or below a sample."""
+    near = np.linalg.norm(xy - xy[sample], axis=1) < UNDER_M
+    return bool((others & near & (np.abs(height - height[sample]) > CLEARANCE_M / 2)).any())
 
 
 def _shared(

@@ -25,6 +25,7 @@ from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.map_objects import map_objects
 from urbantwin.scene.measured_curb import with_measured_curbs
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
+from urbantwin.scene.swept_lanes import SweptLanes
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
 from urbantwin.scene.zones import Zone, ground_zones
@@ -40,6 +41,8 @@ FIRST_OBJECT = 16
 ZONES, SURFACE, BUILDINGS = 0.28, 0.63, 0.72
 #: Ends of buses swing out over kerbs by about so much where they turn, metres.
 SWING_M = 1.2
+#: What is left as it is where it stands on a lane: houses, and what was measured there.
+_NOT_CLEARED = {"buildings", "imported", "surveyed trees"}
 #: Largest triangles; roads are as fine as their height asks for, terrain on hills is finer.
 ON_A_HILL = Spacing(road=25.0, terrain=5.0)
 ON_A_PLAIN = Spacing(road=25.0, terrain=10.0)
@@ -149,6 +152,9 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         tell=between(tell, SURFACE, BUILDINGS, "buildings"),
     )
     deck_heights = deck_height(network, surface, ground_height)
+    swept = SweptLanes(network)
+    decks, parapets = swept.clear(decks)
+    cleared = {"decks": parapets}
     objects: dict[str, tuple[LabelledMesh, dict[str, int]]] = {
         "buildings": (buildings.mesh, buildings.notes),
         **map_objects(
@@ -174,6 +180,10 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         objects["surveyed trees"] = surveyed_tree_mesh(
             imported.trees, ground_height, region=region, carriageway=carriageway
         )
+    for name in sorted(objects.keys() - _NOT_CLEARED):
+        mesh, counts = objects[name]
+        mesh, count = swept.clear(mesh, whole_parts=True)
+        objects[name], cleared[name] = (mesh, counts), count
     objects, removed = without_things(objects, corrections)
     added, built = added_things(
         corrections,
@@ -189,6 +199,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     notes: dict[str, object] = {
         "surface": _ground_notes(ground, network),
         "clutter": {"beside the streets": clutter, "assumed": assumed},
+        "cleared_from_lanes": {name: n for name, n in sorted(cleared.items()) if n},
     }
     for name, (mesh, counts) in objects.items():
         meshes.append(replace(mesh, part=mesh.part + np.int32(first)))

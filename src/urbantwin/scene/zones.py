@@ -121,6 +121,10 @@ def ground_zones(
     tell(0.3, "islands")
     paved = area_union([carriageway, footway])
     gaps = area_difference(closed(paved, MEDIAN_M), paved)
+    decks = [network.carriageway(level) for level in network.levels[1:]]
+    if decks:
+        # Between the ends of a bridge there is no island in its place.
+        gaps = area_difference(gaps, area_union(decks))
     islands, verges = _sorted_out(opened(area_difference(gaps, drivable), SEAM_M), carriageway)
     footway = area_union([footway, *(part for part in verges if part.area < PAVED_M2)])
     # Medians and islands of the lane model are raised, whatever the gap around them.

@@ -14,6 +14,7 @@ from urbantwin.traffic.assets import AssetName, asset_names, bodies_of_asset, cl
 from urbantwin.traffic.demand.counted_report import counted_report
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.flow.circulation_report import circulation_report
+from urbantwin.traffic.flow.past_sensors import traffic_past_sensors
 from urbantwin.traffic.motion import MOTION_VERSION
 from urbantwin.traffic.motion_rows import ActorRows
 from urbantwin.traffic.sumo.simulation import Simulated
@@ -84,6 +85,9 @@ def manifest_of_drive(
         )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated, warmup_s, roads)
+    manifest["past_sensors"] = traffic_past_sensors(
+        twin, demand, actors, planned_s=warmup_s + steps * step_s, steps=steps
+    )
     if demand.passengers.places:
         manifest["passengers"] = _passengers(demand, simulated, steps * step_s)
     return manifest

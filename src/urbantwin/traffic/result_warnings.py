@@ -7,14 +7,20 @@ from typing import Any
 
 from urbantwin.result_warning import ResultWarning
 
-__all__ = ["place_of_count", "warnings_of_drive"]
+__all__ = ["PAST_SENSORS", "place_of_count", "warnings_of_drive"]
 
 #: Least share of the motor traffic asked for that is carried, or of a guess that is asked for,
 #: where nothing is said.
 ENOUGH = 0.9
+#: Share of the motor traffic asked for above which there is too much, beyond chance.
+TOO_MUCH = 1.25
 _MOTOR = ("car", "van", "truck", "bus", "motorcycle")
 #: Most of those who come that may be left out, lest they pass through others, share.
 MANY_ABSENT = 0.02
+#: What warnings about too little traffic at the sensors are about.
+PAST_SENSORS = "traffic past the sensors"
+#: Of so many vehicles expected at least one comes, but for chance (e^-3 = 5 %).
+_SURE = 3.0
 #: So many collisions are told one by one.
 _COLLISIONS = 3
 
@@ -25,6 +31,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
     Args:
         manifest: ``motion.json``.
     """
+    yield from _of_sensors(manifest)
     yield from _of_volumes(manifest.get("circulation", {}))
     for row in manifest.get("counts", []):
         asked, driven = row["asked_per_hour"], row["driven_per_hour"]
@@ -141,14 +148,58 @@ def _of_events(rows: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
             )
 
 
+def _of_sensors(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
+    """Yield that the streets at the sensors have no motor traffic, or less than was planned."""
+    there = manifest.get("past_sensors", {})
+    wanted = sum(row.get("per_hour", 0.0) for n, row in manifest["classes"].items() if n in _MOTOR)
+    if not (there.get("lanes_m") and wanted):
+        return
+    about, within = PAST_SENSORS, f"within {there['within_m']:g} m of a sensor"
+    asked, driven = there["asked_per_hour"], there["driven_per_hour"]
+    expected = asked * manifest["duration_s"] / 3600.0
+    if asked < 1.0:
+        yield ResultWarning(
+            about,
+            f"none of {wanted:.0f} motor vehicles an hour is planned on the streets {within}",
+            "at the level of the sensors no way leads from an entry of the region over these "
+            "streets and back to that entry",
+            "make the region larger, add the missing links in the map, or place the sensors at "
+            "other streets",
+        )
+    elif not there["vehicles"] and expected >= _SURE:
+        yield ResultWarning(
+            about,
+            f"no motor vehicle comes {within}, of {asked:.0f} an hour planned there",
+            _why_fewer(manifest),
+            "look at motion.json (absent, circulation) and at plan.png there",
+        )
+    # What passes is a random number: by chance alone it is off by its root.
+    elif driven < ENOUGH * asked - asked * expected**-0.5:
+        yield ResultWarning(
+            about,
+            f"{driven:.0f} of {asked:.0f} motor vehicles an hour drive {within}",
+            _why_fewer(manifest),
+            "lengthen the motion or traffic.warmup_s, or lower traffic.per_hour",
+        )
+
+
+def _why_fewer(manifest: Mapping[str, Any]) -> str:
+    """Return why fewer vehicles pass the sensors than planned."""
+    absent = manifest.get("absent", {"visits": 0, "of": 0})
+    if absent["visits"] > MANY_ABSENT * absent["of"]:
+        return f"{absent['visits']} of {absent['of']} visits are left out of the motion"
+    held_up = manifest.get("circulation", {}).get("held_up")
+    return held_up or "vehicles wait at signals or beyond the region during this motion"
+
+
 def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
     """Yield what of the motor traffic of a closed loop does not drive."""
-    carried = circulation.get("carried_share_of_motor_traffic", 1.0)
+    carried = circulation.get("carried_share_of_motor_traffic")
     passages = circulation.get("passages_per_hour", {})
     hours = circulation.get("counted_for_s", 0) / 3600
     passed = hours * sum(row["asked"] for name, row in passages.items() if name in _MOTOR)
     # What passes is a random number: by chance alone it is off by its root.
-    if carried < ENOUGH - (passed**-0.5 if passed else 0.0):
+    if carried is not None and carried < ENOUGH - (passed**-0.5 if passed else 0.0):
         yield ResultWarning(
             "traffic",
             f"{carried:.0%} of the motor traffic asked for is carried",
@@ -156,8 +207,17 @@ def _of_volumes(circulation: Mapping[str, Any]) -> Iterator[ResultWarning]:
             "lower traffic.per_hour, lengthen traffic.warmup_s, or give counted flows and signal "
             "programs in site.yaml",
         )
-    guess = circulation.get("share_of_guess", 1.0)
-    if guess < ENOUGH:
+    if carried is not None and passed and carried > TOO_MUCH + 2.0 * passed**-0.5:
+        volumes = circulation.get("motor_traffic_per_hour", {})
+        yield ResultWarning(
+            "traffic",
+            f"{volumes.get('driven', 0.0):.0f} motor vehicles an hour drive, of "
+            f"{volumes.get('asked', 0.0):.0f} asked for",
+            "gates let in the queues that they need at the end of the warm-up",
+            "lengthen the motion, or traffic.warmup_s",
+        )
+    guess = circulation.get("share_of_guess")
+    if guess is not None and guess < ENOUGH:
         yield ResultWarning(
             "traffic",
             f"{guess:.0%} of the motor traffic that was guessed is asked for",

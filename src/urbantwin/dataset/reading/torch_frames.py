@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -12,10 +12,11 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from urbantwin.dataset.reading.columns import POINT, VELOCITY
+from urbantwin.dataset.reading.frame_files import RAY_TYPE
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
-    import pyarrow as pa
+    from urbantwin.dataset.reading.frame import Frame
 
 __all__ = ["FIELDS", "FrameDataset", "Sample", "Transform", "collated"]
 
@@ -25,30 +26,10 @@ Sample = dict[str, Any]
 Transform = Callable[[Sample, np.random.Generator], Sample]
 
 #: What columns of ``points`` may be.
-FIELDS = (*POINT, "sensor", "ring", "column", "time", "echo", "semantic", "instance")
+FIELDS = (*POINT, *(RAY_TYPE.names or ()), "semantic", "instance")
 #: What has a row for each point, and for each box: put one after the other in a batch.
 _OF_POINTS = ("points", "semantic", "instance", "flow")
 _OF_BOXES = ("boxes", "box_class", "box_track", "box_points", "box_occlusion", "box_velocity")
-
-
-class LabelledPoints(Protocol):
-    """What it needs of a frame: `urbantwin.Frame` has it."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def time_s(self) -> float: ...
-    @property
-    def points(self) -> NDArray[np.float32]: ...
-    @property
-    def semantic(self) -> NDArray[np.uint16]: ...
-    @property
-    def instance(self) -> NDArray[np.uint16]: ...
-    @property
-    def boxes(self) -> pa.Table: ...
-    @property
-    def box_array(self) -> NDArray[np.float64]: ...
-    def flow(self) -> NDArray[np.float32]: ...
 
 
 class FrameDataset(Dataset[Sample]):
@@ -78,7 +59,7 @@ class FrameDataset(Dataset[Sample]):
 
     def __init__(
         self,
-        frames: Sequence[LabelledPoints],
+        frames: Sequence[Frame],
         *,
         classes: Sequence[str],
         fields: Sequence[str] = POINT,
@@ -149,7 +130,7 @@ class FrameDataset(Dataset[Sample]):
             sample = self.transform(sample, draw)
         return sample
 
-    def _points(self, frame: LabelledPoints) -> NDArray[np.float32]:
+    def _points(self, frame: Frame) -> NDArray[np.float32]:
         if self.fields == POINT:
             return frame.points
         columns = [

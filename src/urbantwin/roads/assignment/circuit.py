@@ -24,6 +24,9 @@ __all__ = ["Circuit"]
 _DETOUR_S = 1000.0
 #: So many passages one after the other are as good as endless; shares below this do not count.
 _ROUNDS, _SELDOM = 400, 1e-9
+#: A part of the network apart from the others is used if it has streets of this length inside the
+#: region, metres.
+_PART_M = 60.0
 #: Fewer passages over some ways: rounds until as many begin as end at each start, and how near.
 _BALANCING, _BALANCED = 500, 1e-6
 
@@ -35,6 +38,8 @@ class Circuit:
     Attributes:
         graph: the ways.
         starts: (K,) states at gates, from which passages begin.
+        part: (K,) part of the network that each start lies in, such as the streets under a motorway
+            on a bridge; no passage leads from one part to another.
         gates: (G,) numbers of the gates in use.
         target: (K, G) state at which a passage from a start to a gate ends; -1 for none.
         chance: (K, G) chance that a passage from a start leads to a gate; rows sum to 1.
@@ -44,6 +49,7 @@ class Circuit:
 
     graph: WayGraph
     starts: NDArray[np.int64]
+    part: NDArray[np.int64]
     gates: NDArray[np.int64]
     target: NDArray[np.int64]
     chance: NDArray[np.float64]
@@ -54,9 +60,11 @@ class Circuit:
 
     @classmethod
     def of(cls, graph: WayGraph) -> Circuit | None:
-        """Return the circuit of a graph: of its part with most traffic; ``None`` without one.
+        """Return the circuit of a graph; ``None`` without one.
 
-        Cycle tracks that no street leads back to are parts with traffic of their own, which stays.
+        Parts that no way leads back from to another (the streets under a motorway on a bridge,
+        cycle tracks) have traffic of their own, which stays there: each in proportion to the
+        traffic of its gates.
         """
         at_gate = np.flatnonzero(graph.gate >= 0)
         if not len(at_gate):
@@ -67,9 +75,9 @@ class Circuit:
         load[size < 2] = 0.0  # a state by itself leads nowhere
         load[np.bincount(part[~graph.outer], minlength=len(size)) == 0] = 0.0  # never comes in
         tracks = np.bincount(part[~graph.own_way], minlength=len(size)) == 0
-        used = tracks & (load > 0)
-        load[tracks] = 0.0
-        main = int(load.argmax())
+        inside_m = np.bincount(part, np.where(graph.outer, 0.0, graph.length_m), len(size))
+        used = (load > 0) & (tracks | (inside_m >= _PART_M))
+        main = int(np.where(tracks, 0.0, load).argmax())
         used[main] |= load[main] > 0
         if not used.any():
             return None
@@ -96,7 +104,7 @@ class Circuit:
         length = dict(zip((graph.edges[n] for n in own), graph.length_m[own], strict=True))
         room_m = float(sum(length.values()))
         load = graph.weight[graph.gate[starts]]
-        return cls(graph, starts, gates, target, chance, load, room_m, before, row)
+        return cls(graph, starts, part[starts], gates, target, chance, load, room_m, before, row)
 
     def passage(self, start: int, random: np.random.Generator) -> list[int]:
         """Draw a passage: the states after ``start``, the last at a gate again."""
@@ -112,9 +120,29 @@ class Circuit:
         return states[::-1]
 
     def begin(self, share: float) -> int:
-        """Return a start for a share of 1, in proportion to the gates' traffic."""
-        total = np.cumsum(self.load)
+        """Return a start for a share of 1, in proportion to the gates' traffic.
+
+        A part of the network with longer passages has as many more actors on their way.
+        """
+        total = np.cumsum(self.load * self._seconds_of_part())
         return int(self.starts[np.searchsorted(total, share * total[-1], side="right")])
+
+    def _seconds_of_part(self) -> NDArray[np.float64]:
+        """Return the mean time of a passage in the part of each start (K,); 1 if all are one."""
+        seconds = np.ones(len(self.starts))
+        parts = np.unique(self.part)
+        if len(parts) < 2:
+            return seconds
+        often = self._visits()[:, None] * self.chance
+        total = np.zeros_like(often)
+        for row, column in np.argwhere(often > _SELDOM).tolist():
+            way = self._whole_way(row, column)
+            total[row, column] = sum(float(self.graph.seconds[pair]) for pair in pairwise(way))
+        for number in parts:
+            mine = self.part == number
+            share = max(float(often[mine].sum()), _SELDOM)
+            seconds[mine] = float((often * total)[mine].sum()) / share
+        return seconds
 
     def usual(self) -> tuple[float, float]:
         """Return the free travel time and the length of the usual way round.

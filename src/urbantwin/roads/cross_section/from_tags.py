@@ -29,8 +29,8 @@ NARROWEST_M, WIDEST_M = 2.0, 8.0
 #: A road with one lane for both directions where nobody mapped how wide it is, metres, and one on
 #: which cars can pass each other (``lanes=1.5``; RASt 06: 4.10 m for two cars at low speed).
 ONE_LANE_M, LANE_AND_A_HALF_M = 3.5, 4.5
-#: The least width of one lane for both directions, metres: a lorry of 2.5 m fits.
-ONE_LANE_LEAST_M = 2.75
+#: The least width of one lane for both directions, metres: a car with its mirrors fits.
+ONE_LANE_LEAST_M = 2.2
 #: On a carriageway of this width or more two cars meet without waiting (RASt 06), metres.
 PASSING_M = 4.75
 #: Lists that say whether motor traffic may use a lane, the narrowest first.
@@ -72,7 +72,7 @@ def cross_section(
         middle = replace(middle, allowed=permissions["forward"].motor, width=0.0)
         forward = [middle] * shared + forward
     forward, backward = _with_cycleways(tags, way, forward, backward, cycles, country)
-    one_lane = _is_one_lane(tags, forward, backward)
+    one_lane = _is_one_lane(tags, forward, backward, standard)
     forward, backward = _with_widths(tags, forward, backward, standard, one_lane=one_lane)
     outward = 1 if driving_side == "left" else -1
     sides = {}
@@ -99,7 +99,10 @@ def cross_section(
 
 
 def _is_one_lane(
-    tags: Mapping[str, str], forward: list[CarriagewayLane], backward: list[CarriagewayLane]
+    tags: Mapping[str, str],
+    forward: list[CarriagewayLane],
+    backward: list[CarriagewayLane],
+    standard: Standard,
 ) -> bool:
     """Return whether both directions of motor traffic share one lane.
 
@@ -116,8 +119,10 @@ def _is_one_lane(
     parts = sum(count(tags.get(f"lanes:{name}")) or 0 for name in ("forward", "backward"))
     said = tags.get("lanes", "").strip() in ("1", "1.0") and parts < 2
     alternating = tags.get("oneway") == "alternating" and "lanes" not in tags
-    wide = (_carriageway(tags) or 0.0) >= PASSING_M
-    return (said or alternating) and not wide
+    beside = (lane for lane in (*forward, *backward) if lane.kind == "bicycle" and not lane.track)
+    taken = sum(lane.width for lane in beside)
+    room = (_carriageway(tags) or 0.0) - taken - _parked(tags, standard)
+    return (said or alternating) and room < PASSING_M
 
 
 def _lanes(
@@ -230,6 +235,11 @@ def _with_widths(
     one_lane: bool,
 ) -> tuple[list[CarriagewayLane], list[CarriagewayLane]]:
     """Fill in widths of lanes without a tag of their own; of one lane for both, half for each."""
+    if one_lane and (whole := max(forward[0].width, backward[0].width)):
+        # A width of each lane is that of the one that there is.
+        forward, backward = (
+            [replace(side[0], width=whole / 2), *side[1:]] for side in (forward, backward)
+        )
     lanes = [*forward, *backward]
     open_lanes = sum(not lane.width for lane in lanes)
     known = sum(lane.width for lane in lanes if not lane.track)
@@ -257,16 +267,18 @@ def _share(
     whole = _carriageway(tags)
     if whole is None:
         return None
-    cars = 0.0
-    for side in ("left", "right"):
-        found = parking(tags, side, standard)
-        if found is not None and found.position in ("lane", "yes", "half_on_kerb"):
-            cars += found.width
-    for beside in (cars, 0.0):
+    for beside in (_parked(tags, standard), 0.0):
         each = (whole - known - beside) / open_lanes
         if least <= each <= WIDEST_M:
             return each
     return None
+
+
+def _parked(tags: Mapping[str, str], standard: Standard) -> float:
+    """Return how much of a carriageway parked cars take, metres."""
+    found = (parking(tags, side, standard) for side in ("left", "right"))
+    on_road = ("lane", "yes", "half_on_kerb")
+    return sum(one.width for one in found if one is not None and one.position in on_road)
 
 
 def _carriageway(tags: Mapping[str, str]) -> float | None:

@@ -20,6 +20,9 @@ __all__ = ["Base", "RoadSurface"]
 Base = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 #: How far a street's end reaches into a junction, and how far its side reaches sideways, metres.
 REACH_M, SIDE_REACH_M = 14.0, 6.0
+#: A street that would correct the ground by more than this is another surface: there is a wall
+#: between a ramp and the street beside or under it, metres.
+WALL_M = 2.0
 #: Weight of the ground between the streets: that of a street's end about 4 m away.
 GROUND_WEIGHT = 0.03
 #: Spacing of samples along streets, metres.
@@ -210,6 +213,7 @@ class RoadSurface:
             distance = known.mouths.distance(end, u, t)
             share = _fading(distance, REACH_M)
             offset = known.mouths.extended(end, u, t) - base[row]
+            share = np.where(np.abs(offset) <= WALL_M, share, 0.0)
             total += np.bincount(row, share * offset, minlength=len(points))
             weight += np.bincount(row, share, minlength=len(points))
         count = max(1, min(SIDES, len(known.sides)))
@@ -217,10 +221,10 @@ class RoadSurface:
             points, k=np.arange(1, count + 1), distance_upper_bound=SIDE_REACH_M
         )
         row, column = np.nonzero(np.isfinite(gap))
+        offset = known.side_offset[which[row, column]]
         share = _fading(gap[row, column], SIDE_REACH_M)
-        total += np.bincount(
-            row, share * known.side_offset[which[row, column]], minlength=len(points)
-        )
+        share = np.where(np.abs(offset) <= WALL_M, share, 0.0)
+        total += np.bincount(row, share * offset, minlength=len(points))
         weight += np.bincount(row, share, minlength=len(points))
         return np.asarray(total / weight)
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact import read_json
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.pose_table import EGO, frame_poses, true_and_reported
 from urbantwin.dataset.reading import Dataset
@@ -207,8 +206,8 @@ def _folders(paths: Sequence[Path]) -> dict[str, Path]:
 def _of_datasets(
     folders: Mapping[str, Path],
 ) -> tuple[list[Node], NDArray[np.float64], tuple[str, ...], _Source]:
-    manifests = {name: read_json(one / "dataset.json", kind="dataset")
-                 for name, one in folders.items()}  # fmt: skip
+    datasets = {name: Dataset(one) for name, one in folders.items()}
+    manifests = {name: one.manifest for name, one in datasets.items()}
     first = next(iter(folders))
     for name, told in manifests.items():
         if told.get("motion_sha256") != manifests[first].get("motion_sha256"):
@@ -228,7 +227,7 @@ def _of_datasets(
     nodes: list[Node] = []
     names: dict[int, str] = {}
     for place, (name, told) in enumerate(manifests.items()):
-        poses, true = frame_poses(told), _true_poses(folders[name])
+        poses, true = frame_poses(told), _true_poses(datasets[name])
         looks = {}
         for one in told["frames"]:
             frame, time = str(one["name"]), float(one["time_s"])
@@ -247,9 +246,8 @@ def _of_datasets(
     return nodes, np.array(every), ordered, _LabelsOfDatasets()
 
 
-def _true_poses(folder: Path) -> dict[str, Pose]:
+def _true_poses(dataset: Dataset) -> dict[str, Pose]:
     """Return where riding frames truly were, by name: the true pose of their vehicle says it."""
-    dataset = Dataset(folder)
     found = {}
     for row in dataset.poses.to_pylist():
         if row["name"] == EGO:

@@ -7,11 +7,14 @@ their way are the rate times the time for the way round).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
 
 from urbantwin.roads import BusStop
 from urbantwin.roads.assignment.circuit import Circuit
@@ -23,7 +26,15 @@ from urbantwin.roads.assignment.movement_flows import (
 from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.demand.demand import Demand, Gate, GatePlan, LeftOut, Population, Trip
+from urbantwin.traffic.demand.demand import (
+    Demand,
+    Gate,
+    GatePlan,
+    LeftOut,
+    NetworkPart,
+    Population,
+    Trip,
+)
 from urbantwin.traffic.demand.parties import party_places
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
@@ -167,7 +178,7 @@ class Circulation:
         warmup_s: float,
         duration_s: float,
         body: Callable[[str, int], str],
-        room: float | None = None,
+        room: Mapping[str, float] | None = None,
     ) -> Demand:
         """Plan everybody's passages, from coming in to beyond the end of the motion.
 
@@ -179,7 +190,7 @@ class Circulation:
             warmup_s: how long traffic runs before the motion starts.
             duration_s: how long the motion is.
             body: the asset of the n-th actor of a class.
-            room: motor vehicles that fit onto the lanes of the region bumper to bumper; no gates
+            room: motor vehicles that fit onto each edge of the region bumper to bumper; no gates
                 where it is not given.
         """
         trips: list[Trip] = []
@@ -223,7 +234,17 @@ class Circulation:
             self.outer,
             stops=self.stops,
             gates=gates,
+            planned=self._planned(),
         )
+
+    def _planned(self) -> dict[tuple[str, str], float]:
+        """Return (edge, next edge) -> how many motor vehicles per hour are planned there."""
+        found: dict[tuple[str, str], float] = defaultdict(float)
+        for name in sorted(IN_CARS.keys() & self._circuits.keys()):
+            edges = self._circuits[name].graph.edges
+            for (a, b), share in self._circuits[name].flows().items():
+                found[edges[a], edges[b]] += share * self.per_hour[name]
+        return dict(found)
 
     def _gate_plan(
         self,
@@ -231,7 +252,7 @@ class Circulation:
         needed_s: float,
         body: Callable[[str, int], str],
         first: int,
-        room: float,
+        room: Mapping[str, float],
     ) -> tuple[GatePlan, list[Trip]]:
         """Return the gates, and the trips that they keep in reserve.
 
@@ -240,20 +261,25 @@ class Circulation:
             needed_s: for how long a trip must lead on.
             body: the asset of the n-th actor of a class.
             first: number of the first trip in reserve.
-            room: motor vehicles that fit into the region bumper to bumper.
+            room: motor vehicles that fit onto each edge of the region bumper to bumper.
         """
         per_hour: dict[tuple[str, bool], float] = {}
+        arcs: dict[bool, dict[tuple[str, str], float]] = {True: {}, False: {}}
         reserve: dict[tuple[str, bool], list[tuple[float, str, int]]] = {}
         for group in populations:
             if group.actor_class in (_ON_FOOT, _TRAM):
                 continue
             circuit = self._circuits[group.actor_class]
             rates: dict[int, float] = {}
+            edges, holds = circuit.graph.edges, group.actor_class in IN_CARS
             for (a, b), flow in circuit.flows().items():
+                arc = edges[a], edges[b]
+                metres = flow * group.per_hour * float(circuit.graph.metres[a, b])
+                arcs[holds][arc] = arcs[holds].get(arc, 0.0) + metres
                 if circuit.graph.outer[a] and not circuit.graph.outer[b]:
                     rates[a] = rates.get(a, 0.0) + flow * group.per_hour
             for state, rate in rates.items():
-                gate = circuit.graph.edges[state], group.actor_class in IN_CARS
+                gate = edges[state], holds
                 per_hour[gate] = per_hour.get(gate, 0.0) + rate
                 if state in circuit.starts:
                     reserve.setdefault(gate, []).extend(
@@ -262,6 +288,7 @@ class Circulation:
                         if rate > 0
                     )
         made = {group.actor_class: group.count for group in populations}
+        part_of = {holds: _parts(arcs[holds]) for holds in (True, False)}
         trips: list[Trip] = []
         gates = []
         for edge, holds in sorted(per_hour):
@@ -271,11 +298,18 @@ class Circulation:
                 trip = self._trip(name, body(name, k), 0.0, needed_s, self._random(name, k), state)
                 numbers.append(first + len(trips))
                 trips.append(replace(trip, in_reserve=True))
-            gates.append(Gate(edge, per_hour[edge, holds], holds, tuple(numbers)))
-        motor = [group for group in populations if group.actor_class in IN_CARS]
-        rate = sum(group.per_hour for group in motor)
-        metres = sum(group.per_hour * group.metres for group in motor)
-        return GatePlan(tuple(gates), room, metres / rate if rate else 1.0), trips
+            part = part_of[holds][edge]
+            gates.append(Gate(edge, per_hour[edge, holds], holds, tuple(numbers), part))
+        parts = []
+        for number in range(max(part_of[True].values(), default=-1) + 1):
+            own = sorted(edge for edge, part in part_of[True].items() if part == number)
+            rate = sum(gate.per_hour for gate in gates if gate.holds and gate.part == number)
+            metres = sum(
+                length for (edge, _), length in arcs[True].items() if part_of[True][edge] == number
+            )
+            there = sum(room.get(edge, 0.0) for edge in own)
+            parts.append(NetworkPart(tuple(own), there, metres / rate if rate else 1.0))
+        return GatePlan(tuple(gates), tuple(parts)), trips
 
     def _random(self, actor_class: str, number: int) -> np.random.Generator:
         """Return the random stream of one actor: it depends on its class and number alone."""
@@ -340,6 +374,20 @@ class Circulation:
         return Trip(
             actor_class, asset, depart_s, walks[0][0], begin_m, walks[0][1], then=tuple(walks[1:])
         )
+
+
+def _parts(arcs: Iterable[tuple[str, str]]) -> dict[str, int]:
+    """Return edge -> number of the part of the network that it belongs to.
+
+    Args:
+        arcs: (edge, next edge) that vehicles take.
+    """
+    pairs = sorted(arcs)
+    index = {edge: k for k, edge in enumerate(dict.fromkeys(itertools.chain(*pairs)))}
+    ends = np.array([[index[a], index[b]] for a, b in pairs], np.int64).reshape(-1, 2).T
+    graph = scipy.sparse.coo_array((np.ones(ends.shape[1]), ends), shape=(len(index),) * 2)
+    _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    return {edge: int(part[k]) for edge, k in index.items()}
 
 
 def _unfolded(states: list[int], edges: tuple[str, ...]) -> list[tuple[tuple[str, ...], int]]:

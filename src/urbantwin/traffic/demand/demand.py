@@ -25,6 +25,7 @@ __all__ = [
     "Gate",
     "GatePlan",
     "LeftOut",
+    "NetworkPart",
     "Passengers",
     "Population",
     "Routes",
@@ -140,11 +141,11 @@ class Bound:
     """How much of a guess comes.
 
     Attributes:
-        share: of the motor traffic guessed, 1 where it is all.
+        share: of the motor traffic guessed, 1 where it is all; ``None`` where nothing was guessed.
         because: where it would queue, and what passes there; empty where all comes.
     """
 
-    share: float = 1.0
+    share: float | None = None
     because: str = ""
 
 
@@ -157,12 +158,29 @@ class Gate:
         per_hour: requested vehicles per hour.
         holds: whether vehicles wait there when more come; else vehicles are only added.
         reserve: numbers of the trips that may be added during the warm-up, in order.
+        part: number of the part of the network that it leads into, of those of its kind.
     """
 
     edge: str
     per_hour: float
     holds: bool
     reserve: tuple[int, ...]
+    part: int = 0
+
+
+@dataclass(frozen=True)
+class NetworkPart:
+    """A part of the network that no vehicle leaves for another part: gates meter each by itself.
+
+    Attributes:
+        edges: ids of its edges.
+        room: motor vehicles that fit onto its lanes in the region bumper to bumper.
+        passage_m: mean distance of motor vehicles from one entry into the region to the next.
+    """
+
+    edges: tuple[str, ...]
+    room: float
+    passage_m: float
 
 
 @dataclass(frozen=True)
@@ -171,13 +189,11 @@ class GatePlan:
 
     Attributes:
         gates: one per outer road that leads into the region, for motor vehicles and for bicycles.
-        room: motor vehicles that fit onto the lanes of the region bumper to bumper.
-        passage_m: mean distance of motor vehicles from one entry into the region to the next.
+        parts: parts of the network of motor vehicles.
     """
 
     gates: tuple[Gate, ...] = ()
-    room: float = 1.0
-    passage_m: float = 1.0
+    parts: tuple[NetworkPart, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -196,6 +212,7 @@ class Demand:
         passengers: who of them takes buses and trams.
         approaches: how single approaches are used (`approaches.approaches_of`).
         gates: how outer roads meter the inflow of those who circulate.
+        planned: of those who circulate: (edge, next edge) -> motor vehicles per hour.
     """
 
     trips: tuple[Trip, ...]
@@ -209,6 +226,7 @@ class Demand:
     passengers: Passengers = field(default_factory=Passengers)
     approaches: Mapping[str, Any] = field(default_factory=dict)
     gates: GatePlan = field(default_factory=GatePlan)
+    planned: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
     @property
     def circulates(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -155,8 +156,11 @@ def outer_roads(twin: Twin) -> frozenset[str]:
     return rails | frozenset(road.id for road in roads if not road.ways)
 
 
-def _room(twin: Twin) -> float:
-    """Return how many cars fit onto the lanes of the region bumper to bumper."""
+def _room(twin: Twin) -> dict[str, float]:
+    """Return how many cars fit onto each road of the region bumper to bumper."""
     outer = outer_roads(twin)
-    lanes = (lane for lane in twin.roads.lanes if lane.road and "car" in lane.allowed)
-    return sum(lane.length for lane in lanes if lane.road not in outer) / CAR_SPACE_M
+    room: dict[str, float] = defaultdict(float)
+    for lane in twin.roads.lanes:
+        if lane.road and lane.road not in outer and "car" in lane.allowed:
+            room[lane.road] += lane.length / CAR_SPACE_M
+    return dict(room)

@@ -27,8 +27,9 @@ def circulation_report(
 ) -> dict[str, Any]:
     """Return the ``circulation`` part of a motion's manifest.
 
-    Passages are those after the warm-up: the distance that all vehicles of a class travelled, over
-    the mean distance from one entry into the region to the next.
+    Passages are those after the warm-up: ``counted``, where vehicles come in from outer roads, and
+    ``by_distance``: the distance that all vehicles of a class travelled, over the mean distance
+    from one entry into the region to the next.
 
     Args:
         demand: the demand of a closed loop.
@@ -39,7 +40,7 @@ def circulation_report(
     seen = simulated.observed
     minutes = len(seen.samples)
     started = min(int(warmup_s // 60), minutes - 1)
-    hours = (minutes - started) / 60
+    counted_s = float(seen.seconds[started:].sum())
     population, passages = {}, {}
     # Passengers of buses come besides those who circulate; vehicles may come out of a reserve.
     came = Counter(
@@ -65,9 +66,12 @@ def circulation_report(
         }
     motor = [row for name, row in passages.items() if name in IN_CARS]
     requested = sum(row["asked"] for row in motor)
-    share = sum(row["by_distance"] for row in motor) / requested if requested else 1.0
+    driven = sum(row["by_distance"] for row in motor)
+    if demand.outer and counted_s:
+        driven = sum(row["counted"] for row in motor) * 3600.0 / counted_s
+    share = driven / requested if requested else None
     inside = {
-        lane: seconds / (60.0 * minutes)
+        lane: seconds / max(float(seen.seconds.sum()), 1.0)
         for lane, seconds in seen.queued.items()
         if lane.rpartition("_")[0] not in demand.outer
     }
@@ -82,10 +86,11 @@ def circulation_report(
     return {
         "population": population,
         "passages_per_hour": passages,
-        "counted_for_s": round(hours * 3600),
-        "carried_share_of_motor_traffic": round(share, 3),
-        "held_up": bottleneck(roads, inside).because if share < _ENOUGH else "",
-        "share_of_guess": round(demand.bound.share, 3),
+        "counted_for_s": round(counted_s),
+        "motor_traffic_per_hour": {"asked": round(requested, 1), "driven": round(driven, 1)},
+        "carried_share_of_motor_traffic": None if share is None else round(share, 3),
+        "held_up": "" if share is None or share >= _ENOUGH else bottleneck(roads, inside).because,
+        "share_of_guess": None if demand.bound.share is None else round(demand.bound.share, 3),
         "guess_lowered_because": demand.bound.because,
         "mean_speed_of_vehicles": speeds,
         "longest_halt_s": round(seen.longest_halt_s, 1),

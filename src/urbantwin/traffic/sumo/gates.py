@@ -35,9 +35,9 @@ BRAKING_MS2, AT_GATE_M = 2.0, 6.0
 #: its outer road, m, or when its first vehicle has waited this long, s: the queue must not block
 #: the exit of the region, and no vehicle waits for ever.
 OVERRIDE_M, MAX_WAIT_S = 12.0, 200.0
-#: No vehicle is admitted while the vehicles in the region take up this share of its lanes, bumper
-#: to bumper: urban networks carry most at a quarter to a third of the jam density (Geroliminis and
-#: Daganzo, Transportation Research Part B 42(9), 2008).
+#: No vehicle is admitted while the vehicles in a part of the region take up this share of its
+#: lanes, bumper to bumper: urban networks carry most at a quarter to a third of the jam density
+#: (Geroliminis and Daganzo, Transportation Research Part B 42(9), 2008).
 FULL_SHARE = 0.35
 #: A vehicle is added where the start of the outer road is free for this length, m.
 FREE_M = 8.0
@@ -52,6 +52,7 @@ class _Gate:
     Attributes:
         edge: id of the outer road.
         holds: whether vehicles wait for an admission.
+        part: number of the part of the network that it leads into, of those of its kind.
         saved: admissions that the rate allows now; each vehicle that comes in takes one.
         price: admissions that the next vehicle takes: 1 in the mean.
         held: vehicle that waits -> since when, s.
@@ -60,6 +61,7 @@ class _Gate:
 
     def __init__(self, plan: dict[str, Any], random: np.random.Generator) -> None:
         self.edge, self.holds = str(plan["edge"]), bool(plan["holds"])
+        self.part = int(plan["part"])
         self.per_second = float(plan["per_hour"]) / 3600.0
         self.reserve = deque(map(str, plan["reserve"]))
         self.random = random
@@ -89,9 +91,9 @@ class _Gate:
 
         Args:
             now_s: time of the simulation.
-            full: whether the region has no room for more.
-            spare: whether fewer vehicles came in than requested, all gates together: a gate at
-                which more arrive makes up for others.
+            full: whether its part of the region has no room for more.
+            spare: whether fewer vehicles came in than requested, all gates of the part together: a
+                gate at which more arrive makes up for others.
         """
         vehicle = libsumo.vehicle
         there = self.vehicles()
@@ -176,30 +178,56 @@ def _end_stop(name: str) -> None:
             libsumo.vehicle.replaceStop(name, 0, "")
 
 
+class _Part:
+    """A part of the network of motor vehicles.
+
+    Attributes:
+        room: vehicles that fit into the region bumper to bumper.
+        passage_m: mean distance from one entry into the region to the next.
+        inside: how many are in the region now.
+        metres: how far they drove while the speed was measured.
+        seconds: for how long, all together.
+    """
+
+    def __init__(self, room: float, passage_m: float) -> None:
+        self.room, self.passage_m = room, passage_m
+        self.inside, self.metres, self.seconds = 0, 0.0, 0.0
+
+    @property
+    def full(self) -> bool:
+        """Whether no more may come in."""
+        return 0.0 < FULL_SHARE * self.room <= self.inside
+
+
 class Gates:
     """The gates of a network.
 
     Args:
-        job: ``gates``: ``edge``, ``per_hour``, ``holds`` and ``reserve`` (numbers of trips) of
-            each; ``types``: number of a trip in reserve -> its vehicle type; ``until_s``: vehicles
-            are added before this time; ``room``: vehicles that fit into the region bumper to
-            bumper; ``passage_m``: mean distance from one entry into the region to the next;
-            ``seed``.
+        job: ``gates``: ``edge``, ``per_hour``, ``holds``, ``reserve`` (numbers of trips) and
+            ``part`` of each; ``types``: number of a trip in reserve -> its vehicle type;
+            ``until_s``: vehicles are added before this time; ``parts``: of the network of motor
+            vehicles: ``edges``, ``room``: vehicles that fit into the region bumper to bumper, and
+            ``passage_m``: mean distance from one entry into the region to the next; ``seed``.
         outer: ids of all outer roads.
     """
 
     def __init__(self, job: dict[str, Any], outer: list[str]) -> None:
         self.types: dict[str, str] = job["types"]
-        self.until_s, self.room = float(job["until_s"]), float(job["room"])
+        self.until_s = float(job["until_s"])
+        self.parts = [_Part(float(x["room"]), float(x["passage_m"])) for x in job["parts"]]
+        self.part_of_edge = {
+            str(edge): part
+            for row, part in zip(job["parts"], self.parts, strict=True)
+            for edge in row["edges"]
+        }
+        self.part_of_vehicle: dict[str, _Part] = {}
         self.outer = frozenset(outer)
         seed = int(job["seed"])
         self.gates = [
             _Gate(plan, np.random.Generator(np.random.Philox(key=[seed, number])))
             for number, plan in enumerate(job["gates"])
         ]
-        self.passage_m = float(job["passage_m"])
         self.now_s, self.topped_up = 0.0, False
-        self.metres = self.seconds = 0.0
 
     def act(self, now_s: float) -> None:
         """Admit, hold and add vehicles; called once each second."""
@@ -207,17 +235,19 @@ class Gates:
             return
         passed_s, self.now_s = now_s - self.now_s, now_s
         warming_up = now_s < self.until_s
-        full = self._inside() >= FULL_SHARE * self.room
+        self._count_inside()
         if self.until_s - MEASURED_S < now_s < self.until_s:
             self._top_up(now_s)
+        any_full = any(part.full for part in self.parts)
         for gate in self.gates:
             most = MAX_SAVED_IN_WARMUP if warming_up else MAX_SAVED
             gate.saved = float(np.clip(gate.saved + gate.per_second * passed_s, -most, most))
+            full = self.parts[gate.part].full if gate.holds else any_full
             if gate.holds:
-                gate.meter(now_s, full=full, spare=self._too_few(holds=True))
+                gate.meter(now_s, full=full, spare=self._too_few(gate))
             else:
                 gate.count()
-            if warming_up and not full and self._too_few(holds=gate.holds):
+            if warming_up and not full and self._too_few(gate):
                 gate.add(self.types)
 
     def _top_up(self, now_s: float) -> None:
@@ -228,22 +258,29 @@ class Gates:
         """
         gates = [gate for gate in self.gates if gate.holds]
         waiting = {name for gate in gates for name in gate.held}
-        moving = [name for name in self._motor() if name not in waiting]
-        self.metres += sum(max(libsumo.vehicle.getSpeed(name), 0.0) for name in moving)
-        self.seconds += len(moving)
+        moving: dict[int, int] = {}
+        for name in self._motor():
+            part = self._part_of(name)
+            if part is not None and name not in waiting:
+                part.metres += max(libsumo.vehicle.getSpeed(name), 0.0)
+                part.seconds += 1.0
+                moving[id(part)] = moving.get(id(part), 0) + 1
         if self.topped_up or now_s < self.until_s - TOP_UP_S:
             return
         self.topped_up = True
-        speed = max(self.metres / max(self.seconds, 1.0), 0.5)
-        per_second = sum(gate.per_second for gate in gates)
-        missing = per_second * self.passage_m / speed - len(moving)
-        share = min(max(missing / max(per_second, 1e-9), 0.0), MOST_S)
-        for gate in gates:
-            gate.saved += gate.per_second * share
+        for number, part in enumerate(self.parts):
+            own = [gate for gate in gates if gate.part == number]
+            speed = max(part.metres / max(part.seconds, 1.0), 0.5)
+            per_second = sum(gate.per_second for gate in own)
+            missing = per_second * part.passage_m / speed - moving.get(id(part), 0)
+            share = min(max(missing / max(per_second, 1e-9), 0.0), MOST_S)
+            for gate in own:
+                gate.saved += gate.per_second * share
 
-    def _too_few(self, *, holds: bool) -> bool:
-        """Return whether fewer vehicles came in than requested, all gates of a kind together."""
-        return sum(gate.saved for gate in self.gates if gate.holds == holds) >= 1.0
+    def _too_few(self, gate: _Gate) -> bool:
+        """Return whether fewer vehicles came in than requested, all of a gate's part together."""
+        own = (x for x in self.gates if (x.holds, x.part) == (gate.holds, gate.part))
+        return sum(x.saved for x in own) >= 1.0
 
     def _motor(self) -> list[str]:
         """Return the motor vehicles on the road."""
@@ -254,6 +291,20 @@ class Gates:
             if vehicle.getVehicleClass(name) not in (BICYCLE, TRAM)
         ]
 
-    def _inside(self) -> int:
-        """Return how many motor vehicles are in the region."""
-        return sum(libsumo.vehicle.getRoadID(name) not in self.outer for name in self._motor())
+    def _part_of(self, name: str) -> _Part | None:
+        """Return the part of the network that a vehicle is on; it never leaves that."""
+        if name not in self.part_of_vehicle:
+            for edge in libsumo.vehicle.getRoute(name):
+                if edge in self.part_of_edge:
+                    self.part_of_vehicle[name] = self.part_of_edge[edge]
+                    break
+        return self.part_of_vehicle.get(name)
+
+    def _count_inside(self) -> None:
+        """Find the parts that have no room for more."""
+        for part in self.parts:
+            part.inside = 0
+        for name in self._motor():
+            part_of_it = self._part_of(name)
+            if part_of_it is not None and libsumo.vehicle.getRoadID(name) not in self.outer:
+                part_of_it.inside += 1

@@ -25,6 +25,7 @@ class Observed:
         vehicle_halt_s: the longest of a vehicle.
         stuck: (trip, time, lane) of who halted for more than ``simulation.STUCK_S``.
         queued: lane -> seconds that vehicles stood on it, all of them together.
+        seconds: (M,) seconds of each minute that were seen.
     """
 
     least: NDArray[np.float64]
@@ -36,3 +37,4 @@ class Observed:
     stuck: tuple[tuple[int, float, str], ...]
     queued: Mapping[str, float] = field(default_factory=dict)
     vehicle_halt_s: float = 0.0
+    seconds: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))

@@ -317,8 +317,7 @@ def gates_of(demand: Demand, until_s: float, seed: int) -> dict[str, Any]:
     """
     return {
         "gates": [asdict(gate) for gate in demand.gates.gates],
-        "room": demand.gates.room,
-        "passage_m": demand.gates.passage_m,
+        "parts": [asdict(part) for part in demand.gates.parts],
         "types": types_of_reserve(demand),
         "until_s": until_s,
         "seed": seed,
@@ -499,6 +498,7 @@ def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
         name: np.array([minute[name] for minute in minutes], np.float64)
         for name in ("least", "most", "samples", "metres", "entries")
     }
+    seen["seconds"] = np.array([minute["seconds"][0] for minute in minutes], np.float64)
     return Simulated(
         step=rows["step"],
         trip=rows["trip"],

@@ -96,8 +96,10 @@ class Watch:
             zeros = [0.0] * self.kinds
             names = ("samples", "metres", "entries")
             fresh = {name: list(zeros) for name in names}
-            self.minutes.append({**fresh, "least": [1e9] * self.kinds, "most": list(zeros)})
+            most = {"least": [1e9] * self.kinds, "most": list(zeros), "seconds": [0.0]}
+            self.minutes.append({**fresh, **most})
         row = self.minutes[minute]
+        row["seconds"][0] += 1.0
         present = [0] * self.kinds
         for domain in (libsumo.vehicle, libsumo.person):
             for name in filter(events.is_actor, domain.getIDList()):
