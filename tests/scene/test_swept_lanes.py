@@ -142,3 +142,21 @@ def test_a_wall_across_lanes_is_cut_away_above_them_alone(bridge) -> None:
     # What is nowhere near a lane is returned as it is.
     away = wall(-70.0, 2.0, 9.0, 10.0)
     assert lanes.clear(away) == (away, 0)
+
+
+@pytest.mark.thorough
+@pytest.mark.real
+def test_nothing_stands_on_the_lanes_of_a_motorway_over_a_junction(shared_data, tmp_path) -> None:
+    """Leeds: two carriageways and a slip road on bridges, skew over a signalised junction."""
+    extract = read_extract(shared_data / "osm/leeds_cycleway.osm")
+    frame, region = SiteFrame(53.7995539, -1.5336681), shapely.Point(0, 0).buffer(136)
+    built = build_roads(
+        extract, frame, region, Elevation.flat(), driving_side="left", out=tmp_path / "n.net.xml",
+        closed_loop=True,
+    )  # fmt: skip
+    features = extract.features(frame, region.buffer(150.0))
+    scene = build_scene(
+        built.network, built.surface, Elevation.flat(), region, features, clutter="typical"
+    )
+    assert {lane.level for lane in built.network.lanes} == {0, 1}
+    assert standing_on_lanes(scene.mesh, built.network) == []
