@@ -18,8 +18,7 @@ from ..whole_page import whole_page
 TEMPLATES = sorted(SOURCE.rglob("*.j2"))
 NASTY = """<script>alert(1)</script></style> & <img src=x onerror='a()'> "b" {{ 7 * 7 }}"""
 #: A line of a notebook, the viewer's own page, a cell of Markdown.
-OWN_HTML = {"interface/stage.py", "web/page_document.py", "web/saved_page.py",
-            "artefact/markdown.py"}  # fmt: skip
+OWN_HTML = {"interface/stage.py", "web/page_document.py", "web/saved_page.py", "pages/markdown.py"}
 
 
 def test_strangers_texts_are_texts(tmp_path) -> None:
@@ -48,7 +47,7 @@ def test_strangers_texts_are_texts(tmp_path) -> None:
 
 
 def test_data_of_a_script_do_not_end_it() -> None:
-    template = environment().from_string(
+    template = environment("html").from_string(
         '{% extends "pages/base.html.j2" %}{% set title = "A" %}'
         "{% block content %}<h1>A</h1>{% endblock %}"
         "{% block script %}const a = {{ data|tojson }};{% endblock %}"
@@ -68,17 +67,17 @@ def test_every_page_extends_the_one_base_and_escapes_everything() -> None:
     assert len(TEMPLATES) > 10
     for path in TEMPLATES:
         text = path.read_text()
-        environment().get_template(path.relative_to(SOURCE).as_posix())
+        kind = "md" if path.name.endswith(".md.j2") else "html"
+        environment(kind).get_template(path.relative_to(SOURCE).as_posix())
         assert not re.search(r"\|\s*safe\b|autoescape|\sstyle=|\son\w+=|https?://|url\(", text)
-        assert path.parent.name == "pages" or text.startswith('{% extends "pages/base.html.j2" %}')
+        extends = text.startswith('{% extends "pages/base.html.j2" %}')
+        assert extends == (kind == "html" and path.parent.name != "pages")
 
 
 def test_every_template_is_filled_and_every_one_that_is_named_is_there() -> None:
-    named = {
-        name
-        for path in (*MODULES, *TEMPLATES)
-        for name in re.findall(r'"([\w/.]+\.j2)"', path.read_text(encoding="utf-8"))
-    }
+    named = {f"pages/macros.{kind}.j2" for kind in ("html", "md")}
+    for path in (*MODULES, *TEMPLATES):
+        named |= set(re.findall(r'"([\w/.]+\.j2)"', path.read_text(encoding="utf-8")))
     assert named == {path.relative_to(SOURCE).as_posix() for path in TEMPLATES}
 
 

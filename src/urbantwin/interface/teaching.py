@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from annotated_types import Ge
 
-from urbantwin.artefact.markdown import escaped, table
-from urbantwin.dataset.card.page import licence_lines
+from urbantwin.dataset.card.page import licences_told
 from urbantwin.dataset.split import SplitAsked
 from urbantwin.errors import InputError
 from urbantwin.interface.command import command
@@ -26,6 +25,7 @@ from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Artefact, Summary
 from urbantwin.interface.trained_model import train
 from urbantwin.interface.twin import Twin, build_of, site_with_known_sensors
+from urbantwin.pages import card
 
 if TYPE_CHECKING:
     from urbantwin.learn.lessons import Lesson
@@ -221,9 +221,17 @@ def teach(
         )
         reports[name] = Evaluation(report)
     trained = read_model(model).trained
-    card = _card(checked.name, twin, lessons, trained, reports, list(held))
+    text = card(
+        "interface/model_card.md.j2",
+        site=checked.name,
+        lessons=lessons,
+        trained=trained,
+        reports=reports,
+        simulated=list(held),
+        **licences_told(twin.manifest["inputs"]),
+    )
     with replaced_file(target / "card.md", kind="card") as file:
-        file.write_text(card, encoding="utf-8")
+        file.write_text(text, encoding="utf-8")
     return Taught(target, reports, reckoned)
 
 
@@ -359,78 +367,3 @@ def _classes_of(datasets: Sequence[Path]) -> list[str]:
             "nobody is in any frame", file=datasets[0], expected="traffic that the rig sees"
         )
     return found
-
-
-def _card(
-    site: str,
-    twin: Twin,
-    lessons: Sequence[Lesson],
-    trained: Mapping[str, Any],
-    reports: Mapping[str, Evaluation],
-    simulated: Sequence[str],
-) -> str:
-    """Return the model card (Mitchell et al. 2019, "Model Cards for Model Reporting")."""
-    objects = ", ".join(f"{count} of {name}" for name, count in trained["objects"].items())
-    lines = [
-        f"# A detector for {escaped(site)}",
-        "",
-        "Boxes of road users in LiDAR frames of this place's sensors. Trained on simulated frames",
-        "alone; no real label was used to train or to choose.",
-        "",
-        f"- Learned from {trained['frames']} frames ({objects}), {trained['steps']} steps, "
-        f"seed {trained['seed']}, UrbanTwin {trained['urbantwin']}.",
-        "- Files: `model/model.onnx`, `model/model.safetensors`, `model/model.yaml` "
-        "(classes, range, cells).",
-        "- Use: `urbantwin model detect model/ FRAMES -o detections/`.",
-        "",
-        "## Drives",
-        "",
-        *table(
-            ["drive", "judges", "hour", "weather", "seed"],
-            (
-                (one.name, one.held, one.time_of_day, escaped(one.weather), str(one.seed))
-                for one in lessons
-            ),
-        ),
-    ]
-    for name, report in reports.items():
-        kind = "simulated, not trained on" if name in simulated else "real frames"
-        lines += [
-            "",
-            f"## Judged on {escaped(name)} ({kind}, {report.manifest['frames']} frames)",
-            "",
-            "Average precision in per cent, in brackets the middle 95 % of draws of frames.",
-            "",
-            *table(
-                ["class", "objects", "within 1 m", "within 2 m", "BEV IoU 0.5", "3D IoU 0.5"],
-                (
-                    (label, row["objects"], *(_figure(row["ap"][one]) for one in _CRITERIA))
-                    for label, row in report.figures.items()
-                    if row.get("objects")
-                ),
-            ),
-        ]
-    lines += [
-        "",
-        "## What it was not judged on",
-        "",
-        "Other places, other sensors or poses than the rig's, weather that no judging drive has, "
-        "and any class with few objects above."
-        + ("" if len(reports) > len(simulated) else " It was judged on no real frame."),
-        "",
-        "## Whose data",
-        "",
-        *licence_lines(twin.manifest["inputs"]),
-    ]
-    return "\n".join(lines) + "\n"
-
-
-_CRITERIA = ("within_1_m", "within_2_m", "bev_iou_0.5", "iou_3d_0.5")
-
-
-def _figure(row: Mapping[str, Any]) -> str:
-    if row["ap"] is None:
-        return "-"
-    ends = row.get("ap_ci95") or ()
-    told = " to ".join("-" if one is None else f"{100 * one:.0f}" for one in ends)
-    return f"{100 * row['ap']:.0f} ({told})"

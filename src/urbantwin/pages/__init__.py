@@ -1,5 +1,5 @@
-"""Pages: HTML from Jinja templates, with one base, one style and a content security policy."""
+"""Pages and cards from Jinja templates: one base, one style, one policy, and texts escaped."""
 
-from urbantwin.pages.render import page, write_page
+from urbantwin.pages.render import card, page, write_page
 
-__all__ = ["page", "write_page"]
+__all__ = ["card", "page", "write_page"]

@@ -1,22 +1,28 @@
-"""Filling templates.
+"""Filling templates of pages (HTML) and of cards (Markdown).
 
-A template lies beside the module that fills it, ends in ``.html.j2`` and is named by its path in
-the package. It extends ``pages/base.html.j2``; the macros of ``pages/macros.html.j2`` are global.
-Every value is escaped, and a name that was not given is an error.
+A template lies beside the module that fills it, ends in ``.html.j2`` or ``.md.j2`` and is named by
+its path in the package. A page extends ``pages/base.html.j2``; the macros of ``pages/macros`` are
+global. Every value is escaped, and a name that was not given is an error.
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
 from base64 import b64encode
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
+from urllib.parse import quote
+
+from urbantwin.pages.markdown import code, escaped, front_matter, picture
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+    from markupsafe import Markup
 
-__all__ = ["environment", "page", "write_page"]
+__all__ = ["card", "environment", "page", "write_page"]
 
 
 def write_page(path: Path, template: str, **data: Any) -> None:  # noqa: ANN401
@@ -32,12 +38,18 @@ def write_page(path: Path, template: str, **data: Any) -> None:  # noqa: ANN401
 
 def page(template: str, **data: Any) -> str:  # noqa: ANN401
     """Return a page; see `write_page`."""
-    return environment().get_template(template).render(data)
+    return environment("html").get_template(template).render(data)
+
+
+def card(template: str, **data: Any) -> str:  # noqa: ANN401
+    """Return a card as Markdown; blank lines of the template that follow each other are one."""
+    text = environment("md").get_template(template).render(data)
+    return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
 
 
 @cache
-def environment() -> Environment:
-    """Return the templates of the package, with their filters and macros."""
+def environment(kind: Literal["html", "md"]) -> Environment:
+    """Return the templates of the package, with the filters and macros of a kind."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from jinja2.runtime import Macro
 
@@ -49,15 +61,52 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     made.policies["json.dumps_kwargs"] = {"allow_nan": False}
-    made.filters |= {"number": _number, "percent": _percent, "image": _image, "digest": _digest}
-    macros = vars(made.get_template("pages/macros.html.j2").module)
+    if kind == "html":
+        made.filters |= {"number": _number, "percent": _percent, "image": _image, "digest": _digest}
+    else:
+        made.finalize = _as_markdown
+        number = partial(_number, dash="-")
+        marked: dict[str, Callable[..., str]] = {
+            "number": number,
+            "cell": _cell,
+            "code": code,
+            "urlencode": quote,
+        }
+        made.filters |= {name: _marked(function) for name, function in marked.items()}
+        made.globals |= {"front_matter": _marked(front_matter), "picture": _marked(picture)}
+    macros = vars(made.get_template(f"pages/macros.{kind}.j2").module)
     made.globals |= {name: one for name, one in macros.items() if isinstance(one, Macro)}
     return made
 
 
-def _number(value: float | None, form: str = ".3g", unit: str = "") -> str:
+def _as_markdown(value: object) -> object:
+    """Return a value as Markdown that shows it as it is."""
+    from markupsafe import Markup
+
+    return value if hasattr(value, "__html__") else Markup(escaped(value))
+
+
+def _marked(function: Callable[..., str]) -> Callable[..., Markup]:
+    """Return a function whose result is Markdown already."""
+    from markupsafe import Markup
+
+    return lambda *arguments, **named: Markup(function(*arguments, **named))
+
+
+def _cell(value: object) -> str:
+    """Return a value as a cell of a table: with separators of thousands; a dash for None."""
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}"
+    return str(_as_markdown(f"{value:g}" if isinstance(value, float) else value))
+
+
+def _number(value: float | None, form: str = ".3g", unit: str = "", dash: str = "–") -> str:
     """Return a number in a format of Python's with its unit; a dash for None."""
-    return "–" if value is None else f"{value:{form}}{unit}"
+    return dash if value is None else f"{value:{form}}{unit}"
 
 
 def _percent(value: float | None) -> str:

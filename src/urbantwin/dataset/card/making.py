@@ -1,17 +1,16 @@
-"""How a dataset was made, as its card tells it: sensors, weather and effects, traffic."""
+"""How a dataset was made, as its card tells it: sensors, effects, traffic."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from urbantwin.artefact.markdown import bullets, code, escaped, table
 from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.geometry import ypr_from_rotation
 
-__all__ = ["making_of", "mapping"]
+__all__ = ["durations_of", "effects_of", "mapping", "mix_of", "sensors_of", "weather_of"]
 
 #: What a sensor does without being told so; what is other is worth a line.
 _USUAL: Mapping[str, object] = {
@@ -27,19 +26,13 @@ _USUAL: Mapping[str, object] = {
     "phase_deg": 0.0,
     "deskew": True,
 }
-_CONDITIONS = {
-    "visibility_m": "visibility, m",
-    "wet_ground": "wet ground, 0 to 1",
-    "sun_elevation_deg": "sun above the horizon, degrees",
-    "sun_azimuth_deg": "sun, degrees clockwise from north",
+_WEATHER = {
+    "visibility_m": "Visibility, m",
+    "wet_ground": "Wet ground, 0 to 1",
+    "sun_elevation_deg": "Sun above the horizon, degrees",
+    "sun_azimuth_deg": "Sun, degrees clockwise from north",
 }
-
-
-def making_of(manifest: Mapping[str, Any]) -> Iterator[tuple[str, list[str]]]:
-    """Yield sections of a card, each with its title and its lines of Markdown."""
-    yield "Sensors", _sensors(manifest)
-    yield "Weather and effects", _conditions(manifest["rig"])
-    yield "Traffic", _traffic(manifest)
+_TRAFFIC = {"per_hour": "asked for an hour", "driven": "driven", "seen": "in the region"}
 
 
 def mapping(value: Mapping[str, Any], *keys: str) -> Mapping[str, Any]:
@@ -50,107 +43,90 @@ def mapping(value: Mapping[str, Any], *keys: str) -> Mapping[str, Any]:
     return found if isinstance(found, Mapping) else {}
 
 
-def _sensors(manifest: Mapping[str, Any]) -> list[str]:
-    rig = manifest["rig"]
-    rows: list[list[object]] = []
+def sensors_of(manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return each sensor: what it is, its pose at the start, and what is unusual about it."""
+    rig, rows = manifest["rig"], []
     for one in rig["sensors"]:
         pose = pose_of_matrix(one["site_SE3_sensor"])
-        turns = [f"{np.degrees(angle):.1f}" for angle in ypr_from_rotation(pose.rotation)]
+        turns = np.degrees(ypr_from_rotation(pose.rotation))
         rows.append(
-            [
-                *(code(one["name"]), code(one["model"]), str(len(one["sensor"]["elevation_deg"]))),
-                *(str(one["columns"]), f"{one.get('turns_per_second', rig['rate_hz']):g}"),
-                *(f"{value + 0.0:.2f}" for value in pose.translation.tolist()),
-                *turns,
-            ]
+            {
+                "name": one["name"],
+                "model": one["model"],
+                "channels": len(one["sensor"]["elevation_deg"]),
+                "columns": one["columns"],
+                "rate_hz": one.get("turns_per_second", rig["rate_hz"]),
+                "pose": [f"{value + 0.0:.2f}" for value in pose.translation.tolist()],
+                "turned": [f"{angle:.1f}" for angle in turns],
+                "faults": _faults(one),
+            }
         )
-    heading = ["sensor", "model", "channels", "columns", "Hz"]
-    heading += ["east", "north", "up", "yaw", "pitch", "roll"]
-    lines = [
-        *table(heading, rows, 9),
-        "",
-        "Metres from the anchor and degrees: yaw counter-clockwise from east, positive pitch tips "
-        f"the nose down. Frames at {rig['rate_hz']:g} Hz"
-        + (", points of all sensors in one frame" if len(rig["sensors"]) > 1 else "")
-        + f"; boxes as `{rig.get('boxes', 'track')}`.",
-    ]
-    if manifest["dataset_SE3_site"] is None:
-        lines += ["", "The rig rides: the poses are those at the start, every frame has its own."]
-    odd = [f"{code(one['name'])}: {told}" for one in rig["sensors"] if (told := _faults(one))]
-    return [*lines, "", *bullets(odd)] if odd else lines
+    return rows
 
 
-def _faults(sensor: Mapping[str, Any]) -> str:
+def _faults(sensor: Mapping[str, Any]) -> list[str]:
     found = []
     for name, usual in _USUAL.items():
         value = sensor.get(name, usual)
         if value != usual:
-            shown = f"{value:g}" if isinstance(value, int | float) else "yes"
-            found.append(f"{name} {shown}" if shown != "yes" else name)
+            found.append(f"{name} {value:g}" if isinstance(value, int | float) else name)
     if isinstance(sensor.get("measured"), Mapping):
         found.append("its static world is what a real sensor measured")
-    return escaped(", ".join(found)) if found else ""
+    return found
 
 
-def _conditions(rig: Mapping[str, Any]) -> list[str]:
+def weather_of(rig: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return what is told of the weather beside its name."""
     told = mapping(rig, "conditions")
-    lines = [f"Weather: {escaped(told.get('weather', 'clear'))}."]
-    for name, words in _CONDITIONS.items():
-        if told.get(name) is not None and (
-            name != "sun_azimuth_deg" or told.get("sun_elevation_deg") is not None
-        ):
-            lines.append(f"{words[0].upper()}{words[1:]}: {escaped(told[name])}.")
-    if told.get("sun_elevation_deg") is None:
-        lines.append("No sun is told: sunlight raises no noise.")
-    ways: dict[str, list[str]] = {}
+    sun = told.get("sun_elevation_deg") is not None
+    return [
+        (words, told[name])
+        for name, words in _WEATHER.items()
+        if told.get(name) is not None and (name != "sun_azimuth_deg" or sun)
+    ]
+
+
+def effects_of(
+    rig: Mapping[str, Any],
+) -> dict[tuple[tuple[str, tuple[str, ...]], ...], list[str]]:
+    """Return which effects are on and off, with the sensors of which they are so."""
+    found: dict[tuple[tuple[str, tuple[str, ...]], ...], list[str]] = {}
     for one in rig["sensors"]:
-        ways.setdefault(_effects(mapping(one, "effects")), []).append(str(one["name"]))
-    for effects, names in ways.items():
-        whose = f" of {', '.join(map(code, names))}" if len(ways) > 1 else ""
-        lines.append(f"Effects{whose}: {effects}.")
-    return bullets(lines)
+        told = mapping(one, "effects")
+        on = tuple(name for name, value in told.items() if value)
+        off = tuple(name for name, value in told.items() if not value)
+        parts = tuple((word, names) for word, names in (("on", on), ("off", off)) if names)
+        found.setdefault(parts, []).append(str(one["name"]))
+    return found
 
 
-def _effects(told: Mapping[str, Any]) -> str:
-    on = [code(name) for name, value in told.items() if value]
-    off = [code(name) for name, value in told.items() if not value]
-    parts = [f"{word}: {', '.join(names)}" for word, names in (("on", on), ("off", off)) if names]
-    return "; ".join(parts) or "not told"
-
-
-def _traffic(manifest: Mapping[str, Any]) -> list[str]:
+def durations_of(manifest: Mapping[str, Any]) -> list[tuple[str, float | None]]:
+    """Return how long the traffic was driven."""
     traffic = mapping(manifest, "about", "traffic")
     asked = mapping(manifest, "made_from", "motion", "asked")
-    classes = traffic.get("classes")
-    if not isinstance(classes, Mapping):  # datasets of older versions
-        classes = {name: {"per_hour": rate} for name, rate in mapping(asked, "per_hour").items()}
-    if isinstance(traffic.get("recorded"), Mapping):
-        smoothing = escaped(traffic["recorded"].get("smoothing") or "not told")
-        first = f"Recorded tracks of real road users, replayed; smoothing: {smoothing}."
-    else:
-        seed = manifest["seeds"].get("traffic")
-        first = "Simulated by SUMO" + (f", seed {seed}." if seed is not None else ".")
-    for words, value in (
-        ("Length of the drive", traffic.get("duration_s", asked.get("duration_s"))),
-        ("Before it, traffic fills the streets for", asked.get("warmup_s")),
-    ):
-        if _number(value):
-            first += f" {words}: {value:g} s."
-    mix = _class_mix(classes)
-    return [first, "", *mix] if mix else [first]
-
-
-def _class_mix(classes: Mapping[str, Any]) -> Sequence[str]:
-    columns = {"per_hour": "asked for an hour", "driven": "driven", "seen": "in the region"}
-    told = {name: row for name, row in classes.items() if isinstance(row, Mapping)}
-    kept = [key for key in columns if any(_number(row.get(key)) for row in told.values())]
-    rows: list[list[object]] = [
-        [code(name), *(_number(row.get(key)) for key in kept)]
-        for name, row in told.items()
-        if any(_number(row.get(key)) for key in kept)
+    return [
+        ("Length of the drive", _number(traffic.get("duration_s", asked.get("duration_s")))),
+        ("Before it, traffic fills the streets for", _number(asked.get("warmup_s"))),
     ]
-    return table(["class", *(columns[key] for key in kept)], rows, len(kept)) if rows else []
 
 
-def _number(value: object) -> float | int | None:
+def mix_of(manifest: Mapping[str, Any]) -> tuple[list[str], dict[str, list[float | None]]]:
+    """Return the columns of the table of classes of traffic, and the row of each class."""
+    classes = mapping(manifest, "about", "traffic").get("classes")
+    if not isinstance(classes, Mapping):  # datasets of older versions
+        rates = mapping(manifest, "made_from", "motion", "asked", "per_hour")
+        classes = {name: {"per_hour": rate} for name, rate in rates.items()}
+    rows = {
+        name: {key: _number(row.get(key)) for key in _TRAFFIC}
+        for name, row in classes.items()
+        if isinstance(row, Mapping)
+    }
+    rows = {name: row for name, row in rows.items() if any(row.values())}
+    kept = [key for key in _TRAFFIC if any(row[key] for row in rows.values())]
+    return [_TRAFFIC[key] for key in kept], {
+        name: [row[key] for key in kept] for name, row in rows.items()
+    }
+
+
+def _number(value: object) -> float | None:
     return value if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -6,32 +6,41 @@ What a card tells follows Gebru et al. (2021), "Datasheets for Datasets", and Pu
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
-from urbantwin.artefact import sha256_of
-from urbantwin.artefact.markdown import bullets, code, escaped, front_matter, picture, table
+from pydantic import Field
+
+from urbantwin.artefact import read_json, sha256_of
+from urbantwin.artefact.manifest import Part, validated
 from urbantwin.artefact.privacy import Finding
 from urbantwin.dataset.card.licences import consequences, hub_licence, stated
-from urbantwin.dataset.card.limits import limits_of, unchecked_numbers
-from urbantwin.dataset.card.making import making_of, mapping
+from urbantwin.dataset.card.making import (
+    durations_of,
+    effects_of,
+    mapping,
+    mix_of,
+    sensors_of,
+    weather_of,
+)
 from urbantwin.dataset.card.statistics import BoxStatistics, ClassFigures
 from urbantwin.dataset.named_inputs import INPUT_KINDS
 from urbantwin.dataset.reading.manifest import read_manifest
 from urbantwin.dataset.split import image_sets
+from urbantwin.pages import card
+from urbantwin.result_warning import ResultWarning, warnings_of
 
 __all__ = [
     "CARD",
+    "EXPORTED",
     "PICTURES",
     "PICTURE_OF_SPLIT",
     "card_of_dataset",
+    "card_of_export",
     "card_of_folder",
-    "joined",
-    "licence_lines",
-    "privacy_lines",
-    "section",
+    "licences_told",
+    "privacy_told",
 ]
 
 #: Where hubs and people look first.
@@ -61,6 +70,28 @@ _REAL = {
     "background": "ranges of what stood still before real sensors",
     "recording": "points of what stood still before real sensors",
 }
+#: Frames of points and boxes, in words.
+_FRAMES = {
+    "level": "the first sensor's place and heading, z up",
+    "sensor": "the sensor's own frame",
+    "site": "the site's: east, north, up",
+}
+#: How the sensors' sources say that nobody could look the number up again.
+_UNCHECKED = "not at hand"
+
+
+#: Kind of folder that an export of a dataset leaves.
+EXPORTED = "exported"
+_EXPECTED = "what `urbantwin export DATASET` writes"
+
+
+class _Export(Part):
+    format: str
+    urbantwin: str
+    dataset_sha256: str = ""
+    inputs: list[dict[str, Any]] = Field(default_factory=list)
+    losses: list[str] = Field(default_factory=list)
+    notes: list[str] = Field(default_factory=list)
 
 
 def card_of_dataset(
@@ -82,21 +113,55 @@ def card_of_dataset(
         InputError: its manifest or a list of frames is damaged.
     """
     manifest = read_manifest(folder)
-    place = _place(manifest)
-    return joined(
-        _front(place, manifest),
-        [f"# {escaped(place)}", "", _summary(manifest)],
-        section("Pictures", _pictures(folder if beside is None else beside)),
-        section("Classes", [*_classes(manifest, statistics), *_levels(statistics)]),
-        section("Points", _points(manifest)),
-        *(section(title, lines) for title, lines in making_of(manifest)),
-        section("Split", _split(folder, manifest, statistics)),
-        section("Files", _files(manifest)),
-        section("How to load it", _loading()),
-        section("How it can be made again", _reproducing(folder, manifest)),
-        section("Inputs, licences and attribution", licence_lines(manifest["inputs"])),
-        section("Personal data", privacy_lines(manifest["inputs"], private)),
-        section("Known limits", _limits(manifest)),
+    counts, place = manifest["counts"], _place(manifest)
+    here = folder if beside is None else beside
+    made = mapping(manifest, "made_from")
+    boxes = counts["boxes"]
+    seen = counts["boxes_with_points"]
+    return card(
+        "dataset/card/dataset.md.j2",
+        manifest=manifest,
+        mapping=mapping,
+        front={
+            "pretty_name": " ".join(place.split()),
+            "license": hub_licence(manifest["inputs"]),
+            "task_categories": list(_TASKS),
+            "size_categories": [
+                next((name for most, name in _SIZES if counts["frames"] < most), _LARGEST)
+            ],
+            "tags": ["lidar", "point-cloud", "3d-object-detection", "roadside", "synthetic"],
+        },
+        place=place,
+        where=_where(manifest),
+        pictures={
+            name: shows for name, shows in PICTURES.items() if (here / "pictures" / name).is_file()
+        },
+        statistics=statistics,
+        classes=_classes(boxes, seen, statistics),
+        sensors=sensors_of(manifest),
+        boxes=manifest["rig"].get("boxes", "track"),
+        weather=weather_of(manifest["rig"]),
+        effects=effects_of(manifest["rig"]),
+        durations=durations_of(manifest),
+        mix=mix_of(manifest),
+        parts=_parts(folder, manifest, statistics),
+        shared=_shared(manifest),
+        stood=_rows(mapping(manifest, "split").get("where_they_stood")),
+        files=_files(manifest),
+        frame=_FRAMES.get(str(manifest["frame"]), manifest["frame"]),
+        lacking=[name for name in ("twin", "motion", "record") if made.get(name) is None],
+        versions={
+            "urbantwin": manifest["urbantwin"],
+            "Python": manifest.get("python", ""),
+            **mapping(manifest, "dependencies"),
+        },
+        sha256=sha256_of(folder / "dataset.json"),
+        warnings=_warnings(manifest),
+        without=[name for name, count in boxes.items() if not count],
+        unseen=[name for name, count in boxes.items() if count and not seen.get(name)],
+        unchecked=_unchecked(manifest),
+        **licences_told(manifest["inputs"]),
+        **privacy_told(manifest["inputs"], private),
     )
 
 
@@ -110,68 +175,67 @@ def card_of_folder(folder: Path, datasets: Sequence[Path]) -> str:
     Raises:
         InputError: a manifest is damaged.
     """
-    rows, inputs, place = [], [], ""
-    for one in datasets:
-        manifest = read_manifest(one)
-        name = one.relative_to(folder).as_posix()
-        inputs += manifest["inputs"]
-        place = place or _place(manifest)
-        counts = manifest["counts"]
-        models = ", ".join(code(unit["model"]) for unit in manifest["rig"]["sensors"])
-        link = f"[{escaped(name)}]({quote(name)}/{CARD})"
-        boxes = sum(counts["boxes"].values())
-        rows.append([link, models, counts["frames"], counts["points"], boxes])
-    lines = [
-        *front_matter({"license": hub_licence(inputs), "pretty_name": place}),
-        "",
-        f"# {escaped(place)}",
-        "",
-        *table(["dataset", "sensors", "frames", "points", "boxes"], rows, 3),
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def joined(*parts: Iterable[str]) -> str:
-    """Return the text of parts of a card, each of some lines."""
-    return "\n".join(line for part in parts for line in part).rstrip() + "\n"
-
-
-def section(title: str, lines: Sequence[str]) -> list[str]:
-    """Return lines of a card under a title; none where there are none."""
-    return ["", f"## {title}", "", *lines] if lines else []
-
-
-def _front(place: str, manifest: Mapping[str, Any]) -> list[str]:
-    frames = manifest["counts"]["frames"]
-    size = next((name for most, name in _SIZES if frames < most), _LARGEST)
-    return [
-        *front_matter(
-            {
-                "pretty_name": " ".join(place.split()),
-                "license": hub_licence(manifest["inputs"]),
-                "task_categories": list(_TASKS),
-                "size_categories": [size],
-                "tags": ["lidar", "point-cloud", "3d-object-detection", "roadside", "synthetic"],
-            }
-        ),
-        "",
-    ]
-
-
-def _summary(manifest: Mapping[str, Any]) -> str:
-    counts, rig = manifest["counts"], manifest["rig"]
-    times = [frame["time_s"] for frame in manifest["frames"]]
-    boxes, seen = (sum(counts[name].values()) for name in ("boxes", "boxes_with_points"))
-    rides = " that ride on a vehicle" if manifest["dataset_SE3_site"] is None else ""
-    units = ", ".join(code(one["model"]) for one in rig["sensors"])
-    frames = f"{counts['frames']:,} frame{'' if counts['frames'] == 1 else 's'}"
-    return (
-        f"Simulated LiDAR frames of a street, with 3D boxes, tracks, and a class and an instance "
-        f"for every point. {frames} from {times[0]:g} to {times[-1]:g} s of one drive, by {units}"
-        f"{rides}: {counts['points']:,} points and {boxes:,} boxes, "
-        f"{seen:,} of them with points. {_where(manifest)}. "
-        f"Made by UrbanTwin {escaped(manifest['urbantwin'])}."
+    manifests = {one.relative_to(folder).as_posix(): read_manifest(one) for one in datasets}
+    inputs = [row for one in manifests.values() for row in one["inputs"]]
+    return card(
+        "dataset/card/folder.md.j2",
+        licence=hub_licence(inputs),
+        place=next(map(_place, manifests.values()), ""),
+        datasets=manifests,
     )
+
+
+def card_of_export(folder: Path, private: Sequence[Finding] | None) -> str:
+    """Return the card of an exported dataset as Markdown.
+
+    Args:
+        folder: what ``urbantwin export`` wrote.
+        private: what was found of people in its files; None where nobody looked.
+
+    Raises:
+        InputError: its manifest is damaged.
+    """
+    file = folder / f"{EXPORTED}.json"
+    told = validated(read_json(file, kind=EXPORTED), _Export, file=file, expected=_EXPECTED)
+    return card(
+        "dataset/card/exported.md.j2",
+        title=f"Simulated LiDAR frames of a street, as {told.format}",
+        licence=hub_licence(told.inputs),
+        told=told,
+        file=file,
+        sha256=sha256_of(file),
+        **licences_told(told.inputs),
+        **privacy_told(told.inputs, private),
+    )
+
+
+def licences_told(inputs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what ``licences.md.j2`` tells: every input with its terms, and what these ask."""
+    return {
+        "inputs": [
+            {
+                "what": INPUT_KINDS.get(str(one.get("kind")), one.get("kind") or "not told"),
+                "name": one.get("name", ""),
+                "licence": stated(one.get("licence")),
+                "attribution": stated(one.get("attribution")),
+                "sha256": str(one.get("sha256") or "")[:16],
+            }
+            for one in inputs
+        ],
+        "consequences": consequences(inputs),
+    }
+
+
+def privacy_told(
+    inputs: Sequence[Mapping[str, Any]], private: Sequence[Finding] | None
+) -> dict[str, Any]:
+    """Return what came in of people, and what a search of the files found; not what it says."""
+    kinds = {kind if isinstance(kind := one.get("kind"), str) else None for one in inputs}
+    return {
+        "kinds_known": None not in kinds,
+        "real": [words for kind, words in _REAL.items() if kind in kinds],
+        "private": private,
+    }
 
 
 def _place(manifest: Mapping[str, Any]) -> str:
@@ -193,261 +257,78 @@ def _where(manifest: Mapping[str, Any]) -> str:
     )
 
 
-def _pictures(folder: Path) -> list[str]:
-    there = [name for name in PICTURES if (folder / "pictures" / name).is_file()]
-    lines = []
-    for name in there:
-        lines += [picture(f"pictures/{name}", PICTURES[name]), "", f"*{PICTURES[name]}.*", ""]
-    return lines[:-1]
-
-
-def _classes(manifest: Mapping[str, Any], statistics: BoxStatistics | None) -> list[str]:
-    counts = manifest["counts"]
-    figures = [
-        ClassFigures(name, count, counts["boxes_with_points"].get(name, 0))
-        for name, count in counts["boxes"].items()
-        if count
-    ]
+def _classes(
+    boxes: Mapping[str, int], seen: Mapping[str, int], statistics: BoxStatistics | None
+) -> list[ClassFigures]:
     if statistics is not None:
-        figures = [statistics.figures(name) for name in statistics.names]
-    heading = ["class", "boxes", "with points", "tracks", "seen", "length", "width", "height"]
-    heading += ["points", "distance"]
-    rows: list[list[object]] = []
-    for one in figures:
-        sizes = [None] * 3 if one.size_m is None else [f"{side:.2f}" for side in one.size_m]
-        points = None if one.points is None else f"{one.points:.0f}"
-        away = None if one.range_m is None else f"{one.range_m:.0f}"
-        rows.append(
-            [code(one.name), one.boxes, one.with_points, one.tracks, one.seen_tracks]
-            + [*sizes, points, away]
-        )
-    return [
-        *table(heading, rows, len(heading) - 1),
-        "",
-        "Of tracks: how many actors, how many of them have a point in any frame, and the median of "
-        "their sizes in metres. Points on a box and its distance from the nearest sensor in "
-        "metres: medians of the boxes with points.",
-    ]
+        return [statistics.figures(name) for name in statistics.names]
+    return [ClassFigures(name, count, seen.get(name, 0)) for name, count in boxes.items() if count]
 
 
-def _levels(statistics: BoxStatistics | None) -> list[str]:
-    """Return how hard the boxes are to find, where the dataset says it."""
-    lines: list[str] = []
-    if statistics is None:
-        return lines
-    for counts, words in (
-        (statistics.difficulty, "Difficulty of the boxes that count"),
-        (statistics.ignored, "Boxes that do not count, and why"),
-    ):
-        if counts:
-            told = ", ".join(f"{code(name)} {count:,}" for name, count in counts.items())
-            lines += ["", f"{words}: {told}."]
-    return lines
-
-
-def _points(manifest: Mapping[str, Any]) -> list[str]:
-    counts = manifest["counts"]["points_by_class"]
-    total = max(sum(counts.values()), 1)
-    rows = [
-        [code(name), count, f"{count / total:.2%}"]
-        for name, count in sorted(counts.items(), key=lambda one: (-one[1], one[0]))
-    ]
-    return table(["class of points", "points", "share"], rows, 2)
-
-
-def _split(
+def _parts(
     folder: Path, manifest: Mapping[str, Any], statistics: BoxStatistics | None
-) -> list[str]:
-    splits = image_sets(folder)
+) -> list[dict[str, Any]]:
+    """Return each part of the split: its frames, when they are, its boxes."""
     times = {one["name"]: one["time_s"] for one in manifest["frames"]}
-    rows: list[list[object]] = []
-    for name, frames in splits.items():
+    rows = []
+    for name, frames in image_sets(folder).items():
         when = [times[one] for one in frames if one in times]
-        span = f"{min(when):g} to {max(when):g} s" if when else None
-        boxes = (None, None) if statistics is None else statistics.counted(frames)
-        rows.append([code(name), len(frames), span, *boxes])
-    told = manifest.get("split")
-    lines = table(["split", "frames", "time", "boxes", "with points"], rows, 2)
-    if isinstance(told, Mapping):
-        return [*lines, "", *bullets(_how_split(told))]
-    how = mapping(manifest, "layout").get("ImageSets")
-    return [*lines, "", f"{escaped(how)}."] if how else lines
+        rows.append(
+            {
+                "name": name,
+                "frames": len(frames),
+                "span": f"{min(when):g} to {max(when):g} s" if when else None,
+                "boxes": (None, None) if statistics is None else statistics.counted(frames),
+            }
+        )
+    return rows
 
 
-def _how_split(told: Mapping[str, Any]) -> list[str]:
-    """Return how frames were divided, and what the parts share all the same."""
-    gap, lost = told.get("gap_s"), told.get("frames_in_gaps")
-    how = f"By {escaped(told.get('by'))}"
-    if isinstance(gap, int | float):
-        how += f", with a gap of {gap:g} s between the parts"
-    lines = [f"{how}; {lost} frames are in no part." if isinstance(lost, int) else f"{how}."]
-    if told.get("why"):
-        lines.append(escaped(told["why"]))
-    for name in ("actors", "parked"):
+def _shared(manifest: Mapping[str, Any]) -> dict[str, list[tuple[str, Any, Any]]]:
+    """Return what other parts of a split share with the one that trains: part, shared, of all."""
+    told = mapping(manifest, "split")
+    found = {}
+    for words, name in (("Actors", "actors"), ("Parked vehicles", "parked")):
         counts = mapping(told, name)
-        shared = [
-            f"{counts[f'in train and {part}']} of {counts[part]} in `{part}`"
+        found[words] = [
+            (part, counts[f"in train and {part}"], counts[part])
             for part in ("val", "test")
             if counts.get(part) and f"in train and {part}" in counts
         ]
-        if shared:
-            kind = "Actors" if name == "actors" else "Parked vehicles"
-            lines.append(f"{kind} that `train` shows, too: {', '.join(shared)}.")
-    stood = told.get("where_they_stood")
-    lines += [
-        f"Of {one.get('moving')} moving actors {one.get('still')} stand in {code(one.get('to'))} "
-        f"where they stood in {code(one.get('from'))}."
-        for one in (stood if isinstance(stood, list) else [])
-        if isinstance(one, Mapping)
-    ]
-    return lines
+    return found
 
 
-def _files(manifest: Mapping[str, Any]) -> list[str]:
-    layout = mapping(manifest, "layout")
-    frame = {
-        "level": "the first sensor's place and heading, z up",
-        "sensor": "the sensor's own frame",
-        "site": "the site's: east, north, up",
-    }.get(str(manifest["frame"]), escaped(manifest["frame"]))
+def _files(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return each file of the layout, and what is in it."""
     rows = []
-    for name, text in layout.items():
+    for name, text in mapping(manifest, "layout").items():
         file, colon, content = str(text).partition(": ")
         if colon and name not in file and file.endswith(".txt"):
             file = f"{name}/{file}"
-        rows.append([code(file if colon else name), escaped(content if colon else text)])
+        rows.append((file, content) if colon else (name, str(text)))
+    return rows
+
+
+def _warnings(manifest: Mapping[str, Any]) -> list[tuple[str, ResultWarning]]:
+    """Return the warnings of the dataset and of what it was made from, with the stage of each."""
+    told = mapping(manifest, "about", "warnings")
+    stages = {"dataset": manifest.get("warnings"), **{s: told.get(s) for s in ("twin", "motion")}}
     return [
-        *table(["file", "content"], rows),
-        "",
-        f"Lengths in metres, angles in radians, times in seconds. Frame of points and boxes: "
-        f"{frame}; `dataset.json` has the pose that takes the site to it (`dataset_SE3_site`). "
-        "Site: metres east, north and up from the anchor. Boxes: centre, length, width, height, "
-        "yaw counter-clockwise from x.",
+        (stage, one) for stage, rows in stages.items() for one in warnings_of({"warnings": rows})
     ]
 
 
-def _loading() -> list[str]:
-    return [
-        "```python",
-        "import urbantwin as ut  # pip install urbantwin",
-        'frame = ut.open("dataset/")[0]',
-        "frame.points, frame.semantic, frame.instance, frame.boxes",
-        "```",
-        "",
-        "Without it, `points/` and `labels/` are what OpenPCDet's custom dataset reads, "
-        "`semantic/` is of SemanticKITTI's form.",
-    ]
+def _unchecked(manifest: Mapping[str, Any]) -> dict[str, dict[str, list[str]]]:
+    """Return of each model of sensor the fields nobody could check, and those not known."""
+    found = {}
+    for one in manifest["rig"]["sensors"]:
+        sources, unknown = (mapping(one["sensor"], key) for key in ("sources", "unknown"))
+        unchecked = sorted(name for name, source in sources.items() if _UNCHECKED in str(source))
+        if unchecked or unknown:
+            found[str(one["model"])] = {"unchecked": unchecked, "unknown": sorted(unknown)}
+    return found
 
 
-def _reproducing(folder: Path, manifest: Mapping[str, Any]) -> list[str]:
-    made = mapping(manifest, "made_from")
-    lacking = [name for name in ("twin", "motion", "record") if made.get(name) is None]
-    if mapping(manifest, "about", "traffic").get("recorded") is not None:
-        first = (
-            "`urbantwin traffic replay` of the recorded tracks and `urbantwin record`, with the "
-            "inputs below and these seeds: `urbantwin dataset reproduce` does not know tracks."
-        )
-    elif lacking:
-        first = (
-            f"It cannot: its {' and its '.join(lacking)} did not come from UrbanTwin's own "
-            "commands and files alone."
-        )
-    else:
-        first = (
-            "`urbantwin dataset reproduce dataset.json --inputs FOLDER`, with the inputs below in "
-            "FOLDER."
-        )
-    seeds = ", ".join(f"{escaped(name)} {seed}" for name, seed in manifest["seeds"].items())
-    versions = ", ".join(
-        f"{escaped(name)} {escaped(one)}"
-        for name, one in {
-            "urbantwin": manifest["urbantwin"],
-            "Python": manifest.get("python", ""),
-            **mapping(manifest, "dependencies"),
-        }.items()
-        if one
-    )
-    return [
-        first,
-        "",
-        *bullets(
-            [
-                f"Seeds: {seeds}.",
-                f"Versions: {versions}.",
-                f"SHA-256 of `dataset.json`, which has those of the frames and tables: "
-                f"`{sha256_of(folder / 'dataset.json')}`. `SHA256SUMS` has every file's; "
-                "`urbantwin dataset verify .` compares them.",
-            ]
-        ),
-    ]
-
-
-def licence_lines(inputs: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return every input with its terms, and what these ask of who passes on what came of it."""
-    if not inputs:
-        return ["No input of anybody's is named in `dataset.json`."]
-    rows = [
-        [
-            escaped(INPUT_KINDS.get(str(one.get("kind")), one.get("kind") or "not told")),
-            code(one.get("name", "")),
-            escaped(stated(one.get("licence")) or "not stated"),
-            escaped(stated(one.get("attribution")) or "not stated"),
-            code(str(one.get("sha256") or "")[:16]) or "-",
-        ]
-        for one in inputs
-    ]
-    return [
-        *table(["what", "name", "licence", "attribution", "SHA-256 begins"], rows),
-        "",
-        "What the licences ask of who passes on what was made from these inputs, in short (their "
-        "texts count):",
-        "",
-        *bullets(f"**{escaped(name)}**: {escaped(text)}." for name, text in consequences(inputs)),
-    ]
-
-
-def privacy_lines(
-    inputs: Sequence[Mapping[str, Any]], private: Sequence[Finding] | None
-) -> list[str]:
-    """Return what came in of people, and what a search of the files found; not what it says."""
-    kinds = {kind if isinstance(kind := one.get("kind"), str) else None for one in inputs}
-    real = [words for kind, words in _REAL.items() if kind in kinds]
-    came = f"Of real recordings came in: {'; '.join(real)}." if real else "Nobody was recorded."
-    named = f"{came} Every input is named above with its kind."
-    if None in kinds:
-        named = (
-            "Every input is named above; of which kind each is, the manifest of an earlier version "
-            "does not say, so it does not tell whether real recordings came in."
-        )
-    lines = [f"The frames are simulated. {named}", ""]
-    if private is None:
-        return [*lines, "Nobody searched the files for personal data."]
-    if not private:
-        return [
-            *lines,
-            "The files were searched for absolute paths, home folders, names of users and "
-            "machines, e-mail addresses and time stamps: nothing was found. "
-            "`urbantwin dataset verify . --privacy` searches again, also for your own machine's "
-            "names.",
-        ]
-    rows = [[code(one.file), escaped(one.place), escaped(one.what)] for one in private[:20]]
-    more = ["", f"And {len(private) - 20:,} more."] if len(private) > 20 else []
-    return [
-        *lines,
-        f"The files were searched; {len(private):,} places may say something of people:",
-        "",
-        *table(["file", "place", "what"], rows),
-        *more,
-    ]
-
-
-def _limits(manifest: Mapping[str, Any]) -> list[str]:
-    lines = bullets(limits_of(manifest))
-    for model, unchecked, unknown in unchecked_numbers(manifest):
-        said = []
-        if unchecked:
-            said.append(f"as published, but not checked again: {', '.join(map(code, unchecked))}")
-        if unknown:
-            said.append(f"not known: {', '.join(map(code, unknown))}")
-        lines.append(f"- Numbers of the {escaped(model)}: {'; '.join(said)}.")
-    return lines
+def _rows(value: object) -> list[Mapping[str, Any]]:
+    rows = value if isinstance(value, list) else []
+    return [one for one in rows if isinstance(one, Mapping)]

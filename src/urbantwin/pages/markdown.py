@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from urllib.parse import quote
 
 from urbantwin.errors import readable
 
-__all__ = ["bullets", "code", "escaped", "front_matter", "picture", "table"]
+__all__ = ["code", "escaped", "front_matter", "picture"]
 
 #: What CommonMark (6.1) gives a meaning within a line, and GitHub's additions: tables, strike-out,
 #: mentions (@), references to issues (#) and mathematics ($). Without square brackets round ones
@@ -39,41 +39,14 @@ def code(text: object) -> str:
     return f"{ticks}{blank}{line}{blank}{ticks}" if line else ""
 
 
-def table(heading: Sequence[str], rows: Iterable[Sequence[object]], numbers: int = 0) -> list[str]:
-    """Return the lines of a table (GitHub's extension of CommonMark).
-
-    Args:
-        heading: of each column, as Markdown.
-        rows: a text, escaped or code, or a number for each column; ``None`` is a dash.
-        numbers: so many columns, the last ones, are set to the right.
-    """
-    left = len(heading) - numbers
-    lines = [f"| {' | '.join(heading)} |", "|" + "---|" * left + "---:|" * numbers]
-    cells = (["-" if one is None else _cell(one) for one in row] for row in rows)
-    return [*lines, *(f"| {' | '.join(row)} |" for row in cells)]
-
-
-def bullets(texts: Iterable[str]) -> list[str]:
-    """Return the lines of a list."""
-    return [f"- {one}" for one in texts]
-
-
 def picture(path: str, shows: str) -> str:
     """Return a picture of this folder, and what it shows for whom does not see it."""
     return f"![{escaped(shows)}]({quote(path)})"
 
 
-def front_matter(fields: Mapping[str, object]) -> list[str]:
+def front_matter(fields: Mapping[str, object]) -> str:
     """Return YAML between two rules, as hubs of data sets read it at the top of a card."""
     import yaml
 
     text = yaml.safe_dump(dict(fields), sort_keys=False, allow_unicode=True, width=1000)
-    return ["---", *text.splitlines(), "---"]
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int):
-        return f"{value:,}"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"---\n{text}---"
