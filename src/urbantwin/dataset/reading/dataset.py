@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -14,7 +13,7 @@ from urbantwin.dataset.pose_table import frame_poses, pose_of_frame
 from urbantwin.dataset.reading.manifest import pose_of_matrix, read_manifest
 from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.dataset.reading.selection import Frames, Located
-from urbantwin.dataset.reading.tables import frames_of, read_table, rows_by_frame
+from urbantwin.dataset.reading.tables import read_table, rows_by_frame
 from urbantwin.dataset.reading.turns import SensorTurns
 from urbantwin.dataset.split import image_sets
 from urbantwin.errors import InputError
@@ -29,39 +28,6 @@ if TYPE_CHECKING:
     from urbantwin.dataset.track_paths import TrackPaths
 
 __all__ = ["Dataset"]
-
-
-def box_ranges(boxes: pa.Table, sweeps: pa.Table, manifest: Mapping[str, Any]) -> NDArray[Any]:
-    """Return how far (B,) the middle of each box is from the nearest sensor, in plan, metres.
-
-    Args:
-        boxes: ``boxes.parquet``.
-        sweeps: ``sweeps.parquet``: where sensors were that ride.
-        manifest: ``dataset.json``: where they stand.
-    """
-    frames, number = frames_of(boxes)
-    middle = np.column_stack([boxes[name].to_numpy() for name in ("x", "y", "z")])
-    poses = frame_poses(manifest)
-    rides = manifest["dataset_SE3_site"] is None
-    standing = np.array(
-        [pose_of_matrix(one["site_SE3_sensor"]).translation for one in manifest["rig"]["sensors"]]
-    )
-    riding: dict[str, list[list[float]]] = {}
-    if rides:
-        names = ("reported_x", "reported_y", "reported_z")
-        places = np.column_stack([sweeps[name].to_numpy() for name in names]).tolist()
-        for name, place in zip(sweeps["frame"].to_pylist(), places, strict=True):
-            riding.setdefault(name, []).append(place)
-    found = np.zeros(len(number))
-    order = np.argsort(number, kind="stable")
-    cuts = np.flatnonzero(np.diff(number[order])) + 1
-    for own in np.split(order, cuts) if len(order) else ():
-        name = frames[number[own[0]]]
-        pose = pose_of_frame(poses, name)
-        eyes = np.array(riding.get(name, [pose.translation.tolist()])) if rides else standing
-        away = pose.apply(middle[own])[:, None, :2] - eyes[None, :, :2]
-        found[own] = np.linalg.norm(away, axis=2).min(axis=1)
-    return found
 
 
 class Dataset(Frames):
@@ -203,8 +169,20 @@ class Dataset(Frames):
 
     @cached_property
     def box_range_m(self) -> NDArray[np.float64]:
-        """How far (B,) the middle of each row of `boxes` is from the nearest sensor, in plan."""
-        return box_ranges(self.boxes, self.sweeps, self.manifest)
+        """Distance (B,) in plan from the middle of each row of `boxes` to the nearest sensor."""
+        poses = frame_poses(self.manifest)
+        rides = self.manifest["dataset_SE3_site"] is None
+        fixed = [one["site_SE3_sensor"] for one in self.manifest["rig"]["sensors"]]
+        sensors = np.array([pose_of_matrix(one).translation for one in fixed])
+        found = np.zeros(len(self.objects))
+        for name in self.objects.frame_names:
+            rows, pose = self.objects.rows_of(name), pose_of_frame(poses, name)
+            if rides:
+                turns = self.turns.of_frame(name)
+                sensors = self.turns.reported[turns, :3] if len(turns) else pose.translation[None]
+            away = pose.apply(self.objects.box[rows, :3])[:, None, :2] - sensors[None, :, :2]
+            found[rows] = np.linalg.norm(away, axis=2).min(axis=1)
+        return found
 
     @cached_property
     def box_classes(self) -> tuple[str, ...]:
