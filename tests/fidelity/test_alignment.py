@@ -238,7 +238,7 @@ def test_two_places_that_look_alike_are_said():
         align(
             Frame(seen(world, TRUE)),
             world,
-            guess=Guess(37.0, -3.0, 63.0, within_m=38.0, within_deg=8.0),
+            guess=Guess(37.0, -3.0, 63.0, within_m=37.0, within_deg=4.0),
         )
 
 
@@ -547,7 +547,7 @@ def test_three_posts_hold_a_place_and_one_does_not():
     """In a street of which the map has nothing else, and a post that is not there."""
     places = np.array([[6.0, 4.0], [-8.0, 5.0], [14.0, -11.0], [-3.0, -14.0]])
     frame = Frame(seen(LabelledMesh.concatenate([street(), *at_posts(places)]), TRUE, step_deg=0.8))
-    guess = Guess(1.0, -4.2, 68.0, within_m=3.0, within_deg=15.0)
+    guess = Guess(1.0, -4.2, 68.0, within_m=2.0, within_deg=10.0)
     moved = places + [[0.1, 0.05], [-0.1, 0.1], [0.0, -0.1], [0.1, 0.0]]
     map_ = LabelledMesh.concatenate([slope(), *at_posts([*moved, [-9.0, 13.0]])])
     found = align(frame, map_, guess=guess)

@@ -154,8 +154,8 @@ def small_example(tmp_path, monkeypatch):
     """Little of the example, whose streets are no loop: nothing is driven to see how many fit."""
     site = shutil.copytree(recording._site().parent, tmp_path / "example") / "site.yaml"
     fields = yaml.safe_load(site.read_text())
-    fields |= {"region": {"radius_m": 60}, "closed_loop": False}
-    fields["traffic"]["warmup_s"] = 10
+    fields |= {"region": {"radius_m": 40}, "closed_loop": False}
+    fields["traffic"]["warmup_s"] = 5
     site.write_text(yaml.safe_dump(fields))
     monkeypatch.setattr(recording, "_site", lambda: site)
 

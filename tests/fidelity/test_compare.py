@@ -105,7 +105,7 @@ def write_folder(folder, count, shift=0.0, columns=4):
 
 
 def test_identical_folders_and_same_bytes(tmp_path):
-    real = write_folder(tmp_path / "real", 3)
+    real = write_folder(tmp_path / "real", 2)
     told = []
     report = compare(
         real, real, tmp_path / "a", arbitrary=None, progress=lambda done, what: told.append(done)
@@ -185,9 +185,7 @@ def test_actors_are_told_apart_and_what_lacks_is_found(tmp_path):
     real = write_corner(tmp_path / "real", 0)
     # The twin's cars drive 1.5 m to the side; of its street the last 10 m are missing.
     twin = write_corner(tmp_path / "twin", 1, lacks=10.0, late=1.5)
-    report = compare(
-        real, twin, tmp_path / "out", arbitrary=write_corner(tmp_path / "x", 2, 30, count=2)
-    )
+    report = compare(real, twin, tmp_path / "out", arbitrary=None)
     assert report.split_by == "background model"
     actors, still = (report.parts[part].twin for part in ("foreground", "background"))
     assert 1.2 < actors["hausdorff_p95_m"].mean < 2.5

@@ -68,21 +68,24 @@ def bvh_packets(vertices, faces, origins, directions):
 
 
 def thin_rays(tracer, vertices, faces, origins, directions, *, around=False):
-    """Cast rays as the beams of a turn in which each column stands somewhere else."""
+    """Cast rays as the beams of a turn in which each column stands somewhere else.
+
+    With arrays and numbers of the same types as frames have: numba compiles nothing again.
+    """
     rays, face = len(directions), np.zeros(len(faces))
     mesh = LabelledMesh(np.asarray(vertices, np.float64), faces, face, face.astype(int), face)
     firing = Firing(
         np.zeros(rays),
         np.zeros(1),
         np.tile(np.eye(3), (rays, 1, 1)),
-        np.array(np.broadcast_to(origins, (rays, 3)), np.float64),
+        np.ascontiguousarray(np.broadcast_to(origins, (rays, 3)), np.float64),
         directions.astype(np.float64),
         np.zeros((1, 2)),
     )
     world = Shapes.of([ActorShape(mesh, with_hull=False)])
     standing = PresentActors(world, np.zeros(1, np.int64), Paths.standing())
     block = Blocks(*np.array([[0], [1], [rays], [0]]), np.arange(rays, dtype=np.int32))
-    met = tracer.layers(firing, standing, block, Casting(False, Spread.NOWHERE, around))
+    met = tracer.layers(firing, standing, block, Casting(False, int(Spread.NOWHERE), around))
     hits = Hits(np.full(rays, np.inf, np.float32), np.full(rays, -1, np.int32))
     hits.range_m[met.ray], hits.face[met.ray] = met.range_m, met.face
     return hits

@@ -50,7 +50,7 @@ def moments(crowd):
 
 @pytest.mark.parametrize("effects", [True, False])
 def test_frames_are_those_of_scanners_that_know_nothing(street, rig_of, crowd, cast_at, effects):
-    rig = rig_of(street, {"effects": effects})
+    rig = rig_of(street, {"columns": 512, "effects": effects})
     frames = moments(crowd)
     expected = [Scanner(street, rig, 5).scan(7, actors) for actors in frames]
     scanner = Scanner(street, rig, 5)
@@ -64,7 +64,7 @@ def test_frames_are_those_of_scanners_that_know_nothing(street, rig_of, crowd, c
 def test_beams_that_fire_at_other_times_or_from_elsewhere_are_cast(
     street, rig_of, crowd, cast_at, one
 ):
-    rig = rig_of(street, one)
+    rig = rig_of(street, {"columns": 512, **one})
     frames = moments(crowd)
     expected = [Scanner(street, rig, 5).scan(k, actors) for k, actors in enumerate(frames)]
     scanner = Scanner(street, rig, 5)

@@ -89,7 +89,7 @@ def test_a_matched_filter_sees_that_much_of_a_stretched_pulse(range_m, grazing_d
     """Pulse, footprint on the ground and filter convolved by numbers."""
     width = np.radians(0.18)
     step = 0.01
-    at = np.arange(-60, 60, step)
+    at = np.arange(-25, 25, step)
 
     def bell(fwhm):
         one = np.exp(-4 * np.log(2) * (at / fwhm) ** 2)

@@ -31,11 +31,11 @@ def same(one, other):
 
 @pytest.fixture(scope="module", params=["level", "sensor", "site"])
 def scanned(request, street, rig_of, crowd):
-    """A rig of two sensors in each dataset frame, noise and drop-out on, four frames."""
+    """A rig of two sensors in each dataset frame, noise and drop-out on, two frames."""
     rig = rig_of(street, *PAIR, frame=request.param)
     scanner = Scanner(street, rig, seed=11)
     frames = []
-    for index in range(4):
+    for index in range(2):
         actors = crowd(40, seed=index)
         frames.append((actors, scanner.scan(index, actors)))
     return rig, frames
@@ -55,7 +55,7 @@ def test_every_labelled_point_lies_in_its_own_box(scanned):
         things = np.isin(frame.semantic, [semantic_id(name) for name in ACTOR_SEMANTICS.values()])
         np.testing.assert_array_equal(things, frame.instance > 0)
         assert inside_some[things].all()
-    assert checked > 3000
+    assert checked > 1500
 
 
 def test_classes_and_instances_agree(scanned):

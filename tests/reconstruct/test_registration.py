@@ -101,7 +101,7 @@ def test_registration_refines_a_rough_origin_and_repeats_itself(tmp_path: Path) 
             around=surroundings(HOUSES),
             ground=elevation(),
             origin=rough,
-            register={"search_m": 10.0, "search_deg": 6.0},
+            register={"search_m": 8.0, "search_deg": 4.0},
             up="z",
             unit="m",
         )
@@ -145,8 +145,10 @@ def test_guesses_are_refused(tmp_path: Path) -> None:
     model = ImportedModel(mesh=town_mesh(quarters))
     refused("in two ways that are nearly as good", surroundings(quarters, cross), register=True)
     model = ImportedModel(mesh=MESH)
-    strict = {"worst_residual_m": 1e-4, "search_deg": 3.0}
-    refused("residual of .* to the outlines", surroundings(HOUSES), register=strict)
+    strict = {"worst_residual_m": 1e-4, "search_m": 3.0, "search_deg": 3.0}
+    here = {"latitude": FRAME.latitude, "longitude": FRAME.longitude, "heading_deg": 0.0}
+    said = "residual of .* to the outlines"
+    refused(said, surroundings(HOUSES), origin=here, register=strict)
 
 
 @pytest.mark.thorough

@@ -2,7 +2,6 @@
 
 import dataclasses
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,9 +23,11 @@ from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.site import load_site
 from urbantwin.twin import build_twin, load_twin
 
+from ..interface.conftest import line
 from .tee import EAST, JUNCTION, SOUTH, WEST, tee
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "two-avenues"
+__all__ = ["line"]
+
 FRAME = SiteFrame(48.7, 9.18)
 KINDS = ("driving", "bus", "bicycle", "sidewalk")
 
@@ -172,12 +173,12 @@ def test_real_lanelet2_becomes_roads_that_sumo_drives(shared_data, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def both_twins(open_avenues_twin, tmp_path_factory):
-    """The example as built from OpenStreetMap, and from the OpenDRIVE written of that."""
-    folder = tmp_path_factory.mktemp("both")
-    shutil.copytree(EXAMPLE, folder, dirs_exist_ok=True)
-    fields = yaml.safe_load((EXAMPLE / "site.yaml").read_text()) | {"closed_loop": False}
-    first = open_avenues_twin
+def both_twins(line, tmp_path_factory):
+    """A small site as built from OpenStreetMap, and from the OpenDRIVE written of that."""
+    folder = tmp_path_factory.mktemp("both") / "site"
+    shutil.copytree(line.site.parent, folder, ignore=shutil.ignore_patterns("two-avenues"))
+    fields = yaml.safe_load((folder / "site.yaml").read_text())
+    first = line.twin
     model = LaneModel.load(first.folder / "lane_model.json")
     write_opendrive(model, first.frame, folder / "map.xodr", name="example")
     (folder / "site.yaml").write_text(yaml.safe_dump(fields | {"roads": "map.xodr"}))

@@ -226,7 +226,8 @@ class _Eye:
         """Yield the turns that a frame holds, with their beams placed."""
         one = self.mounted
         dead = dead_beams(one, index / one.rate_hz)
-        dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
+        # A copy: numba compiles functions again for arrays that are read-only.
+        dead = np.zeros(0, np.bool_) if dead is None else dead.flatten()
         for sweep in sweeps_of(one, index, seed):
             view = self.sees
             known = self.known if isinstance(view, StaticView) else None

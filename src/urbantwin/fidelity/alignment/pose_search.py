@@ -227,16 +227,17 @@ class PoseSearch:
         chance; where there is no ground, nothing is likely. Gains are the means of pieces' by kind.
         """
         up, place = self._stands(xy)
-        turned = np.stack([leveling(one).T for one in up])
+        # Contiguous arrays: numba compiles a function again for each other layout.
+        turned = np.ascontiguousarray([leveling(one).T for one in up])
         headings = np.stack([Pose.from_ypr(np.zeros(3), yaw).rotation for yaw in yaws])
         some = slice(None, None, every)
-        weight = self._weight[some]
-        whole = np.bincount(self._piece[some], weight, len(self._kinds))
+        weight, piece = self._weight[some], np.ascontiguousarray(self._piece[some])
+        whole = np.bincount(piece, weight, len(self._kinds))
         scores, gains = _scores(
-            self._points[some],
-            self._kind[some],
-            weight / np.maximum(whole, 1e-12)[self._piece[some]],
-            self._piece[some],
+            np.ascontiguousarray(self._points[some]),
+            np.ascontiguousarray(self._kind[some]),
+            weight / np.maximum(whole, 1e-12)[piece],
+            piece,
             np.where(whole > 0, self._kinds, -1),
             np.column_stack([np.array(_WEIGHTS), like.shared, like.chance]),
             turned,

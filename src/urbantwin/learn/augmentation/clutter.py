@@ -70,7 +70,8 @@ def cluttered(
     table = table[~np.isin(things, things[_taken(frame, table)])]
     if not len(table):
         return frame
-    x, y, z, length, width, height, yaw, is_round, depth = table.T
+    # Contiguous columns: numba compiles a function again for each other layout.
+    x, y, z, length, width, height, yaw, is_round, depth = np.ascontiguousarray(table.T)
     stands = Obstacles(
         np.column_stack([x, y, z]),
         np.column_stack([length, width, height]) / 2,

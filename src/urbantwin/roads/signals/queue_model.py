@@ -172,7 +172,8 @@ class QueueModel:
         narrow = np.isfinite(self._room)
         room = np.where(narrow, self._room, 1e9)
         back_s = np.where(narrow, np.ceil(room * FOLLOWING_M / BACK_M_S), 1).astype(np.int64)
-        comes_from, into = np.nonzero(self._share)
+        # Contiguous arrays: numba compiles a function again for each other layout.
+        comes_from, into = (np.ascontiguousarray(one) for one in np.nonzero(self._share))
         before, after = queues(
             offsets[:, self._of],
             scale,
