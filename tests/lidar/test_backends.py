@@ -78,7 +78,7 @@ def thin_rays(tracer, vertices, faces, origins, directions, *, around=False):
         np.zeros(rays),
         np.zeros(1),
         np.tile(np.eye(3), (rays, 1, 1)),
-        np.ascontiguousarray(np.broadcast_to(origins, (rays, 3)), np.float64),
+        np.array(np.broadcast_to(origins, (rays, 3)), np.float64, order="C"),
         directions.astype(np.float64),
         np.zeros((1, 2)),
     )

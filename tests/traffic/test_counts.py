@@ -80,8 +80,8 @@ def test_turns_are_those_of_the_plan(crossing_twin: Twin) -> None:
 def test_what_was_asked_and_driven_stand_side_by_side(
     crossing_twin: Twin, tmp_path: Path, records: Callable[..., np.recarray]
 ) -> None:
-    changes = {"counts": ROWS, "per_hour": {}, "warmup_s": 60.0}
-    motion = run_traffic(crossing_twin, tmp_path / "motion", seconds=180.0, changes=changes)
+    changes = {"counts": ROWS, "per_hour": {}, "warmup_s": 40.0}
+    motion = run_traffic(crossing_twin, tmp_path / "motion", seconds=90.0, changes=changes)
     told = motion.manifest["counts"]
     assert [row["asked_per_hour"] for row in told] == [300.0, 120.0, 60.0]
     rows = records(motion.actors)
@@ -90,7 +90,7 @@ def test_what_was_asked_and_driven_stand_side_by_side(
         for track in np.unique(rows.track[rows["class"] == "car"])
     }
     east = sum(len(times) > 0 and times[0] > 0 for times in came.values())
-    assert told[0]["driven_per_hour"] == pytest.approx(east * 20)
+    assert told[0]["driven_per_hour"] == pytest.approx(east * 40)
     outcome = outcome_of_motion(motion)
     assert outcome["counted_asked_per_hour"] == 480.0
     assert outcome["counted_driven_per_hour"] == sum(row["driven_per_hour"] for row in told)

@@ -14,7 +14,7 @@ from urbantwin.traffic.sumo.simulation import sumo_options, write_routes
 
 #: Speeds at which three streets go on behind the detectors, m/s: the slower, the denser before.
 NARROW = (6.0, 3.5, 2.0)
-LIMIT, SECONDS, AREA_M = 13.9, 780, 200.0
+LIMIT, SECONDS, AREA_M = 13.9, 600, 200.0
 
 
 @pytest.fixture(scope="module")
