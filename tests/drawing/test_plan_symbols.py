@@ -1,5 +1,6 @@
 """Symbols of plans: turn arrows, the lines of roads, turns that lanes may take."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -137,6 +138,11 @@ def test_areas_and_signs_are_placed_in_the_site_frame(model):
     assert (sign.x, sign.y) == pytest.approx((14.0, 30.0))
     assert sign.yaw == pytest.approx(np.pi / 2)
     assert sign.value == 50.0
+    assert sign.plate == "disc"
+    # MUTCD R2-1 is a white rectangle; the Vienna Convention's limits are discs.
+    limit = dataclasses.replace(model.signals[0], country="US", type="R2-1", subtype="-1")
+    (american,) = signs(dataclasses.replace(model, signals=(limit,)))
+    assert american.plate == "upright"
 
 
 def test_paint_has_the_area_of_the_model_s_marks(model):

@@ -289,3 +289,13 @@ def test_extract_without_streets_is_refused(tmp_path: Path, old: str, new: str, 
     with pytest.raises(InputError, match=words):
         init_site(tmp_path / "new", tmp_path / "map.osm")
     assert not (tmp_path / "new").exists()
+
+
+def test_a_junction_is_named_after_all_its_streets(shared_data, tmp_path):
+    """Three streets meet at this ring, none of them a side street."""
+    site = load_site(init_site(tmp_path / "s", shared_data / "osm" / "montlake_roundabout.osm"))
+    assert set(site.name.split(" / ")) == {
+        "22nd Avenue East",
+        "23rd Avenue East",
+        "East Lynn Street",
+    }
