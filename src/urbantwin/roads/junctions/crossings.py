@@ -321,7 +321,13 @@ def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float
     if not lines:
         return None
     nearest = min(lines, key=lambda part: float(part.distance(shapely.Point(crossing.xy))))
-    return np.asarray(shapely.get_coordinates(nearest)[[0, -1]])
+    ends = np.asarray(shapely.get_coordinates(nearest)[[0, -1]])
+    # What joins both directions over the seam between them does not lead beyond the kerbs.
+    (a, b), (c, d) = crossing.ahead, crossing.across
+    beyond = SEAM_M / 2 / max(abs(float(a * d - b * c)), float(np.cos(SKEW))) * crossing.across
+    if (ends[1] - ends[0]) @ crossing.across < 0:
+        beyond = -beyond
+    return ends + np.array([beyond, -beyond])
 
 
 def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
