@@ -327,7 +327,7 @@ def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float
     beyond = SEAM_M / 2 / max(abs(float(a * d - b * c)), float(np.cos(SKEW))) * crossing.across
     if (ends[1] - ends[0]) @ crossing.across < 0:
         beyond = -beyond
-    return ends + np.array([beyond, -beyond])
+    return np.asarray(ends + np.array([beyond, -beyond]))
 
 
 def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
