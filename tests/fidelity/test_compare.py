@@ -21,6 +21,13 @@ def one_pair_drawn(monkeypatch):
     monkeypatch.setattr(importlib.import_module("urbantwin.fidelity.compare"), "_WORST", 1)
 
 
+@pytest.fixture
+def no_page(monkeypatch):
+    """Figures alone: nothing is drawn."""
+    compared = importlib.import_module("urbantwin.fidelity.compare")
+    monkeypatch.setattr(compared, "_draw", lambda report, found, folder: None)
+
+
 SENSOR = (1.35, 0.0, 1.64)  # the upper of the two lidars in the vehicle's frame, about
 
 
@@ -50,6 +57,7 @@ def sweeps(shared_data, tmp_path_factory):
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("no_page")
 def test_real_is_near_real_and_far_from_another_site(sweeps, tmp_path):
     report = compare(
         sweeps / "real",
@@ -121,6 +129,7 @@ def test_identical_folders_and_same_bytes(tmp_path):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
+@pytest.mark.usefixtures("no_page")
 def test_pairs_and_notes(tmp_path):
     real = write_folder(tmp_path / "real", 12)
     synthetic = write_folder(tmp_path / "synthetic", 3, shift=0.5, columns=3)
@@ -140,6 +149,7 @@ def test_pairs_and_notes(tmp_path):
     assert low <= report.twin["js_mean"].mean <= high
 
 
+@pytest.mark.usefixtures("no_page")
 def test_a_bad_frame_is_named_and_the_rest_compared(tmp_path):
     real = write_folder(tmp_path / "real", 3)
     synthetic = write_folder(tmp_path / "synthetic", 3)
@@ -181,6 +191,7 @@ def write_corner(folder, seed, lacks=0.0, turn=0.0, late=0.0, count=5):
     return folder
 
 
+@pytest.mark.usefixtures("no_page")
 def test_actors_are_told_apart_and_what_lacks_is_found(tmp_path):
     real = write_corner(tmp_path / "real", 0)
     # The twin's cars drive 1.5 m to the side; of its street the last 10 m are missing.
@@ -199,6 +210,7 @@ def test_actors_are_told_apart_and_what_lacks_is_found(tmp_path):
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("no_page")
 def test_a_turned_recording_is_told(tmp_path):
     real = write_corner(tmp_path / "real", 0, count=1)
     report = compare(
@@ -207,6 +219,7 @@ def test_a_turned_recording_is_told(tmp_path):
     assert [note for note in report.notes if "look rotated by 90 degrees" in note]
 
 
+@pytest.mark.usefixtures("no_page")
 def test_real_against_real_of_other_frames_within_a_box(tmp_path):
     rng = np.random.default_rng(11)
     for name, far in (("real", 0.0), ("earlier", 0.1), ("twin", 0.3)):
