@@ -35,7 +35,7 @@ __all__ = ["dataset", "motion", "motion_of", "rig", "twin"]
 
 #: Each line of its input is a folder and a command line: one process imports what they share once.
 WITHOUT = """
-import contextlib, io, json, os, sys
+import contextlib, io, json, os, sys, traceback
 
 NAMES = sys.argv.pop(1).split(",")
 
@@ -56,7 +56,10 @@ for line in sys.stdin:
     os.chdir(folder)
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = main(arguments)
+        try:
+            code = main(arguments)
+        except Exception:
+            code = traceback.print_exc()
     print(json.dumps([code, out.getvalue(), err.getvalue()]), flush=True)
 """
 #: Extra, the module that is missing, and a command that needs it.

@@ -82,7 +82,7 @@ def test_what_is_about_right_is_left_to_the_scene(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "workers", "words"),
     [
-        ({}, 0, "0 workers"),
+        ({}, 0, "--workers: 0; expected at least 1"),
         ({"ride": {"class": "bus"}}, 1, "rig.ride.class: the traffic has no bus"),
     ],
 )
