@@ -16,7 +16,8 @@ from urbantwin.site import read_extract
 from urbantwin.traffic.assets import asset, asset_names
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.sumo import simulation
-from urbantwin.traffic.sumo.simulation import one_lane_streets, simulate
+from urbantwin.traffic.sumo.simulation import simulate
+from urbantwin.traffic.sumo.worker_input import one_lane_streets
 
 from .conftest import netconvert
 

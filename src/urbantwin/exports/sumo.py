@@ -17,13 +17,11 @@ from urbantwin.traffic.fleet_of_twin import own_bodies
 from urbantwin.traffic.sumo.driven_net import driven_net
 from urbantwin.traffic.sumo.route_file import write_routes
 from urbantwin.traffic.sumo.simulation import (
-    curves_of,
-    gates_of,
-    one_lane_streets,
     sumo_options,
     sumo_substeps,
     write_stops,
 )
+from urbantwin.traffic.sumo.worker_input import curves_of, gates_of, one_lane_streets
 from urbantwin.twin import Twin
 
 __all__ = ["write_sumo"]

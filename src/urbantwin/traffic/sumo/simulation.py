@@ -12,19 +12,16 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
 from urbantwin.roads import RoadNetwork
-from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
-from urbantwin.roads.sumo_geometry import ONE_LANE
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
@@ -32,18 +29,16 @@ from urbantwin.traffic.demand.manners import IN_QUEUES
 from urbantwin.traffic.demand.passengers import boarding_job
 from urbantwin.traffic.sumo.halts import write_stops
 from urbantwin.traffic.sumo.observed import Observed
-from urbantwin.traffic.sumo.route_file import types_of_reserve, write_routes
+from urbantwin.traffic.sumo.route_file import write_routes
 from urbantwin.traffic.sumo.row_columns import row_columns
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
+from urbantwin.traffic.sumo.worker_input import curves_of, gates_of, one_lane_streets
 
 __all__ = [
     "STUCK_S",
     "Jaywalk",
     "Simulated",
-    "curves_of",
-    "gates_of",
     "observe",
-    "one_lane_streets",
     "simulate",
     "sumo_options",
     "sumo_substeps",
@@ -59,9 +54,6 @@ _STUCK_S = (
 )
 _BLOCKER_S = 60
 _SQUEEZE_S = 120  # people who stand in each other's way for so long squeeze past
-_FASTEST = 1.25  # nobody drives faster than so many times a lane's speed
-#: On a shorter edge no vehicle waits for another one, metres.
-WAITING_M = 12.0
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
@@ -305,80 +297,6 @@ def _worked(
         _run_worker(folder / "job.json", progress)
         warmup_s = job["warmup_substeps"] * float(str(options["step-length"]))
         return _read(folder / "rows.npy", folder / "outcome.json", warmup_s)
-
-
-def gates_of(demand: Demand, until_s: float, seed: int) -> dict[str, Any]:
-    """Return the gates of a demand, as ``gates.Gates`` takes them.
-
-    Args:
-        demand: the demand.
-        until_s: gates add vehicles before this time of SUMO's.
-        seed: SUMO's seed.
-    """
-    return {
-        "gates": [asdict(gate) for gate in demand.gates.gates],
-        "parts": [asdict(part) for part in demand.gates.parts],
-        "types": types_of_reserve(demand),
-        "until_s": until_s,
-        "seed": seed,
-    }
-
-
-def curves_of(net_path: Path) -> dict[str, Any]:
-    """Return the speeds along each lane that bends, as ``curves.Curves`` takes them.
-
-    A lane has one speed in SUMO, and a street that bends somewhere is not slow from end to end.
-    """
-    found: dict[str, Any] = {"spacing_m": SPACING_M, "rear_m": REAR_M, "speeds": {}}
-    try:
-        root = etree.parse(net_path).getroot()
-    except etree.XMLSyntaxError:
-        return found  # SUMO says what is wrong with it
-    limit = {x.get("id", ""): float(x.get("speed", "inf")) for x in root.iterfind("edge/lane")}
-    found["speeds"] = {
-        name: np.round(speeds, 2).tolist()
-        for name, speeds in lane_speeds(root).items()
-        if speeds.min() < _FASTEST * limit[name]
-    }
-    return found
-
-
-def one_lane_streets(net_path: Path) -> dict[str, Any]:
-    """Return the streets with one lane for both directions, as ``one_lane.OneLaneStreets`` takes.
-
-    - ``street``: edge -> name of its street, the same for both directions;
-    - ``mouths``: edges from which vehicles come to one;
-    - ``short``: edges on which no vehicle can wait for another.
-    """
-    try:
-        root = etree.parse(net_path).getroot()
-    except etree.XMLSyntaxError:
-        return {}  # SUMO says what is wrong with it
-    street = {
-        edge.get("id", ""): min(edge.get("id", ""), note.get("value", ""))
-        for edge in root.iterfind("edge")
-        for note in edge.iterfind("param")
-        if note.get("key") == ONE_LANE
-    }
-    if not street:
-        return {}
-    length = {
-        edge.get("id", ""): float(edge.find("lane").get("length", "0"))
-        for edge in root.iterfind("edge")
-        if not edge.get("function")
-    }
-    short = {edge for edge, metres in length.items() if metres < WAITING_M and edge not in street}
-    before: dict[str, set[str]] = {}
-    for item in root.iterfind("connection"):
-        if item.get("from", "") in length:
-            before.setdefault(item.get("to", ""), set()).add(item.get("from", ""))
-    mouths: set[str] = set()
-    new = set(street)
-    while new:
-        new = {edge for to in new for edge in before.get(to, ())} - mouths
-        mouths |= new
-        new &= short
-    return {"street": street, "mouths": sorted(mouths), "short": sorted(short)}
 
 
 @contextmanager

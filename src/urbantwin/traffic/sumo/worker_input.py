@@ -1,0 +1,96 @@
+"""What SUMO's worker needs beside SUMO's own files: gates, speeds in bends, streets of one lane."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
+from urbantwin.roads.sumo_geometry import ONE_LANE
+from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.sumo.route_file import types_of_reserve
+
+__all__ = ["curves_of", "gates_of", "one_lane_streets"]
+
+#: The largest speed that a vehicle drives, as a factor of its lane's speed.
+_FASTEST = 1.25
+#: On a shorter edge no vehicle waits for another one, metres.
+WAITING_M = 12.0
+
+
+def gates_of(demand: Demand, until_s: float, seed: int) -> dict[str, Any]:
+    """Return the gates of a demand, as ``gates.Gates`` takes them.
+
+    Args:
+        demand: the demand.
+        until_s: gates add vehicles before this time of SUMO's.
+        seed: SUMO's seed.
+    """
+    return {
+        "gates": [asdict(gate) for gate in demand.gates.gates],
+        "parts": [asdict(part) for part in demand.gates.parts],
+        "types": types_of_reserve(demand),
+        "until_s": until_s,
+        "seed": seed,
+    }
+
+
+def curves_of(net_path: Path) -> dict[str, Any]:
+    """Return the speeds along each lane that bends, as ``curves.Curves`` takes them.
+
+    A lane has one speed in SUMO, and a street that bends somewhere is not slow from end to end.
+    """
+    found: dict[str, Any] = {"spacing_m": SPACING_M, "rear_m": REAR_M, "speeds": {}}
+    try:
+        root = etree.parse(net_path).getroot()
+    except etree.XMLSyntaxError:
+        return found  # SUMO says what is wrong with it
+    limit = {x.get("id", ""): float(x.get("speed", "inf")) for x in root.iterfind("edge/lane")}
+    found["speeds"] = {
+        name: np.round(speeds, 2).tolist()
+        for name, speeds in lane_speeds(root).items()
+        if speeds.min() < _FASTEST * limit[name]
+    }
+    return found
+
+
+def one_lane_streets(net_path: Path) -> dict[str, Any]:
+    """Return the streets with one lane for both directions, as ``one_lane.OneLaneStreets`` takes.
+
+    - ``street``: edge -> name of its street, the same for both directions;
+    - ``mouths``: edges from which vehicles come to one;
+    - ``short``: edges on which no vehicle can wait for another.
+    """
+    try:
+        root = etree.parse(net_path).getroot()
+    except etree.XMLSyntaxError:
+        return {}  # SUMO says what is wrong with it
+    street = {
+        edge.get("id", ""): min(edge.get("id", ""), note.get("value", ""))
+        for edge in root.iterfind("edge")
+        for note in edge.iterfind("param")
+        if note.get("key") == ONE_LANE
+    }
+    if not street:
+        return {}
+    length = {
+        edge.get("id", ""): float(edge.find("lane").get("length", "0"))
+        for edge in root.iterfind("edge")
+        if not edge.get("function")
+    }
+    short = {edge for edge, metres in length.items() if metres < WAITING_M and edge not in street}
+    before: dict[str, set[str]] = {}
+    for item in root.iterfind("connection"):
+        if item.get("from", "") in length:
+            before.setdefault(item.get("to", ""), set()).add(item.get("from", ""))
+    mouths: set[str] = set()
+    new = set(street)
+    while new:
+        new = {edge for to in new for edge in before.get(to, ())} - mouths
+        mouths |= new
+        new &= short
+    return {"street": street, "mouths": sorted(mouths), "short": sorted(short)}
