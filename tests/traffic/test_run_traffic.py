@@ -175,8 +175,8 @@ def test_positions_follow_speed_and_heading(actors: np.recarray, limit_ms: float
         ahead = step[:, 0] * np.cos(yaw) + step[:, 1] * np.sin(yaw)
         assert length.max(initial=0) < 0.1 * 1.2 * limit_ms + 0.25, "nobody leaps"
         assert turn[speed < 0.01].max(initial=0) < 5e-3, "nobody turns on the spot"
-        # Who is stuck among people steps back for others, at 0.5 m/s.
-        back = 0.055 if rows["class"][0] == "pedestrian" else 0.01
+        # A pedestrian stuck among others steps back at 0.5 m/s, and a little more to the side.
+        back = 0.06 if rows["class"][0] == "pedestrian" else 0.01
         assert ahead.min(initial=0) > -back, "nobody slides backwards"
     assert np.quantile(apart, 0.99) < 0.06
     assert np.degrees(np.quantile(turned, 0.99)) < 12
