@@ -123,7 +123,7 @@ def test_coverage_is_that_of_embree(line, recorded, tmp_path, capfd):
         if values.dtype.kind in "fiu":
             # A beam that touches a silhouette may count in the cell before or behind it.
             same = np.isclose(values, maps["without"][key], rtol=1e-6, equal_nan=True)
-            assert same.mean() > 0.999, key
+            assert (~same).sum() <= 3, key  # of 1,681 cells
 
 
 @pytest.mark.thorough

@@ -126,7 +126,7 @@ def test_an_interruption_that_a_library_swallows_comes_again() -> None:
 
 
 @pytest.mark.parametrize("key", ["record", *further("traffic", "build")])
-@pytest.mark.parametrize("moment", [9, *further(*(k for k in range(1, 20) if k != 9))])
+@pytest.mark.parametrize("moment", [4, *further(1, 2, 3, 5, 6)])  # quarters of a second
 def test_one_interruption_in_the_first_seconds_ends_the_run(
     stand: Stand, tmp_path: Path, key: str, moment: int
 ) -> None:

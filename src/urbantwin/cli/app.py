@@ -54,8 +54,13 @@ def _run(arguments: Sequence[str] | None) -> int:
             if not sys.warnoptions:  # libraries' remarks to programmers, unless `python -W` asks
                 warnings.simplefilter("ignore")
             given = list(sys.argv[1:] if arguments is None else arguments)
-            code = program().main(given, prog_name="urbantwin", standalone_mode=False)
+            command = program()
+            # Not `command.main`, which writes an empty line when it is interrupted.
+            with command.make_context("urbantwin", given) as context:
+                code = command.invoke(context)
         sys.stdout.flush()
+    except click.exceptions.Exit as end:  # after --help or --version
+        code = end.exit_code
     except InputError as error:
         limit = limit_reached(error)
         error_line(limit or error)
