@@ -54,10 +54,10 @@ def _run(arguments: Sequence[str] | None) -> int:
             if not sys.warnoptions:  # libraries' remarks to programmers, unless `python -W` asks
                 warnings.simplefilter("ignore")
             given = list(sys.argv[1:] if arguments is None else arguments)
-            command = program()
-            # Not `command.main`, which writes an empty line when it is interrupted.
-            with command.make_context("urbantwin", given) as context:
-                code = command.invoke(context)
+            commands = program()
+            # Not `commands.main`, which writes an empty line when it is interrupted.
+            with commands.make_context("urbantwin", given) as running:
+                code = commands.invoke(running)
         sys.stdout.flush()
     except click.exceptions.Exit as end:  # after --help or --version
         code = end.exit_code
