@@ -77,8 +77,6 @@ def _run(arguments: Sequence[str] | None) -> int:
         # The reader of stdout has gone (`| head`). Python flushes once more at its exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = EXIT_FAILED
-    except click.Abort:
-        code = EXIT_INTERRUPTED
     except Exception as error:
         limit = limit_reached(error)
         if limit is None and not isinstance(error, OSError):

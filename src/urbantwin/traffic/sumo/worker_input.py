@@ -45,10 +45,9 @@ def curves_of(net_path: Path) -> dict[str, Any]:
     A lane has one speed in SUMO, and a street that bends somewhere is not slow from end to end.
     """
     found: dict[str, Any] = {"spacing_m": SPACING_M, "rear_m": REAR_M, "speeds": {}}
-    try:
-        root = etree.parse(net_path).getroot()
-    except etree.XMLSyntaxError:
-        return found  # SUMO says what is wrong with it
+    root = _root_of(net_path)
+    if root is None:
+        return found
     limit = {x.get("id", ""): float(x.get("speed", "inf")) for x in root.iterfind("edge/lane")}
     found["speeds"] = {
         name: np.round(speeds, 2).tolist()
@@ -65,10 +64,9 @@ def one_lane_streets(net_path: Path) -> dict[str, Any]:
     - ``mouths``: edges from which vehicles come to one;
     - ``short``: edges on which no vehicle can wait for another.
     """
-    try:
-        root = etree.parse(net_path).getroot()
-    except etree.XMLSyntaxError:
-        return {}  # SUMO says what is wrong with it
+    root = _root_of(net_path)
+    if root is None:
+        return {}
     street = {
         edge.get("id", ""): min(edge.get("id", ""), note.get("value", ""))
         for edge in root.iterfind("edge")
@@ -94,3 +92,11 @@ def one_lane_streets(net_path: Path) -> dict[str, Any]:
         mouths |= new
         new &= short
     return {"street": street, "mouths": sorted(mouths), "short": sorted(short)}
+
+
+def _root_of(net_path: Path) -> Any:  # noqa: ANN401 - an element of lxml, which has no types
+    """Return the root of a network of SUMO; ``None`` if it is no XML, which SUMO reports."""
+    try:
+        return etree.parse(net_path).getroot()
+    except etree.XMLSyntaxError:
+        return None
