@@ -59,6 +59,7 @@ def told(capsys, *arguments):
     return json.loads(found.out)
 
 
+@pytest.mark.thorough
 def test_a_twin_records_what_it_lacks_and_is_near(dataset, bare, folder, tmp_path, capsys):
     measured = tmp_path / "measured.npz"
     place = ("--twin", bare.folder, "--rig", folder / "rig.yaml")

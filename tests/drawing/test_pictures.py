@@ -508,6 +508,7 @@ def test_pictures_of_a_dataset_come_out_the_same(tmp_path):
         pictures_of_dataset(tmp_path / "nowhere")
 
 
+@pytest.mark.thorough
 def test_a_helper_that_is_ready_draws_what_this_process_would(line, tmp_path):
     with helpers(2, time.sleep, 0.5) as crew:
         assert crew.ready is None

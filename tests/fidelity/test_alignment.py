@@ -227,6 +227,7 @@ def test_the_scatter_of_poses_is_that_of_the_errors_over_the_curvature_that_is_l
     assert sandwich(matrix, 3.0 * matrix) == pytest.approx(np.diag(np.linalg.inv(matrix))[:6])
 
 
+@pytest.mark.thorough
 def test_two_places_that_look_alike_are_said():
     twice = street()
     twice = LabelledMesh.concatenate([twice.select(twice.semantic != semantic_id("road"))] * 2)
@@ -543,6 +544,7 @@ def test_narrow_spans_need_less_evidence_and_posts_of_elsewhere_have_not_even_th
             align(frame, LabelledMesh.concatenate([slope(), *at_posts(others)]), guess=guess)
 
 
+@pytest.mark.thorough
 def test_three_posts_hold_a_place_and_one_does_not():
     """In a street of which the map has nothing else, and a post that is not there."""
     places = np.array([[6.0, 4.0], [-8.0, 5.0], [14.0, -11.0], [-3.0, -14.0]])

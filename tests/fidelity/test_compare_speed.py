@@ -78,6 +78,7 @@ def found_by(workers, sides):
     return found
 
 
+@pytest.mark.thorough
 def test_the_same_figures_whatever_the_workers(tmp_path):
     counts = {"real": 4, "synthetic": 3, "arbitrary": 3}
     sides = {}

@@ -60,6 +60,7 @@ def test_a_turn_is_said_with_its_angle_and_what_undoes_it(sweeps, degrees):
     assert (undone + degrees) % 360 == pytest.approx(0, abs=1)
 
 
+@pytest.mark.thorough
 def test_a_turn_with_a_shift_can_be_undone_as_it_says(scans):
     real, other = scans
     (said,) = doubts_about(spoilt(real, turned(-128, (6.0, -3.0, 0.0))), other)
@@ -112,6 +113,7 @@ def test_a_single_wall_tells_a_turn_too():
     assert "look rotated by 90 degrees" in said
 
 
+@pytest.mark.thorough
 def test_another_place_is_not_called_a_turn(sweeps, scans):
     (said,) = doubts_about(sweeps[0], scans[0])
     assert "different places" in said
@@ -136,6 +138,7 @@ def test_another_sensor(scans):
     assert numbers(said)[0] == pytest.approx(0.25, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_a_twin_without_houses_is_no_other_sensor(sweeps):
     """Seen from the origin of the vehicle, where no sensor is: rings are no cones there."""
     real, other = (

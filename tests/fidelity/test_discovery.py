@@ -81,6 +81,7 @@ def test_a_sensor_that_was_missed_is_found_in_what_the_others_leave(fused):
     assert not replace(whole, sensors=whole.sensors[:1], on_rings=0.84).warnings
 
 
+@pytest.mark.thorough
 def test_several_turns_in_one_cloud_are_told_and_their_sensors_found(fused, found):
     (_, vlp16), *_ = fused
     random = np.random.default_rng(9)
@@ -132,6 +133,7 @@ def test_what_was_found_is_a_rig_and_frames(fused, found, tmp_path: Path):
     assert again.column[on].max() < 400
 
 
+@pytest.mark.thorough
 def test_a_model_that_nobody_knows_is_measured(tmp_path: Path):
     random = np.random.default_rng(1)
     points, _ = scan(sensor("VLP-16"), (0.0, 0.0, 2.0), (0.0, 2.0, 1.0), 600, random)

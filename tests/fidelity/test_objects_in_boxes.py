@@ -28,6 +28,8 @@ from urbantwin.traffic.assets import asset, scaled_mesh
 from ..real_files import argoverse_log
 from ..whole_page import whole_page
 
+pytestmark = pytest.mark.thorough
+
 
 def ring_frame(kept: np.ndarray, rings: bool) -> tuple[Frame, np.ndarray]:
     """A frame of 16 rings of 900 firings on a sphere, those of ``kept``; and all directions."""

@@ -280,6 +280,7 @@ def test_it_is_said_when_frames_held_out_are_worse_than_before(place, tmp_path):
     assert judged["warnings"] == ["noise: worse than before on frames held out"]
 
 
+@pytest.mark.thorough
 def test_what_the_data_cannot_tell_is_kept(tmp_path):
     """A bare plane looks alike from everywhere, and levelled points tell the tilt by rings."""
     twin = twin_of(road(), tmp_path / "twin")

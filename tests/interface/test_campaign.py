@@ -205,6 +205,7 @@ def test_a_split_is_of_the_cells_of_the_grid_and_goes_with_it(
     assert (place / "split.json").read_text() == own
 
 
+@pytest.mark.thorough
 def test_a_rig_may_leave_a_dataset_for_each_sensor(
     line: Line, made: ut.experiment.Campaign, tmp_path: Path
 ) -> None:

@@ -84,6 +84,7 @@ def test_motion_and_twin_have_their_tables(line: Line) -> None:
     assert all(lane.centre.shape[1] == 3 for lane in line.twin.lanes)
 
 
+@pytest.mark.thorough
 def test_a_report_has_the_figures_of_its_file(line: Line, tmp_path: Path) -> None:
     real = ut.record(
         line.twin, line.motion, tmp_path / "real", stop=0.1, seed=5, workers=1,

@@ -105,6 +105,7 @@ def test_a_twin_whose_sensor_moved_is_made_again_from_what_it_was_made_from(
     assert again.manifest["files"] == built.manifest["files"]
 
 
+@pytest.mark.thorough
 def test_a_build_leaves_a_sensor_that_somebody_placed_and_tells_what_hides_the_junction(
     overgrown: Path, built: ut.Twin, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ):

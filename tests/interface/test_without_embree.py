@@ -11,6 +11,8 @@ import pytest
 
 import urbantwin as ut
 
+pytestmark = pytest.mark.thorough
+
 MILLIMETRE = 1e-3
 #: Its `sitecustomize` hides the package from every process.
 WITHOUT = Path(__file__).parents[1] / "without_embree"

@@ -466,6 +466,7 @@ def test_frames_of_other_parts_are_not_learned_from(street: Path, tmp_path: Path
         ut.model.train(split, tmp_path / "m", **given)
 
 
+@pytest.mark.thorough
 def test_an_interrupted_training_ends_in_the_same_weights(street: Path, tmp_path: Path) -> None:
     design = Design(("car",), 16.0)
     frames = labelled_frames([street], design, tmp_path / "frames", untold)

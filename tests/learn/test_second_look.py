@@ -290,6 +290,7 @@ def test_nobody_is_found_where_no_point_is_near(tmp_path: Path) -> None:
     assert len(ut.model.detect(model, frames, tmp_path / "found", progress=False).found) == 0
 
 
+@pytest.mark.thorough
 def test_a_training_ends_with_a_second_look_where_it_found_somebody(
     people: Path, tmp_path: Path
 ) -> None:

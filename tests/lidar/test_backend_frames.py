@@ -148,6 +148,7 @@ def test_backends_that_are_not_here(backend, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.thorough
 def test_kernels_compile_for_cuda(tmp_path):
     """NVIDIA's compiler comes with Warp and needs no GPU."""
     warp = need_warp()

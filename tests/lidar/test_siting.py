@@ -121,6 +121,7 @@ def test_lines_of_sight_are_those_of_open3d(crossing, corners, rig_of):
     assert sight.notes()["junction_m2"] == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_what_hides_the_junction_is_told_with_a_better_place(crossing, corners, box_mesh, rig_of):
     """A hedge around the sensor, higher than it, leaves it nothing to see."""
     hedge = [
@@ -152,6 +153,7 @@ def test_what_hides_the_junction_is_told_with_a_better_place(crossing, corners, 
     assert not list(moved.warnings())
 
 
+@pytest.mark.thorough
 def test_only_a_proposed_sensor_moves_and_only_where_it_is_worth_it(crossing, corners, box_mesh):
     hedge = box_mesh((5, 4.5, 0), (11, 7.8, 9), "vegetation", "foliage", 50)
     mesh = LabelledMesh.concatenate([corners, hedge])

@@ -8,6 +8,8 @@ import trimesh
 
 from urbantwin.reconstruct.airborne.building import build_roof
 
+from ..thorough import further
+
 DENSITY, NOISE_M = 10.0, 0.03
 
 
@@ -56,7 +58,7 @@ def slopes(roof):
     return np.array(slope), np.array([patch.polygon.area for patch in roof.patches])
 
 
-@pytest.mark.parametrize("degrees", [0.0, 33.0, 78.0])
+@pytest.mark.parametrize("degrees", [33.0, *further(0.0, 78.0)])
 def test_a_gabled_roof(degrees):
     # 12 x 8 m, eaves 5 m, ridge 8 m along x: 12 x 8 x 6 + 12 x 8 x 3 / 2 = 720 m3 with 1 m below.
     outline = shapely.box(-6, -4, 6, 4)

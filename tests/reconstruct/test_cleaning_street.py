@@ -284,6 +284,7 @@ def test_cars_that_stand_on_a_whole_street_are_taken_off_it(shared_data) -> None
     )
 
 
+@pytest.mark.thorough
 def test_the_same_comes_out_again() -> None:
     mesh = TriangleMesh.concatenate([surface(with_cars, X[:160], Y), *furniture(), shards(20)])
     spec, sensors = CleanSpec(), [[-30.0, 8.0, 6.0]]

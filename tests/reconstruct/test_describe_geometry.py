@@ -35,6 +35,7 @@ def test_a_ply_of_points_is_still_a_cloud(tmp_path):
     assert (said["kind"], said["points"]) == ("cloud", 50)
 
 
+@pytest.mark.thorough
 def test_a_survey_and_a_city_model_of_delft(shared_data):
     folder = shared_data / "airborne" / "delft-ahn3"
     survey = describe_geometry(folder / "ahn3" / "ahn3_cropped_2.laz")

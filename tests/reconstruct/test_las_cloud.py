@@ -81,6 +81,7 @@ def test_the_vertical_system_of_geotiff_keys_is_not_lost(tmp_path):
     assert [part.to_epsg() for part in crs.sub_crs_list] == [28992, 5709]
 
 
+@pytest.mark.thorough
 def test_the_survey_of_delft(shared_data):
     folder = shared_data / "airborne" / "delft-ahn3" / "ahn3"
     model = read(folder, FRAME, REGION.buffer(500))

@@ -91,6 +91,7 @@ def test_town_that_leans_or_stands_on_its_head_is_set_upright(tmp_path: Path) ->
     assert out.report["registration"]["turned_over"]
 
 
+@pytest.mark.thorough
 def test_registration_refines_a_rough_origin_and_repeats_itself(tmp_path: Path) -> None:
     rough = {"latitude": FRAME.latitude, "longitude": FRAME.longitude, "heading_deg": 0.0}
     model = disguised(Rotation.from_euler("z", 3, degrees=True), shift=(4, -6, 0))
@@ -130,6 +131,7 @@ def test_sloppy_map_is_enough(tmp_path: Path) -> None:
     assert np.abs(off).max() < 1.5
 
 
+@pytest.mark.thorough
 def test_guesses_are_refused(tmp_path: Path) -> None:
     model = disguised(Rotation.from_euler("z", 80, degrees=True))
 

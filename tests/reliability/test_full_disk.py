@@ -122,6 +122,7 @@ def test_a_full_disk_of_few(stand: Stand, tmp_path: Path, disk: Disk, key: str) 
     check_full(stand, tmp_path, disk, key, older=False)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("key", ["traffic", *further("export")])
 def test_a_limit_on_the_size_of_files(stand: Stand, tmp_path: Path, key: str) -> None:
     command = COMMANDS[key]

@@ -24,6 +24,8 @@ from urbantwin.traffic.recorded.track import RecordedSignals
 from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.twin import Twin
 
+pytestmark = pytest.mark.thorough
+
 STEP_S, SECONDS, FIT_S = 0.1, 600.0, 400.0
 #: How long greens of the truth last at the least and at the most, seconds.
 LEAST_S, MOST_S = 7.0, 31.0

@@ -90,6 +90,7 @@ def test_detectors_of_sumo_count_the_shares_that_are_told(net: Path, tmp_path: P
     assert ElementTree.tostring(again) == ElementTree.tostring(found)
 
 
+@pytest.mark.thorough
 def test_queues_leave_as_greenshields_saw_and_close_up_again(net: Path, tmp_path: Path) -> None:
     """Past SUMO's loop at the stop line, and behind it as close as who never kept more.
 

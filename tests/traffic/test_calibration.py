@@ -142,6 +142,7 @@ def test_flows_and_sizes_are_found_again(
     assert max(float(speeds.max()) for speeds in whole.speeds) < 0.8 * 13.9 * 1.15
 
 
+@pytest.mark.thorough
 def test_drivers_are_found_again(
     whole: Measured, crossing_twin: Twin, links: JunctionLinks, scratch: Path
 ) -> None:

@@ -333,6 +333,7 @@ def seen_on(twin: Twin, per_hour: dict[tuple[str, str], int], seconds: float) ->
     return found
 
 
+@pytest.mark.thorough
 def test_who_passes_only_another_junction_is_driven_too(street_twin: Twin) -> None:
     # 80 more turn at the second junction alone, and only who goes through passes both.
     seconds, true = 720.0, {**TRUE, ("bs", "e"): 80}
@@ -350,6 +351,7 @@ def test_who_passes_only_another_junction_is_driven_too(street_twin: Twin) -> No
     assert sum(found.values()) == pytest.approx(sum(wanted.values()), abs=20)
 
 
+@pytest.mark.thorough
 def test_who_passes_the_main_junction_comes_by_the_roads_that_were_seen(street_twin: Twin) -> None:
     """As many at every turn of the other junction, though a third of the tracks is broken."""
     seconds = 720.0
@@ -383,6 +385,7 @@ def test_who_passes_the_main_junction_comes_by_the_roads_that_were_seen(street_t
     assert {one: found[one] for one in wanted} == pytest.approx(wanted, abs=12)
 
 
+@pytest.mark.thorough
 def test_bicycles_are_driven_way_by_way(street_twin: Twin) -> None:
     """As many on each way as rode it; and as before where a tenth was counted nowhere."""
     seconds = 720.0

@@ -12,6 +12,8 @@ from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.sumo.simulation import sumo_options, write_routes
 
+pytestmark = pytest.mark.thorough
+
 #: Speeds at which three streets go on behind the detectors, m/s: the slower, the denser before.
 NARROW = (6.0, 3.5, 2.0)
 LIMIT, SECONDS, AREA_M = 13.9, 600, 200.0

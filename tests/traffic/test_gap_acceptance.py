@@ -95,6 +95,7 @@ def driven(twin: Twin, critical_gap_s: float, scratch: Path) -> list[Decision]:
     return decisions_of(passages_of(tracks, twin.roads, links), conflicts, links)
 
 
+@pytest.mark.thorough
 def test_who_asks_for_longer_gaps_refuses_and_takes_longer_ones(
     side_street: Twin, tmp_path: Path
 ) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 from tests.traffic.test_circulation import PER_HOUR, REGION, town  # noqa: F401 - a fixture
 
 from urbantwin.roads.assignment.street_network import StreetNetwork
@@ -66,6 +67,7 @@ def test_the_requested_rate_comes_in(town, tmp_path: Path) -> None:  # noqa: F81
     assert {stop["lane"].rpartition("_")[0] for stop in waits} <= town[1]
 
 
+@pytest.mark.thorough
 def test_streets_that_carry_less_than_requested_do_not_lock_up(town, tmp_path: Path) -> None:  # noqa: F811
     """Eight times the traffic: SUMO's own summary shows nobody added late and nobody lifted."""
     seen, rows, waits = driven(town, tmp_path, 8.0)

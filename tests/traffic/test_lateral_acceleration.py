@@ -10,6 +10,8 @@ from urbantwin.twin import Twin
 
 from ..thorough import further
 
+pytestmark = pytest.mark.thorough
+
 #: Over which time a turn is measured, seconds, and what is never exceeded, m/s^2.
 OVER_S, MOST_MS2 = 0.5, 4.0
 ON_FOOT = ("pedestrian", "animal")

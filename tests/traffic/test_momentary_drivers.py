@@ -51,6 +51,7 @@ def simulated():
     return street(np.random.default_rng(1), 300)
 
 
+@pytest.mark.thorough
 def test_who_is_as_in_the_simulation_changes_nothing(simulated):
     for seed in range(2, 12):
         asked, rows = momentary_drivers(

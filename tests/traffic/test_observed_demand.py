@@ -22,6 +22,7 @@ ASKED, SECONDS = 1500.0, 40
 SITE = Path(__file__).parents[2] / "examples/hannover/site.yaml"
 
 
+@pytest.mark.thorough
 def test_as_many_drive_as_were_observed(
     crossing_twin: Twin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

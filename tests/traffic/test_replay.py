@@ -189,6 +189,7 @@ def test_tracks_beside_the_twin_are_refused(brief_twin: Twin, tmp_path: Path) ->
     assert not (tmp_path / "motion").exists()
 
 
+@pytest.mark.thorough
 def test_the_recording_of_karlsruhe_is_told_between_its_moments(shared_data: Path) -> None:
     file = shared_data / "tracks" / "karlsruhe-k733" / "vehicle_tracks_000.csv"
     rows = csv_rows(file, TracksSpec(tracks=file.name))

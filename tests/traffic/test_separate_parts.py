@@ -85,6 +85,7 @@ def test_each_level_has_its_share_by_class_and_lanes(crossing) -> None:
     assert 0 < on_top < share * len(first)
 
 
+@pytest.mark.thorough
 def test_sumo_counts_what_is_planned_on_both_levels(crossing, tmp_path: Path) -> None:
     net, outer, ways_of = crossing
     circulation = Circulation(StreetNetwork(net, REGION), outer, {"car": CARS}, 3)

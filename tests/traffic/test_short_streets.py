@@ -19,6 +19,8 @@ from urbantwin.traffic.sumo.simulation import observe, sumo_options, write_route
 
 from ..thorough import further
 
+pytestmark = pytest.mark.thorough
+
 GREEN_S, CYCLE_S, COMES = 27, 60, 600.0
 WAY = ("wa", "ab", "be")
 

@@ -16,6 +16,8 @@ from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.sumo.simulation import simulate, sumo_options, write_routes
 
+pytestmark = pytest.mark.thorough
+
 GREEN_S, CYCLE_S = 40, 80
 SECONDS = 600
 

@@ -173,6 +173,7 @@ def verdicts(judge, casts, views):
     return lambda layouts: [judge.verdict(casts.of(one), views.cost(one)) for one in layouts]
 
 
+@pytest.mark.thorough
 def test_a_search_that_judges_all_finds_the_front_of_all(question, judge, casts):
     judged = verdicts(judge, casts, question.views)
     every = list(every_layout(question.views))
