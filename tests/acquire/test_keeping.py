@@ -25,7 +25,7 @@ DEM = "/dem/N48E009.tif"
 @pytest.fixture(autouse=True)
 def _pole_without_a_search(monkeypatch):
     """Where the sensor stands is no matter here, and takes longer than all the rest."""
-    monkeypatch.setattr("urbantwin.lidar.siting.place_in_sight", nearest_place)
+    monkeypatch.setattr("urbantwin.lidar.sight.place_in_sight", nearest_place)
 
 
 def table_of(server):

@@ -11,7 +11,7 @@ import pytest
 from urbantwin.dataset import record
 from urbantwin.dataset.ignore_regions import areas_of
 from urbantwin.dataset.rehearsal import rehearse
-from urbantwin.lidar.coverage import ignore_areas
+from urbantwin.lidar.sight import ignore_areas
 from urbantwin.processes import Helpers, handed, helpers, over, received, settle
 
 

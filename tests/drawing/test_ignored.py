@@ -13,8 +13,8 @@ from urbantwin.drawing.birdseye import birdseye_figure
 from urbantwin.drawing.coverage import coverage_figure, coverage_picture
 from urbantwin.drawing.labelled_frame import LabelledPoints, SensorPlace
 from urbantwin.geometry import Pose
-from urbantwin.lidar.coverage import Coverage
-from urbantwin.lidar.coverage.cells import Cells
+from urbantwin.lidar.sight import Coverage
+from urbantwin.lidar.sight.cells import Cells
 
 
 @pytest.fixture

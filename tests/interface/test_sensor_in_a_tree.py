@@ -10,7 +10,7 @@ import yaml
 import urbantwin as ut
 from urbantwin.geometry import SiteFrame
 from urbantwin.lidar import place_rig
-from urbantwin.lidar.coverage import rig_coverage
+from urbantwin.lidar.sight import rig_coverage
 from urbantwin.site import RigSpec, load_site
 from urbantwin.taxonomy import semantic_id
 

@@ -8,10 +8,10 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import with_background
-from urbantwin.lidar.coverage import rig_coverage
 from urbantwin.lidar.placement import place_rig
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.scanner import Scanner
+from urbantwin.lidar.sight import rig_coverage
 from urbantwin.site.conditions import Conditions
 from urbantwin.site.rig import RigSpec
 from urbantwin.site.yaml_document import Document

@@ -10,7 +10,7 @@ import shapely
 from urbantwin.dataset.ignore_regions import read_ignore_regions, write_ignore_regions
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
-from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
+from urbantwin.lidar.sight import IgnoreArea, ignore_areas
 
 REGION = shapely.Point(0, 0).buffer(80)
 

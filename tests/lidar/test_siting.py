@@ -8,11 +8,11 @@ import shapely
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.catalogue import sensor, sensor_names
 from urbantwin.lidar.pattern import beam_directions
-from urbantwin.lidar.siting import sight_of_rig, stand_in_sight
-from urbantwin.lidar.siting.field_of_view import FieldOfView
-from urbantwin.lidar.siting.junction_ground import CELL_M, ground_in_plan
-from urbantwin.lidar.siting.surroundings import Surroundings
-from urbantwin.lidar.siting.viewpoint import Stance, judged
+from urbantwin.lidar.sight import sight_of_rig, stand_in_sight
+from urbantwin.lidar.sight.field_of_view import FieldOfView
+from urbantwin.lidar.sight.ground import CELL_M, ground_in_plan
+from urbantwin.lidar.sight.junction import Stance, judged
+from urbantwin.lidar.sight.line_of_sight import LineOfSight
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.network import Lane
 from urbantwin.site.rig import RigSpec
@@ -21,7 +21,7 @@ ALL_AROUND = FieldOfView(
     np.array(
         [[np.cos(a), np.sin(a), b] for a in np.radians(np.arange(360)) for b in (-0.99, 0.99)]
     ),
-    200.0,
+    (0.0, 200.0),
 )
 REGION = shapely.box(-90, -90, 90, 90)
 
@@ -57,7 +57,7 @@ def rig_spec(**place):
 def test_a_field_of_view_holds_its_beams_and_ends_above_and_below_them(name):
     assert name in sensor_names()
     model = sensor(name)
-    field = FieldOfView.of_sensor(model, 512)
+    field = FieldOfView.coarse(model, 512)
     beams = beam_directions(model, 2048).reshape(-1, 3)
     lowest, highest = np.radians([model.elevation_deg.min(), model.elevation_deg.max()])
     inside = np.arcsin(beams[:, 2])
@@ -82,7 +82,7 @@ def test_beams_per_steradian_are_those_of_evenly_spread_ones():
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     band = rays[np.abs(rays[:, 2]) < 0.4]
     expected = len(band) / (4 * np.pi * 0.4)
-    assert FieldOfView(band, 100.0).per_steradian == pytest.approx(expected, rel=0.03)
+    assert FieldOfView(band, (0.0, 100.0)).per_steradian == pytest.approx(expected, rel=0.03)
 
 
 def test_a_low_wall_hides_what_is_in_its_shadow(box_mesh, ground_mesh):
@@ -91,7 +91,7 @@ def test_a_low_wall_hides_what_is_in_its_shadow(box_mesh, ground_mesh):
     mesh = LabelledMesh.concatenate([ground_mesh(half=200), wall])
     ground = ground_in_plan(shapely.box(-40, -40, 40, 40))
     stance = Stance(np.array([0.0, 0.0, 6.0]), 6.0, 0.0, 0.0, 0.0)
-    found = judged(stance, ground, Surroundings(mesh, np.zeros(2)), ALL_AROUND)
+    found = judged(stance, ground, LineOfSight(mesh, np.zeros(2)), ALL_AROUND)
     x = ground.points[:, 0]
     sure = np.abs(x - 16.667) > CELL_M
     assert np.array_equal(found.sees[sure], (x < 10)[sure] | (x > 16.667)[sure])

@@ -11,10 +11,10 @@ import shapely
 from urbantwin.geometry import Pose
 from urbantwin.lidar.labels.borders import Borders
 from urbantwin.lidar.labels.difficulty import LEVELS, difficulty_of
-from urbantwin.lidar.labels.field_of_view import FieldOfView
 from urbantwin.lidar.labels.truncation import StandingActors, truncations
 from urbantwin.lidar.pattern import beam_directions
 from urbantwin.lidar.shapes import ActorShape
+from urbantwin.lidar.sight.field_of_view import FieldOfView
 from urbantwin.traffic.assets import asset_mesh, asset_names
 
 HERE = Pose.from_ypr(np.zeros(3))

@@ -18,7 +18,7 @@ from urbantwin.cluster import Cluster
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import Rig
-from urbantwin.lidar.coverage import IgnoreArea, ignore_areas
+from urbantwin.lidar.sight import IgnoreArea, ignore_areas
 from urbantwin.processes import Helpers, begun, handed, pool_of, received
 
 __all__ = ["IGNORE_REGIONS", "areas_of", "read_ignore_regions", "write_ignore_regions"]

@@ -18,7 +18,7 @@ from urbantwin.drawing.footprint import footprints
 from urbantwin.drawing.plan_ground import draw_ground, fill
 from urbantwin.drawing.plan_style import DARK
 from urbantwin.geometry import LabelledMesh
-from urbantwin.lidar.coverage import BAND_M, LAYERS, LEVEL_M, REFLECTIVITY, Coverage
+from urbantwin.lidar.sight import BAND_M, LAYERS, LEVEL_M, REFLECTIVITY, Coverage
 from urbantwin.roads import RoadNetwork
 
 __all__ = ["coverage_figure", "coverage_picture"]

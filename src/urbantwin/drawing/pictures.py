@@ -33,8 +33,7 @@ from urbantwin.drawing.style import legible
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig, place_rig
-from urbantwin.lidar.coverage import Coverage
-from urbantwin.lidar.siting import RigSight, sight_of_rig
+from urbantwin.lidar.sight import Coverage, RigSight, sight_of_rig
 from urbantwin.processes import begun
 from urbantwin.progress import Progress, between, untold
 from urbantwin.traffic import Motion

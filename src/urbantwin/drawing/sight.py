@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from urbantwin.drawing.plan import MARGIN, WIDTH, plan_figure
 from urbantwin.drawing.plan_style import DARK
 from urbantwin.geometry import LabelledMesh
-from urbantwin.lidar.siting import CELL_M, RigSight
+from urbantwin.lidar.sight import CELL_M, RigSight
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.model import LaneModel
 

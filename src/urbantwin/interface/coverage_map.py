@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from urbantwin.interface.twin import Twin
     from urbantwin.lidar import Rig
-    from urbantwin.lidar.coverage import Coverage as Densities
+    from urbantwin.lidar.sight import Coverage as Densities
 
 __all__ = ["Coverage", "coverage"]
 
@@ -67,8 +67,8 @@ class Coverage(Artefact):
     @cached_property
     def densities(self) -> Densities:
         """The map of each sensor, points per second and square metre, and its grid of cells."""
-        from urbantwin.lidar.coverage import Cells
-        from urbantwin.lidar.coverage import Coverage as Densities
+        from urbantwin.lidar.sight import Cells
+        from urbantwin.lidar.sight import Coverage as Densities
 
         path = self.folder / "coverage.npz"
         found = read_arrays(path, "the maps of a coverage", _FORM)
@@ -161,8 +161,7 @@ def coverage(
     from urbantwin.drawing.pictures import picture_of_coverage
     from urbantwin.interface.rig import rig_on
     from urbantwin.interface.twin import Twin
-    from urbantwin.lidar.coverage import rig_coverage
-    from urbantwin.lidar.siting import sight_of_rig
+    from urbantwin.lidar.sight import rig_coverage, sight_of_rig
 
     place = beside(twin, "coverage", out)
     rig_file = None if rig is None else Path(rig)

@@ -167,7 +167,7 @@ def init(
     """
     from urbantwin.download import keys_allowed
     from urbantwin.interface.fetched_inputs import FetchOptions, fetched_inputs
-    from urbantwin.lidar.siting import place_in_sight, warnings_of_place
+    from urbantwin.lidar.sight import place_in_sight, warnings_of_place
     from urbantwin.roads.imported import init_site_of_map
     from urbantwin.site.initial_site import init_site
     from urbantwin.site.presets import init_preset_site

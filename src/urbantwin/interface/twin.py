@@ -178,7 +178,7 @@ def build_of(
     Helpers that are ready by then draw some of the pictures.
     """
     from urbantwin.lidar.placement import refuse_places
-    from urbantwin.lidar.siting import standing_rig
+    from urbantwin.lidar.sight import standing_rig
     from urbantwin.twin import build_twin
 
     found: list[Reconstruction] = []

@@ -165,7 +165,7 @@ def demo(
     Example:
         $ urbantwin demo -o urbantwin-demo
     """
-    from urbantwin.lidar.siting import place_in_sight
+    from urbantwin.lidar.sight import place_in_sight
     from urbantwin.site.initial_site import init_site
 
     place = Path(out)

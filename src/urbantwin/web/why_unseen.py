@@ -1,22 +1,23 @@
-"""Why an object is not seen: outside, too far, hidden, and by whom."""
+"""Why an object has few points: outside, too far, or hidden, and by which other objects."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.lidar.sight import LineOfSight
 from urbantwin.web.shown_boxes import ShownBoxes
 
 __all__ = ["explain_unseen"]
 
-#: Fewer points than this, and an object is explained.
+#: An object with fewer points than this is explained.
 _FEW = 5
-#: Rays from a sensor to so many places of an object: its middle, and half way to its faces.
+#: Lines of sight lead to an object's middle, and half way to each of its faces: along, across, up.
 _TOWARDS = np.array(
     [[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float
 )
-#: This share of the rays must meet another box before it is said to hide the object.
-_SHARE = 0.15
+#: Share of these lines that another box must end before it is named; how many are named.
+_SHARE, _MOST = 0.15, 3
 #: Share of hidden rays above which an object that would have points is called hidden.
 _HIDDEN = 0.5
 
@@ -25,8 +26,7 @@ def explain_unseen(boxes: ShownBoxes, sensors: NDArray[np.float64], range_m: flo
     """Say of objects with few points why, into ``hidden_by`` and ``why``.
 
     What labels say comes first (why they do not count them, how many points they would have
-    alone); who hides an object is found by rays from the nearest sensor to its middle and towards
-    its faces, against the boxes of all others.
+    alone); what hides an object is the box that ends a line of sight from the nearest sensor.
 
     Args:
         boxes: labels of one frame.
@@ -38,14 +38,17 @@ def explain_unseen(boxes: ShownBoxes, sensors: NDArray[np.float64], range_m: flo
     boxes.why = [""] * count
     if boxes.points is None or not len(sensors):
         return
-    for row in np.flatnonzero((boxes.points >= 0) & (boxes.points < _FEW)):
+    few = np.flatnonzero((boxes.points >= 0) & (boxes.points < _FEW))
+    sight = LineOfSight.past_boxes(boxes.box, sensors[0, :2]) if len(few) else None
+    for row in few:
         away = np.linalg.norm(sensors - boxes.box[row, :3], axis=1)
         nearest = int(away.argmin())
         alone = -1 if boxes.alone is None else int(boxes.alone[row])
         outside = bool(boxes.ignored) and (boxes.ignored or [""])[row] == "outside"
         hiding: list[int] = []
         if not outside and alone != 0 and away[nearest] < range_m:
-            rows = _between(boxes.box, int(row), sensors[nearest])
+            assert sight is not None
+            rows = _before(sight, boxes.box, int(row), sensors[nearest])
             hiding = [int(boxes.track[one]) for one in rows]
             boxes.hidden_by[row] = [one for one in hiding if one >= 0]
             names = [_named(boxes, one) for one in rows]
@@ -56,6 +59,20 @@ def explain_unseen(boxes: ShownBoxes, sensors: NDArray[np.float64], range_m: flo
             None if boxes.occlusion is None else float(boxes.occlusion[row]),
             None if boxes.truncation is None else float(boxes.truncation[row]),
         )  # fmt: skip
+
+
+def _before(
+    sight: LineOfSight, box: NDArray[np.float64], row: int, sensor: NDArray[np.float64]
+) -> list[int]:
+    """Return rows of boxes before a box, those first that end most lines of sight to it."""
+    x, y, z = np.moveaxis(_TOWARDS * box[row, 3:6] / 4, -1, 0)
+    cos, sin = np.cos(box[row, 6]), np.sin(box[row, 6])
+    targets = box[row, :3] + np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=-1)
+    hits, away = sight.towards(sensor, targets)
+    ended = sight.mesh.part[hits.face[(hits.face >= 0) & (hits.range_m < away)]]
+    share = np.bincount(ended[ended != row], minlength=len(box)) / len(targets)
+    order = np.argsort(-share, kind="stable")[:_MOST]
+    return [int(one) for one in order if share[one] >= _SHARE]
 
 
 def _sentence(  # noqa: PLR0911 - a reason each
@@ -73,12 +90,15 @@ def _sentence(  # noqa: PLR0911 - a reason each
         return f"{seen}: it stands outside of the region that is labelled."
     if away_m > range_m:
         return f"{seen}: it is {away_m:.0f} m away, and the sensor sees {range_m:.0f} m far."
+    before = (
+        f"{_listed(hiding)} {'stands' if len(hiding) == 1 else 'stand'} before it" if hiding else ""
+    )
     if alone > points and hiding:
-        return f"{seen} and would have {alone} alone: {_listed(hiding)} stands before it."
+        return f"{seen} and would have {alone} alone: {before}."
     if alone > points:
         return f"{seen} and would have {alone} alone: others stand before it."
     if hiding:
-        return f"{seen}: {_listed(hiding)} stands before it."
+        return f"{seen}: {before}."
     if truncation is not None and truncation > _HIDDEN:
         return f"{seen}: {truncation:.0%} of it lies where no beam goes."
     if alone == 0:
@@ -100,37 +120,3 @@ def _listed(names: list[str]) -> str:
 def _named(boxes: ShownBoxes, row: int) -> str:
     track = int(boxes.track[row])
     return f"{boxes.class_names[row]} {track}" if track >= 0 else f"a {boxes.class_names[row]}"
-
-
-def _between(
-    box: NDArray[np.float64], row: int, sensor: NDArray[np.float64], most: int = 3
-) -> list[int]:
-    """Return rows of boxes between a sensor and a box, those that hide most of it first."""
-    mine = box[row]
-    along = np.array([np.cos(mine[6]), np.sin(mine[6]), 0.0])
-    across = np.array([-along[1], along[0], 0.0])
-    half = 0.25 * _TOWARDS * mine[3:6]
-    targets = mine[:3] + half[:, :1] * along + half[:, 1:2] * across
-    targets[:, 2] += half[:, 2]
-    distance = float(np.linalg.norm(mine[:3] - sensor))
-    far = np.linalg.norm(box[:, :3] - sensor, axis=1)
-    reach = np.linalg.norm(box[:, 3:6], axis=1) / 2
-    near = np.flatnonzero(far - reach < distance)
-    near = near[near != row]
-    cos, sin = np.cos(box[near, 6]), np.sin(box[near, 6])
-
-    def own(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, y, z = (vectors[..., axis] + 0.0 * cos for axis in range(3))
-        return np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=-1)
-
-    start = own(sensor - box[near, :3])  # (K, 3)
-    ray = own((targets - sensor)[:, None, :])  # (T, K, 3)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first = (-box[near, 3:6] / 2 - start) / ray
-        last = (box[near, 3:6] / 2 - start) / ray
-    enter = np.nanmax(np.fmin(first, last), axis=-1)
-    leave = np.nanmin(np.fmax(first, last), axis=-1)
-    hit = (enter <= leave) & (leave > 0) & (enter < 1.0)
-    share = hit.mean(axis=0)
-    order = np.argsort(-share, kind="stable")[:most]
-    return [int(near[one]) for one in order if share[one] >= _SHARE]

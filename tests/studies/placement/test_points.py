@@ -65,7 +65,7 @@ def test_points_on_the_ground_are_those_of_recordings(question, pair):
     walked = [one.id for one in semantic_classes().values() if one.name in ("road", "sidewalk")]
     counts = np.zeros(len(squares.crossing))
     for points, semantic in frames:
-        number = squares.numbers(points[np.isin(semantic, walked), :2].astype(float))
+        number = squares.ground.numbers(points[np.isin(semantic, walked), :2].astype(float))
         counts += np.bincount(number[number >= 0], minlength=len(counts))
     counts /= len(frames)
     expected = np.sum([one.ground for one in sightings], axis=0)

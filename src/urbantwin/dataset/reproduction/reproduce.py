@@ -31,7 +31,7 @@ from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
 from urbantwin.lidar.background_file import rig_with_backgrounds
 from urbantwin.lidar.casting.backend import tracer_on
-from urbantwin.lidar.siting import standing_rig
+from urbantwin.lidar.sight import standing_rig
 from urbantwin.progress import Progress, between
 from urbantwin.site import load_rig_spec, load_site
 from urbantwin.traffic import Motion, run_traffic

@@ -10,11 +10,11 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose
-from urbantwin.lidar.labels.field_of_view import FieldOfView
 from urbantwin.lidar.labels.frame import Whereabouts
 from urbantwin.lidar.labels.truncation import Known, StandingActors, truncations
 from urbantwin.lidar.outage import dead_beams
 from urbantwin.lidar.rig import MountedSensor
+from urbantwin.lidar.sight.field_of_view import FieldOfView
 
 __all__ = ["Bordering", "Borders"]
 

@@ -19,8 +19,8 @@ from urbantwin.geometry import Pose
 from urbantwin.geometry.rays import RayScene
 from urbantwin.lidar.compiled.bounds import bounds_of_box, in_field
 from urbantwin.lidar.compiled.pose import poses_at
-from urbantwin.lidar.labels.field_of_view import FieldOfView
 from urbantwin.lidar.shapes import PresentActors
+from urbantwin.lidar.sight.field_of_view import FieldOfView
 
 __all__ = ["Known", "StandingActors", "truncations"]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.lidar.siting.surroundings import Surroundings
+from urbantwin.lidar.sight import LineOfSight
 from urbantwin.taxonomy import semantic_id
 
 __all__ = ["FacadePlace", "facade_places"]
@@ -43,7 +43,7 @@ def facade_places(
     middle: NDArray[np.float64],
     within_m: float,
     spacing_m: float,
-    around: Surroundings,
+    around: LineOfSight,
 ) -> list[FacadePlace]:
     """Return places on walls that face a point, the nearest to it first.
 
@@ -90,7 +90,7 @@ def facade_places(
     return kept
 
 
-def _is_free(place: FacadePlace, base_m: float, around: Surroundings) -> bool:
+def _is_free(place: FacadePlace, base_m: float, around: LineOfSight) -> bool:
     """Return whether nothing stands right in front of a place, from its base to its top."""
     out = np.array([*place.normal, 0.0])
     heights = np.linspace(base_m + _LOWEST_M, max(place.top_m, base_m + _LOWEST_M), 3)

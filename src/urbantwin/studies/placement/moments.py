@@ -13,8 +13,7 @@ from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.motion_interpolation import SAME_TIME_S, posed_actors
 from urbantwin.errors import InputError
 from urbantwin.lidar import PosedActor
-from urbantwin.lidar.siting.junction_ground import CELL_M, JunctionGround
-from urbantwin.roads import RoadNetwork
+from urbantwin.lidar.sight.ground import CELL_M, JunctionGround
 from urbantwin.traffic import Motion
 
 __all__ = ["Moment", "Moments", "Squares", "Targets", "class_counts", "moments_of"]
@@ -79,38 +78,10 @@ class Squares:
     ground: JunctionGround
     crossing: NDArray[np.bool_]
 
-    @classmethod
-    def of(cls, ground: JunctionGround, network: RoadNetwork) -> Squares:
-        """Tell which squares of a junction's ground lie on a crossing."""
-        areas = [lane.polygon for lane in network.lanes if lane.kind == "crossing"]
-        xy = ground.points[:, :2]
-        on = np.zeros(len(xy), np.bool_)
-        if areas and len(xy):
-            area = shapely.union_all(shapely.buffer(np.array(areas, object), 0.0))
-            shapely.prepare(area)
-            on = shapely.dwithin(area, shapely.points(xy), CELL_M / 2)
-        return cls(ground, np.asarray(on))
-
     @property
     def cell_m2(self) -> float:
         """Area of a square."""
         return CELL_M**2
-
-    def numbers(self, places: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the square (N,) that holds each of places (N, 2); -1 where none does."""
-        points = self.ground.points
-        if not len(points):
-            return np.full(len(places), -1)
-        cell = np.floor(points[:, :2] / CELL_M).astype(np.int64)
-        low = cell.min(axis=0)
-        shape = cell.max(axis=0) - low + 1
-        table = np.full(shape, -1)
-        table[tuple((cell - low).T)] = np.arange(len(points))
-        own = np.floor(places / CELL_M).astype(np.int64) - low
-        inside = ((own >= 0) & (own < shape)).all(axis=1)
-        found = np.full(len(places), -1)
-        found[inside] = table[tuple(own[inside].T)]
-        return found
 
 
 @dataclass(frozen=True, eq=False)

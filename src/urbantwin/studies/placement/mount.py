@@ -16,7 +16,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import DownwardProbe
 from urbantwin.lidar.enclosure import enclosing
 from urbantwin.lidar.placement import GROUND_CLASSES
-from urbantwin.lidar.siting.junction import Junction
+from urbantwin.lidar.sight.junction import Junction
 from urbantwin.studies.placement.facade import facade_places
 from urbantwin.studies.placement.mapped_pole import mapped_poles
 from urbantwin.studies.placement.new_pole import new_pole_places
@@ -267,8 +267,4 @@ class _Finder:
         points = self._junction.ground.points
         if not len(points):
             return 1.0
-        place = mount.place(mount.heights_m[-1])
-        offset = points - place
-        away = np.linalg.norm(offset, axis=1)
-        hits = self._junction.around.cast(place[None, :], offset / away[:, None])
-        return float((hits.range_m >= away - 0.3).mean())
+        return float(self._junction.around.sees(mount.place(mount.heights_m[-1]), points).mean())

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.lidar.siting.pole_places import pole_places
+from urbantwin.lidar.sight.ground import pole_places
 from urbantwin.twin import Twin
 
 __all__ = ["new_pole_places"]
@@ -27,7 +27,7 @@ def new_pole_places(
         within_m: of it.
         spacing_m: between places.
         area: where they may stand, whatever is there; beside the carriageways on firm ground
-            (`lidar.siting.pole_places`) when not given.
+            (`lidar.sight.ground`) when not given.
     """
     if area is None:
         feet, _ = pole_places(twin.roads, twin.region, twin.mesh, middle)

@@ -13,7 +13,7 @@ import shapely
 from urbantwin.errors import InputError
 from urbantwin.extras import check_extra
 from urbantwin.lidar import Rig
-from urbantwin.lidar.siting.junction import Junction
+from urbantwin.lidar.sight.junction import Junction
 from urbantwin.progress import Progress, untold
 from urbantwin.studies.placement.beam_voxels import Voxels, occupied_voxels
 from urbantwin.studies.placement.casts import Casts, casts_in
@@ -166,7 +166,7 @@ def ask(
     where = shapely.intersection(twin.region, near)
     models = views.models(twin.mesh, twin.reflectivity)
     moments = moments_of(motion, where, spec.rate_hz, spec.step_s)
-    squares = Squares.of(junction.ground, twin.roads)
+    squares = Squares(junction.ground, junction.ground.on_crossings(twin.roads))
     voxels = occupied_voxels(moments.targets, len(moments.every), spec.voxel_m)
     return Question(
         spec, twin, motion, mounts, views, moments, squares, voxels, models, seed, layouts

@@ -11,16 +11,15 @@ Three measures, each as an average over time, in points per second and square me
   "Monte Carlo Particle Transport Methods", CRC Press), so that it holds for beams that run
   level, too.
 
-A ray counts as often as it returns: by the sensor's own model, with its effects and the rig's
-weather. What stands in the static world hides what is behind it, but for glass, which weakens what
-comes through one pane; actors are not there.
+What the ground returns is what `expected_points` has of it. The two surfaces are imagined; beams
+reach them past everything but panes of glass, and the first pane weakens what comes back from a
+lying one. A ray counts as often as it returns, by the sensor's model, with its effects and the
+rig's weather. There are no actors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +29,13 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
-from urbantwin.geometry.rays import Hits, RayScene
-from urbantwin.lidar.coverage.cells import Cells, cells_over, is_ground
-from urbantwin.lidar.coverage.traverse import BAND_M, STEP_M, traverse
-from urbantwin.lidar.outage import dead_beams
-from urbantwin.lidar.pattern import beam_directions, pattern_directions
+from urbantwin.geometry.rays import RayScene
+from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import MountedSensor, Rig
+from urbantwin.lidar.sight.cells import BAND_M, STEP_M, Cells, Passage, cells_over, traverse
+from urbantwin.lidar.sight.expected_points import ExpectedPoints, one_pose
+from urbantwin.lidar.sight.field_of_view import turns_of
 from urbantwin.progress import Progress, untold
 from urbantwin.site.rig import Conditions
 from urbantwin.taxonomy import semantic_id
@@ -50,8 +49,6 @@ REFLECTIVITY = 0.1
 
 #: Ground that vehicles drive and stand on.
 _STREET = ("road", "parking")
-#: Most frames of a pattern that does not repeat with the frame that are looked at.
-_MOST_FRAMES = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,13 +153,13 @@ def rig_coverage(
     cells = cells_over(mesh, bounds, cell_m)
     area, count = cell_m * cell_m, len(rig.sensors)
     found = np.zeros((len(LAYERS), count, *cells.shape), np.float32)
+    near = np.mean([one.site_SE3_sensor.translation for one in rig.sensors], axis=0)
+    world = ExpectedPoints(mesh, surface, near)
     for number, mounted in enumerate(rig.sensors):
         tell((number + 0.2) / (count + 0.2), f"sensor {mounted.name}")
-        ground, lying, facing = _Looking(mounted, rig.conditions, mesh, surface).layers(cells)
-        rate = _turns_per_second(mounted)
-        found[0, number] = ground * (rate / area)
-        found[1, number] = lying * (rate / area)
-        found[2, number] = facing * (rate / (area * BAND_M))
+        layers = _Air(mounted, rig.conditions, mesh).layers(cells, world)
+        found[:, number] = np.stack(layers) * (_turns_per_second(mounted) / area)
+    found[2] /= BAND_M
     tell(1.0, "done")
     return Coverage(cells, tuple(one.name for one in rig.sensors), rig.rate_hz, *found)
 
@@ -177,7 +174,7 @@ def facing_per_frame(
 ) -> tuple[Cells, NDArray[np.float32]]:
     """Return what ``rig_coverage(...).per_frame("facing")`` does (ny, nx), and its cells.
 
-    It takes half the time: neither panes nor what the ground itself returns are looked at.
+    It is much faster: panes and what the ground itself returns are left out.
 
     Args:
         rig: as `rig_coverage`.
@@ -196,7 +193,7 @@ def facing_per_frame(
     found = np.zeros((len(rig.sensors), *cells.shape), np.float32)
     for number, mounted in enumerate(rig.sensors):
         tell((number + 0.2) / (len(rig.sensors) + 0.2), f"sensor {mounted.name}")
-        facing = _Looking(mounted, rig.conditions, mesh, None).facing(cells)
+        facing = _Air(mounted, rig.conditions, mesh).facing(cells)
         found[number] = facing * (_turns_per_second(mounted) / (cell_m * cell_m * BAND_M))
     tell(1.0, "done")
     return cells, np.asarray(found.sum(axis=0) / np.float32(rig.rate_hz))
@@ -209,133 +206,69 @@ def _check_stands(rig: Rig) -> None:
         )
 
 
-class _Looking:
-    """One sensor as it looks at the static world.
+class _Air:
+    """Surfaces that are imagined in the air, in sight of one sensor.
 
     Args:
         mounted: the sensor.
         conditions: the weather and the light.
         mesh: the static world, site frame.
-        surface: materials of the ground that are finer than the mesh.
     """
 
-    def __init__(
-        self,
-        mounted: MountedSensor,
-        conditions: Conditions,
-        mesh: LabelledMesh,
-        surface: SurfaceMaterials | None,
-    ) -> None:
+    def __init__(self, mounted: MountedSensor, conditions: Conditions, mesh: LabelledMesh) -> None:
         self._mounted = mounted
-        self._surface = surface
-        self._origin = mounted.site_SE3_sensor.translation
+        self._pose = mounted.site_SE3_sensor
         self._model = ReturnModel(mounted, conditions)
-        clear = self._model.scatter.through[mesh.material] > 0
-        self._solid, self._panes = mesh.select(~clear), mesh.select(clear)
+        solid = mesh.select(self._model.scatter.through[mesh.material] == 0)
+        # Moved to the sensor before it becomes float32.
+        self._solid = RayScene(solid.vertices - self._pose.translation, solid.faces)
         # What a metre of a ray is worth at a range: the chance of a return from a facing surface.
         farthest = mounted.sensor.assumed_range_max_m
         ranges = (np.arange(int(np.ceil(farthest / STEP_M))) + 0.5) * STEP_M
-        self._weight = self._model.detection(
-            np.full(len(ranges), REFLECTIVITY, np.float32), ranges.astype(np.float32)
-        )
+        self._weight = self._chance(REFLECTIVITY, ranges)
 
-    @cached_property
-    def _normals(self) -> NDArray[np.float64]:
-        return self._solid.normals()
+    def _chance(
+        self, amplitude: NDArray[np.floating] | float, range_m: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """Return the chance (N,) of a return of an amplitude (N,)."""
+        sent = np.full(range_m.shape, amplitude, np.float32)
+        return self._model.detection(sent, range_m.astype(np.float32))
 
-    @cached_property
-    def _pane_normals(self) -> NDArray[np.float64]:
-        return self._panes.normals()
-
-    def _caster(self, part: LabelledMesh) -> RayScene:
-        # Moved to the sensor before it becomes float32, so that the error does not grow with the
-        # distance from the anchor.
-        return RayScene(part.vertices - self._origin, part.faces)
-
-    def _looks(self) -> Iterator[NDArray[np.float64]]:
-        """Yield the beams (N, 3) of every turn that differs, site frame."""
-        for beams in _turns(self._mounted):
-            yield beams @ self._mounted.site_SE3_sensor.rotation.T
+    def _passage(self, cells: Cells, beams: NDArray[np.float64]) -> Passage:
+        """Follow beams (N, 3) of the sensor frame until they meet something opaque."""
+        aims = beams @ self._pose.rotation.T
+        reach_m = self._solid.cast(np.zeros(3), aims.astype(np.float32)).range_m
+        return traverse(cells, self._pose.translation, aims, reach_m, self._weight)
 
     def facing(self, cells: Cells) -> NDArray[np.float64]:
         """Return points per turn, cell and metre of a surface that faces the sensor (ny, nx)."""
-        solid, total, turns = self._caster(self._solid), np.zeros(cells.shape), 0
-        for aims in self._looks():
-            reach_m = solid.cast(np.zeros(3), aims.astype(np.float32)).range_m
-            total += traverse(cells, self._origin, aims, reach_m, self._weight).length_m
-            turns += 1
-        return total / turns
+        each = [
+            self._passage(cells, beams[works]).length_m
+            for _, beams, works in turns_of(self._mounted)
+        ]
+        return np.asarray(sum(each) / len(each))
 
-    def layers(self, cells: Cells) -> list[NDArray[np.float64]]:
+    def layers(self, cells: Cells, world: ExpectedPoints) -> list[NDArray[np.float64]]:
         """Return points per turn and cell, in the order of `LAYERS`; of facing, per metre."""
         ground, lying, facing = (np.zeros(cells.shape) for _ in LAYERS)
-        walkable, turns = is_ground(self._solid, self._normals), 0
-        casters = [self._caster(part) for part in (self._solid, self._panes)]
-        for aims in self._looks():
-            found, pane = (caster.cast(np.zeros(3), aims.astype(np.float32)) for caster in casters)
-            passes = self._passes(aims, pane)
-            hit = np.flatnonzero(found.face >= 0)
-            hit = hit[walkable[found.face[hit]]]
-            behind = np.where(pane.range_m[hit] < found.range_m[hit], passes[hit], 1.0)
-            place, sent, peak = self._returned(aims[hit], found.face[hit], found.range_m[hit])
-            chance = self._chance(sent * behind, found.range_m[hit], peak)
-            _add(ground, cells.numbers(place), chance)
+        turns = list(turns_of(self._mounted))
+        for number, beams, works in turns:
+            turn = world.turn(
+                self._mounted, self._model, Beams.of(self._mounted, number), one_pose(self._pose)
+            )
+            found = turn.points
+            hit = np.flatnonzero(found.is_ground & works[found.beam])
+            _add(ground, cells.numbers(found.place[hit]), found.chance[hit])
 
-            passage = traverse(cells, self._origin, aims, found.range_m, self._weight)
+            passage = self._passage(cells, beams[works])
             ray = np.flatnonzero(passage.cell >= 0)
-            behind = np.where(pane.range_m[ray] < passage.range_m[ray], passes[ray], 1.0)
-            sent = REFLECTIVITY * np.abs(aims[ray, 2]) * behind
-            away = passage.range_m[ray].astype(np.float32)
-            _add(lying, passage.cell[ray], self._model.detection(sent.astype(np.float32), away))
+            beam, range_m = np.flatnonzero(works)[ray], passage.range_m[ray]
+            pane_m, passes = turn.panes()
+            sent = REFLECTIVITY * np.abs(turn.aims[beam, 2])
+            sent = np.where(pane_m[beam] < range_m, passes[beam], 1.0) * sent
+            _add(lying, passage.cell[ray], self._chance(sent, range_m))
             facing += passage.length_m
-            turns += 1
-        return [layer / turns for layer in (ground, lying, facing)]
-
-    def _passes(self, aims: NDArray[np.float64], pane: Hits) -> NDArray[np.float64]:
-        """Return the share (N,) of rays (N, 3) that passes the first pane of glass to and fro."""
-        passes = np.ones(len(aims))
-        hit = np.flatnonzero(pane.face >= 0)
-        face = pane.face[hit]
-        cosine = np.abs((self._pane_normals[face] * aims[hit]).sum(axis=1))
-        passes[hit] = self._model.scatter.transmission(self._panes.material[face], cosine)
-        return passes
-
-    def _returned(
-        self, aims: NDArray[np.float64], face: NDArray[np.int32], range_m: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
-        """Return where rays (N, 3) meet faces (N,), (N, 3), what these send back, its peak (N,)."""
-        place = self._origin + aims * range_m[:, None]
-        material = self._solid.material[face]
-        if self._surface is not None:
-            material = self._surface.materials_of(self._solid, face, place)
-        cosine = np.abs((self._normals[face] * aims).sum(axis=1)).astype(np.float32)
-        peak = self._model.peak_left(range_m, cosine)
-        return place, self._model.scatter.backscatter(material, cosine), peak
-
-    def _chance(
-        self,
-        amplitude: NDArray[np.floating],
-        range_m: NDArray[np.float32],
-        peak: NDArray[np.float32],
-    ) -> NDArray[np.float64]:
-        """Return the chance (N,) of a return from ground, over all that its texture may be."""
-        scatter = self._model.scatter
-        median = np.asarray(amplitude * np.exp(-(scatter.texture**2) / 2), np.float32)
-        return self._model.detection_among(median, range_m, scatter.ground_spread, peak)
-
-
-def _turns(mounted: MountedSensor) -> Iterator[NDArray[np.float64]]:
-    """Yield the beams (N, 3) that work of every turn that differs, sensor frame."""
-    pattern, count = mounted.sensor.pattern, 1
-    if pattern is not None:
-        count = int(np.clip(np.ceil(pattern.period_s * mounted.rate_hz), 1, _MOST_FRAMES))
-    for frame in range(count):
-        if pattern is None:
-            beams = beam_directions(mounted.sensor, mounted.columns)
-        else:
-            beams = pattern_directions(pattern, mounted.columns, frame, mounted.rate_hz)
-        dead = dead_beams(mounted, frame / mounted.rate_hz)
-        yield beams.reshape(-1, 3) if dead is None else beams[~dead]
+        return [layer / len(turns) for layer in (ground, lying, facing)]
 
 
 def _turns_per_second(mounted: MountedSensor) -> float:

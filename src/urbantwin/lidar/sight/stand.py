@@ -1,7 +1,8 @@
-"""Standing a rig on a built scene: a sensor whose place nobody chose stands where it sees most."""
+"""Standing sensors whose place nobody chose: on a map alone, or on a built scene."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,22 +11,41 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
+from urbantwin.lidar.catalogue import sensor
 from urbantwin.lidar.placement import place_rig
 from urbantwin.lidar.sensor_options import check_models, columns_of
-from urbantwin.lidar.siting.field_of_view import FieldOfView
-from urbantwin.lidar.siting.junction import Junction, Junctions
-from urbantwin.lidar.siting.rig_sight import sight_of_rig, view_of
-from urbantwin.lidar.siting.viewpoint import CLEAR_M, View
+from urbantwin.lidar.sight.field_of_view import FieldOfView
+from urbantwin.lidar.sight.ground import ground_in_plan
+from urbantwin.lidar.sight.junction import (
+    CLEAR_M,
+    HEIGHTS_M,
+    PITCHES_DEG,
+    Candidates,
+    Junction,
+    Junctions,
+    View,
+    best_view,
+)
+from urbantwin.lidar.sight.line_of_sight import LineOfSight
+from urbantwin.lidar.sight.rig_sight import LITTLE, sight_of_rig
 from urbantwin.progress import Progress, between, untold
+from urbantwin.result_warning import ResultWarning
 from urbantwin.roads import RoadNetwork
+from urbantwin.scene.building import building_mesh
+from urbantwin.scene.map_objects import map_objects
 from urbantwin.site import Site
+from urbantwin.site.draft import SENSOR, SENSOR_COLUMNS
+from urbantwin.site.pole_site import PoleGround, PolePosition, nearest_place
 from urbantwin.site.rig import RigSpec, SensorSpec
+from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.twin.standing_rig import StandingRig
 
-__all__ = ["stand_in_sight", "standing_rig"]
+__all__ = ["place_in_sight", "stand_in_sight", "standing_rig", "warnings_of_place"]
 
-#: A sensor moves where it sees so much more of the junction, as a share.
+#: Share of the junction that a sensor must see more from elsewhere to be moved.
 _WORTH = 0.05
+#: The map is built within this distance of the anchor, metres.
+_AROUND_M = 100.0
 
 
 def standing_rig(
@@ -90,7 +110,7 @@ def stand_in_sight(
             assert one.east_m is not None
             assert one.north_m is not None
             junction = junctions.at(one.east_m, one.north_m)
-            field = FieldOfView.of_sensor(model, columns_of(model, one, spec.rate_hz))
+            field = FieldOfView.coarse(model, columns_of(model, one, spec.rate_hz))
             pitch, roll = np.radians([one.pitch_deg, one.roll_deg]).tolist()
             telling = between(tell, n / len(models), (n + 1) / len(models))
             best = junction.best_view(field, pitch=pitch, roll=roll, tell=telling)
@@ -109,7 +129,7 @@ def _stays(
         mounted = place_rig(spec.model_copy(update={"sensors": [one]}), mesh).sensors[0]
     except InputError:  # It cannot stand there.
         return False
-    now = view_of(mounted, junction)
+    now = junction.view_of(mounted)
     return now.nearest_m >= CLEAR_M and best.score <= now.score + _WORTH
 
 
@@ -137,3 +157,60 @@ def _moved(one: SensorSpec, best: View) -> SensorSpec:
             "proposed": None,
         }
     )
+
+
+def place_in_sight(ground: PoleGround) -> PolePosition:
+    """Return the place and height from which the sensor of a first site sees most of the junction.
+
+    Buildings, trees and all else that is mapped are built as a twin has them, on level ground.
+    """
+    seen = ground_in_plan(ground.junction)
+    if not len(seen.points):
+        return nearest_place(ground)
+    around = LineOfSight(_mapped_world(ground), seen.middle)
+    model = sensor(SENSOR)
+    places = ground.places()
+    candidates = Candidates(
+        np.column_stack([places, np.zeros(len(places))]),
+        shapely.distance(ground.paved, shapely.points(places)),
+        HEIGHTS_M,
+        tuple(np.radians(PITCHES_DEG).tolist()),
+        roll=0.0,
+    )
+    best = best_view(candidates, seen, around, FieldOfView.coarse(model, SENSOR_COLUMNS))
+    return PolePosition(**best.stance.written(), seen=best.seen)
+
+
+def warnings_of_place(pole: PolePosition) -> Iterator[ResultWarning]:
+    """Yield what is wrong with a place that was chosen from the map."""
+    if pole.seen is not None and pole.seen < LITTLE:
+        yield ResultWarning(
+            "sensor",
+            f"no place on a pole has more of the junction in sight than {100 * pole.seen:.0f} %",
+            "buildings, trees and other things of the map hide the rest",
+            "add a second sensor, or a place that is better in truth",
+        )
+
+
+def _mapped_world(ground: PoleGround) -> LabelledMesh:
+    disc = shapely.Point(0.0, 0.0).buffer(_AROUND_M)
+    buildings = building_mesh(
+        ground.features, region=disc, ground_height=_level, carriageway=ground.paved
+    ).mesh
+    objects = map_objects(
+        ground.features, (), region=disc, ground_height=_level, carriageway=ground.paved
+    )
+    meshes = [mesh for mesh, _ in objects.values()]
+    return LabelledMesh.concatenate([_plain(), buildings, *meshes])
+
+
+def _level(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.zeros(len(xy))
+
+
+def _plain() -> LabelledMesh:
+    """Return level ground."""
+    side = 2 * _AROUND_M
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * side
+    faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    return LabelledMesh.build(corners, faces, semantic_id("terrain"), material_id("grass"), 0)

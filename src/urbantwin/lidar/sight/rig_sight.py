@@ -10,23 +10,21 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.geometry import LabelledMesh, ypr_from_rotation
+from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.rig import MountedSensor, Rig
-from urbantwin.lidar.siting.field_of_view import FieldOfView
-from urbantwin.lidar.siting.junction import Junction, Junctions
-from urbantwin.lidar.siting.junction_ground import CELL_M
-from urbantwin.lidar.siting.viewpoint import CLEAR_M, NEAR_M, Stance, View, judged
+from urbantwin.lidar.sight.field_of_view import FieldOfView
+from urbantwin.lidar.sight.ground import CELL_M
+from urbantwin.lidar.sight.junction import CLEAR_M, NEAR_M, Junction, Junctions, View
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import semantic_classes
 
-__all__ = ["LITTLE", "MUCH_NEAR", "Hiding", "RigSight", "SensorSight", "sight_of_rig", "view_of"]
+__all__ = ["LITTLE", "MUCH_NEAR", "Hiding", "RigSight", "SensorSight", "sight_of_rig"]
 
-#: What is seen of a junction is little below the first share, and what of the points is near much
-#: above the second.
+#: Limits of warnings: least share of a junction that is seen, largest share of near points.
 LITTLE, MUCH_NEAR = 0.5, 0.3
-#: What hides less than this share of the junction is not told; so many are told in a warning.
-_LEAST, _TOLD = 0.01, 3
+#: Least share of the junction that something hides to be reported; how many a warning names.
+_LEAST, _NAMED = 0.01, 3
 
 _POLES = "poles and signs"
 _WORDS = {
@@ -154,7 +152,7 @@ class RigSight:
         for one in self.sensors:
             problems = list(one.problems(little=self.seen < LITTLE))
             if problems:
-                hidden = ", ".join(str(hiding) for hiding in one.hiding[:_TOLD])
+                hidden = ", ".join(str(hiding) for hiding in one.hiding[:_NAMED])
                 yield ResultWarning(f"sensor {one.name}", ", ".join(problems), hidden, one.remedy())
 
 
@@ -190,40 +188,22 @@ def sight_of_rig(
     return RigSight(points, sees, tuple(sight for _, sight in seen))
 
 
-def view_of(mounted: MountedSensor, junction: Junction) -> View:
-    """Return what a sensor sees of a junction from its place."""
-    return judged(_stance(mounted), junction.ground, junction.around, _field(mounted))
-
-
-def _field(mounted: MountedSensor) -> FieldOfView:
-    return FieldOfView.of_sensor(mounted.sensor, mounted.columns)
-
-
-def _stance(mounted: MountedSensor) -> Stance:
-    pose = mounted.site_SE3_sensor
-    yaw, pitch, roll = (float(x) for x in ypr_from_rotation(pose.rotation))
-    return Stance(pose.translation, mounted.sway_height_m, yaw, pitch, roll)
-
-
 def _sensor_sight(mounted: MountedSensor, junction: Junction) -> SensorSight:
-    view = view_of(mounted, junction)
-    stance = view.stance
-    nearest = junction.around.nearest_thing(stance.place[None, :])
-    what = "" if nearest.face[0] < 0 else _words(junction)[nearest.face[0]]
+    view = junction.view_of(mounted)
+    nearest_face = junction.around.nearest_thing(view.stance.place)[1]
+    what = "" if nearest_face < 0 else str(_words(junction)[nearest_face])
     better = None
     close = view.nearest_m < CLEAR_M and what != _POLES
     if view.seen < LITTLE or view.near > MUCH_NEAR or close:
-        best = junction.best_view(_field(mounted), pitch=stance.pitch, roll=stance.roll)
+        field = FieldOfView.coarse(mounted.sensor, mounted.columns)
+        best = junction.best_view(field, pitch=view.stance.pitch, roll=view.stance.roll)
         better = best if best is not None and best.score > view.score else None
-    return SensorSight(mounted.name, view, _hiding(mounted, view, junction), str(what), better)
+    return SensorSight(mounted.name, view, _hiding(view, junction), what, better)
 
 
-def _hiding(mounted: MountedSensor, view: View, junction: Junction) -> tuple[Hiding, ...]:
+def _hiding(view: View, junction: Junction) -> tuple[Hiding, ...]:
     """Return what hides the points of the ground that are not seen."""
-    offset = junction.ground.points[~view.sees] - view.stance.place
-    away = np.linalg.norm(offset, axis=1)
-    aims = offset / np.maximum(away, 1e-6)[:, None]
-    hits = junction.around.cast(view.stance.place[None, :], aims)
+    hits, away = junction.around.towards(view.stance.place, junction.ground.points[~view.sees])
     blocked = (hits.face >= 0) & (hits.range_m < away)
     what = np.where(blocked, _words(junction)[hits.face], _BESIDE)
     found = [
@@ -234,8 +214,8 @@ def _hiding(mounted: MountedSensor, view: View, junction: Junction) -> tuple[Hid
         )
         for name in np.unique(what)
     ]
-    told = [one for one in found if one.share >= _LEAST]
-    return tuple(sorted(told, key=lambda one: (-one.share, one.what)))
+    large = [one for one in found if one.share >= _LEAST]
+    return tuple(sorted(large, key=lambda one: (-one.share, one.what)))
 
 
 def _words(junction: Junction) -> NDArray[np.str_]:

@@ -1,27 +1,118 @@
-"""Traversal of the grid's cells by rays through the air above the ground, compiled."""
+"""A grid of square cells over the site, and rays through the air above its ground."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
+from urbantwin.errors import InputError
+from urbantwin.geometry import DownwardProbe, LabelledMesh
 from urbantwin.geometry.compiled import per_block
-from urbantwin.lidar.coverage.cells import Cells
+from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
-__all__ = ["BAND_M", "LEVEL_M", "STEP_M", "Passage", "traverse"]
+__all__ = ["BAND_M", "LEVEL_M", "STEP_M", "Cells", "Passage", "cells_over", "traverse"]
 
-#: Height above the ground that is asked for, and the band of heights around it, metres.
+#: Height above the ground at which surfaces are imagined, and the band of heights about it, metres.
 LEVEL_M = 1.0
 BAND_M = 1.0
-
-#: Step of the table of detection by range, metres.
+#: Step of the table of weights by range, metres.
 STEP_M = 0.1
+
+#: Maximum number of cells: four layers of a sensor then take 400 MB.
+_MOST_CELLS = 25_000_000
+#: Steeper faces are sides of curbs and walls, not ground.
+_LEAST_UP = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Square cells in rows from the south and columns from the west, site frame.
+
+    Attributes:
+        x0: west edge, metres.
+        y0: south edge, metres.
+        size_m: side of a cell.
+        height_m: (ny + 1, nx + 1) float64, height of the ground at the corners of the cells; of
+            several levels the highest. Where there is no ground, that of the nearest corner with.
+        semantic: (ny, nx) uint16, class of the ground at the middle of a cell; 0 for no ground.
+    """
+
+    x0: float
+    y0: float
+    size_m: float
+    height_m: NDArray[np.float64]
+    semantic: NDArray[np.uint16]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.semantic.shape[0], self.semantic.shape[1]
+
+    def numbers(self, xy: NDArray[np.floating]) -> NDArray[np.int64]:
+        """Return the cell (N,) of places (N, 2), ``row * columns + column``; -1 outside."""
+        rows, columns = self.shape
+        column = np.floor((xy[:, 0] - self.x0) / self.size_m)
+        row = np.floor((xy[:, 1] - self.y0) / self.size_m)
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        return np.where(inside, row * columns + column, -1).astype(np.int64)
+
+
+def cells_over(
+    mesh: LabelledMesh, bounds: tuple[float, float, float, float], size_m: float
+) -> Cells:
+    """Lay cells over a part of the site.
+
+    Args:
+        mesh: the static world, site frame.
+        bounds: west, south, east and north edge, metres; the far edges move out to whole cells.
+        size_m: side of a cell.
+
+    Raises:
+        InputError: no ground, or a cell that is not above zero or too small for the site.
+    """
+    west, south, east, north = bounds
+    if not (np.isfinite(size_m) and size_m > 0):
+        raise InputError(f"a cell of {size_m:g} m", place="cell", expected="a side above 0 m")
+    # Compared as floats: a tiny cell overflows integers.
+    across, along = (east - west) / size_m, (north - south) / size_m
+    if across * along > _MOST_CELLS:
+        raise InputError(
+            f"cells of {size_m:g} m are {across * along:.3g} over {east - west:g} x "
+            f"{north - south:g} m",
+            place="cell",
+            expected=f"at most {_MOST_CELLS:,}: a larger cell",
+        )
+    columns, rows = max(1, int(np.ceil(across - 1e-9))), max(1, int(np.ceil(along - 1e-9)))
+    walkable = np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
+    ground = mesh.select(walkable & (mesh.normals()[:, 2] > _LEAST_UP))
+    if not len(ground.faces):
+        raise InputError("there is no ground to cover", expected="a twin with a street or terrain")
+    probe = DownwardProbe(ground)
+    above = float(ground.vertices[:, 2].max()) + 1.0
+
+    def over(x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.float64]:
+        places = np.meshgrid(x, y)
+        return np.stack([*places, np.full(places[0].shape, above)], axis=-1).reshape(-1, 3)
+
+    x, y = west + size_m * np.arange(columns + 1), south + size_m * np.arange(rows + 1)
+    height = probe.height_below(over(x, y)).reshape(rows + 1, columns + 1)
+    unknown = np.isnan(height)
+    if unknown.all():
+        raise InputError("there is no ground in the region", expected="a region with ground")
+    if unknown.any():
+        nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+        height = height[tuple(nearest)]
+    face = probe.face_below(over(x[:-1] + size_m / 2, y[:-1] + size_m / 2))
+    semantic = np.where(face >= 0, ground.semantic[face], 0).astype(np.uint16)
+    return Cells(west, south, size_m, height, semantic.reshape(rows, columns))
 
 
 class Passage(NamedTuple):
-    """What N rays do above the ground.
+    """Where N rays pass `LEVEL_M` above the ground, and how long they stay near that height.
 
     Attributes:
         cell: (N,) int64, cell in which the ray first passes `LEVEL_M` above the ground; -1 where
@@ -43,10 +134,10 @@ def traverse(
     reach_m: NDArray[np.floating],
     weight: NDArray[np.float64],
 ) -> Passage:
-    """Follow rays from cell to cell.
+    """Follow rays from cell to cell (Amanatides and Woo 1987, Eurographics).
 
-    By Amanatides and Woo 1987, Eurographics, "A fast voxel traversal algorithm". The ground within
-    a cell is bilinear between its corners; a ray's height above it is taken as linear there.
+    The ground within a cell is bilinear between its corners; a ray's height above it is taken as
+    linear there.
 
     Args:
         cells: the grid.

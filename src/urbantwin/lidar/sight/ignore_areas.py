@@ -6,7 +6,7 @@ there, and what it does not find. Reasons:
 - ``outside`` of the region that the twin was built for: its traffic ends there.
 - ``far``: farther than any sensor of the rig reports.
 - ``unseen``: a surface that faces the sensor there would get less than `LEAST_POINTS` points per
-  square metre and frame, as behind buildings (`of_rig`, "facing").
+  square metre and frame, as behind buildings (`coverage`, "facing").
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.lidar.coverage.cells import Cells
-from urbantwin.lidar.coverage.of_rig import facing_per_frame
 from urbantwin.lidar.rig import Rig
+from urbantwin.lidar.sight.cells import Cells
+from urbantwin.lidar.sight.coverage import facing_per_frame
 
 __all__ = ["LEAST_POINTS", "IgnoreArea", "ignore_areas"]
 

@@ -1,19 +1,23 @@
-"""Judging places of a sensor by what it sees of its junction, and choosing among many."""
+"""What a sensor sees of its junction, and from which place on a pole it would see most."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
-from urbantwin.geometry import rotation_from_ypr
-from urbantwin.lidar.coverage import LEVEL_M
-from urbantwin.lidar.siting.field_of_view import FieldOfView
-from urbantwin.lidar.siting.junction_ground import JunctionGround
-from urbantwin.lidar.siting.surroundings import Surroundings
+from urbantwin.geometry import LabelledMesh, Pose, rotation_from_ypr, ypr_from_rotation
+from urbantwin.lidar.rig import MountedSensor
+from urbantwin.lidar.sight.cells import LEVEL_M
+from urbantwin.lidar.sight.field_of_view import FieldOfView
+from urbantwin.lidar.sight.ground import JunctionGround, ground_of_network, pole_places
+from urbantwin.lidar.sight.line_of_sight import LineOfSight
 from urbantwin.progress import Progress, between, each, untold
+from urbantwin.roads import RoadNetwork
 
 __all__ = [
     "CLEAR_M",
@@ -21,28 +25,32 @@ __all__ = [
     "NEAR_M",
     "PITCHES_DEG",
     "Candidates",
+    "Junction",
+    "Junctions",
     "Stance",
     "View",
     "best_view",
     "judged",
+    "visible",
 ]
 
 #: Heights at which roadside sensors are mounted, metres above the ground.
 HEIGHTS_M = (5.5, 6.5, 7.5)
-#: How far they look down, degrees.
+#: Usual pitches of them, degrees; positive looks down.
 PITCHES_DEG = (5.0, 10.0, 15.0)
-#: Points closer to the sensor than this are lost on what is beside it, metres.
+#: Points of things closer to the sensor than this are lost for the junction, metres.
 NEAR_M = 10.0
 #: Nothing but its own pole is closer to a sensor, metres.
 CLEAR_M = 3.0
+#: A sensor within this of the anchor stands at the anchor's junction, else at the nearest one,
+#: which is no farther than the second, metres.
+_ANCHOR_M, _NEAREST_M = 80.0, 60.0
 _LOOKING = "standing the sensors"
-#: Places are first judged by every so-many-th point; so many that see most are looked at closely.
+#: Places are first judged by every third point; the best of them by all points.
 _ROUGHLY, _FINALISTS = 3, 300
 #: What a place loses, as a share of the junction: per share of its points that is near, for a thing
 #: that is too close, and per metre that it is farther from the carriageway than usual.
 _NEAR_COST, _CLOSE_COST, _OFF_COST, _USUAL_OFF_M = 1.0, 0.5, 0.01, 3.0
-#: A point counts as seen though its line of sight ends so much before it, metres.
-_SLACK_M = 0.3
 
 
 class Candidates(NamedTuple):
@@ -79,6 +87,13 @@ class Stance(NamedTuple):
     yaw: float
     pitch: float
     roll: float
+
+    @classmethod
+    def of(cls, mounted: MountedSensor) -> Stance:
+        """Return the pose of a mounted sensor."""
+        pose: Pose = mounted.site_SE3_sensor
+        yaw, pitch, roll = (float(x) for x in ypr_from_rotation(pose.rotation))
+        return cls(pose.translation, mounted.sway_height_m, yaw, pitch, roll)
 
     def written(self) -> dict[str, float]:
         """Return it as a rig has it, but for its roll: metres and degrees."""
@@ -118,7 +133,7 @@ class View:
 def best_view(
     candidates: Candidates,
     ground: JunctionGround,
-    around: Surroundings,
+    around: LineOfSight,
     field: FieldOfView,
     tell: Progress = untold,
 ) -> View:
@@ -140,7 +155,7 @@ def best_view(
         yaw = float(np.arctan2(toward[1], toward[0]))
         for height_m in candidates.heights_m:
             place = foot + [0.0, 0.0, height_m]
-            free = _in_sight(place, rough, around, field)
+            free = around.sees(place, rough.points) & _in_range(place, rough, field)
             for pitch in candidates.pitches:
                 stance = Stance(place, height_m, yaw, pitch, candidates.roll)
                 lit = _lit(stance, free & _within(stance, rough, field), rough, field)
@@ -157,7 +172,7 @@ def best_view(
 def judged(
     stance: Stance,
     ground: JunctionGround,
-    around: Surroundings,
+    around: LineOfSight,
     field: FieldOfView,
     *,
     cost: float = 0.0,
@@ -171,27 +186,30 @@ def judged(
         field: of view of the sensor.
         cost: what it loses for its place, as a share of the junction.
     """
-    sees = _in_sight(stance.place, ground, around, field) & _within(stance, ground, field)
-    at = stance.place[None, :]
+    sees = visible(stance, ground, around, field)
     beams = field.sample @ rotation_from_ypr(*stance[2:]).T
-    hits = around.cast(at, beams)
-    returned = hits.range_m < field.farthest_m
+    hits = around.cast(stance.place[None, :], beams)
+    returned = hits.range_m < field.range_m[1]
     lost = returned & (hits.range_m < NEAR_M) & around.is_thing(hits)
     near = float(lost.sum() / max(int(returned.sum()), 1))
-    nearest_m = float(around.nearest_thing(at).range_m[0])
+    nearest_m = around.nearest_thing(stance.place)[0]
     score = _lit(stance, sees, ground, field) - cost
     score -= _NEAR_COST * near + _CLOSE_COST * max(0.0, 1.0 - nearest_m / CLEAR_M)
     return View(stance, sees, near, nearest_m, score)
 
 
-def _in_sight(
-    place: NDArray[np.float64], ground: JunctionGround, around: Surroundings, field: FieldOfView
+def visible(
+    stance: Stance, ground: JunctionGround, around: LineOfSight, field: FieldOfView
 ) -> NDArray[np.bool_]:
-    """Return which points (M,) of the ground are in range and in sight from a place (3,)."""
-    offset = ground.points - place
-    away = np.linalg.norm(offset, axis=1)
-    free = around.cast(place[None, :], offset / np.maximum(away, 1e-6)[:, None]).range_m
-    return np.asarray((away <= field.farthest_m) & (free >= away - _SLACK_M))
+    """Return which points (M,) of the ground are in range, in sight and within the field."""
+    free = around.sees(stance.place, ground.points) & _in_range(stance.place, ground, field)
+    return np.asarray(free & _within(stance, ground, field))
+
+
+def _in_range(
+    place: NDArray[np.float64], ground: JunctionGround, field: FieldOfView
+) -> NDArray[np.bool_]:
+    return np.asarray(np.linalg.norm(ground.points - place, axis=1) <= field.range_m[1])
 
 
 def _within(stance: Stance, ground: JunctionGround, field: FieldOfView) -> NDArray[np.bool_]:
@@ -215,3 +233,78 @@ def _lit(
     range_m = np.linalg.norm(offset, axis=1)
     dense = field.per_steradian * (offset[:, 2] + LEVEL_M) / np.maximum(range_m, 1.0) ** 3
     return float(np.clip(dense, 0.0, 1.0).sum() / len(ground.points))
+
+
+class Junction:
+    """The ground around a point of the road network, and what stands there.
+
+    Args:
+        middle: (2,) site frame.
+        network: the lanes.
+        region: the region of interest.
+        mesh: the static world.
+    """
+
+    def __init__(
+        self,
+        middle: NDArray[np.float64],
+        network: RoadNetwork,
+        region: shapely.Polygon,
+        mesh: LabelledMesh,
+    ) -> None:
+        self._network, self._region = network, region
+        self.ground: JunctionGround = ground_of_network(network, region, middle)
+        self.around = LineOfSight(mesh, middle)
+
+    def view_of(self, mounted: MountedSensor) -> View:
+        """Return what a sensor sees from its place."""
+        field = FieldOfView.coarse(mounted.sensor, mounted.columns)
+        return judged(Stance.of(mounted), self.ground, self.around, field)
+
+    @cached_property
+    def _places(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return pole_places(self._network, self._region, self.around.mesh, self.ground.middle)
+
+    def best_view(
+        self, field: FieldOfView, *, pitch: float, roll: float, tell: Progress = untold
+    ) -> View | None:
+        """Return the place on a pole from which a sensor sees most; ``None``: no pole can stand.
+
+        Args:
+            field: of view of the sensor.
+            pitch: the sensor's, radians, which is tried beside the usual ones.
+            roll: the sensor's, radians.
+            tell: called with the fraction done (0..1) and what is being done.
+        """
+        places, off_m = self._places
+        if not len(places) or not len(self.ground.points):
+            return None
+        pitches = tuple(dict.fromkeys([pitch, *np.radians(PITCHES_DEG).tolist()]))
+        candidates = Candidates(places, off_m, HEIGHTS_M, pitches, roll)
+        return best_view(candidates, self.ground, self.around, field, tell)
+
+
+class Junctions:
+    """The junctions of a site that sensors stand at, each looked at once."""
+
+    def __init__(self, network: RoadNetwork, region: shapely.Polygon, mesh: LabelledMesh) -> None:
+        self._made_of = (network, region, mesh)
+        self._found: dict[tuple[float, float], Junction] = {}
+
+    def at(self, east_m: float, north_m: float) -> Junction:
+        """Return the junction of a sensor: the anchor's, or the nearest of one that is far."""
+        middle = self._middle(np.array([east_m, north_m]))
+        key = (round(float(middle[0]), 3), round(float(middle[1]), 3))
+        if key not in self._found:
+            self._found[key] = Junction(np.array(key), *self._made_of)
+        return self._found[key]
+
+    def _middle(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+        if np.linalg.norm(place) <= _ANCHOR_M:
+            return np.zeros(2)
+        outlines = [one.polygon for one in self._made_of[0].junctions]
+        middles = [shapely.get_coordinates(one.centroid)[0] for one in outlines if not one.is_empty]
+        away = [float(np.linalg.norm(one - place)) for one in middles]
+        if not away or min(away) > _NEAREST_M:
+            return place
+        return np.asarray(middles[int(np.argmin(away))])
