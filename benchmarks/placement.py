@@ -29,12 +29,12 @@ from scipy.stats import spearmanr
 
 import urbantwin as ut
 from urbantwin.interface.trained_layouts import LayoutTraining, trained_layouts
-from urbantwin.studies.placement.casts import casts_in
 from urbantwin.studies.placement.judge import Judge
 from urbantwin.studies.placement.measure import MEASURES, SURROGATES
 from urbantwin.studies.placement.place import Question, ask
 from urbantwin.studies.placement.place_file import PlaceSpec, load_place_spec
 from urbantwin.studies.placement.search import search
+from urbantwin.studies.placement.sighting import casts_in
 
 DRAWS, SEED = 2000, 19
 

@@ -51,7 +51,7 @@ from urbantwin.lidar.background_file import load_backgrounds, save_backgrounds
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.roads.signals.programs import described_signals
-from urbantwin.studies.placement.manifest import read_layouts
+from urbantwin.studies.placement.folder import read_layouts
 from urbantwin.studies.placement.measure import MEASURES
 from urbantwin.traffic import Motion
 from urbantwin.traffic.demand.demand import plan_demand

@@ -46,7 +46,7 @@ class Placement(Artefact):
         self.folder = Path(folder)
         file = self.folder / f"{_KIND}.json"
         self.manifest: dict[str, Any] = read_json(file, kind=_KIND)
-        from urbantwin.studies.placement.manifest import check_placement
+        from urbantwin.studies.placement.folder import check_placement
 
         check_placement(self.manifest, file)
 
@@ -62,7 +62,7 @@ class Placement(Artefact):
     @cached_property
     def layouts(self) -> pa.Table:
         """Every layout that was judged, with its measures and their intervals."""
-        from urbantwin.studies.placement.manifest import read_layouts
+        from urbantwin.studies.placement.folder import read_layouts
 
         return read_layouts(self.folder / "layouts.parquet")
 
@@ -173,9 +173,9 @@ def place(
     from urbantwin.interface.twin import Twin
     from urbantwin.processes import usable_processors
     from urbantwin.progress import between
+    from urbantwin.studies.placement.folder import layout_name, write_placement, write_rig
     from urbantwin.studies.placement.place import ask
     from urbantwin.studies.placement.place import place as search
-    from urbantwin.studies.placement.written import layout_name, write_placement, write_rig
 
     for name, number, least in (("layouts", layouts, 1), ("train", train, 0), ("steps", steps, 1)):
         if number < least:

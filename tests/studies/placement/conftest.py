@@ -87,7 +87,7 @@ def question(two_avenues_twin, motion) -> Question:
 @pytest.fixture(scope="session")
 def casts(question, tmp_path_factory):
     """Return what views see, cast when it is asked for."""
-    from urbantwin.studies.placement.casts import casts_in
+    from urbantwin.studies.placement.sighting import casts_in
 
     folder: Path = tmp_path_factory.mktemp("casts")
     with casts_in(folder, question.views, question.recipe(), 1) as found:

@@ -8,7 +8,7 @@ from urbantwin.dataset.motion_interpolation import posed_actors
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import Scanner, place_rig
 from urbantwin.studies.placement.beam_voxels import occupied_voxels, passed_voxels
-from urbantwin.studies.placement.hidden import hidden_actors
+from urbantwin.studies.placement.judge import hidden_actors
 from urbantwin.studies.placement.sighting import read_sighting
 from urbantwin.taxonomy import semantic_classes
 

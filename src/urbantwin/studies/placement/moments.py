@@ -13,10 +13,10 @@ from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.motion_interpolation import SAME_TIME_S, posed_actors
 from urbantwin.errors import InputError
 from urbantwin.lidar import PosedActor
-from urbantwin.lidar.sight.ground import CELL_M, JunctionGround
+from urbantwin.lidar.sight.ground import JunctionGround
 from urbantwin.traffic import Motion
 
-__all__ = ["Moment", "Moments", "Squares", "Targets", "class_counts", "moments_of"]
+__all__ = ["Moment", "Moments", "Squares", "Targets", "moments_of"]
 
 #: Tracks from here on are parked: they hide others, and nobody waits for them to be seen.
 _FIRST_PARKED = 30_001
@@ -65,6 +65,12 @@ class Targets:
         """Return P."""
         return len(self.track)
 
+    def class_counts(self) -> dict[str, int]:
+        """Return how many actors there are of each class."""
+        _, first = np.unique(self.track, return_index=True)
+        names, counts = np.unique(self.kind[first], return_counts=True)
+        return dict(zip(names.tolist(), counts.tolist(), strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class Squares:
@@ -77,11 +83,6 @@ class Squares:
 
     ground: JunctionGround
     crossing: NDArray[np.bool_]
-
-    @property
-    def cell_m2(self) -> float:
-        """Area of a square."""
-        return CELL_M**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,10 +164,3 @@ def _targets(moments: Sequence[Moment], where: shapely.Geometry) -> Targets:
         np.array(sizes, np.float64).reshape(-1, 3)[inside],
         np.array(yaws, np.float64)[inside],
     )
-
-
-def class_counts(targets: Targets) -> dict[str, int]:
-    """Return how many actors there are of each class."""
-    _, first = np.unique(targets.track, return_index=True)
-    names, counts = np.unique(targets.kind[first], return_counts=True)
-    return dict(zip(names.tolist(), counts.tolist(), strict=True))

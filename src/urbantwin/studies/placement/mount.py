@@ -17,9 +17,11 @@ from urbantwin.geometry import DownwardProbe
 from urbantwin.lidar.enclosure import enclosing
 from urbantwin.lidar.placement import GROUND_CLASSES
 from urbantwin.lidar.sight.junction import Junction
-from urbantwin.studies.placement.facade import facade_places
-from urbantwin.studies.placement.mapped_pole import mapped_poles
-from urbantwin.studies.placement.new_pole import new_pole_places
+from urbantwin.studies.placement.mount_places import (
+    facade_places,
+    mapped_poles,
+    new_pole_places,
+)
 from urbantwin.studies.placement.place_file import MountKind, OwnPlace, PlaceSpec
 from urbantwin.taxonomy import semantic_id
 from urbantwin.twin import Twin
@@ -158,23 +160,18 @@ class _Finder:
     def of(self, kind: MountKind) -> list[Mount]:
         """Return the mounts of a kind that see most, in the order of their bearing."""
         around, within = self._spec.candidates, self._spec.candidates.within_m
+        middle, sight = self._middle, self._junction.around
         if kind in ("pole", "signal"):
-            poles = mapped_poles(self._mesh, self._middle, within, signals=kind == "signal")
-            feet = [(one.foot, one.top_m) for one in poles]
-            places = [(foot + BRACKET_M * self._heading(foot), top_m) for foot, top_m in feet]
+            places = mapped_poles(self._mesh, middle, within, signals=kind == "signal")
         elif kind == "facade":
-            walls = facade_places(
-                self._mesh, self._middle, within, around.spacing_m, self._junction.around
-            )
-            places = [(one.foot + BRACKET_M * one.normal, one.top_m) for one in walls]
+            places = facade_places(self._mesh, middle, within, around.spacing_m, sight)
         else:
-            free = new_pole_places(self._twin, self._middle, within, around.spacing_m, self._area())
-            places = [(foot, np.inf) for foot in free]
-        found = []
-        for at, top_m in places:
-            mount = self._mount(kind, at, top_m)
-            if mount is not None:
-                found.append((self._sees(mount), mount))
+            area = self._area()
+            places = new_pole_places(self._twin, middle, within, around.spacing_m, area)
+        mounts = (
+            self._mount(kind, one.foot + BRACKET_M * one.outward, one.top_m) for one in places
+        )
+        found = [(self._sees(mount), mount) for mount in mounts if mount is not None]
         seen = [(share, mount) for share, mount in found if share >= _BLIND]
         self._leave(f"{kind}s that see nothing of the junction", len(found) - len(seen))
         seen.sort(key=lambda one: -one[0])
@@ -253,10 +250,6 @@ class _Finder:
 
     def _ground(self, east_m: float, north_m: float) -> float:
         return float(self._probe.height_below(np.array([[east_m, north_m, self._above]]))[0])
-
-    def _heading(self, foot: NDArray[np.float64]) -> NDArray[np.float64]:
-        away = self._middle - foot
-        return np.asarray(away / max(float(np.linalg.norm(away)), 1e-6))
 
     def _toward(self, at: NDArray[np.float64]) -> float:
         east, north = self._middle - at

@@ -16,14 +16,12 @@ from urbantwin.lidar import Rig
 from urbantwin.lidar.sight.junction import Junction
 from urbantwin.progress import Progress, untold
 from urbantwin.studies.placement.beam_voxels import Voxels, occupied_voxels
-from urbantwin.studies.placement.casts import Casts, casts_in
-from urbantwin.studies.placement.hidden import Hidden, hidden_actors
-from urbantwin.studies.placement.judge import ClassPoints, Judge, Verdict
+from urbantwin.studies.placement.judge import ClassPoints, Hidden, Judge, Verdict, hidden_actors
 from urbantwin.studies.placement.moments import Moments, Squares, moments_of
 from urbantwin.studies.placement.mount import Mounts, find_mounts
 from urbantwin.studies.placement.place_file import PlaceSpec
 from urbantwin.studies.placement.search import Found, pareto_front, possible_layouts, search
-from urbantwin.studies.placement.sighting import Recipe
+from urbantwin.studies.placement.sighting import Casts, Recipe, casts_in
 from urbantwin.studies.placement.view import Layout, Views
 from urbantwin.traffic import Motion
 from urbantwin.twin import Twin

@@ -6,8 +6,11 @@ layout returns from an actor is the sum of its views, and it costs no casting of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +19,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar.actor_path import Paths
 from urbantwin.lidar.beams import Beams
@@ -27,13 +31,24 @@ from urbantwin.lidar.sight import LEVEL_M, ExpectedPoints, FieldOfView, LineOfSi
 from urbantwin.lidar.sight.expected_points import NOBODY, Turn
 from urbantwin.lidar.sight.junction import Stance, visible
 from urbantwin.lidar.timing import sweeps_of
+from urbantwin.processes import worker_pool
 from urbantwin.site.rig import Conditions
 from urbantwin.studies.placement.beam_voxels import Voxels, passed_voxels
 from urbantwin.studies.placement.moments import Moments, Squares
+from urbantwin.studies.placement.view import Layout, Views
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 from urbantwin.traffic.assets.truck_parts import mesh_of_part
 
-__all__ = ["NOBODY", "Caster", "Recipe", "Sighting", "read_sighting", "write_sighting"]
+__all__ = [
+    "NOBODY",
+    "Caster",
+    "Casts",
+    "Recipe",
+    "Sighting",
+    "casts_in",
+    "read_sighting",
+    "write_sighting",
+]
 
 #: Returns within this of a square's height are of its ground, metres.
 _ON_GROUND_M = 1.2
@@ -194,3 +209,118 @@ def read_sighting(path: Path) -> Sighting | None:
             return Sighting(*(found[name] for name in Sighting._fields))
     except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         return None
+
+
+@dataclass(eq=False)
+class Casts:
+    """What views see, cast when it is first asked for.
+
+    Attributes:
+        views: every view.
+        recipe: what they share.
+        folder: where they are kept.
+        here: casts in this process.
+        pool: processes that cast; ``None``: this one does.
+        made: how many were cast by this run.
+    """
+
+    views: Views
+    recipe: Recipe
+    folder: Path
+    here: Caster
+    pool: ProcessPoolExecutor | None = None
+    made: int = 0
+    _known: dict[int, Sighting] = field(default_factory=dict)
+
+    def of(self, layout: Layout) -> list[Sighting]:
+        """Return what each view of a layout sees."""
+        self.ensure(layout)
+        return [self._known[number] for number in layout]
+
+    def ensure(
+        self, numbers: Sequence[int], tell: Callable[[int, int], None] | None = None
+    ) -> None:
+        """Cast the views that are not known yet.
+
+        Args:
+            numbers: of the views.
+            tell: called with how many are cast, and how many have to be.
+
+        Raises:
+            StageError: a worker was killed.
+        """
+        missing = []
+        for number in dict.fromkeys(numbers):
+            if number in self._known:
+                continue
+            kept = read_sighting(self.path(number))
+            if kept is None:
+                missing.append(number)
+            else:
+                self._known[number] = kept
+        for count, (number, sighting) in enumerate(self._cast(missing), 1):
+            self._known[number] = sighting
+            self.made += 1
+            if tell is not None:
+                tell(count, len(missing))
+
+    def path(self, number: int) -> Path:
+        """Return the file of a view."""
+        return self.folder / f"view-{number:06d}.npz"
+
+    def _cast(self, numbers: Sequence[int]) -> Iterator[tuple[int, Sighting]]:
+        tasks = [
+            (
+                self.views.hung(number, self.recipe.models),
+                self.views.every[number].model,
+                self.path(number),
+            )
+            for number in numbers
+        ]
+        if self.pool is None:
+            for number, (mounted, model, path) in zip(numbers, tasks, strict=True):
+                sighting = self.here.cast(mounted, model)
+                write_sighting(path, sighting)
+                yield number, sighting
+            return
+        try:
+            waiting = {
+                self.pool.submit(_cast, *task): number
+                for number, task in zip(numbers, tasks, strict=True)
+            }
+            for one in as_completed(waiting):
+                one.result()
+                number = waiting[one]
+                made = read_sighting(self.path(number))
+                assert made is not None
+                yield number, made
+        except BrokenProcessPool:
+            raise StageError(
+                "a worker was killed (out of memory?); what was cast is kept: "
+                "give the same command again, with fewer workers"
+            ) from None
+
+
+@contextmanager
+def casts_in(folder: Path, views: Views, recipe: Recipe, workers: int) -> Iterator[Casts]:
+    """Yield the casts of views, with processes that make them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    here = Caster(recipe)
+    if workers == 1:
+        yield Casts(views, recipe, folder, here)
+        return
+    with worker_pool(workers, _start, recipe) as pool:
+        yield Casts(views, recipe, folder, here, pool)
+
+
+_caster: Caster | None = None
+
+
+def _start(recipe: Recipe) -> None:
+    global _caster  # noqa: PLW0603 - a worker's only state: the world and the actors' shapes
+    _caster = Caster(recipe)
+
+
+def _cast(mounted: MountedSensor, model: int, path: Path) -> None:
+    assert _caster is not None
+    write_sighting(path, _caster.cast(mounted, model))
