@@ -76,9 +76,9 @@ def main() -> None:
     began, used = time.perf_counter(), processor_s()
     values, layouts = {}, []
     for name, question in asked.items():
-        judge = Judge(question.moments, question.squares, question.voxels)
+        judge = Judge(question.recipe.moments, question.recipe.squares, question.recipe.voxels)
         place = given.work / f"casts-{name}"
-        with casts_in(place, question.views, question.recipe(), given.workers) as casts:
+        with casts_in(place, question.views, question.recipe, given.workers) as casts:
 
             def judged(some, casts=casts, judge=judge, question=question):
                 casts.ensure([number for one in some for number in one])
@@ -89,7 +89,7 @@ def main() -> None:
                 layouts = spread([one.layout for one in found], found, given.layouts)
                 keep("search", {
                     "layouts": len(found), "views_cast": casts.made,
-                    "moments": len(question.moments.every),
+                    "moments": len(question.recipe.moments.every),
                     "wall_s": time.perf_counter() - began, "processor_s": processor_s() - used,
                 })  # fmt: skip
             values[name] = [one.values for one in judged(layouts)]
@@ -144,10 +144,10 @@ def rig_of(question: Question, layout: tuple[int, ...], path: Path) -> Path:
 def validated(question: Question, casts: object, layouts: list, work: Path) -> list[dict]:
     """Return how expected points compare with those of full recordings."""
     rows = []
-    targets, every = question.moments.targets, question.moments.every
+    targets, every = question.recipe.moments.targets, question.recipe.moments.every
     for number, layout in enumerate(layouts):
         rig = rig_of(question, layout, work / "rigs" / f"valid-{number}.yaml")
-        step = round(question.moments.step_s * question.spec.rate_hz)
+        step = round(question.recipe.moments.step_s * question.spec.rate_hz)
         began = time.perf_counter()
         data = work / ("valid-" + "-".join(map(str, layout)))
         if not data.exists():

@@ -90,5 +90,5 @@ def casts(question, tmp_path_factory):
     from urbantwin.studies.placement.sighting import casts_in
 
     folder: Path = tmp_path_factory.mktemp("casts")
-    with casts_in(folder, question.views, question.recipe(), 1) as found:
+    with casts_in(folder, question.views, question.recipe, 1) as found:
         yield found

@@ -15,7 +15,7 @@ from urbantwin.studies.placement.view import Views
 
 def sighting(question, points, **other):
     """Return what a view sees of hand-made points on the targets."""
-    count, squares = len(question.moments.targets), len(question.squares.crossing)
+    count, squares = len(question.recipe.moments.targets), len(question.recipe.squares.crossing)
     made = Sighting(
         np.asarray(points, np.float32),
         np.asarray(points, np.float32),
@@ -24,18 +24,18 @@ def sighting(question, points, **other):
         np.full(count, 15.0, np.float32),
         np.ones(squares, bool),
         np.ones(squares, np.float32),
-        np.ones(len(question.voxels.entropy), bool),
+        np.ones(len(question.recipe.voxels.entropy), bool),
     )
     return made._replace(**other)
 
 
 @pytest.fixture(scope="module")
 def judge(question):
-    return Judge(question.moments, question.squares, question.voxels)
+    return Judge(question.recipe.moments, question.recipe.squares, question.recipe.voxels)
 
 
 def test_shares_points_and_the_failure_that_is_missed_most(question, judge):
-    track = question.moments.targets.track
+    track = question.recipe.moments.targets.track
     # Actors 1 and 2 by the first sensor, 2 and 3 by the second; 4 by neither alone.
     first = sighting(question, np.select([track == 1, track == 2, track == 4], [60, 20, 3], 0))
     second = sighting(question, np.select([track == 2, track == 3, track == 4], [5, 5, 2], 0))
@@ -59,27 +59,27 @@ def test_shares_points_and_the_failure_that_is_missed_most(question, judge):
 
 
 def test_the_longest_time_unseen_is_a_run_of_moments(question, judge):
-    targets = question.moments.targets
+    targets = question.recipe.moments.targets
     points = np.full(len(targets), 9.0)
     # Of six moments of actor 1: seen, not, not, seen, not, seen.
     rows = np.flatnonzero(targets.track == 1)
     assert len(rows) == 6
     points[rows] = [9, 4, 0, 5, 4.4, 6]
     (longest,) = {*judge.longest_unseen_s(points)} - {0.0}
-    assert longest == pytest.approx(2 * question.moments.step_s)
+    assert longest == pytest.approx(2 * question.recipe.moments.step_s)
     verdict = judge.verdict([sighting(question, points)], 0.0)
     assert verdict.values["unseen_longest_s"] == pytest.approx(0.8)
     assert verdict.values["unseen_mean_s"] == pytest.approx(0.8 / 4)
 
 
 def test_uniformity_density_blind_area_and_entropy(question, judge):
-    squares, count = question.squares, len(question.squares.crossing)
-    points = np.zeros(len(question.moments.targets))
+    squares, count = question.recipe.squares, len(question.recipe.squares.crossing)
+    points = np.zeros(len(question.recipe.moments.targets))
     even = judge.verdict([sighting(question, points)], 0.0).values
     assert even["nuc"] == 0
     assert even["density_per_m2"] == pytest.approx(1 / 4)
     assert even["blind_m2"] == 0
-    assert even["entropy_nats"] == pytest.approx(question.voxels.entropy.sum())
+    assert even["entropy_nats"] == pytest.approx(question.recipe.voxels.entropy.sum())
     ground = np.zeros(count, np.float32)
     ground[: count // 2] = 2.0
     sees = np.ones(count, bool)
@@ -89,7 +89,7 @@ def test_uniformity_density_blind_area_and_entropy(question, judge):
         points,
         ground=ground,
         sees=sees,
-        passed=np.zeros(len(question.voxels.entropy), bool),
+        passed=np.zeros(len(question.recipe.voxels.entropy), bool),
     )
     found = judge.verdict([half], 0.0).values
     # Half of the areas have twice the mean, the others none: a standard deviation of 1.
@@ -102,10 +102,10 @@ def test_uniformity_density_blind_area_and_entropy(question, judge):
 
 def test_intervals_hold_the_mean_of_other_actors(question):
     """Of 1,000 sets of actors with a known share, about 95 % of intervals hold it."""
-    targets = question.moments.targets
+    targets = question.recipe.moments.targets
     tracks = np.arange(40)
     many = replace(
-        question.moments,
+        question.recipe.moments,
         targets=replace(
             targets,
             moment=np.zeros(40, np.int64),
@@ -117,7 +117,7 @@ def test_intervals_hold_the_mean_of_other_actors(question):
             yaw=np.zeros(40),
         ),
     )
-    judge = Judge(many, question.squares, question.voxels)
+    judge = Judge(many, question.recipe.squares, question.recipe.voxels)
     random = np.random.default_rng(1)
     held = 0
     for _ in range(200):
@@ -219,6 +219,8 @@ def test_a_search_keeps_to_its_budget_and_comes_out_the_same(question, judge, ca
 
 
 def test_equal_layouts_are_both_on_the_front(question, judge):
-    verdict = judge.verdict([sighting(question, np.zeros(len(question.moments.targets)))], 5.0)
+    verdict = judge.verdict(
+        [sighting(question, np.zeros(len(question.recipe.moments.targets)))], 5.0
+    )
     twice = [Found((0,), verdict), Found((1,), verdict)]
     assert pareto_front(twice, ["cost", "seen_20"]) == [0, 1]

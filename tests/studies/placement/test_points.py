@@ -18,16 +18,16 @@ def recorded(question, layout, seeds):
     twin, motion = question.twin, question.motion
     rig = place_rig(question.views.rig_spec(layout, twin.reflectivity), twin.mesh)
     motions = FrameMotions(motion)
-    found = np.zeros((len(seeds), len(question.moments.targets)), int)
+    found = np.zeros((len(seeds), len(question.recipe.moments.targets)), int)
     ground = []
     for k, seed in enumerate(seeds):
         scanner = Scanner(twin.mesh, rig, seed, surface=twin.surface_materials)
-        for number, moment in enumerate(question.moments.every):
+        for number, moment in enumerate(question.recipe.moments.every):
             around = motions.around(moment.time_s, 0.0, 0.11)
             frame = scanner.scan(moment.index, posed_actors(around.rows, around.paths()))
             points = {box.track: box.num_points for box in frame.boxes}
-            for row in np.flatnonzero(question.moments.targets.moment == number):
-                found[k, row] = points[int(question.moments.targets.track[row])]
+            for row in np.flatnonzero(question.recipe.moments.targets.moment == number):
+                found[k, row] = points[int(question.recipe.moments.targets.track[row])]
             ground.append((frame.points[:, :3], frame.semantic))
     return found, ground
 
@@ -61,7 +61,7 @@ def test_points_of_a_layout_are_the_sum_of_its_sensors(question, pair):
 
 def test_points_on_the_ground_are_those_of_recordings(question, pair):
     _, sightings, (_, frames) = pair
-    squares = question.squares
+    squares = question.recipe.squares
     walked = [one.id for one in semantic_classes().values() if one.name in ("road", "sidewalk")]
     counts = np.zeros(len(squares.crossing))
     for points, semantic in frames:
@@ -79,16 +79,16 @@ def test_who_is_hidden_by_what(question, casts):
     """The truck stands between the far corner and the car beside it."""
     views = question.views
     seen = [casts.of((n,))[0] for n, one in enumerate(views.every) if one.mount == 0]
-    targets = question.moments.targets
+    targets = question.recipe.moments.targets
     car = targets.track == 3
     low = min(seen, key=lambda one: one.points[car].sum())
     # From the south-east, the truck takes points from the car that stands north of it.
     assert low.alone[car].sum() > low.points[car].sum()
     assert (low.blocker[car] == 2).any()
-    hidden = {one.track: one for one in hidden_actors(question.moments, [low])}
+    hidden = {one.track: one for one in hidden_actors(question.recipe.moments, [low])}
     for one in hidden.values():
         rows = (targets.track == one.track) & (low.points < 4.5)
-        assert one.seconds == pytest.approx(rows.sum() * question.moments.step_s)
+        assert one.seconds == pytest.approx(rows.sum() * question.recipe.moments.step_s)
         assert one.behind[0]
 
 
@@ -106,16 +106,18 @@ def test_a_wall_is_told_by_its_class(question, motion, two_avenues_twin, tmp_pat
         semantic_id("other-structure"),
         material_id("concrete"),
     )
-    recipe = question.recipe()
+    recipe = question.recipe
     walled = replace(recipe, mesh=LabelledMesh.concatenate([recipe.mesh, wall]))
     number = question.views.chosen(0, 1, 0, 0, 0)
     mounted = question.views.hung(number, recipe.models)
     caster = Caster(walled)
     sighting = caster.cast(mounted, 0)
     assert sighting.points.sum() < 0.05 * caster_free(question, recipe, mounted)
-    hidden = hidden_actors(question.moments, [sighting])
+    hidden = hidden_actors(question.recipe.moments, [sighting])
     assert {one.track for one in hidden} == {1, 2, 3, 4}
-    assert hidden[0].seconds == pytest.approx(len(question.moments.every) * question.moments.step_s)
+    assert hidden[0].seconds == pytest.approx(
+        len(question.recipe.moments.every) * question.recipe.moments.step_s
+    )
     assert "a structure" in {one.behind[0] for one in hidden}
 
 
@@ -140,7 +142,7 @@ def test_what_is_half_written_is_cast_again(casts, question):
 
 
 def test_voxels_are_occupied_as_often_as_boxes_hold_their_middles(question):
-    targets, moments = question.moments.targets, len(question.moments.every)
+    targets, moments = question.recipe.moments.targets, len(question.recipe.moments.every)
     voxels = occupied_voxels(targets, moments, 1.0)
     # The driving car is at each place for a part of the time; the truck never leaves, and what
     # is certain has no entropy.
@@ -164,7 +166,7 @@ def test_voxels_are_occupied_as_often_as_boxes_hold_their_middles(question):
 
 
 def test_beams_pass_the_voxels_that_points_on_them_lie_in(question):
-    voxels = question.voxels
+    voxels = question.recipe.voxels
     random = np.random.default_rng(0)
     origin = np.array([14.0, -14.0, 6.0])
     places = np.argwhere(voxels.number >= 0)[random.integers(0, len(voxels.entropy), 60)]

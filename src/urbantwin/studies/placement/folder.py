@@ -188,17 +188,17 @@ def _manifest(placed: Placed, about: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "kind": "placement",
         **about,
-        "seed": question.seed,
+        "seed": question.recipe.seed,
         "layouts_asked": question.layouts,
         "layouts": len(placed.found),
         "views": len(question.views.every),
         "views_cast": placed.views_cast,
         "candidates": len(question.mounts.every),
         "left_out": question.mounts.left_out,
-        "moments": len(question.moments.every),
-        "step_s": question.moments.step_s,
-        "actors": question.moments.targets.class_counts(),
-        "lanes_and_crossings_m2": len(question.squares.crossing) * CELL_M**2,
+        "moments": len(question.recipe.moments.every),
+        "step_s": question.recipe.moments.step_s,
+        "actors": question.recipe.moments.targets.class_counts(),
+        "lanes_and_crossings_m2": len(question.recipe.squares.crossing) * CELL_M**2,
         "objectives": list(question.spec.objectives),
         "front": [layout_name(number) for number in placed.front],
         "measures": {
@@ -227,7 +227,7 @@ def _warnings(placed: Placed) -> list[ResultWarning]:
                 "there are no more, or none that the budget meets",
             )
         )
-    if not len(question.squares.crossing):
+    if not len(question.recipe.squares.crossing):
         found.append(
             ResultWarning(
                 "blind area",
@@ -236,7 +236,7 @@ def _warnings(placed: Placed) -> list[ResultWarning]:
                 "another middle_m",
             )
         )
-    tracks = len(set(question.moments.targets.track.tolist()))
+    tracks = len(set(question.recipe.moments.targets.track.tolist()))
     if tracks < 20:
         found.append(
             ResultWarning(

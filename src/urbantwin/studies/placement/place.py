@@ -13,11 +13,12 @@ import shapely
 from urbantwin.errors import InputError
 from urbantwin.extras import check_extra
 from urbantwin.lidar import Rig
+from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.sight.junction import Junction
 from urbantwin.progress import Progress, untold
-from urbantwin.studies.placement.beam_voxels import Voxels, occupied_voxels
+from urbantwin.studies.placement.beam_voxels import occupied_voxels
 from urbantwin.studies.placement.judge import ClassPoints, Hidden, Judge, Verdict, hidden_actors
-from urbantwin.studies.placement.moments import Moments, Squares, moments_of
+from urbantwin.studies.placement.moments import Squares, moments_of
 from urbantwin.studies.placement.mount import Mounts, find_mounts
 from urbantwin.studies.placement.place_file import PlaceSpec
 from urbantwin.studies.placement.search import Found, pareto_front, possible_layouts, search
@@ -39,17 +40,14 @@ class Question:
     """What is searched, checked before anything is cast.
 
     Attributes:
-        spec: as it was asked.
+        spec: ``place.yaml`` with its defaults.
         twin: the twin.
         motion: that all layouts see.
         mounts: where sensors may hang.
         views: every view.
-        moments: of the motion.
-        squares: of lanes and crossings.
-        voxels: of the traffic.
-        models: a sensor of each model.
-        seed: of the search.
-        layouts: how many are judged.
+        recipe: what all casts share: the motion's moments, the ground, the sensors' models.
+        models: a rig with a sensor of each model.
+        layouts: number of layouts to judge.
     """
 
     spec: PlaceSpec
@@ -57,26 +55,9 @@ class Question:
     motion: Motion
     mounts: Mounts
     views: Views
-    moments: Moments
-    squares: Squares
-    voxels: Voxels
+    recipe: Recipe
     models: Rig
-    seed: int
     layouts: int
-
-    def recipe(self) -> Recipe:
-        """Return what all casts share."""
-        return Recipe(
-            self.twin.mesh,
-            self.twin.surface_materials,
-            self.motion.meshes,
-            self.moments,
-            self.squares,
-            self.voxels,
-            self.models.sensors,
-            self.spec.conditions,
-            self.seed,
-        )
 
 
 @dataclass(frozen=True)
@@ -162,13 +143,20 @@ def ask(
         )
     near = shapely.Point(spec.middle_m).buffer(spec.reach_m)
     where = shapely.intersection(twin.region, near)
-    models = views.models(twin.mesh, twin.reflectivity)
     moments = moments_of(motion, where, spec.rate_hz, spec.step_s)
-    squares = Squares(junction.ground, junction.ground.on_crossings(twin.roads))
-    voxels = occupied_voxels(moments.targets, len(moments.every), spec.voxel_m)
-    return Question(
-        spec, twin, motion, mounts, views, moments, squares, voxels, models, seed, layouts
+    models = views.models(twin.mesh, twin.reflectivity)
+    recipe = Recipe(
+        twin.mesh,
+        twin.surface_materials,
+        motion.meshes,
+        moments,
+        Squares(junction.ground, junction.ground.on_crossings(twin.roads)),
+        occupied_voxels(moments.targets, len(moments.every), spec.voxel_m),
+        models.sensors,
+        spec.conditions,
+        seed,
     )
+    return Question(spec, twin, motion, mounts, views, recipe, models, layouts)
 
 
 def place(
@@ -195,79 +183,64 @@ def place(
     """
     told = tell or untold
     told(0.0, "static world")
-    with casts_in(scratch, question.views, question.recipe(), workers) as casts:
+    views, recipe, layouts = question.views, question.recipe, question.layouts
+    with casts_in(scratch, views, recipe, workers) as casts:
         if say is not None:
             say(*_forecast(question, casts, workers))
-        judge = Judge(question.moments, question.squares, question.voxels)
+        judge = Judge(recipe.moments, recipe.squares, recipe.voxels)
         done = 0
 
-        def judged(layouts: Sequence[Layout]) -> list[Verdict]:
-            numbers = [number for layout in layouts for number in layout]
-            share = 0.98 * done / question.layouts
-            step = 0.98 * len(layouts) / question.layouts
-
+        def judged(asked: Sequence[Layout]) -> list[Verdict]:
             def count(made: int, of: int) -> None:
-                told(share + step * made / of, f"view {casts.made}, layout {done}")
+                share = 0.98 * (done + len(asked) * made / of) / layouts
+                told(share, f"view {casts.made}, layout {done}")
 
-            casts.ensure(numbers, count)
-            return [
-                judge.verdict(casts.of(layout), question.views.cost(layout)) for layout in layouts
-            ]
+            casts.ensure([number for layout in asked for number in layout], count)
+            return [judge.verdict(casts.of(layout), views.cost(layout)) for layout in asked]
 
         def counted(count: int) -> None:
             nonlocal done
             done = count
-            told(0.98 * count / question.layouts, f"layout {count} of {question.layouts}")
+            told(0.98 * count / layouts, f"layout {count} of {layouts}")
 
-        found = search(
-            question.views,
-            judged,
-            layouts=question.layouts,
-            seed=question.seed,
-            first=first,
-            tell=counted,
-        )
+        found = search(views, judged, layouts=layouts, seed=recipe.seed, first=first, tell=counted)
         front = pareto_front(found, question.spec.objectives)
         front.sort(key=lambda n: (found[n].verdict.values["cost"], n))
         told(0.98, "what is hidden")
-        explained = [
-            Explained(
-                n,
-                tuple(judge.by_class(casts.of(found[n].layout))),
-                tuple(hidden_actors(question.moments, casts.of(found[n].layout))),
-            )
-            for n in front
-        ]
+        explained = []
+        for number in front:
+            seen = casts.of(found[number].layout)
+            hidden = hidden_actors(recipe.moments, seen)
+            explained.append(Explained(number, tuple(judge.by_class(seen)), tuple(hidden)))
         used = {number for one in found for number in one.layout}
         return Placed(question, tuple(found), tuple(front), tuple(explained), len(used))
 
 
 def _forecast(question: Question, casts: Casts, workers: int) -> tuple[float, str]:
     """Return how many seconds a search takes, from one view of each model, and that in words."""
-    views, moments = question.views, len(question.moments.every)
-    seconds = []
+    views, moments = question.views, question.recipe.moments
+    few, seconds = min(_TRIAL_MOMENTS, len(moments.every)), []
     for model in range(len(question.spec.models)):
         number = next(n for n, one in enumerate(views.every) if one.model == model)
-        mounted = views.hung(number, casts.recipe.models)
-        casts.here.cast(mounted, model, 1)  # What is made once does not count.
-        began = time.perf_counter()
-        casts.here.cast(mounted, model, 1)
-        one = time.perf_counter() - began
-        few = min(_TRIAL_MOMENTS, moments)
-        began = time.perf_counter()
-        casts.here.cast(mounted, model, few)
-        per_moment = (time.perf_counter() - began - one) / max(few - 1, 1)
-        seconds.append(one + max(per_moment, 0.0) * (moments - 1))
+        mounted = views.hung(number, question.recipe.models)
+        # What is made once, in the first cast, does not count.
+        _, first, several = (_seconds(casts, mounted, model, count) for count in (1, 1, few))
+        per_moment = max(several - first, 0.0) / max(few - 1, 1)
+        seconds.append(first + per_moment * (len(moments.every) - 1))
     sensors = (question.spec.sensors.least + question.spec.sensors.most) / 2
     layouts = min(question.layouts, possible_layouts(views))
     count = min(len(views.every), int(layouts * sensors * _NEW_VIEWS) + 1)
     total = count * float(np.mean(seconds)) / max(workers, 1)
+    words = f"{total / 60:.0f} min" if total >= 90 else f"{max(total, 1):.0f} s"
     return total, (
         f"{len(question.mounts.every)} places, {len(views.every)} views, {layouts} layouts, "
-        f"{moments} moments with {len(np.unique(question.moments.targets.track))} actors: about "
-        f"{_minutes(total)}"
+        f"{len(moments.every)} moments with {len(np.unique(moments.targets.track))} actors: "
+        f"about {words}"
     )
 
 
-def _minutes(seconds: float) -> str:
-    return f"{seconds / 60:.0f} min" if seconds >= 90 else f"{max(seconds, 1):.0f} s"
+def _seconds(casts: Casts, mounted: MountedSensor, model: int, moments: int) -> float:
+    """Return how long a cast of some moments takes, seconds."""
+    began = time.perf_counter()
+    casts.here.cast(mounted, model, moments)
+    return time.perf_counter() - began

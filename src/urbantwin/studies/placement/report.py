@@ -73,8 +73,7 @@ def _draw_front(placed: Placed, path: Path) -> None:
         for k in front:
             bounds = placed.found[k].verdict.intervals.get(name)
             if bounds is not None:
-                line = {"color": INK, "linewidth": 0.6, "alpha": 0.4}
-                axes.plot([costs[k], costs[k]], bounds, zorder=2, **line)
+                axes.vlines(costs[k], *bounds, color=INK, linewidth=0.6, alpha=0.4, zorder=2)
         best = axes.scatter(costs[front], figures[front], s=22, color=INK, zorder=3)
         if not number:
             labels = ("on the front, 95 % over actors", "other layouts")
@@ -132,7 +131,7 @@ def _draw_site(axes: Axes, twin: Twin) -> None:
                 *((one, "white") for one in part.interiors),
             ):
                 axes.fill(*shapely.get_coordinates(ring).T, facecolor=fill, edgecolor="none")
-    axes.add_collection(PolyCollection(roofs, facecolor=_BUILDING, edgecolor=_BUILDING))
+    axes.add_collection(PolyCollection(list(roofs), facecolor=_BUILDING, edgecolor=_BUILDING))
 
 
 def _draw_layout(axes: Axes, placed: Placed, number: int) -> None:

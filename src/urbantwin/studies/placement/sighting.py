@@ -179,6 +179,12 @@ class Caster:
         sees = visible(Stance.of(mounted), squares, self._around, field)
         return Sighting(points, alone, blocker, taken, away, sees, ground, passed)
 
+    def written(self, mounted: MountedSensor, model: int, path: Path) -> Sighting:
+        """Return what a sensor sees, and write it."""
+        sighting = self.cast(mounted, model)
+        write_sighting(path, sighting)
+        return sighting
+
     def _ground(self, empty: Turn) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Return points on each square without traffic, and the voxels that beams pass."""
         squares, found = self._recipe.squares.ground, empty.points
@@ -269,31 +275,22 @@ class Casts:
         return self.folder / f"view-{number:06d}.npz"
 
     def _cast(self, numbers: Sequence[int]) -> Iterator[tuple[int, Sighting]]:
-        tasks = [
-            (
+        tasks = {
+            number: (
                 self.views.hung(number, self.recipe.models),
                 self.views.every[number].model,
                 self.path(number),
             )
             for number in numbers
-        ]
+        }
         if self.pool is None:
-            for number, (mounted, model, path) in zip(numbers, tasks, strict=True):
-                sighting = self.here.cast(mounted, model)
-                write_sighting(path, sighting)
-                yield number, sighting
+            for number, task in tasks.items():
+                yield number, self.here.written(*task)
             return
         try:
-            waiting = {
-                self.pool.submit(_cast, *task): number
-                for number, task in zip(numbers, tasks, strict=True)
-            }
+            waiting = {self.pool.submit(_cast, *task): number for number, task in tasks.items()}
             for one in as_completed(waiting):
-                one.result()
-                number = waiting[one]
-                made = read_sighting(self.path(number))
-                assert made is not None
-                yield number, made
+                yield waiting[one], one.result()
         except BrokenProcessPool:
             raise StageError(
                 "a worker was killed (out of memory?); what was cast is kept: "
@@ -321,6 +318,6 @@ def _start(recipe: Recipe) -> None:
     _caster = Caster(recipe)
 
 
-def _cast(mounted: MountedSensor, model: int, path: Path) -> None:
+def _cast(mounted: MountedSensor, model: int, path: Path) -> Sighting:
     assert _caster is not None
-    write_sighting(path, _caster.cast(mounted, model))
+    return _caster.written(mounted, model, path)
