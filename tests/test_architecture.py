@@ -1,6 +1,7 @@
 """The floors of docs/architecture.md: a package imports only packages above it."""
 
 import ast
+import graphlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -65,6 +66,19 @@ def test_a_package_imports_only_packages_above_it() -> None:
             elif order.index(package) > order.index(here):
                 wrong.append(f"{module}:{line}: {here} imports {package}, which is below it")
     assert not wrong, "\n".join(wrong)
+
+
+def test_modules_import_each_other_in_no_circle() -> None:
+    dotted = {".".join(("urbantwin", *one.relative_to(SOURCE).parts)): one for one in MODULES}
+    modules = {name.removesuffix(".py").removesuffix(".__init__"): dotted[name] for name in dotted}
+    needs: dict[str, set[str]] = {}
+    for name, module in modules.items():
+        imported = [one for one in imports_of(module) if not one.typing and one.source]
+        pairs = [
+            (f"{one.source}.{part}", str(one.source)) for one in imported for part in one.names
+        ]
+        needs[name] = {inner if inner in modules else outer for inner, outer in pairs}
+    graphlib.TopologicalSorter(needs).prepare()  # CycleError names the circle
 
 
 def test_a_package_of_a_groups_name_lists_its_commands_and_imports_none() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,18 +21,19 @@ from urbantwin.dataset.layout import folders_of, frame_name
 from urbantwin.dataset.manifest import frames_of, manifest_of
 from urbantwin.dataset.reading.columns import BOXES, SEQUENCE_TABLES, arrow_schema
 from urbantwin.dataset.reading.frame_files import RAY_TYPE
+from urbantwin.dataset.rehearsal import rehearse
 from urbantwin.dataset.sequence_tables import write_sequence_tables
 from urbantwin.dataset.split.actor_places import Recorded
 from urbantwin.dataset.split.asked import SplitAsked
 from urbantwin.dataset.split.image_sets import FILES, write_image_sets
 from urbantwin.dataset.split.time_split import Split, split_in_time
 from urbantwin.dataset.sweep_table import write_sweeps
-from urbantwin.dataset.workers import Part, Recipe, Task, Workers, crew_of, record_frames
+from urbantwin.dataset.workers import Part, Recipe, Task, Workers, record_frames
 from urbantwin.errors import StageError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.annotated import truck_of_load
 from urbantwin.lidar.timing import span_of
-from urbantwin.processes import Helpers
+from urbantwin.processes import Helpers, helpers, usable_processors
 from urbantwin.progress import Progress
 
 if TYPE_CHECKING:
@@ -214,7 +216,7 @@ def write_datasets(
     missing = {name: _missing(own, storage) for name, own in parts.items()}
     rigs = {name: own.rig for name, own in parts.items()}
     with (
-        crew_of(workers, sum(map(len, missing.values()))) as crew,
+        _crew(workers, sum(map(len, missing.values()))) as crew,
         areas_of(rigs, twin.mesh, twin.region, crew) as ignored,
     ):
         entries = record_datasets(
@@ -318,3 +320,14 @@ def _entries(own: Recording) -> list[Any]:
         None if one is None else {**one, "boxes": packed_columns(one["boxes"])}
         for one in own.place.entries(frame_name(index) for index in own.times_s)
     ]
+
+
+@contextmanager
+def _crew(workers: Workers, frames: int) -> Iterator[Helpers | Cluster]:
+    """Yield the workers as given, or processes that end with the block: not more than frames."""
+    if isinstance(workers, Helpers | Cluster):
+        yield workers
+        return
+    most = usable_processors() if workers is None else workers
+    with helpers(min(most, frames), rehearse) as crew:
+        yield crew

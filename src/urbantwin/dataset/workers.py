@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -19,7 +19,6 @@ from urbantwin.dataset.frame_place import FramePlace
 from urbantwin.dataset.layout import frame_name, write_frame
 from urbantwin.dataset.motion_interpolation import posed_actors
 from urbantwin.dataset.reading.manifest import pose_matrix
-from urbantwin.dataset.rehearsal import rehearse
 from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
@@ -28,15 +27,13 @@ from urbantwin.lidar.static_view import StaticView
 from urbantwin.processes import (
     Helpers,
     handed,
-    helpers,
     over,
     received,
     settle,
-    usable_processors,
 )
 from urbantwin.traffic.assets import asset_mesh, mesh_among
 
-__all__ = ["Part", "Recipe", "Task", "Workers", "crew_of", "record_frames"]
+__all__ = ["Part", "Recipe", "Task", "Workers", "record_frames"]
 
 #: How many processes of this machine, this one and its helpers, or a cluster; ``None`` for as many
 #: as there are processors.
@@ -175,17 +172,6 @@ class _Recorder:
             entry["dataset_SE3_site"] = pose_matrix(rig.dataset_pose(carrier))
         part.place.mark(frame_name(task.index), entry)
         return task.index
-
-
-@contextmanager
-def crew_of(workers: Workers, frames: int) -> Iterator[Helpers | Cluster]:
-    """Yield who records so many frames: who is given, or processes that end with the block."""
-    if isinstance(workers, Helpers | Cluster):
-        yield workers
-        return
-    most = usable_processors() if workers is None else workers
-    with helpers(min(most, frames), rehearse) as crew:
-        yield crew
 
 
 def record_frames(

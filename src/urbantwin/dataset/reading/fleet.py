@@ -17,6 +17,7 @@ from urbantwin.dataset.reading.columns import BOX, FLEET_BOXES, NODES, POSE
 from urbantwin.dataset.reading.dataset import Dataset
 from urbantwin.dataset.reading.frame import Frame
 from urbantwin.dataset.reading.frame_files import FrameFiles
+from urbantwin.dataset.reading.fused import Alignment, FusedCloud, Knowledge, fused_cloud
 from urbantwin.dataset.reading.manifest import read_fleet_manifest
 from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.dataset.reading.tables import read_table
@@ -26,8 +27,6 @@ from urbantwin.result_warning import ResultWarning, warnings_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-    from urbantwin.dataset.reading.fused import Alignment, FusedCloud, Knowledge
 
 __all__ = ["Fleet", "FleetFrame", "NodeFrame", "NodeState"]
 
@@ -211,8 +210,6 @@ class FleetFrame:
         Raises:
             InputError: there is no such node, or the receiver is not there.
         """
-        from urbantwin.dataset.reading.fused import fused_cloud
-
         return fused_cloud(
             self.fleet, self.name, frame_of=frame_of, using=using, at=at, nodes=nodes
         )

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.dataset.reading.columns import VELOCITY
-from urbantwin.dataset.reading.fleet import Fleet, NodeState
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
+
+if TYPE_CHECKING:
+    from urbantwin.dataset.reading.fleet import Fleet, NodeState
 
 __all__ = ["Alignment", "FusedCloud", "Knowledge", "fused_cloud"]
 
@@ -113,10 +115,11 @@ def fused_cloud(
         taken: str | None = frame
         if at != "same" and receiver is not None and name != frame_of:
             taken = _nearest(fleet, name, frame, receiver, using)
-        state = NodeState(present=False) if taken is None else fleet.state(taken, name)
-        frames[name] = taken if state.present else None
-        if taken is None or not state.present:
+        state = None if taken is None else fleet.state(taken, name)
+        frames[name] = None
+        if taken is None or state is None or not state.present:
             continue
+        frames[name] = taken
         files = fleet.cloud(taken, name)
         age_s[name] = (
             0.0 if receiver is None else
