@@ -13,6 +13,8 @@ from urbantwin.traffic.motion import MOTION_VERSION
 
 from ..thorough import further
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.mark.parametrize("backend", ["warp:cpu", *further("bvh")])
 def test_a_backend_records_what_embree_does(backend, twin, motion, rig, digests, tmp_path):

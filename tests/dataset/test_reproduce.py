@@ -128,6 +128,7 @@ def test_the_manifest_alone_and_the_inputs_give_the_same_bytes(made, tmp_path, c
     assert [one.name for one in alone.iterdir()] == ["dataset.json"]
 
 
+@pytest.mark.thorough
 def test_sensors_apart_on_another_rig(made, tmp_path):
     """A dataset for each sensor; also of one of them; the scratch beside it goes."""
     parts = shutil.copytree(made / "parts", tmp_path / "far" / "parts")

@@ -187,6 +187,7 @@ def test_a_dataset_is_divided_anew_as_it_would_have_been_recorded(
     assert [one.name for one in tmp_path.iterdir() if one.name.startswith(".")] == []
 
 
+@pytest.mark.thorough
 def test_card_and_picture_tell_the_split_that_there_is(dataset, tmp_path):
     old, new = (shutil.copytree(dataset, tmp_path / name) for name in ("old", "new"))
     ut.dataset.card(old, progress=False)
@@ -212,6 +213,7 @@ def test_card_and_picture_tell_the_split_that_there_is(dataset, tmp_path):
     assert [bad.name for one in verify(other) for bad in one.damages] == ["README.md"]
 
 
+@pytest.mark.thorough
 def test_sensors_apart_are_cut_at_the_same_moments(twin, motion, tmp_path, rig_spec, digests):
     first = rig_spec().sensors[0].model_dump()
     second = {**first, "name": "far", "east_m": 30.0}

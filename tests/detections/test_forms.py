@@ -24,6 +24,7 @@ def kitti_texts(kitti: Path, folder: Path, count: int) -> None:
         (folder / file.name).write_text("\n".join(lines) + "\n")
 
 
+@pytest.mark.thorough
 def test_kittis_labels_as_results_are_all_right(shared_data: Path, tmp_path: Path) -> None:
     kitti = shared_data / "recordings" / "kitti-training"
     kitti_texts(kitti, tmp_path / "found" / "data", 50)

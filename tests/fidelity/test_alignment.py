@@ -164,6 +164,7 @@ def twin_of_street(tmp_path):
     return folder
 
 
+@pytest.mark.thorough
 def test_a_tipped_sensor_is_found_from_a_rough_guess_by_the_command(
     points, twin_of_street, tmp_path, capsys
 ):

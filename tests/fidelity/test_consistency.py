@@ -51,7 +51,7 @@ def test_nothing_is_said_of_honest_pairs(sweeps, scans):
         assert doubts_about(spoilt(real, lambda p: p), other) == []
 
 
-@pytest.mark.parametrize("degrees", [90, -37, *further(4)])
+@pytest.mark.parametrize("degrees", [-37, *further(90, 4)])
 def test_a_turn_is_said_with_its_angle_and_what_undoes_it(sweeps, degrees):
     real, other = sweeps
     (said,) = doubts_about(spoilt(real, turned(degrees)), other)
@@ -70,6 +70,7 @@ def test_a_turn_with_a_shift_can_be_undone_as_it_says(scans):
     assert np.abs(moved - real.points).mean() < 0.5
 
 
+@pytest.mark.thorough
 def test_shifts(sweeps):
     real, other = sweeps
     (said,) = doubts_about(spoilt(real, lambda p: p + [2.0, -3.0, 0.0]), other)
@@ -85,10 +86,10 @@ def test_shifts(sweeps):
     ("matrix", "words"),
     [
         (np.diag([1, -1, 1]), "mirrored (y turned round)"),
-        ([[0, -1, 0], [0, 0, -1], [1, 0, 0]], "take x = z, y = -x, z = -y"),
         (np.eye(3) / 0.3048, "in feet"),
         (Pose.from_ypr([0, 0, 0], 0.0, np.radians(6)).rotation, "tilted by 6 degrees"),
         *further(
+            ([[0, -1, 0], [0, 0, -1], [1, 0, 0]], "take x = z, y = -x, z = -y"),
             (np.eye(3)[[1, 0, 2]], "mirrored (x and y exchanged)"),
             (np.diag([1, -1, -1]), "take x = x, y = -y, z = -z"),
             (np.eye(3) * 1000, "in millimetres"),

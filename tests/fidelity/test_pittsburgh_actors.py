@@ -11,6 +11,8 @@ import pytest
 from urbantwin.geometry import Pose
 from urbantwin.taxonomy import material_id
 
+pytestmark = pytest.mark.thorough
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 EYE = np.array([1.0, 8.0, 1.0])
 

@@ -112,6 +112,7 @@ def test_any_reader_of_parquet_reads_the_shards(made: ut.experiment.Campaign) ->
     assert len(set(first)) > 1  # of several recordings
 
 
+@pytest.mark.thorough
 def test_another_level_makes_what_is_new_alone(grid: Path, made: ut.experiment.Campaign) -> None:
     before = {
         path: path.stat().st_mtime_ns
@@ -178,6 +179,7 @@ def test_a_cluster_makes_the_same_bytes(
         assert bytes_of(there.folder / row["path"]) == bytes_of(made.folder / row["path"])
 
 
+@pytest.mark.thorough
 def test_a_split_is_of_the_cells_of_the_grid_and_goes_with_it(
     grid: Path, made: ut.experiment.Campaign, tmp_path: Path
 ) -> None:

@@ -6,6 +6,8 @@ import time
 from concurrent.futures import wait
 from pathlib import Path
 
+import pytest
+
 from urbantwin.campaigns import Step
 from urbantwin.interface.campaign import _pool
 from urbantwin.interface.campaign_step import make
@@ -48,6 +50,7 @@ def _cut_off(maker, place: Path) -> None:
         (place / "ended").touch()
 
 
+@pytest.mark.thorough
 def test_a_worker_that_is_at_something_ends_with_the_campaign(tmp_path, monkeypatch) -> None:
     (tmp_path / "maker_of_steps.py").write_text(_MAKER)
     monkeypatch.syspath_prepend(tmp_path)

@@ -102,6 +102,7 @@ def test_a_run_that_is_cut_off_goes_on_and_ends_the_same(
     assert not (out / "work").exists()
 
 
+@pytest.mark.thorough
 def test_one_more_level_leaves_what_is_done(grid: Path, made: ut.experiment.Study) -> None:
     """Also what is known of the others: no motion, and two recordings of each seed, are new."""
     fields = yaml.safe_load(grid.read_text(encoding="utf-8"))
@@ -188,6 +189,7 @@ def test_a_detector_that_cannot_judge_is_told_before_anything_is_driven(
     assert err.count("\n") == 1
 
 
+@pytest.mark.thorough
 def test_a_recording_is_judged_as_evaluate_judges_it(line: Line, tmp_path: Path) -> None:
     """Precision of boxes and the tracks made of them, by the commands one after the other."""
     draw = np.random.default_rng(2)

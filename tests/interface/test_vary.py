@@ -115,6 +115,7 @@ def test_one_more_cyclist_changes_nobody_and_is_seen(
         assert (made / name).read_bytes() == (again.folder / name).read_bytes()
 
 
+@pytest.mark.thorough
 def test_a_signal_that_begins_later_shows_the_same_later(
     line: Line, run_file: Path, tmp_path: Path
 ) -> None:

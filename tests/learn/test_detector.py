@@ -338,6 +338,7 @@ def test_it_finds_what_it_was_shown(street: Path, tmp_path: Path, cell_m: float)
     same_in_onnxruntime(model, tmp_path / "model.onnx")
 
 
+@pytest.mark.thorough
 def test_what_was_learned_without_labels_begins_a_detector(street: Path, tmp_path: Path) -> None:
     bare = tmp_path / "bare"
     shutil.copytree(street / "points", bare / "points")
@@ -396,6 +397,7 @@ def test_what_a_teacher_is_sure_of_is_a_label_and_what_it_doubts_does_not_count(
         assert names[1] == "car"
 
 
+@pytest.mark.thorough
 def test_a_model_labels_frames_that_another_learns_from(street: Path, tmp_path: Path) -> None:
     given = {"steps": 1, "reach": 12, "classes": ["car"], "progress": False}
     teacher = ut.model.train(street, tmp_path / "teacher", **given)

@@ -13,6 +13,8 @@ from urbantwin.taxonomy import material_id
 
 from ..real_files import SWEEPS, argoverse_log, argoverse_map
 
+pytestmark = pytest.mark.thorough
+
 
 def lines_of(points):
     return np.array([[point["x"], point["y"]] for point in points])

@@ -7,6 +7,8 @@ from urbantwin.geometry import Pose
 from urbantwin.lidar import Scanner
 from urbantwin.lidar.casting.processor import ProcessorTracer
 
+from ..thorough import further
+
 
 def same(one, other):
     arrays = ("points", "semantic", "instance", "ring", "column", "time_s", "echo")
@@ -48,7 +50,7 @@ def moments(crowd):
     return [standing + driving, standing + driving, later + driving, later + driving, driving]
 
 
-@pytest.mark.parametrize("effects", [True, False])
+@pytest.mark.parametrize("effects", [True, *further(False)])
 def test_frames_are_those_of_scanners_that_know_nothing(street, rig_of, crowd, cast_at, effects):
     rig = rig_of(street, {"columns": 512, "effects": effects})
     frames = moments(crowd)
@@ -60,7 +62,7 @@ def test_frames_are_those_of_scanners_that_know_nothing(street, rig_of, crowd, c
     assert cast_at == [30, 10, 11, 10, 10]
 
 
-@pytest.mark.parametrize("one", [{"time_jitter_s": 0.002}, {"sway": {"rms_m": 0.05}}])
+@pytest.mark.parametrize("one", [{"sway": {"rms_m": 0.05}}, *further({"time_jitter_s": 0.002})])
 def test_beams_that_fire_at_other_times_or_from_elsewhere_are_cast(
     street, rig_of, crowd, cast_at, one
 ):

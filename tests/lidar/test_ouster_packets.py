@@ -93,6 +93,7 @@ def test_the_catalogue_knows_where_its_beams_leave(recording):
     assert sensor("OS1-128").beam_origin_m == pytest.approx(millimetres / 1000, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_the_world_lines_up_at_the_offsets_of_the_catalogue(recording):
     """What neighbouring rows see does not depend on any angle that the metadata gives.
 

@@ -14,6 +14,7 @@ from ..thorough import further
 STREETS = ("primary", "secondary", "tertiary", "trunk", "residential", "unclassified")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", ["West-Oakland.osm.bz2", *further("taipei.osm", "neukolln.osm", "london-borough.osm")]
 )

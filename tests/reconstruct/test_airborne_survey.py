@@ -130,6 +130,7 @@ def test_a_survey_of_elsewhere_is_refused():
         from_airborne(cloud, footprints=[], region=REGION, name="elsewhere")
 
 
+@pytest.mark.thorough
 def test_a_footprint_without_points_stays_the_maps():
     empty = shapely.box(-50, 40, -40, 50)
     model = from_airborne(survey(), footprints=[HOUSE, HALL, empty], region=REGION, name="made up")

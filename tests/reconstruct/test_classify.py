@@ -213,6 +213,7 @@ def test_hue_saturation_value_are_pythons() -> None:
     np.testing.assert_allclose(hsv(colours), np.array(expected) * [360, 1, 1], atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_shape_agrees_with_the_names_of_a_city_model(shared_data) -> None:
     """The model of Delft that another program made names its parts; without the names we agree."""
     path = shared_data / "airborne" / "delft-ahn3" / "reference" / "testarea.obj"

@@ -33,7 +33,7 @@ def hillside(step: float = 0.25) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(
     ("width", "depth", "height", "radius"),
-    [(10, 8, 9, 6), (3, 2, 12, 3), *further((18, 12, 6, 11))],
+    [(10, 8, 9, 6), *further((3, 2, 12, 3), (18, 12, 6, 11))],
 )
 def test_what_is_named_is_cut_out_of_the_surface_it_is_one_with(width, depth, height, radius):
     x, y, faces = hillside()

@@ -100,6 +100,7 @@ def test_a_full_disk_is_one_line_and_it_goes_on(
         assert bytes_of(out / name) == bytes_of(undisturbed / name)
 
 
+@pytest.mark.thorough
 def test_two_at_once_are_refused(stand: Stand, grid: Path, tmp_path: Path) -> None:
     out = tmp_path / "campaign"
     run = subprocess.Popen(

@@ -256,6 +256,7 @@ def test_an_interruption_of_all_at_once_and_twice(
     assert not list((tmp_path / "tmp").iterdir())
 
 
+@pytest.mark.thorough
 def test_a_second_run_is_refused_and_the_first_ends_whole(stand: Stand, tmp_path: Path) -> None:
     stand.expected("traffic")
     process, out = waited(stand, tmp_path, "traffic")

@@ -93,6 +93,7 @@ def test_the_same_map_gives_the_same_bytes(k733, tmp_path):
     assert (tmp_path / "0.json").read_bytes() == (tmp_path / "1.json").read_bytes()
 
 
+@pytest.mark.thorough
 def test_the_judges_of_opendrive_find_no_fault(k733, tmp_path, judge):
     model = k733[0].model
     tasks = []

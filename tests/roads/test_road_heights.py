@@ -259,6 +259,7 @@ DELFT = [  # carriageways along canals, from end to end, EPSG:28992 less the ori
 ]
 
 
+@pytest.mark.thorough
 def test_streets_lie_as_airborne_lidar_sees_them(shared_data):
     """Delft: a 1 m raster of the ground's points; judged by the points themselves."""
     folder = shared_data / "airborne" / "delft-ahn3"

@@ -195,6 +195,7 @@ def test_railways_of_britain_are_fenced_on_both_sides_and_open_at_streets():
     )
 
 
+@pytest.mark.thorough
 def test_car_parks_have_hedges_where_nobody_drives_in():
     lot = way(7, {"amenity": "parking"}, shapely.box(20, 12, 60, 32))
     drive = way(8, {"highway": "service"}, shapely.LineString([(40, 0), (40, 20)]))

@@ -91,6 +91,7 @@ def test_walkers_keep_a_clear_width(suburb):
         assert 9.0 - abs(one.geometry.y) >= 1.5
 
 
+@pytest.mark.thorough
 def test_shares_of_boundaries_are_those_of_the_table():
     # 50 houses in each of many towns: every house draws with its own number.
     features = [street(), *houses(5.0)]

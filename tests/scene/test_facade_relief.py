@@ -64,6 +64,7 @@ def test_a_raised_door_keeps_its_size():
     assert high[:, 2].min() > low[:, 2].min() + 0.1
 
 
+@pytest.mark.thorough
 def test_about_the_stated_share_of_houses_has_balconies_and_none_is_in_a_neighbour():
     counts = []
     for number in range(1, 61):

@@ -286,6 +286,7 @@ def test_any_roof_over_any_outline_closes_within_its_walls(footprint, shape, dir
     assert footprint.buffer(0.02).covers(shapely.MultiPoint(mesh.vertices[:, :2]))
 
 
+@pytest.mark.thorough
 @settings(max_examples=8, deadline=None)
 @given(
     st.lists(st.tuples(stars(), st.sampled_from(SHAPES), st.floats(-8, 8)), min_size=2, max_size=3)

@@ -190,6 +190,7 @@ def test_a_preset_that_does_not_fit_is_one_line(
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.thorough
 def test_sensors_of_unknown_place_stand_at_their_corners(tmp_path: Path) -> None:
     """At any junction that a person takes for the place of a preset without one."""
     site = ut.init(

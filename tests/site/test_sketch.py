@@ -204,6 +204,7 @@ def test_metres_without_a_word_are_no_degrees(tmp_path):
         read_sketch(written(tmp_path, far, crs="mine"), FRAME)
 
 
+@pytest.mark.thorough
 def test_the_example_is_the_place_that_its_recording_shows():
     site = load_site(EXAMPLE / "site.yaml")
     extract = read_sketch(site.sketch.path, site.frame)

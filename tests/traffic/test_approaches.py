@@ -72,6 +72,7 @@ def net(make_net: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory)
     return make_net(tmp_path_factory.mktemp("approach"), NODES, EDGES)
 
 
+@pytest.mark.thorough
 def test_detectors_of_sumo_count_the_shares_that_are_told(net: Path, tmp_path: Path) -> None:
     """Eight in ten by the left lane, which nobody needs, of an approach of 25 m."""
     flow = '<vType id="car" sigma="0.3"/><route id="r" edges="ab bc cd"/>'

@@ -288,6 +288,7 @@ def test_people_have_green_when_nobody_who_would_meet_them_has(
         assert not np.isin(letters[there][:, ways], ["G", "g", "y"]).any(), arm
 
 
+@pytest.mark.thorough
 def test_a_measurement_agrees_with_itself_and_not_with_another(
     whole: Measured,
     tracks: list[SeenTrack],
@@ -321,6 +322,7 @@ def test_a_measurement_agrees_with_itself_and_not_with_another(
     assert alike["speed_ks"] == {"median": 0.0, "p95": 0.0}
 
 
+@pytest.mark.thorough
 def test_chance_between_two_parts_is_that_of_draws_from_one_street() -> None:
     """One pair of parts tells what many pairs of one truth differ by (closed: multinomial)."""
     random = np.random.default_rng(5)

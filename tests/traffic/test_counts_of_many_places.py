@@ -229,6 +229,7 @@ def test_bicycles_counted_on_a_crossing_ride_past_its_arm(crossing_twin: Twin) -
     ]
 
 
+@pytest.mark.thorough
 def test_signals_serve_those_who_were_counted(crossing_twin: Twin, tmp_path: Path) -> None:
     def greens(*axis: str) -> float:
         rows = [{"approach": f"{one}c", "turn": "through", "per_hour": 900.0} for one in axis]

@@ -18,6 +18,7 @@ def shown(signals: list[dict], link: int, time_s: float) -> str:
     )
 
 
+@pytest.mark.thorough
 def test_an_offset_shifts_what_is_shown(
     crossing_net: Path, twin_of: Callable[..., Twin], tmp_path: Path
 ) -> None:

@@ -77,6 +77,7 @@ def test_what_a_site_says_of_gaps_holds(queue, trips):
     assert np.std(list(wide.values())) == pytest.approx(1.0, abs=0.3)
 
 
+@pytest.mark.thorough
 def test_nobody_elses_gap_changes_when_one_stays_away(queue, trips):
     every = queue(trips, {})
     fewer = queue([*trips[:10], *trips[11:]], {})

@@ -82,6 +82,7 @@ def test_nobody_to_find_is_told() -> None:
         Judge(["0"], np.zeros(1), [few], np.zeros((1, 2)), 50.0, ("car",))
 
 
+@pytest.mark.thorough
 def test_rows_tell_bits_a_second_and_the_gain_over_the_receiver_alone() -> None:
     settings = settings_of(["bitrate", "loss"], 3, reach_m=40.0, fails_from_s=5.0, last=2)
     found = {"alone": detected(0.5), "early": detected(1.0), "middle": detected(0.8),
