@@ -55,7 +55,7 @@ def built(overgrown: Path) -> ut.Twin:
 
 
 def seen_of_street(twin: ut.Twin, place: dict[str, float]) -> float:
-    """Share of the street within 50 m that a sensor covers 1 m above it: `lidar.coverage`."""
+    """Share of the street within 50 m that a sensor covers 1 m above it: `lidar.sight.coverage`."""
     one = {"name": "pole", "model": "OS1-128", "columns": 1024, **place}
     rig = place_rig(RigSpec.model_validate({"sensors": [one]}), twin.mesh)
     found = rig_coverage(rig, twin.mesh, (-50, -50, 50, 50), cell_m=2.0)

@@ -9,9 +9,8 @@ import pytest
 import shapely
 
 from urbantwin.geometry import Pose
-from urbantwin.lidar.labels.borders import Borders
+from urbantwin.lidar.labels.borders import Borders, StandingActors, truncations
 from urbantwin.lidar.labels.difficulty import LEVELS, difficulty_of
-from urbantwin.lidar.labels.truncation import StandingActors, truncations
 from urbantwin.lidar.pattern import beam_directions
 from urbantwin.lidar.shapes import ActorShape
 from urbantwin.lidar.sight.field_of_view import FieldOfView

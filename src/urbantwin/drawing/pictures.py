@@ -164,7 +164,7 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
 
 
 def sight_on(twin: Twin) -> RigSight | None:
-    """Return what a twin's own rig sees of the junction; see `lidar.siting.sight_of_rig`."""
+    """Return what a twin's own rig sees of the junction; see `lidar.sight.sight_of_rig`."""
     rig = place_rig(
         twin.rig_spec(), twin.mesh, file=twin.rig_path, anchor_height_m=twin.anchor_height_m
     )

@@ -22,9 +22,8 @@ from urbantwin.lidar.casting.known_layers import KnownLayers
 from urbantwin.lidar.casting.tracer import Layers
 from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.labels import LabelledFrame
-from urbantwin.lidar.labels.borders import Borders
+from urbantwin.lidar.labels.borders import Borders, StandingActors
 from urbantwin.lidar.labels.labelling import labelled
-from urbantwin.lidar.labels.truncation import StandingActors
 from urbantwin.lidar.outage import dead_beams
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import MountedSensor, Rig

@@ -92,14 +92,13 @@ def search(
             if new and tell is not None:
                 tell(len(found))
 
-        judge_new([one for one in first if not _too_much(views, one)])
+        cheapest = [] if spec.budget is None else [views.cheapest()]
+        judge_new([one for one in (*first, *cheapest) if not _too_much(views, one)])
         if possible_layouts(views) <= layouts:
             every = [one for one in _every_layout(views) if not _too_much(views, one)]
             for begin in range(0, len(every), TOGETHER):
                 judge_new(every[begin : begin + TOGETHER])
             return found
-        if spec.budget is not None:
-            study.enqueue_trial(_choices(views, views.cheapest()))
         vain = 0
         while len(found) < layouts and vain < _PATIENCE:
             trials = [study.ask() for _ in range(TOGETHER)]
@@ -140,22 +139,6 @@ def _suggested(trial: optuna.Trial, views: Views) -> Layout:
         ]
         chosen.append(views.chosen(*choices))
     return tuple(sorted(chosen[:count]))
-
-
-def _choices(views: Views, layout: Layout) -> dict[str, int]:
-    """Return what a trial suggests for a layout; what its further slots hold is left open."""
-    chosen = {"sensors": len(layout)}
-    for slot, number in enumerate(layout):
-        view = views.every[number]
-        heights = views.mounts[view.mount].heights_m
-        chosen |= {
-            f"mount-{slot}": view.mount,
-            f"height-{slot}": heights.index(view.height_m),
-            f"model-{slot}": view.model,
-            f"tilt-{slot}": views.spec.tilt_deg.index(view.tilt_deg),
-            f"yaw-{slot}": views.yaws(view.tilt_deg, view.model).index(view.yaw_deg),
-        }
-    return chosen
 
 
 def _too_much(views: Views, layout: Layout) -> float:
