@@ -20,9 +20,9 @@ class Level(NamedTuple):
 
     Attributes:
         name: of the level.
-        least_points: so many points on it, or more.
-        most_occlusion: so much hidden, or less; 0..1.
-        most_truncation: so much outside of what the rig sees, or less; 0..1.
+        least_points: least number of points on it.
+        most_occlusion: largest hidden share, 0..1.
+        most_truncation: largest share outside of what the rig sees, 0..1.
     """
 
     name: str

@@ -34,7 +34,7 @@ class BoxLabel(NamedTuple):
             behind it: of beams along its edges that may be what returns.
         velocity: (3,) metres per second, dataset frame.
         observed_s: when the actor stood in its box, seconds from the frame's time: the mean of
-            the times at which beams met it, or would have looked at it.
+            the times at which beams hit it, or would have been fired at it.
         truncation: 0..1, how much of it lies outside of what every sensor sees (`truncation`).
         whereabouts: where it is that it does not count (`borders`); ``None``: it does.
     """

@@ -1,4 +1,4 @@
-"""Standing sensors whose place nobody chose: on a map alone, or on a built scene."""
+"""Choosing places of sensors: on a map alone, or on a built scene."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ class Voxels:
     Attributes:
         low: (3,) corner of the grid, site frame.
         edge_m: of a voxel.
-        number: (nx, ny, nz) int32, number of each voxel; -1 where nobody ever is, or always.
+        number: (nx, ny, nz) int32, number of each voxel; -1 where it is never occupied, or always.
         entropy: (V,) float64, nats.
     """
 
@@ -42,8 +42,8 @@ def occupied_voxels(targets: Targets, moments: int, edge_m: float) -> Voxels:
     A voxel is occupied when its middle lies in a box.
 
     Args:
-        targets: who is where.
-        moments: how many moments there are.
+        targets: boxes of actors.
+        moments: number of moments.
         edge_m: of a voxel.
     """
     reach = np.hypot(targets.size[:, 0], targets.size[:, 1])[:, None] / 2

@@ -20,7 +20,7 @@ from urbantwin.taxonomy import semantic_classes
 
 __all__ = ["RANGES_M", "ClassPoints", "Hidden", "Judge", "Verdict", "hidden_actors"]
 
-#: Borders of the ranges that points are told by, metres from the nearest sensor.
+#: Borders of the ranges by which points are summed up, metres from the nearest sensor.
 RANGES_M = (0.0, 10.0, 20.0, 30.0, 50.0, np.inf)
 #: Sets of actors that are drawn again, with replacement, for an interval of 95 %.
 _DRAWS, _SEED = 200, 19
@@ -50,8 +50,8 @@ class Verdict:
 
     Attributes:
         values: of each of `measure.MEASURES`.
-        intervals: 95 %, of those that are means over actors: bootstrap over actors, who are drawn
-            with all their seconds. They say how other actors in the same traffic might come out,
+        intervals: 95 %, of those that are means over actors: bootstrap over actors, each drawn
+            with all its seconds. They say how other actors in the same traffic might come out,
             and nothing of other hours.
     """
 
@@ -229,7 +229,7 @@ def hidden_actors(
     Args:
         moments: of the motion.
         sightings: of the layout's views.
-        most: so many alone.
+        most: largest number of actors to return.
     """
     targets = moments.targets
     total = np.stack([one.points for one in sightings]).sum(axis=0)

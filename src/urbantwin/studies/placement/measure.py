@@ -7,7 +7,7 @@ from typing import Literal
 
 __all__ = ["LEVELS", "MEASURES", "SURROGATES", "Measure", "least_expected"]
 
-#: An object counts as seen with so many points in a frame, at three levels.
+#: Least points in a frame with which an object counts as seen, at three levels.
 LEVELS = (5, 20, 50)
 
 
@@ -27,7 +27,7 @@ class Measure:
         more: whether more of it is better.
         unit: of its values; empty for shares and numbers.
         meaning: in words.
-        source: who published it; empty for ours.
+        source: publication; empty for ours.
         sampled: whether it is a mean over actors, which has an interval.
     """
 
@@ -85,7 +85,7 @@ MEASURES: dict[str, Measure] = {
         False, "", "normalised uniformity coefficient of these points", f"{_CAI}; {_YU}"
     ),
 }
-#: What stands for a detector that nobody trained: published, then ours.
+#: Measures that stand for the precision of a detector: published, then ours.
 SURROGATES = (
     "entropy_nats",
     "density_per_m2",

@@ -1,4 +1,4 @@
-"""The moments of a motion that layouts are judged by: who is where, and what is to be seen."""
+"""The moments of a motion that layouts are judged by: where actors are, and which count."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from urbantwin.traffic import Motion
 
 __all__ = ["Moment", "Moments", "Squares", "Targets", "moments_of"]
 
-#: Tracks from here on are parked: they hide others, and nobody waits for them to be seen.
+#: First track of parked vehicles: they hide others, and are no targets.
 _FIRST_PARKED = 30_001
-#: More moments than this are not looked at: a long motion is taken in wider steps.
+#: Maximum number of moments: a long motion is taken in wider steps.
 _MOST_MOMENTS = 2000
 
 
@@ -92,7 +92,7 @@ class Moments:
     Attributes:
         every: in the order of time.
         step_s: between them.
-        targets: who is to be seen.
+        targets: the actors that are to be seen.
     """
 
     every: tuple[Moment, ...]
@@ -110,7 +110,7 @@ def moments_of(motion: Motion, where: shapely.Geometry, rate_hz: float, step_s: 
         step_s: between moments, rounded to whole frames.
 
     Raises:
-        InputError: nobody moves in the region.
+        InputError: no actor moves in the region.
     """
     every = max(1, round(step_s * rate_hz))
     times = motion.times()
@@ -129,7 +129,7 @@ def moments_of(motion: Motion, where: shapely.Geometry, rate_hz: float, step_s: 
     targets = _targets(found, where)
     if not len(targets):
         raise InputError(
-            "nobody moves where actors count",
+            "no actor moves where actors count",
             expected="a motion with traffic in the twin's region, within reach_m of the middle",
         )
     return Moments(tuple(found), every / rate_hz, targets)

@@ -29,7 +29,7 @@ from urbantwin.twin import Twin
 
 __all__ = ["Explained", "Placed", "Question", "ask", "place"]
 
-#: Moments that are cast to see how long one takes.
+#: Number of moments that are cast to measure how long one takes.
 _TRIAL_MOMENTS = 6
 #: Share of the views of layouts that are new, in a search that finds good ones: the others recur.
 _NEW_VIEWS = 0.6
@@ -67,7 +67,7 @@ class Explained:
     Attributes:
         number: among all layouts.
         by_class: points on actors by class and range.
-        hidden: who is not seen, and why.
+        hidden: actors that are not seen, and why.
     """
 
     number: int
@@ -80,7 +80,7 @@ class Placed:
     """What a search found.
 
     Attributes:
-        question: what was asked.
+        question: what was searched.
         found: every layout that was judged, in the order in which it was.
         front: numbers of those that no other is better than, the cheapest first.
         explained: each of the front, looked at closely.
@@ -109,7 +109,7 @@ def ask(
         twin: the twin.
         motion: on it.
         spec: what is searched.
-        layouts: how many are to be judged.
+        layouts: number of layouts to judge.
         seed: of the search.
         file: ``place.yaml``, for errors.
 
@@ -171,18 +171,18 @@ def place(
     """Search.
 
     Args:
-        question: what is asked.
+        question: what is searched.
         scratch: folder for what is cast; an interrupted search goes on from there.
         workers: processes that cast; every number finds the same.
         first: layouts to begin with.
         tell: called with the share that is done and what is being done.
-        say: called with the seconds that it will take, and that in words, once that is known.
+        say: called with the expected seconds, and these in words, once they are known.
 
     Raises:
         StageError: a worker was killed.
     """
-    told = tell or untold
-    told(0.0, "static world")
+    report = tell or untold
+    report(0.0, "static world")
     views, recipe, layouts = question.views, question.recipe, question.layouts
     with casts_in(scratch, views, recipe, workers) as casts:
         if say is not None:
@@ -193,7 +193,7 @@ def place(
         def judged(asked: Sequence[Layout]) -> list[Verdict]:
             def count(made: int, of: int) -> None:
                 share = 0.98 * (done + len(asked) * made / of) / layouts
-                told(share, f"view {casts.made}, layout {done}")
+                report(share, f"view {casts.made}, layout {done}")
 
             casts.ensure([number for layout in asked for number in layout], count)
             return [judge.verdict(casts.of(layout), views.cost(layout)) for layout in asked]
@@ -201,12 +201,12 @@ def place(
         def counted(count: int) -> None:
             nonlocal done
             done = count
-            told(0.98 * count / layouts, f"layout {count} of {layouts}")
+            report(0.98 * count / layouts, f"layout {count} of {layouts}")
 
         found = search(views, judged, layouts=layouts, seed=recipe.seed, first=first, tell=counted)
         front = pareto_front(found, question.spec.objectives)
         front.sort(key=lambda n: (found[n].verdict.values["cost"], n))
-        told(0.98, "what is hidden")
+        report(0.98, "what is hidden")
         explained = []
         for number in front:
             seen = casts.of(found[number].layout)

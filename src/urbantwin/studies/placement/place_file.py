@@ -1,4 +1,4 @@
-"""``place.yaml``: where sensors may hang, which may be bought, and what is wanted of them."""
+"""``place.yaml``: where sensors may hang, which models may be bought, and the objectives."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ class CountSpec(Strict):
 
 
 def _usual_models() -> list[ModelSpec]:
-    # Round figures, so that cost has a meaning without a file: nobody's quotes.
+    # Round figures, no quotes, so that cost has a meaning without a file.
     return [
         ModelSpec(model="VLP-16", price=4000.0),
         ModelSpec(model="OS1-32", price=6000.0),

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Found", "pareto_front", "possible_layouts", "search"]
 
-#: Layouts that are asked for together, whatever the number of workers: results do not depend on it.
+#: Number of layouts in a generation, so that results do not depend on the number of workers.
 TOGETHER = 40
-#: The search ends when so many trials in a row were no new layout that may be judged.
+#: The search ends after this number of trials in a row without a new layout that may be judged.
 _PATIENCE = 40 * TOGETHER
 
 
@@ -53,13 +53,13 @@ def search(
     NSGA-II (Deb et al. 2002, IEEE Transactions on Evolutionary Computation 6:182) in optuna. The
     budget, and that two sensors do not hang at one place, are constraints: layouts that break them
     are never judged. With a budget the first is a cheapest one, so that one at least keeps to it.
-    Where there are no more layouts than are wanted, all are judged. The same arguments give the
+    Where there are at most ``layouts``, all are judged. The same arguments give the
     same layouts.
 
     Args:
         views: that layouts are made of.
         judge: judges several layouts together.
-        layouts: how many are judged; fewer where there are no more.
+        layouts: number of layouts to judge; fewer where there are fewer.
         seed: of the sampler.
         first: layouts to begin with.
         tell: called with the number of layouts that are judged.

@@ -108,19 +108,19 @@ class Views:
     def cheapest(self) -> Layout:
         """Return a layout that costs least; several sensors may hang on a pole that is set.
 
-        There has to be room for as many sensors as are wanted at least.
+        There has to be room for ``sensors.least`` sensors.
         """
         model = min(range(len(self.spec.models)), key=lambda k: self.spec.models[k].price)
         tilt_deg = self.spec.tilt_deg[0]
         yaw_deg = self.yaws(tilt_deg, model)[0]
 
-        def dear(number: int) -> tuple[bool, int]:
+        def expense(number: int) -> tuple[bool, int]:
             mount = self.mounts[number]
             return mount.kind == "new-pole", -len(mount.heights_m)
 
         rooms = (
             View(number, height_m, yaw_deg, tilt_deg, model)
-            for number in sorted(range(len(self.mounts)), key=dear)
+            for number in sorted(range(len(self.mounts)), key=expense)
             for height_m in self.mounts[number].heights_m
         )
         return tuple(
@@ -164,15 +164,9 @@ class Views:
         Raises:
             InputError: a model does not offer the columns that are asked for.
         """
-        first = [self._first_of(model) for model in range(len(self.spec.models))]
-        specs = [self.sensor_spec(n, f"model-{k}") for k, n in enumerate(first)]
-        rig = RigSpec(
-            rate_hz=self.spec.rate_hz,
-            frame="site",
-            conditions=self.spec.conditions,
-            reflectivity=reflectivity,
-            sensors=specs,
-        )
+        models = range(len(self.spec.models))
+        first = [next(n for n, one in enumerate(self.every) if one.model == k) for k in models]
+        rig = self.rig_spec(tuple(first), reflectivity)
         try:
             return place_rig(rig, mesh, file=self.file)
         except InputError as error:
@@ -182,9 +176,6 @@ class Views:
             raise InputError(
                 error.problem, file=self.file, place=place, expected=error.expected
             ) from None
-
-    def _first_of(self, model: int) -> int:
-        return next(n for n, one in enumerate(self.every) if one.model == model)
 
     def hung(self, number: int, models: Sequence[MountedSensor]) -> MountedSensor:
         """Return a view's sensor where it hangs, made from the one of its model."""
