@@ -47,11 +47,9 @@ def outcome_of_motion(motion: Motion) -> dict[str, Any]:
     volumes = circulation.get("motor_traffic_per_hour")
     names = ("within_m", "asked_per_hour", "driven_per_hour", "vehicles")
     passing = {name: there[name] for name in names} if there.get("lanes_m") else None
-    jaywalks = told.get("jaywalks", {}).get("count")
     return {
         "actors": seen,
         **counted,
-        **({} if jaywalks is None else {"crossed_between_crossings": jaywalks}),
         **({"motor_traffic_per_hour": volumes} if volumes else {}),
         **({"motor_traffic_past_sensors": passing} if passing else {}),
         **({"left_out_lest_they_overlap": absent} if absent else {}),

@@ -275,9 +275,6 @@ class TrafficSpec(Strict):
         passengers_per_halt: how many people get on, and off, at a halt of a bus on average, in a
             closed loop. London: 2.34e9 journeys and 490e6 km a year (Transport for London, 2012),
             with a stop every 400 m.
-        jaywalking: share of the people who come along a street to the crossing at its end, and
-            cross the street there, who cross before they come to it, 0..1. It differs too much from
-            street to street for a number to be right everywhere: nobody does by default.
         parked: share of the parking spaces that are taken, 0..1: of all, or by ``street`` and
             ``car_park``.
         assets: meshes that join the catalogue.
@@ -299,7 +296,6 @@ class TrafficSpec(Strict):
     parked: ParkedSpec = Field(default_factory=ParkedSpec)
     in_groups: Annotated[float, Field(ge=0.0, le=0.95, allow_inf_nan=False)] = 0.56
     passengers_per_halt: Annotated[float, Field(ge=0.0, le=6.0, allow_inf_nan=False)] = 1.9
-    jaywalking: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
     assets: list[OwnAssetSpec] = Field(default_factory=list)
 
     @field_validator("assets")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 from urbantwin import __version__
@@ -69,10 +68,6 @@ def manifest_of_drive(
         "collisions": simulated.collisions,
         "collided": [_collided(*one, demand=demand) for one in simulated.collided[:_TOLD]],
     }
-    if asked.get("jaywalking"):
-        duration_s = steps * step_s
-        seen = [asdict(one) for one in simulated.jaywalks if 0.0 <= one.time_s < duration_s]
-        manifest["jaywalks"] = {"count": len(seen), "each": seen[:_TOLD]}
     if demand.counted:
         manifest["counts"] = counted_report(
             asked["counts"],

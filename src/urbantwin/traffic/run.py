@@ -43,9 +43,7 @@ from urbantwin.traffic.parked import ParkedVehicles, park
 from urbantwin.traffic.paths.abreast import with_parties
 from urbantwin.traffic.paths.absence import NOBODY, Absent, Bystanders
 from urbantwin.traffic.paths.at_stops import with_passengers_at_stops
-from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.footing import on_footways
-from urbantwin.traffic.paths.jaywalking import with_jaywalkers
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import Ground
 from urbantwin.traffic.paths.track_box import track_size
@@ -142,11 +140,7 @@ def _driven(
         stands = beside_it.submit(_standing, twin, asked)
         beside_it.submit(_measured, demand, streets.own)
         drive = streets.tabled(
-            streets.drive(
-                demand, between(told, _PLANNED, _DRIVEN),
-                # Whoever crosses foresees gaps, and nobody foresees an event.
-                blocks=None if reacting else lambda: stands.result()[1].blocks.low,
-            ),
+            streets.drive(demand, between(told, _PLANNED, _DRIVEN)),
             demand, stands.result()[1], by_trip=bool(reacting), tell=tell,
         )  # fmt: skip
     parked, place = stands.result()
@@ -248,13 +242,10 @@ class _Streets:
         demand: Demand,
         progress: Callable[[float, str], None] | None = None,
         staged: tuple[dict[str, Any], ...] = (),
-        blocks: Callable[[], PlanBoxes] | None = None,
     ) -> Simulated:
-        """Let SUMO drive a demand; people cross between crossings where blocks are given.
-
-        They are asked for once SUMO has driven.
-        """
-        rows = [
+        """Let SUMO drive a demand."""
+        # No name keeps what SUMO saw: it is let go as soon as the parties are added.
+        return with_parties(
             simulate(
                 self.net,
                 demand,
@@ -267,18 +258,11 @@ class _Streets:
                 roads=self.twin.roads,
                 scratch=self.scratch,
                 progress=progress,
-            )
-        ]
-        share = float(self.asked.get("jaywalking", 0.0))
-        if share > 0 and blocks is not None:
-            seen = with_jaywalkers(
-                rows.pop(), demand, self.twin.roads, blocks(), share=share, seed=self.asked["seed"],
-                step_s=self.step_s, asset=self.own.asset,
-            )  # fmt: skip
-            rows.append(seen)
-            del seen
-        # Out of the list nobody has them but who makes more of them, and lets go of them in time.
-        return with_parties(rows.pop(), demand, self.twin.roads, self.step_s)
+            ),
+            demand,
+            self.twin.roads,
+            self.step_s,
+        )
 
     def _on_the_map(self, simulated: Simulated) -> Simulated:
         """Return what was simulated, without roads that are longer than the map's."""

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.roads import RoadNetwork
-from urbantwin.traffic.paths.placement import BETWEEN_CROSSINGS
 
 __all__ = ["NO_CROSSINGS", "Crossings"]
 
@@ -61,8 +60,6 @@ class Crossings:
         for step, program, state in sorted(shown, key=lambda one: one[0]):
             states[program].append((step, state))
         for number, name in enumerate(lanes):
-            if name.startswith(BETWEEN_CROSSINGS):
-                light[number] = -1
             lane = network.lane_by_id.get(name)
             if lane is None or lane.kind != "crossing":
                 continue

@@ -16,10 +16,7 @@ from urbantwin.geometry import (
 )
 from urbantwin.roads import RoadNetwork
 
-__all__ = ["BETWEEN_CROSSINGS", "Ground", "stand"]
-
-#: What begins the name of a lane on which people cross between crossings: the footway's follows.
-BETWEEN_CROSSINGS = "jaywalk:"
+__all__ = ["Ground", "stand"]
 
 _CLEARANCE_M = 1.5  # rays start this far above the lane: below the deck of any road that crosses it
 _STEEPEST = np.radians(17.0)  # a steeper fit is a wheel on a wall's top, not a road
@@ -58,7 +55,7 @@ class Ground:
         rails = {f"{track.id}_0": track for track in self._roads.tracks if not track.level}
         order = np.argsort(lane, kind="stable")
         for group in np.split(order, np.flatnonzero(np.diff(lane[order])) + 1):
-            name = names[lane[group[0]]].removeprefix(BETWEEN_CROSSINGS) if len(group) else ""
+            name = names[lane[group[0]]] if len(group) else ""
             if name in self._roads.lane_by_id:
                 start[group] = self._roads.height(name, xy[group]) + _CLEARANCE_M
             elif name in rails:

@@ -36,7 +36,6 @@ from urbantwin.traffic.sumo.worker_input import curves_of, gates_of, one_lane_st
 
 __all__ = [
     "STUCK_S",
-    "Jaywalk",
     "Simulated",
     "observe",
     "simulate",
@@ -56,25 +55,6 @@ _BLOCKER_S = 60
 _SQUEEZE_S = 120  # people who stand in each other's way for so long squeeze past
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
-
-
-@dataclass(frozen=True)
-class Jaywalk:
-    """That somebody crosses a street between crossings.
-
-    Attributes:
-        trip: who.
-        time_s: when it sets out from the footway, seconds of the motion.
-        waited_s: how long it waited for a gap.
-        x: the middle of its way across, site frame, metres.
-        y: the same.
-    """
-
-    trip: int
-    time_s: float
-    waited_s: float
-    x: float
-    y: float
 
 
 #: What `Simulated` has of each row.
@@ -104,7 +84,6 @@ class Simulated:
         staged: what became of each event that was staged (``staging.Staging.told``).
         boarded: seconds of the motion, ``waits``, ``boards`` or ``alights``, trip, stop, the trip
             of the vehicle, and the how manieth, of who takes a bus or a tram.
-        jaywalks: who crosses streets between crossings (`paths.jaywalking`), by time.
     """
 
     step: NDArray[np.int32]
@@ -122,7 +101,6 @@ class Simulated:
     observed: Observed
     staged: tuple[dict[str, Any], ...] = ()
     boarded: tuple[tuple[float, str, int, int, int, int], ...] = ()
-    jaywalks: tuple[Jaywalk, ...] = ()
     collided: tuple[tuple[float, float, float, str, str, str], ...] = ()
 
     def only(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Simulated:
