@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["FusionStudy", "fuse"]
 
 _KIND = "fusion"
-#: Packets that fit into an Ethernet frame with UDP and IPv6 around them, bytes.
-_MTU = 1400
 
 
 class FusionStudy(Artefact):
@@ -154,7 +152,7 @@ def fuse(
         open_nodes,
         outcomes_of,
         places_of,
-        results_of,
+        rows_of,
         rows_of_failure,
         seconds_needed,
         settings_of,
@@ -163,7 +161,8 @@ def fuse(
 
     source = Path(model)
     given = [Path(one) for one in ([data] if isinstance(data, str | os.PathLike) else data)]
-    _check_numbers(frames, mtu, workers, given)
+    if not given:
+        raise InputError("no data is given", expected="a fleet, or two datasets or more")
     target = beside(given[0], _KIND) if out is None else Path(out)
     inputs = [source, *given]
     check_folder(target, kind=_KIND, inputs=inputs)
@@ -185,7 +184,6 @@ def fuse(
     settings = settings_of(
         STUDIES if studies is None else studies,
         len(told.nodes),
-        reach_m=reach,
         fails_from_s=float(time_s[len(time_s) // 2]),
         last=told.nodes[-1].number,
     )
@@ -225,7 +223,7 @@ def fuse(
         work = scratch / "work"
         outcomes = outcomes_of(todo, work, workers, between(tell, 0.0, 0.9))
         tell(0.9, "judging")
-        results = results_of(settings, outcomes, judge)
+        rows = rows_of(settings, outcomes, judge)
         over_time = rows_of_failure(settings, outcomes, judge, time_s)
         shutil.rmtree(work)
         write_report(
@@ -251,33 +249,13 @@ def fuse(
                 "settings": len(settings),
                 "doubts": [*_learned_from(detector.trained, told), *filter(None, [judge.doubt])],
             },
-            [one.row() for one in results],
+            rows,
             over_time,
         )
     made = FusionStudy(target)
     for doubt in made.manifest["doubts"]:
         tell_line(f"warning: {doubt}", progress)
     return made
-
-
-def _check_numbers(frames: int, mtu: int, workers: int, given: Sequence[Path]) -> None:
-    """Refuse numbers that none can be.
-
-    Raises:
-        InputError: one is.
-    """
-    from urbantwin.studies.fusion.packets import LEAST_MTU, MOST_MTU
-
-    if not given:
-        raise InputError("no data is given", expected="a fleet, or two datasets or more")
-    if frames < 2:
-        raise InputError(f"{frames} frames", place="--frames", expected="2 or more")
-    if not LEAST_MTU <= mtu <= MOST_MTU:
-        raise InputError(
-            f"packets of {mtu} bytes", place="--mtu", expected=f"{LEAST_MTU} to {MOST_MTU}"
-        )
-    if workers < 1:
-        raise InputError(f"{workers} workers", place="--workers", expected="1 or more")
 
 
 def _learned_from(trained: Mapping[str, Any], nodes: Nodes) -> list[str]:

@@ -9,9 +9,8 @@ pytest.importorskip("torch", reason="torch is not installed: pip install 'urbant
 
 from urbantwin.detections import DETECTED_CLASSES
 from urbantwin.errors import InputError
-from urbantwin.studies.fusion.judging import Judge
+from urbantwin.studies.fusion.judging import Judge, rows_of
 from urbantwin.studies.fusion.nodes import Labelled
-from urbantwin.studies.fusion.result import results_of
 from urbantwin.studies.fusion.setting import STUDIES, settings_of
 from urbantwin.studies.fusion.trial import Outcome
 
@@ -41,7 +40,7 @@ def judge() -> Judge:
     )  # fmt: skip
 
 
-def detected(found_share: float, wrong: int = 0) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def detected(found_share: float, wrong: int = 0) -> list[Outcome]:
     """The first share of each class in every frame, and false alarms of the lowest scores."""
     said = []
     for frame in range(FRAMES):
@@ -52,7 +51,8 @@ def detected(found_share: float, wrong: int = 0) -> list[tuple[np.ndarray, np.nd
         kind = [CAR if k < 10 else PERSON for k in mine] + [CAR] * wrong
         box = np.concatenate([truth.box[mine], alarm])
         score = np.array([0.9] * len(mine) + [0.1] * wrong)
-        said.append((box, np.array(kind, np.int64), score))
+        cost = {"bits": 4000.0, "bits_s": 40_000.0, "packets": 3.0, "age_s": 0.1}
+        said.append(Outcome(box, np.array(kind, np.int64), score, **cost))
     return said
 
 
@@ -61,15 +61,14 @@ def test_right_boxes_are_worth_all_and_half_of_them_half() -> None:
     assert one.objects == {"car": 10 * FRAMES, "pedestrian": 10 * FRAMES}
     assert one.distinct == 20
     every = one.verdict(detected(1.0))
-    assert (every.mean, every.mean_iou, every.sure) == (1.0, 1.0, (1.0, 1.0))
+    assert (every.mean, every.mean_iou) == (1.0, 1.0)
+    assert (every.row()["map_low"], every.row()["map_high"]) == (100, 100)
     half = one.verdict(detected(0.5))
     assert half.mean == pytest.approx(0.5)  # twenty of forty levels of recall
-    assert every.gain(half)[0] == pytest.approx(0.5)
-    assert every.gain(half)[1] == pytest.approx((0.5, 0.5))
     assert one.verdict(detected(0.0)).mean == 0.0
     assert one.verdict(detected(1.0, wrong=3)).mean == 1.0  # below all that is right
     far = detected(1.0)
-    far[0] = (far[0][0] + [300, 0, 0, 0, 0, 0, 0], far[0][1], far[0][2])
+    far[0] = replace(far[0], box=far[0].box + [300, 0, 0, 0, 0, 0, 0])
     assert one.verdict(far).mean == pytest.approx(11 / FRAMES, abs=1 / 40)
     part = one.verdict(far, np.arange(FRAMES) == 0)
     assert (part.mean, part.objects) == (0.0, 20)
@@ -84,17 +83,10 @@ def test_nobody_to_find_is_told() -> None:
 
 @pytest.mark.thorough
 def test_rows_tell_bits_a_second_and_the_gain_over_the_receiver_alone() -> None:
-    settings = settings_of(["bitrate", "loss"], 3, reach_m=40.0, fails_from_s=5.0, last=2)
+    settings = settings_of(["bitrate", "loss"], 3, fails_from_s=5.0, last=2)
     found = {"alone": detected(0.5), "early": detected(1.0), "middle": detected(0.8),
              "late": detected(0.7)}  # fmt: skip
-    outcomes = [
-        [
-            Outcome(*one, bits=4000.0, bits_s=40_000.0, packets=3.0, age_s=0.1)
-            for one in found[setting.how.name]
-        ]
-        for setting in settings
-    ]
-    rows = [one.row() for one in results_of(settings, outcomes, judge())]
+    rows = rows_of(settings, [found[setting.how.name] for setting in settings], judge())
     assert {row["kbit_s"] for row in rows} == {40.0}
     assert {row["objects"] for row in rows} == {20 * FRAMES}
     for row in rows:
@@ -104,7 +96,7 @@ def test_rows_tell_bits_a_second_and_the_gain_over_the_receiver_alone() -> None:
 
 
 def test_every_study_has_its_settings() -> None:
-    every = settings_of(STUDIES, 4, reach_m=40.0, fails_from_s=5.0, last=3)
+    every = settings_of(STUDIES, 4, fails_from_s=5.0, last=3)
     assert {one.study for one in every} == set(STUDIES)
     for name in STUDIES:
         mine = [one for one in every if one.study == name]
@@ -115,4 +107,4 @@ def test_every_study_has_its_settings() -> None:
     assert {one.aligned for one in every if one.study == "latency"} == {False, True}
     assert {one.nodes for one in every if one.study == "nodes"} == {None, 2, 3, 4}
     with pytest.raises(InputError, match="unknown study 'weather'; expected bitrate, latency"):
-        settings_of(["weather"], 2, reach_m=40.0, fails_from_s=0.0, last=1)
+        settings_of(["weather"], 2, fails_from_s=0.0, last=1)

@@ -5,11 +5,9 @@ from typing import TYPE_CHECKING
 from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
-    from urbantwin.studies.fusion.judging import Judge
-    from urbantwin.studies.fusion.message import Message, pack, unpack
+    from urbantwin.studies.fusion.judging import Judge, rows_of, rows_of_failure
     from urbantwin.studies.fusion.nodes import Nodes, open_nodes
     from urbantwin.studies.fusion.report import KIND, write_report
-    from urbantwin.studies.fusion.result import results_of, rows_of_failure
     from urbantwin.studies.fusion.setting import STUDIES, settings_of
     from urbantwin.studies.fusion.study import (
         Plan,
@@ -23,19 +21,16 @@ __all__ = [
     "KIND",
     "STUDIES",
     "Judge",
-    "Message",
     "Nodes",
     "Plan",
     "chosen_moments",
     "open_nodes",
     "outcomes_of",
-    "pack",
     "places_of",
-    "results_of",
+    "rows_of",
     "rows_of_failure",
     "seconds_needed",
     "settings_of",
-    "unpack",
     "write_report",
 ]
 

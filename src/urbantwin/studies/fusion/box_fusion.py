@@ -19,19 +19,19 @@ from scipy.optimize import linear_sum_assignment
 from urbantwin.detections import DETECTED_CLASSES
 from urbantwin.geometry import wrapped
 from urbantwin.learn.decoding import Found, kept_of_overlapping
-from urbantwin.studies.fusion.box_codec import Boxes, joined_boxes
+from urbantwin.studies.fusion.boxes import Boxes, joined_boxes
 from urbantwin.tracking.road_user import group_of
 
 __all__ = ["Rule", "covariance_intersection", "fused_boxes", "kalman_update", "matched_boxes"]
 
 Rule = Literal["intersection", "kalman"]
-#: 99 % of pairs of one object lie within it: chi-squared of two degrees of freedom.
+#: 99 % of pairs of one object are within it: chi-squared of two degrees of freedom.
 _GATE = 9.21
-#: Nobody is matched over more than this, metres, however little is known.
+#: Largest distance of a match, metres, however large the covariances.
 _FARTHEST_M = 4.0
-#: Shares of the first that are tried for the intersection.
+#: Shares of the first estimate that are tried for the intersection.
 _SHARES = np.linspace(0.0, 1.0, 101)
-#: How boxes move: those of another group are never one.
+#: Group of each class by how it moves: boxes of different groups are never one.
 _GROUP = np.array(
     [sorted({group_of(one).name for one in DETECTED_CLASSES}).index(group_of(name).name)
      for name in DETECTED_CLASSES]
@@ -41,12 +41,7 @@ Floats = NDArray[np.float64]
 
 
 def matched_boxes(first: Boxes, second: Boxes) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return which of the first are which of the second: each at most once.
-
-    Args:
-        first: boxes (N) in one frame.
-        second: boxes (M) in the same frame.
-    """
+    """Return the rows of the first boxes and of the second, in the same frame, that match."""
     none = np.zeros(0, np.int64)
     if not len(first) or not len(second):
         return none, none
@@ -80,21 +75,14 @@ def covariance_intersection(
     best = np.linalg.slogdet(know)[1].argmax(axis=1)
     w = _SHARES[best][:, None]
     spread = np.linalg.inv(know[np.arange(len(a)), best])
-    told = w * np.einsum("nij,nj->ni", know_a, a) + (1 - w) * np.einsum("nij,nj->ni", know_b, b)
-    return np.einsum("nij,nj->ni", spread, told), spread
+    total = w * np.einsum("nij,nj->ni", know_a, a) + (1 - w) * np.einsum("nij,nj->ni", know_b, b)
+    return np.einsum("nij,nj->ni", spread, total), spread
 
 
 def kalman_update(
     a: Floats, spread_a: Floats, b: Floats, spread_b: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the same for estimates whose errors have nothing in common.
-
-    Args:
-        a: (N, K).
-        spread_a: (N, K, K).
-        b: (N, K).
-        spread_b: (N, K, K).
-    """
+    """Return the same for estimates whose errors are independent; arguments as above."""
     gain = np.linalg.solve(spread_a + spread_b, spread_a).transpose(0, 2, 1)
     after = a + np.einsum("nij,nj->ni", gain, b - a)
     spread = spread_a - gain @ spread_a
@@ -102,7 +90,7 @@ def kalman_update(
 
 
 def fused_boxes(parts: list[Boxes], rule: Rule = "intersection") -> Boxes:
-    """Return the boxes of several nodes as those of one: matched, fused, none over another.
+    """Return the boxes of several nodes as those of one: matched, fused, none overlapping.
 
     Args:
         parts: of each node in one frame and at one time; the first is the receiver's own.
@@ -116,7 +104,7 @@ def fused_boxes(parts: list[Boxes], rule: Rule = "intersection") -> Boxes:
         whole = joined_boxes([both, whole.only(alone[0]), other.only(alone[1])])
     order = np.argsort(-whole.score, kind="stable")
     whole = whole.only(order)
-    # Suppression takes whole boxes or none: which stay is told by their numbers.
+    # Suppression returns boxes alone: an eighth column says which rows are kept.
     rows = np.arange(len(whole))
     tagged = Found(np.column_stack([whole.box, rows]), whole.kind, whole.score)
     kept = kept_of_overlapping(tagged, DETECTED_CLASSES)
@@ -127,9 +115,9 @@ def _two_as_one(first: Boxes, second: Boxes, rule: Rule) -> Boxes:
     if not len(first):
         return first
     a, b = _state(first), _state(second)
-    # A front is told by each for itself: the axis of the surer one's is kept.
+    # Detectors take fronts for backs: headings are compared as axes.
     along = a[:, 3] + wrapped(b[:, 3] - a[:, 3], np.pi)
-    back = (np.cos(along - b[:, 3]) < 0) & ~second.walks
+    back = (np.cos(along - b[:, 3]) < 0) & ~second.is_pedestrian
     b[back, 4] *= -1
     b[:, 3] = along
     fuse = covariance_intersection if rule == "intersection" else kalman_update
@@ -143,7 +131,7 @@ def _two_as_one(first: Boxes, second: Boxes, rule: Rule) -> Boxes:
     yaw = np.where(np.cos(yaw - ahead) < 0, yaw + np.pi, yaw)
     box = np.column_stack([after[:, :3], size, wrapped(yaw)])
     rates = after[:, 4:].copy()
-    turned = (np.cos(yaw - a[:, 3]) < 0) & ~first.walks
+    turned = (np.cos(yaw - a[:, 3]) < 0) & ~first.is_pedestrian
     rates[turned, 0] *= -1
     return replace(
         first,

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from urbantwin.geometry import Pose, rotation_from_ypr
-from urbantwin.studies.fusion.message import Message
+from urbantwin.studies.fusion.messages import Content, Sent
 from urbantwin.studies.fusion.nodes import Node
-from urbantwin.studies.fusion.packets import lost_packets
 
-__all__ = ["OLDEST_S", "Channel", "as_received", "clock_error_s", "latest"]
+__all__ = ["OLDEST_S", "Channel", "latest", "received"]
 
-#: What is older is thrown away, seconds.
+#: Older frames are thrown away, seconds.
 OLDEST_S = 1.0
-#: What random numbers are for.
+#: Streams of random numbers.
 _LOSS, _POSE = 1, 2
 
 
@@ -26,11 +24,11 @@ class Channel:
 
     Attributes:
         latency_s: of every message, seconds.
-        clock_error_s: clocks of the nodes are ahead and behind by so much, by turns.
+        clock_error_s: clocks of the nodes are ahead and behind by this much, by turns.
         place_error_m: standard deviation of an error of each node's place, east and north.
         yaw_error_deg: of an error of its heading. Errors are drawn anew for every frame.
         loss: share of the packets that are lost.
-        silent: number of a node that sends nothing any more; -1 for none.
+        silent: number of a node that stops sending; -1 for none.
         silent_from_s: from when on, seconds of the motion.
     """
 
@@ -42,26 +40,25 @@ class Channel:
     silent: int = -1
     silent_from_s: float = 0.0
 
-
-def clock_error_s(channel: Channel, node: Node) -> float:
-    """Return how far ahead a node's clock is of what was recorded, seconds."""
-    return channel.clock_error_s * (1.0 if node.number % 2 else -1.0)
+    def ahead_s(self, node: Node) -> float:
+        """Return how far ahead a node's clock is of what was recorded, seconds."""
+        return self.clock_error_s * (1.0 if node.number % 2 else -1.0)
 
 
 def latest(node: Node, ego: Node, moment: int, channel: Channel, every: int = 1) -> int | None:
-    """Return the moment of the node's frame that the receiver uses: the one that is nearest to now.
+    """Return the moment of the node's frame that the receiver uses; None where there is none.
 
     Of the frames that have arrived when the receiver has its own, it is the one whose stamp is
     nearest to the receiver's; none is older than `OLDEST_S`.
 
     Args:
-        node: who sends.
+        node: the sender.
         ego: the receiver.
         moment: of the receiver's frame.
         channel: between the two.
-        every: the node sends each so manieth moment.
+        every: the node sends every n-th moment.
     """
-    mine, ahead = ego.looks[moment], clock_error_s(channel, node)
+    mine, ahead = ego.looks[moment], channel.ahead_s(node)
     best, nearest = None, np.inf
     for number, look in node.looks.items():
         if look.arrival_s is None or number % every:
@@ -78,30 +75,36 @@ def latest(node: Node, ego: Node, moment: int, channel: Channel, every: int = 1)
     return best
 
 
-def as_received(
-    messages: Sequence[Message], node: Node, moment: int, channel: Channel, seed: int
-) -> list[Message]:
-    """Return the messages of one frame as they come: some lost, with errors of clock and pose.
+def received(
+    message: Sent[Content], node: Node, moment: int, channel: Channel, seed: int
+) -> Sent[Content] | None:
+    """Return a frame without lost packets, with errors of clock and pose; None if all are lost.
+
+    Packets that are lost at some share are lost at every greater one, too.
 
     Args:
-        messages: as they were sent, of one codec.
-        node: who sent.
+        message: of the node.
+        node: the sender.
         moment: of its frame.
         channel: between the two.
         seed: of all random numbers.
     """
-    lost = lost_packets(len(messages), channel.loss, (seed, _LOSS, node.number, moment))
-    draw = np.random.default_rng((seed, _POSE, node.number, moment)).standard_normal(3)
-    east, north = channel.place_error_m * draw[:2]
-    yaw = np.radians(channel.yaw_error_deg) * draw[2]
-    ahead = clock_error_s(channel, node)
-    turn = rotation_from_ypr(yaw, 0.0, 0.0)
-    found = []
-    for one, gone in zip(messages, lost, strict=True):
-        if gone:
-            continue
-        pose = one.head.site_SE3_payload
-        off = Pose(turn @ pose.rotation, pose.translation + np.array([east, north, 0.0]))
-        head = replace(one.head, site_SE3_payload=off, stamp_s=one.head.stamp_s + ahead)
-        found.append(replace(one, head=head))
-    return found
+    draw = np.random.default_rng((seed, _LOSS, node.number, moment))
+    lost = draw.random(len(message.sizes)) < channel.loss
+    if lost.all():
+        return None
+    content, packet = message.content, message.packet
+    if lost.any():
+        there = ~lost[packet]
+        content, packet = content.only(there), packet[there]
+    off = np.random.default_rng((seed, _POSE, node.number, moment)).standard_normal(3)
+    turn = rotation_from_ypr(np.radians(channel.yaw_error_deg) * off[2], 0.0, 0.0)
+    shift = np.array([*(channel.place_error_m * off[:2]), 0.0])
+    pose = message.site_SE3_content
+    return replace(
+        message,
+        content=content,
+        packet=packet,
+        site_SE3_content=Pose(turn @ pose.rotation, pose.translation + shift),
+        stamp_s=message.stamp_s + channel.ahead_s(node),
+    )

@@ -15,7 +15,7 @@ __all__ = ["WAYS", "draw_bitrate", "draw_curves", "draw_failure"]
 
 #: Colours apart for people who see no red or no green (Okabe and Ito).
 WAYS = {"early": "#0072b2", "middle": "#d55e00", "late": "#009e73", "alone": "#7b8794"}
-_CODECS = {"voxel": "s", "octree": "o", "draco": "^"}
+_MARKS = {"early": "o", "middle": "D", "late": "v"}
 _TITLES = {
     "latency": "Latency, s",
     "clock": "Clocks off by, s (latency 0.2 s)",
@@ -47,19 +47,17 @@ def draw_bitrate(rows: Sequence[Row], path: Path) -> bool:
             axes.annotate("receiver alone", (0.005, row["map"]), fontsize=8, color=WAYS["alone"],
                           xycoords=("axes fraction", "data"), va="bottom")  # fmt: skip
             continue
-        mark = _CODECS.get(row["told"].split()[0], "D" if row["way"] == "middle" else "v")
         low = row["map"] if row["map_low"] is None else row["map_low"]
         high = row["map"] if row["map_high"] is None else row["map_high"]
         off = [[max(row["map"] - low, 0)], [max(high - row["map"], 0)]]
-        axes.errorbar(row["kbit_s"], row["map"], off, color=WAYS[row["way"]], marker=mark, ms=6,
+        axes.errorbar(row["kbit_s"], row["map"], off, color=WAYS[row["way"]], ms=6,
+                      marker=_MARKS[row["way"]],
                       lw=0.6, ecolor=WAYS[row["way"]], alpha=0.9)  # fmt: skip
     for way in ("early", "middle", "late"):
         _front(axes, [one for one in mine if one["way"] == way], way)
     axes.set_xscale("log")
-    marks = [("early: " + name, WAYS["early"], mark) for name, mark in _CODECS.items()]
-    marks += [("middle", WAYS["middle"], "D"), ("late", WAYS["late"], "v")]
-    for text, colour, mark in marks:
-        axes.plot([], [], color=colour, marker=mark, ls="", label=text)
+    for way, mark in _MARKS.items():
+        axes.plot([], [], color=WAYS[way], marker=mark, ls="", label=way)
     axes.legend(fontsize=8, frameon=False, loc="lower right")
     axes.set_xlabel("kbit/s, headers included; bars: 95 % intervals; lines: best for the bits",
                     fontsize=8, color=INK)  # fmt: skip

@@ -1,14 +1,15 @@
-"""Detections of a setting judged by the common labels: mean average precision, with intervals.
+"""Detections of a setting judged by the common labels, and the rows of the table.
 
 Classes, roles, matching, average precision and draws of frames are those of `evaluation`. The mean
-is over the classes that the detector tells apart and of which there are objects; an object counts
-from 5 points of all nodes together on, whoever looks in a setting: all are asked for the same.
+is over the detector's classes of which there are objects. An object counts from 5 points of all
+nodes together on, whichever take part in a setting: all settings have the same objects to find.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,15 @@ from urbantwin.evaluation.pairs import pairs_of
 from urbantwin.evaluation.precision import average_precision, resampled_precision
 from urbantwin.evaluation.truth import FEWEST_POINTS, Truth, roles_of, why_not
 from urbantwin.studies.fusion.nodes import Labelled
+from urbantwin.studies.fusion.setting import Setting
+from urbantwin.studies.fusion.trial import Outcome
 
-__all__ = ["Judge", "Verdict"]
+__all__ = ["Judge", "Verdict", "rows_of", "rows_of_failure"]
 
 #: Draws of frames for an interval.
 _DRAWS = 300
+#: Parts of the time in which a node that falls silent is shown.
+_WINDOWS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +52,15 @@ class Verdict:
     by_class: dict[str, float]
     objects: int
 
-    @property
-    def sure(self) -> tuple[float, float] | None:
-        """The middle 95 % of the draws."""
-        return interval(self.draws)
-
-    def gain(self, other: Verdict) -> tuple[float, tuple[float, float] | None]:
-        """Return how much better it is than another, of the same draws, and how sure that is."""
-        return self.mean - other.mean, interval(self.draws - other.draws)
+    def row(self) -> dict[str, Any]:
+        """Return the columns of a table: average precisions in per cent."""
+        return {
+            "map": _percent(self.mean),
+            **_ends("map", self.draws),
+            "map_bev_iou_0.5": _percent(self.mean_iou),
+            **{f"ap_{name}": _percent(one) for name, one in self.by_class.items()},
+            "objects": self.objects,
+        }
 
 
 class Judge:
@@ -127,26 +133,26 @@ class Judge:
 
     def verdict(
         self,
-        found: Sequence[tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]],
+        found: Sequence[Outcome],
         chosen: NDArray[np.bool_] | None = None,
     ) -> Verdict:
         """Return how good detections are.
 
         Args:
-            found: at each moment boxes (n, 7) in the site, numbers of classes and scores.
+            found: at each moment.
             chosen: (M,) which of the moments count; all if None.
         """
         keep = np.ones(len(self.truth.frames), bool) if chosen is None else chosen
-        frame = np.repeat(np.arange(len(found)), [len(one[0]) for one in found]).astype(np.int64)
-        box = np.concatenate([one[0] for one in found])
-        kind = np.concatenate([one[1] for one in found])
+        frame = np.repeat(np.arange(len(found)), [len(one.box) for one in found]).astype(np.int64)
+        box = np.concatenate([one.box for one in found])
+        kind = np.concatenate([one.kind for one in found])
         here = keep[frame] & (np.hypot(*(box[:, :2] - self._places[frame]).T) <= self._within_m)
         seen = Detections(
             frames=self.truth.frames,
             frame=frame[here],
             box=box[here],
             class_names=tuple(DETECTED_CLASSES[one] for one in kind[here]),
-            score=np.concatenate([one[2] for one in found])[here],
+            score=np.concatenate([one.score for one in found])[here],
             track=np.full(int(here.sum()), -1, np.int64),
         )
         pairs = pairs_of(seen, self.truth)
@@ -177,3 +183,87 @@ class Judge:
         return Verdict(
             float(np.mean(list(means.values()))), mean, float(np.mean(overlaps)), means, objects
         )
+
+
+def rows_of(
+    settings: Sequence[Setting], outcomes: Sequence[Sequence[Outcome]], judge: Judge
+) -> list[dict[str, Any]]:
+    """Return a row for each setting: what it is, what it costs, what its detections are worth.
+
+    Args:
+        settings: the receiver alone is among them.
+        outcomes: of each setting at each moment.
+        judge: of these moments.
+    """
+    known: dict[tuple[object, ...], Verdict] = {}
+    for setting, found in zip(settings, outcomes, strict=True):
+        if setting.work not in known:
+            known[setting.work] = judge.verdict(found)
+    alone = next(known[one.work] for one in settings if one.how.name == "alone")
+    rows = []
+    for setting, found in zip(settings, outcomes, strict=True):
+        verdict, channel = known[setting.work], asdict(setting.channel)
+        silent, from_s = channel.pop("silent"), channel.pop("silent_from_s")
+        ages = [one.age_s for one in found if not np.isnan(one.age_s)]
+        rows.append(
+            {
+                "study": setting.study,
+                "way": setting.how.name,
+                "told": setting.how.told,
+                "value": setting.value,
+                "unit": setting.unit or None,
+                "aligned": setting.aligned,
+                "nodes": setting.nodes,
+                **channel,
+                "silent_from_s": from_s if silent >= 0 else None,
+                "kbit_s": float(np.mean([one.bits_s for one in found])) / 1e3,
+                "kbit_frame": float(np.mean([one.bits for one in found])) / 1e3,
+                "packets_frame": float(np.mean([one.packets for one in found])),
+                "age_s": float(np.mean(ages)) if ages else None,
+                **verdict.row(),
+                "gain": 100 * (verdict.mean - alone.mean),
+                **_ends("gain", verdict.draws - alone.draws),
+            }
+        )
+    return rows
+
+
+def rows_of_failure(
+    settings: Sequence[Setting],
+    outcomes: Sequence[Sequence[Outcome]],
+    judge: Judge,
+    time_s: NDArray[np.float64],
+) -> list[dict[str, Any]]:
+    """Return average precision in parts of the time, where a node falls silent.
+
+    Args:
+        settings: all of the study.
+        outcomes: of each setting at each moment.
+        judge: of these moments.
+        time_s: (M,) of the moments.
+    """
+    windows = min(_WINDOWS, len(time_s))
+    part = np.arange(len(time_s)) * windows // max(len(time_s), 1)
+    return [
+        {
+            "way": setting.how.name,
+            "silent_from_s": setting.channel.silent_from_s if setting.channel.silent >= 0 else None,
+            "from_s": float(time_s[part == number].min()),
+            "to_s": float(time_s[part == number].max()),
+            "frames": int((part == number).sum()),
+            **judge.verdict(found, part == number).row(),
+        }
+        for setting, found in zip(settings, outcomes, strict=True)
+        if setting.study == "failure"
+        for number in range(windows)
+    ]
+
+
+def _percent(share: float) -> float | None:
+    return None if np.isnan(share) else 100 * share
+
+
+def _ends(name: str, draws: NDArray[np.float64]) -> dict[str, float | None]:
+    """Return the middle 95 % of draws, in per cent."""
+    low, high = interval(draws) or (np.nan, np.nan)
+    return {f"{name}_low": _percent(low), f"{name}_high": _percent(high)}

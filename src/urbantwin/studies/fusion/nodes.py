@@ -1,4 +1,4 @@
-"""The nodes of a study: who looked when and from where, and what all of them together could see.
+"""The nodes of a study: when and from where each looked, and the common labels.
 
 They come from a fleet (``urbantwin record --nodes``), or from datasets of one motion: one for each
 node, or the datasets of each sensor that ``urbantwin record --separate`` writes.
@@ -6,11 +6,10 @@ node, or the datasets of each sensor that ``urbantwin record --separate`` writes
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +23,10 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.geometry import Pose
 
-if TYPE_CHECKING:
-    from urbantwin.dataset.reading import Fleet
-
 __all__ = ["Labelled", "Look", "Node", "Nodes", "open_nodes"]
 
 _EXPECTED = "a fleet, datasets of one motion, or what `urbantwin record --separate` wrote"
-#: Frames whose times are the same to so many decimals of a second are of one moment.
+#: Decimals of a second to which the times of frames of one moment agree.
 _SAME = 4
 
 
@@ -104,7 +100,7 @@ class Node:
 
 @dataclass(frozen=True, eq=False)
 class Labelled:
-    """Who was there at one moment, in the site.
+    """Labelled road users at one moment, in the site.
 
     Attributes:
         box: (L, 7).
@@ -121,10 +117,6 @@ class Labelled:
     ignored: tuple[str, ...]
 
 
-class _Source(Protocol):
-    def labelled(self, moment: int, nodes: Sequence[Node]) -> Labelled: ...
-
-
 @dataclass(frozen=True, eq=False)
 class Nodes:
     """The nodes of a study.
@@ -133,13 +125,13 @@ class Nodes:
         nodes: the receiver first.
         times_s: (K,) of all moments, seconds of the motion.
         names: (K,) of them.
-        source: of the labels.
+        labels: returns the labels of a moment, with the points of some nodes.
     """
 
     nodes: tuple[Node, ...]
     times_s: NDArray[np.float64]
     names: tuple[str, ...]
-    source: _Source
+    labels: Callable[[int, Sequence[Node]], Labelled]
 
     @property
     def ego(self) -> Node:
@@ -147,12 +139,17 @@ class Nodes:
         return self.nodes[0]
 
     def labelled(self, moment: int) -> Labelled:
-        """Return who was there, and how many points all nodes have on each.
+        """Return the labels of a moment, with the points that all nodes have on each.
 
         Raises:
             InputError: a table of labels is missing or bad.
         """
-        return self.source.labelled(moment, self.nodes)
+        found, ego = self.labels(moment, self.nodes), self.ego
+        ignored = tuple(
+            "carries the receiver" if track == ego.track else mark
+            for track, mark in zip(found.track.tolist(), found.ignored, strict=True)
+        )
+        return replace(found, ignored=ignored)
 
 
 def open_nodes(
@@ -169,31 +166,31 @@ def open_nodes(
         InputError: there are not two nodes of one motion, or one is unknown.
     """
     if len(paths) == 1 and (paths[0] / "fleet.json").is_file():
-        found, times, names, source = _of_fleet(paths[0])
+        every = _of_fleet(paths[0])
     else:
-        found, times, names, source = _of_datasets(_folders(paths))
-    known = ", ".join(one.name for one in found)
+        every = _of_datasets(_folders(paths))
+    by_name = {node.name: node for node in every.nodes}
+    known = ", ".join(by_name)
     for option, asked in (("--ego", [ego] if ego else []), ("--node", only or ())):
         for name in asked:
-            if name not in [one.name for one in found]:
+            if name not in by_name:
                 raise InputError(f"no node {name!r:.60}", place=option, expected=f"one of {known}")
-    chosen = [one for name in only for one in found if one.name == name] if only else list(found)
-    first = next((one for one in found if one.name == ego), chosen[0])
-    chosen = [first, *(one for one in dict.fromkeys(chosen) if one is not first)]
+    names = list(only or by_name)
+    chosen = tuple(by_name[name] for name in dict.fromkeys([ego or names[0], *names]))
     if len(chosen) < 2:
         raise InputError(
             f"has {len(chosen)} node ({known})", file=paths[0], expected="two or more; " + _EXPECTED
         )
-    return Nodes(tuple(chosen), times, names, source)
+    return replace(every, nodes=chosen)
 
 
 def _folders(paths: Sequence[Path]) -> dict[str, Path]:
+    """Return the datasets by the names of their nodes."""
     folders: dict[str, Path] = {}
     for path in paths:
         if not (path / "dataset.json").is_file():
             raise InputError("is no dataset of ours", file=path, expected=_EXPECTED)
-        parts = parts_of(path)
-        for one in parts or [path]:
+        for one in parts_of(path) or [path]:
             if one.resolve() in [known.resolve() for known in folders.values()]:
                 raise InputError("is given twice", file=one, expected="another node's dataset")
             name = one.name if one.name not in folders else f"{path.name}-{one.name}"
@@ -203,102 +200,85 @@ def _folders(paths: Sequence[Path]) -> dict[str, Path]:
     return folders
 
 
-def _of_datasets(
-    folders: Mapping[str, Path],
-) -> tuple[list[Node], NDArray[np.float64], tuple[str, ...], _Source]:
+def _of_datasets(folders: Mapping[str, Path]) -> Nodes:
     datasets = {name: Dataset(one) for name, one in folders.items()}
-    manifests = {name: one.manifest for name, one in datasets.items()}
-    first = next(iter(folders))
-    for name, told in manifests.items():
-        if told.get("motion_sha256") != manifests[first].get("motion_sha256"):
+    first = next(iter(datasets))
+    motion = datasets[first].manifest.get("motion_sha256")
+    for name, dataset in datasets.items():
+        if dataset.manifest.get("motion_sha256") != motion:
             raise InputError(
                 f"is of another motion than {folders[first]}",
                 file=folders[name],
                 expected="nodes that saw the same traffic",
             )
-    every = sorted(
-        {
-            round(float(one["time_s"]), _SAME)
-            for told in manifests.values()
-            for one in told["frames"]
-        }
-    )
-    number = {time: moment for moment, time in enumerate(every)}
+    frames = {
+        name: [(str(one["name"]), float(one["time_s"])) for one in dataset.manifest["frames"]]
+        for name, dataset in datasets.items()
+    }
+    every = sorted({round(time, _SAME) for rows in frames.values() for _, time in rows})
     nodes: list[Node] = []
     names: dict[int, str] = {}
-    for place, (name, told) in enumerate(manifests.items()):
-        poses, true = frame_poses(told), _true_poses(datasets[name])
+    for place, (name, dataset) in enumerate(datasets.items()):
+        poses, true = frame_poses(dataset.manifest), _true_poses(dataset)
         looks = {}
-        for one in told["frames"]:
-            frame, time = str(one["name"]), float(one["time_s"])
+        for frame, time in frames[name]:
             if frame not in poses:
                 raise InputError(
                     f"does not say where frame {frame} is", file=folders[name], expected=_EXPECTED
                 )
-            moment = number[round(time, _SAME)]
+            moment = every.index(round(time, _SAME))
             names.setdefault(moment, frame)
-            true_pose = true.get(frame, poses[frame])
-            looks[moment] = Look(frame, time, time, time, time, true_pose, poses[frame])
-        carrier = (told.get("rig") or {}).get("carrier")
+            pose = poses[frame]
+            looks[moment] = Look(frame, time, time, time, time, true.get(frame, pose), pose)
+        carrier = (dataset.manifest.get("rig") or {}).get("carrier")
         track = carrier if isinstance(carrier, int) else None
         nodes.append(Node(name, place, folders[name], looks, track))
     ordered = tuple(names[moment] for moment in range(len(every)))
-    return nodes, np.array(every), ordered, _LabelsOfDatasets()
+    return Nodes(tuple(nodes), np.array(every), ordered, _labels_of_datasets)
 
 
 def _true_poses(dataset: Dataset) -> dict[str, Pose]:
-    """Return where riding frames truly were, by name: the true pose of their vehicle says it."""
-    found = {}
+    """Return the true poses of frames on a vehicle, by name: that of the vehicle gives them."""
+    poses, found = frame_poses(dataset.manifest), {}
     for row in dataset.poses.to_pylist():
-        if row["name"] == EGO:
+        name = str(row["frame"])
+        if row["name"] == EGO and name in poses:
             true, reported = true_and_reported(row)
-            found[str(row["frame"])] = true @ reported.inverse()
-    poses = frame_poses(dataset.manifest)
-    return {name: off @ poses[name] for name, off in found.items() if name in poses}
+            found[name] = true @ reported.inverse() @ poses[name]
+    return found
 
 
-class _LabelsOfDatasets:
-    """The labels of all datasets together: who is in several has the box with most points."""
+def _labels_of_datasets(moment: int, nodes: Sequence[Node]) -> Labelled:
+    """Return the labels of all datasets together: of each object the box with most points.
 
-    def __init__(self) -> None:
-        self._frames: dict[tuple[str, int], Frame] = {}
-
-    def labelled(self, moment: int, nodes: Sequence[Node]) -> Labelled:
-        rows: dict[int, tuple[int, int, NDArray[np.float64], str, str]] = {}
-        for node in nodes:
-            if moment not in node.looks:
-                continue
-            boxes = node.frame(moment).moved(node.looks[moment].true).boxes
-            if boxes is None or boxes.num_points is None:
-                raise InputError("has no labels", file=node.folder, expected=_EXPECTED)
-            marks = boxes.ignored or ("",) * len(boxes)
-            for row, track in enumerate(boxes.track.tolist()):
-                points = int(boxes.num_points[row])
-                told = (points, boxes.box[row], boxes.class_names[row], marks[row])
-                before = rows.get(track)
-                if before is None:
-                    rows[track] = (points, *told)
-                else:
-                    better = told if points > before[1] else before[1:]
-                    # What counts for one node counts.
-                    mark = "" if not (told[3] and before[4]) else better[3]
-                    rows[track] = (before[0] + points, *better[:3], mark)
-        for node in nodes[:1]:  # the receiver's own vehicle
-            if node.track in rows:
-                rows[node.track] = (*rows[node.track][:4], "carries the receiver")
-        order = sorted(rows)
-        return Labelled(
-            box=np.array([rows[one][2] for one in order]).reshape(-1, 7),
-            class_names=tuple(rows[one][3] for one in order),
-            track=np.array(order, np.int64),
-            num_points=np.array([rows[one][0] for one in order], np.int64),
-            ignored=tuple(rows[one][4] for one in order),
-        )
+    An object that counts for one node counts.
+    """
+    rows: dict[int, tuple[int, int, NDArray[np.float64], str, str]] = {}
+    for node in nodes:
+        if moment not in node.looks:
+            continue
+        boxes = node.frame(moment).moved(node.looks[moment].true).boxes
+        if boxes is None or boxes.num_points is None:
+            raise InputError("has no labels", file=node.folder, expected=_EXPECTED)
+        marks = boxes.ignored or ("",) * len(boxes)
+        for row, track in enumerate(boxes.track.tolist()):
+            points = int(boxes.num_points[row])
+            label = (points, boxes.box[row], boxes.class_names[row], marks[row])
+            total, *before = rows.get(track, (0, *label))
+            better = label if points > before[0] else before
+            mark = better[3] if label[3] and before[3] else ""
+            rows[track] = (total + points, *better[:3], mark)  # type: ignore[assignment]
+    order = sorted(rows)
+    return Labelled(
+        box=np.array([rows[one][2] for one in order]).reshape(-1, 7),
+        class_names=tuple(rows[one][3] for one in order),
+        track=np.array(order, np.int64),
+        num_points=np.array([rows[one][0] for one in order], np.int64),
+        ignored=tuple(rows[one][4] for one in order),
+    )
 
 
-def _of_fleet(
-    path: Path,
-) -> tuple[list[Node], NDArray[np.float64], tuple[str, ...], _Source]:
+def _of_fleet(path: Path) -> Nodes:
     from urbantwin.dataset.reading import Fleet
 
     fleet = Fleet(path)
@@ -317,31 +297,19 @@ def _of_fleet(
         carrier = carriers[name]
         track = carrier if isinstance(carrier, int) else None
         nodes.append(Node(name, place, fleet.folder_of(name), looks, track))
-    return nodes, fleet.times_s, fleet.names, _LabelsOfFleet(fleet)
 
-
-class _LabelsOfFleet:
-    """A fleet's common labels, with the points of the nodes that take part."""
-
-    def __init__(self, fleet: Fleet) -> None:
-        self._fleet = fleet
-
-    def labelled(self, moment: int, nodes: Sequence[Node]) -> Labelled:
-        table = self._fleet.boxes_of(self._fleet.names[moment])
+    def labels(moment: int, nodes: Sequence[Node]) -> Labelled:
+        table = fleet.boxes_of(fleet.names[moment])
         points = np.zeros(table.num_rows, np.int64)
         for node in nodes:
-            told = table[f"num_points.{node.name}"].to_pylist()
-            points += np.array([one or 0 for one in told], np.int64)
-        track = table["track"].to_numpy().astype(np.int64)
-        ignored = [one or "" for one in table["ignored"].to_pylist()]
-        ego = nodes[0]
+            seen = table[f"num_points.{node.name}"].to_pylist()
+            points += np.array([one or 0 for one in seen], np.int64)
         return Labelled(
             box=np.column_stack([table[one].to_numpy() for one in BOX]).reshape(-1, 7),
             class_names=tuple(table["class"].to_pylist()),
-            track=track,
+            track=table["track"].to_numpy().astype(np.int64),
             num_points=points,
-            ignored=tuple(
-                "carries the receiver" if one == ego.track else mark
-                for one, mark in zip(track.tolist(), ignored, strict=True)
-            ),
+            ignored=tuple(one or "" for one in table["ignored"].to_pylist()),
         )
+
+    return Nodes(tuple(nodes), fleet.times_s, fleet.names, labels)

@@ -1,10 +1,9 @@
-"""What each node sees for itself: its detections, and how fast they go by its own tracks."""
+"""What each node detects by itself, with the motion that its own tracks give."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +13,16 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import Pose
 from urbantwin.learn.detecting import found_in
 from urbantwin.learn.model import Model
-from urbantwin.studies.fusion.box_codec import Boxes, moved_boxes
+from urbantwin.studies.fusion.boxes import Boxes, moved_boxes
 from urbantwin.studies.fusion.nodes import Look, Node
 from urbantwin.tracking.estimation import estimates
 from urbantwin.tracking.kalman import measured
 from urbantwin.tracking.linking import Linking, linked, underside
 from urbantwin.tracking.road_user import RoadUser, group_of
 
-__all__ = ["detected_by", "local_pose", "read_boxes", "with_motion", "write_boxes"]
+__all__ = ["detected_by", "local_pose", "with_motion"]
 
-#: A speed is known so well once a road user was seen three times, and a rate of turn, m/s, rad/s.
+#: Standard deviations of a speed, m/s, and of a rate of turn, rad/s, from the third detection on.
 _SPEED_M_S, _TURNS = 1.0, 0.3
 _KNOWN_FROM = 3
 
@@ -31,8 +30,8 @@ _KNOWN_FROM = 3
 def local_pose(frame: Frame, look: Look) -> tuple[Pose, Pose]:
     """Return where the local frame of a node is: in its own frame, and in the site as it reports.
 
-    The local frame has the axes of the node's own and its origin in the middle of its sensors:
-    what a node tells is told in it.
+    The local frame has the axes of the node's own and its origin in the middle of its sensors; a
+    node's messages are in it.
 
     Args:
         frame: of the node.
@@ -43,12 +42,12 @@ def local_pose(frame: Frame, look: Look) -> tuple[Pose, Pose]:
 
 
 def detected_by(model: Model, frame: Frame, least: float) -> Boxes:
-    """Return what a model finds in one node's frame alone: in the local frame, at rest.
+    """Return what a model detects in one node's frame alone: in the local frame, at rest.
 
     Args:
         model: the detector.
         frame: of the node.
-        least: boxes that are less likely are left out.
+        least: least score of a box.
     """
     found, _ = found_in(model, frame, least=least)
     names = [model.design.classes[one] for one in found.number]
@@ -66,12 +65,12 @@ def detected_by(model: Model, frame: Frame, least: float) -> Boxes:
 def with_motion(
     node: Node, seen: Mapping[int, Boxes], local: Mapping[int, Pose]
 ) -> dict[int, Boxes]:
-    """Return a node's detections with how fast they go, by tracks of what it saw until then.
+    """Return a node's detections with their motion, by tracks of its detections until then.
 
     Args:
-        node: who saw.
-        seen: by moment, in the local frame.
-        local: where that was in the site, as the node believed.
+        node: the node.
+        seen: its detections by moment, in the local frame.
+        local: reported poses of that frame.
     """
     moments = sorted(seen)
     if len(moments) < 2:
@@ -86,11 +85,12 @@ def with_motion(
     for name in sorted({users[int(one[0])].name for one in tracks}):
         _follow(found.frame, found.box, [t for t in tracks if users[int(t[0])].name == name],
                 users, time_s, velocity)  # fmt: skip
-    told = {}
-    for number, moment in enumerate(moments):
-        mine = velocity[found.frame == number]
-        told[moment] = moved_boxes(_going(still[moment], mine), local[moment].inverse())
-    return told
+    return {
+        moment: moved_boxes(
+            _going(still[moment], velocity[found.frame == number]), local[moment].inverse()
+        )
+        for number, moment in enumerate(moments)
+    }
 
 
 def _follow(
@@ -101,7 +101,7 @@ def _follow(
     time_s: NDArray[np.float64],
     velocity: NDArray[np.float64],
 ) -> None:
-    """Set the velocities of what was seen often enough."""
+    """Set the velocities of road users that were detected often enough."""
     seen = underside(box)
     user = users[int(tracks[0][0])]
     made = estimates(
@@ -114,28 +114,12 @@ def _follow(
 
 
 def _going(boxes: Boxes, velocity: NDArray[np.float64]) -> Boxes:
-    """Return boxes with velocities (N, 2) in the site; NaN where nothing is known of them."""
+    """Return boxes with velocities (N, 2) in the site; NaN where they are unknown."""
     known = np.isfinite(velocity[:, 0])
     ahead = np.column_stack([np.cos(boxes.box[:, 6]), np.sin(boxes.box[:, 6])])
     along = np.column_stack([(velocity * ahead).sum(axis=1), np.zeros(len(boxes))])
-    rates = np.where(boxes.walks[:, None], velocity, along)
+    rates = np.where(boxes.is_pedestrian[:, None], velocity, along)
     covariance = boxes.covariance.copy()
     covariance[known, 4, 4] = _SPEED_M_S**2
-    covariance[known, 5, 5] = np.where(boxes.walks[known], _SPEED_M_S, _TURNS) ** 2
+    covariance[known, 5, 5] = np.where(boxes.is_pedestrian[known], _SPEED_M_S, _TURNS) ** 2
     return replace(boxes, rates=np.where(known[:, None], rates, 0.0), covariance=covariance)
-
-
-def write_boxes(path: Path, boxes: Boxes, place: NDArray[np.float64]) -> None:
-    """Write boxes as plain arrays, and the middle (3,) of the sensors in the node's own frame."""
-    names = Boxes.__dataclass_fields__
-    passing = path.with_name(f".{path.name}")
-    with passing.open("wb") as file:
-        np.savez(file, place=place, **{name: getattr(boxes, name) for name in names})
-    passing.replace(path)
-
-
-def read_boxes(path: Path) -> tuple[Boxes, NDArray[np.float64]]:
-    """Read what `write_boxes` wrote."""
-    with np.load(path) as arrays:
-        boxes = Boxes(*(arrays[name] for name in Boxes.__dataclass_fields__))
-        return boxes, arrays["place"]

@@ -1,7 +1,7 @@
-"""The study, as its algorithm: what nodes see alone, every setting at every moment, the judgement.
+"""The course of a study: what nodes detect alone, then every setting at every moment.
 
-Moments are independent of each other: they are worked at by any number of processes, and what is
-done stays in a folder, from which an interrupted study goes on.
+Moments are independent of each other, so any number of processes works at them. Files of what is
+done stay in a folder, from which an interrupted study goes on.
 """
 
 from __future__ import annotations
@@ -14,30 +14,29 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from urbantwin.artefact.checksum import sha256_of
 from urbantwin.errors import InputError, StageError
 from urbantwin.geometry import Pose
 from urbantwin.learn.model import Model, read_model
 from urbantwin.processes import worker_pool
 from urbantwin.progress import Progress, between, untold
-from urbantwin.studies.fusion.box_codec import Boxes
-from urbantwin.studies.fusion.nodes import Nodes, open_nodes
-from urbantwin.studies.fusion.own_view import detected_by, read_boxes, with_motion, write_boxes
+from urbantwin.studies.fusion.boxes import Boxes
+from urbantwin.studies.fusion.nodes import Node, Nodes, open_nodes
+from urbantwin.studies.fusion.own_view import detected_by, with_motion
 from urbantwin.studies.fusion.setting import Setting
 from urbantwin.studies.fusion.trial import Outcome, Trial
 
 __all__ = ["Plan", "chosen_moments", "outcomes_of", "places_of", "seconds_needed"]
 
-#: Nobody is judged before so long after the first frame: messages may be late.
+#: Time after the first frame from which on detections are judged: messages may be late.
 _WARM_UP_S = 1.0
-#: Boxes that are less likely are left out.
+#: Least score of a box.
 _LEAST = 0.05
-_OWN, _GOING, _TRIALS = "own", "going", "trials"
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Plan:
         only: names of the nodes that take part.
         settings: to compare.
         moments: at which.
-        mtu: bytes of a packet.
+        mtu: largest size of a packet, bytes.
         seed: of all random numbers.
     """
 
@@ -70,7 +69,7 @@ def chosen_moments(nodes: Nodes, frames: int) -> tuple[int, ...]:
 
     Args:
         nodes: the receiver first.
-        frames: so many at most.
+        frames: largest number of moments.
 
     Raises:
         InputError: the receiver has none.
@@ -107,20 +106,18 @@ def outcomes_of(
         StageError: a worker was killed.
     """
     desk = _Desk(plan, folder)
-    for name in (_OWN, _GOING, _TRIALS):
-        (folder / name).mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     looks = [(node.number, moment) for node in desk.nodes.nodes for moment in sorted(node.looks)]
     with _workers(plan, folder, workers) as submit:
         alone = [one for one in looks if not desk.own_file(*one).is_file()]
         for done, _ in enumerate(submit(_see, alone)):
             tell(0.2 * (done + 1) / len(alone), f"what nodes see alone, {done + 1} of {len(alone)}")
-        desk.follow()
         ahead = [one for one in plan.moments if not desk.trial_file(one).is_file()]
         rest = between(tell, 0.2, 1.0)
         for done, _ in enumerate(submit(_try, [(one,) for one in ahead])):
             rest((done + 1) / len(ahead), f"moment {done + 1} of {len(ahead)}")
-    found = [_read(desk.trial_file(moment), len(plan.settings)) for moment in plan.moments]
-    return [[one[number] for one in found] for number in range(len(plan.settings))]
+    found = [_read(desk.trial_file(moment)) for moment in plan.moments]
+    return [list(one) for one in zip(*found, strict=True)]
 
 
 def seconds_needed(plan: Plan, workers: int) -> float:
@@ -163,89 +160,58 @@ class _Desk:
 
     @cached_property
     def trial(self) -> Trial:
-        identity = bytes.fromhex(sha256_of(self.plan.model / "model.safetensors")[:16])
-        seen = {node.number: _Going(self, node.number) for node in self.nodes.nodes}
-        return Trial(
-            self.model,
-            identity,
-            self.nodes,
-            seen,
-            mtu=self.plan.mtu,
-            seed=self.plan.seed,
-            least=_LEAST,
-        )
+        """Settings at moments; what every node detects alone must be written before."""
+        seen = {node.number: self._going(node) for node in self.nodes.nodes}
+        plan = self.plan
+        return Trial(self.model, self.nodes, seen, mtu=plan.mtu, seed=plan.seed, least=_LEAST)
 
     def own_file(self, node: int, moment: int) -> Path:
-        return self.folder / _OWN / f"{node:03}-{moment:06}.npz"
-
-    def going_file(self, node: int, moment: int) -> Path:
-        return self.folder / _GOING / f"{node:03}-{moment:06}.npz"
+        return self.folder / f"own-{node:03}-{moment:06}.npz"
 
     def trial_file(self, moment: int) -> Path:
-        return self.folder / _TRIALS / f"{moment:06}.npz"
+        return self.folder / f"trial-{moment:06}.npz"
 
     def see(self, number: int, moment: int) -> None:
         node = next(one for one in self.nodes.nodes if one.number == number)
         frame = node.frame(moment)
         boxes = detected_by(self.model, frame, _LEAST)
-        write_boxes(self.own_file(number, moment), boxes, frame.sensor_places.mean(axis=0))
+        _write(self.own_file(number, moment), place=frame.sensor_places.mean(axis=0), **vars(boxes))
 
-    def follow(self) -> None:
-        """Write every node's detections with how fast they go."""
-        for node in self.nodes.nodes:
-            if all(self.going_file(node.number, moment).is_file() for moment in node.looks):
-                continue
-            told = {one: read_boxes(self.own_file(node.number, one)) for one in node.looks}
-            local = {
-                moment: node.looks[moment].reported @ Pose(np.eye(3), place)
-                for moment, (_, place) in told.items()
-            }
-            going = with_motion(node, {one: boxes for one, (boxes, _) in told.items()}, local)
-            for moment, boxes in going.items():
-                write_boxes(self.going_file(node.number, moment), boxes, told[moment][1])
+    def _going(self, node: Node) -> dict[int, Boxes]:
+        """Return a node's detections with their motion, by moment."""
+        seen, local = {}, {}
+        for moment, look in node.looks.items():
+            with np.load(self.own_file(node.number, moment)) as arrays:
+                seen[moment] = Boxes(*(arrays[name] for name in Boxes.__dataclass_fields__))
+                local[moment] = look.reported @ Pose(np.eye(3), arrays["place"])
+        return with_motion(node, seen, local)
 
     def attempt(self, moment: int) -> None:
         found = self.trial.outcomes(moment, self.plan.settings)
-        _write(self.trial_file(moment), found)
-
-
-class _Going(dict[int, Boxes]):
-    """The detections of a node by moment, read when they are asked for."""
-
-    def __init__(self, desk: _Desk, node: int) -> None:
-        super().__init__()
-        self._desk, self._node = desk, node
-
-    def __missing__(self, moment: int) -> Boxes:
-        self[moment] = read_boxes(self._desk.going_file(self._node, moment))[0]
-        return self[moment]
-
-
-def _write(path: Path, found: Sequence[Outcome]) -> None:
-    """Write the outcomes of one moment."""
-    passing = path.with_name(f".{path.name}")
-    with passing.open("wb") as file:
-        np.savez(
-            file,
+        _write(
+            self.trial_file(moment),
             count=np.array([len(one.box) for one in found]),
             box=np.concatenate([one.box for one in found]),
             kind=np.concatenate([one.kind for one in found]),
             score=np.concatenate([one.score for one in found]),
-            told=np.array([(one.bits, one.bits_s, one.packets, one.age_s) for one in found]),
+            cost=np.array([(one.bits, one.bits_s, one.packets, one.age_s) for one in found]),
         )
+
+
+def _write(path: Path, **arrays: NDArray[Any]) -> None:
+    passing = path.with_name(f".{path.name}")
+    with passing.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
     passing.replace(path)
 
 
-def _read(path: Path, settings: int) -> list[Outcome]:
+def _read(path: Path) -> list[Outcome]:
+    """Read the outcomes of one moment."""
     with np.load(path) as arrays:
-        count, told = arrays["count"], arrays["told"]
-        box, kind, score = arrays["box"], arrays["kind"], arrays["score"]
-    end = np.cumsum(count)
-    rows = [slice(int(b - n), int(b)) for n, b in zip(count, end, strict=True)]
-    return [
-        Outcome(box[rows[k]], kind[rows[k]], score[rows[k]], *told[k].tolist())
-        for k in range(settings)
-    ]
+        ends = np.cumsum(arrays["count"])[:-1]
+        parts = [np.split(arrays[name], ends) for name in ("box", "kind", "score")]
+        rows = zip(*parts, arrays["cost"].tolist(), strict=True)
+        return [Outcome(*found, *cost) for *found, cost in rows]
 
 
 _Work = Callable[..., None]
