@@ -46,7 +46,6 @@ def test_every_frame_has_its_files_and_nothing_else_is_there(dataset):
     expected = {
         "README.md",
         "SHA256SUMS",
-        "blocks.parquet",
         "dataset.json",
         "boxes.parquet",
         "sweeps.parquet",

@@ -24,7 +24,6 @@ from urbantwin.artefact.privacy import search_files
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.cli.app import main
 from urbantwin.dataset.card import write_cards
-from urbantwin.dataset.damaged_file import where_damaged
 from urbantwin.dataset.frame_columns import COLUMNS, parquet_bytes
 from urbantwin.dataset.frame_las import laz_bytes
 from urbantwin.dataset.reading.frame_files import FrameFiles
@@ -161,7 +160,6 @@ def read_dataset(path: Path) -> None:
         _looked_at,
         lambda one: inspected(one / "dataset.json"),
         lambda one: write_cards(one, to=one.with_name("card")),
-        lambda _: where_damaged(path),
     ):
         try:
             use(folder)

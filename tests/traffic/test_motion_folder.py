@@ -75,7 +75,7 @@ def test_a_motion_keeps_the_meshes_of_its_actors(motion: Motion, tmp_path: Path)
     # What the motion does not have comes from the catalogue.
     assert again.mesh("car-sedan", 0) is asset_mesh("car-sedan", 0)
     (tmp_path / "m" / "meshes.npz").write_bytes(b"PK")
-    with pytest.raises(InputError, match=r"meshes\.npz: its directory, .*byte 2.: is not readable"):
+    with pytest.raises(InputError, match=r"meshes\.npz: is not readable"):
         Motion.load(tmp_path / "m")
 
 

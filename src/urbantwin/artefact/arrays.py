@@ -10,17 +10,15 @@ import io
 import math
 import warnings
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.damaged_bytes import header_place, member_place
 from urbantwin.errors import InputError, limit_reached
 
 __all__ = [
@@ -80,7 +78,7 @@ def read_arrays(
         InputError: missing, damaged, larger than its size allows, or not of the form.
     """
     arrays: Arrays = {}
-    with _one_line(path, expected, _end), zipfile.ZipFile(path) as packed:
+    with _one_line(path, expected), zipfile.ZipFile(path) as packed:
         members = packed.infolist()
         size = sum(one.file_size for one in members)
         if most is not None and size > most:
@@ -95,10 +93,10 @@ def read_arrays(
                 raise InputError(
                     "is compressed by a method that NumPy does not use",
                     file=path,
-                    place=f"{name[:60]}, in its directory from byte {packed.start_dir} on",
+                    place=name[:60],
                     expected=expected,
                 )
-            with _one_line(path, expected, partial(member_place, packed, member)):
+            with _one_line(path, expected, name[:60]):
                 with packed.open(member) as stream:
                     size = array_header(stream)[1]
                 if size != member.file_size:
@@ -116,21 +114,19 @@ def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArra
     """Read the array of a ``.npy``.
 
     Raises:
-        InputError: missing, damaged, shorter or longer than it says, or not of the form; the byte
-            is named.
+        InputError: missing, damaged, shorter or longer than it says, or not of the form.
     """
-    with _one_line(path, expected, header_place), path.open("rb") as stream:
+    with _one_line(path, expected), path.open("rb") as stream:
         if stream.read(2) == b"PK":
             raise InputError("holds several arrays", file=path, expected=expected)
         stream.seek(0)
-        begin, size, _ = array_header(stream)
+        size = array_header(stream)[1]
         have = path.stat().st_size
         if size != have:
             how = "is truncated" if size > have else "goes on behind its array"
             raise InputError(
-                f"{how}: {have} bytes where its header (bytes 0 to {begin - 1}) tells of {size}",
+                f"{how}: {have} bytes of the {size} that its header says",
                 file=path,
-                place=f"byte {min(size, have)}",
                 expected=expected,
             )
         stream.seek(0)
@@ -140,10 +136,10 @@ def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArra
             raise InputError(
                 f"holds {array.dtype}",
                 file=path,
-                place=f"bytes 0 to {begin - 1}, its header",
+                place="its header",
                 expected=str(np.dtype(form.kind)),
             )
-        checked_arrays({"": array}, {"": form}, file=path, expected=expected, begin=begin)
+        checked_arrays({"": array}, {"": form}, file=path, expected=expected)
     return array
 
 
@@ -180,7 +176,6 @@ def checked_arrays(
     file: Path,
     expected: str,
     within: str = "",
-    begin: int | None = None,
 ) -> None:
     """Check arrays that belong together.
 
@@ -190,7 +185,6 @@ def checked_arrays(
         file: for errors.
         expected: what the file should be, for errors.
         within: what stands before the arrays' names in the file.
-        begin: the byte of the file that the values of the only array begin at, if they do.
 
     Raises:
         InputError: one is missing, or is of another type, shape or range; it is named.
@@ -218,16 +212,14 @@ def checked_arrays(
         low, high = wanted.least, wanted.most
         if wanted.rows_of is not None:
             low, high = 0, lengths[wanted.rows_of] - 1
-        _check_values(arrays[name], low, high, file, f"{within}{name}", begin)
+        _check_values(arrays[name], low, high, file, f"{within}{name}")
 
 
-def _check_values(
-    array: NDArray[Any], low: float, high: float, file: Path, name: str, begin: int | None
-) -> None:
+def _check_values(array: NDArray[Any], low: float, high: float, file: Path, name: str) -> None:
     if not array.size:
         return
     if array.dtype.kind == "f" and not np.isfinite(array).all():
-        place = _place_of(array, ~np.isfinite(array), name, begin)
+        place = _place_of(array, ~np.isfinite(array), name)
         raise InputError("has a value that is not finite", file=file, place=place)
     if low == -math.inf and high == math.inf:
         return
@@ -236,20 +228,15 @@ def _check_values(
         raise InputError(
             f"has the value {array[wrong][0]:g}",
             file=file,
-            place=_place_of(array, wrong, name, begin),
+            place=_place_of(array, wrong, name),
             expected=f"{low:g} to {high:g}",
         )
 
 
-def _place_of(array: NDArray[Any], wrong: NDArray[np.bool_], name: str, begin: int | None) -> str:
-    """Return the index, from 0, and the byte of the first value that is wrong."""
+def _place_of(array: NDArray[Any], wrong: NDArray[np.bool_], name: str) -> str:
+    """Return the index, from 0, of the first value that is wrong."""
     at = np.unravel_index(int(np.argmax(wrong)), array.shape)
-    place = f"{name}[{', '.join(map(str, at))}]"
-    if begin is None:
-        return place
-    # The order on disk is that in memory, which NumPy reads it into as it is.
-    byte = begin + sum(int(k) * step for k, step in zip(at, array.strides, strict=True))
-    return f"value {place} (byte {byte})"
+    return f"{name or 'value '}[{', '.join(map(str, at))}]"
 
 
 def may_unpack(size: int, packed: int) -> bool:
@@ -284,13 +271,9 @@ def array_header(stream: IO[bytes]) -> tuple[int, int, tuple[int, ...]]:
     return stream.tell(), stream.tell() + count * kind.itemsize, shape
 
 
-def _end(path: Path) -> str:
-    return f"its directory, at its end (byte {path.stat().st_size})"
-
-
 @contextmanager
-def _one_line(path: Path, expected: str, place_in: Callable[[Path], str | None]) -> Iterator[None]:
-    """Turn what is raised into one clear line; ``place_in`` says where the file is wrong."""
+def _one_line(path: Path, expected: str, place: str | None = None) -> Iterator[None]:
+    """Turn what is raised into one clear line."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of headers that Python 2 wrote, of long integers
@@ -305,7 +288,5 @@ def _one_line(path: Path, expected: str, place_in: Callable[[Path], str | None])
             raise limit from error
         raise InputError("needs more memory than there is", file=path, expected=expected) from None
     except Exception as error:  # a header is Python's syntax: its parser raises what it likes
-        problem, place = f"is not readable ({one_line(error)})", None
-        with suppress(OSError):
-            place = place_in(path)
+        problem = f"is not readable ({one_line(error)})"
         raise InputError(problem, file=path, place=place, expected=expected) from None

@@ -27,12 +27,10 @@ class Damage:
     Attributes:
         name: of the file, relative to the artefact.
         problem: ``damaged``, ``missing`` or ``foreign``.
-        where: which bytes of a damaged one are wrong, and how, where its format tells.
     """
 
     name: str
     problem: str
-    where: str = ""
 
 
 def write_inventory(

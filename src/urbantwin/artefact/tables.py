@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -11,17 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import may_unpack, one_line
-from urbantwin.artefact.damaged_bytes import (
-    column_bytes,
-    column_paths,
-    is_parquet,
-    parquet_place,
-)
 from urbantwin.errors import InputError, limit_reached
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
 __all__ = [
     "PARQUET",
@@ -33,8 +25,8 @@ __all__ = [
     "write_parquet_and_csv",
 ]
 
-#: How our tables are written. A checksum of each page, of which zstd has none of its own, tells a
-#: reader which column is damaged.
+#: How our tables are written. A checksum of each page, of which zstd has none of its own, shows
+#: readers that one is damaged.
 PARQUET: dict[str, Any] = {"compression": "zstd", "write_page_checksum": True}
 
 
@@ -98,11 +90,12 @@ class ParquetGroups:
         try:
             # Not mapped: a page that a damaged disk cannot read would end the process.
             self._file = pq.ParquetFile(path, memory_map=False, page_checksum_verification=True)
-            if not is_parquet(path):
-                raise ValueError("its first bytes are not those of Parquet")
+            with path.open("rb") as stream:  # which Arrow does not look at
+                if stream.read(4) != b"PAR1":
+                    raise ValueError("its first bytes are not those of Parquet")
         # Arrow's, and UnicodeError, OverflowError, MemoryError of its names
         except Exception as error:
-            raise _damaged(error, path, expected, None) from None
+            raise _damaged(error, path, expected) from None
         try:
             told, size = self._file.metadata, path.stat().st_size
             groups = [told.row_group(k) for k in range(told.num_row_groups)]
@@ -129,7 +122,7 @@ class ParquetGroups:
         except InputError:
             raise
         except Exception as error:  # see above
-            raise _damaged(error, path, expected, None) from None
+            raise _damaged(error, path, expected) from None
 
     def read(self, columns: Sequence[str] | None = None, *, group: int | None = None) -> pa.Table:
         """Return all rows, or those of a group; of some columns alone where they are given.
@@ -148,13 +141,13 @@ class ParquetGroups:
         except InputError:
             raise
         except Exception as error:  # see above
-            raise _damaged(error, self._path, self._expected, self._file) from None
+            raise _damaged(error, self._path, self._expected) from None
 
     def each_row(self, columns: Sequence[str], group: int) -> Iterator[pa.RecordBatch]:
         """Yield the rows of a group one by one: no more of them is unpacked than is asked for.
 
         Raises:
-            InputError: one is damaged; the row and the bytes that hold its group are named.
+            InputError: one is damaged; the row is named.
         """
         row = sum(self.rows[:group])
         try:
@@ -165,15 +158,8 @@ class ParquetGroups:
                 yield batch
                 row += 1
         except Exception as error:  # see above
-            numbers = [
-                number
-                for number, name in enumerate(column_paths(self._file))
-                if name.startswith(tuple(columns))
-            ]
-            where = column_bytes(self._file, group, numbers, error)
-            place = f"row {row}" if where is None else f"row {row} (in {where})"
             raise InputError(
-                _problem(error), file=self._path, place=place, expected=self._expected
+                _problem(error), file=self._path, place=f"row {row}", expected=self._expected
             ) from None
 
     def __enter__(self) -> Self:
@@ -267,10 +253,8 @@ def _whole(table: pa.Table, path: Path, expected: str, schema: pa.Schema) -> pa.
     return table.combine_chunks()
 
 
-def _damaged(
-    error: Exception, path: Path, expected: str, file: pq.ParquetFile | None
-) -> InputError:
-    """Return what is said of a file of Parquet; ``file`` if its footer could be read.
+def _damaged(error: Exception, path: Path, expected: str) -> InputError:
+    """Return what is said of a file of Parquet that cannot be read.
 
     Raises:
         LimitError: a limit of the system is the cause, and not the file.
@@ -278,10 +262,7 @@ def _damaged(
     limit = limit_reached(error)
     if limit is not None:
         raise limit from error
-    place = None
-    with suppress(OSError):
-        place = None if isinstance(error, MemoryError) else parquet_place(path, file)
-    return InputError(_problem(error), file=path, place=place, expected=expected)
+    return InputError(_problem(error), file=path, expected=expected)
 
 
 def _problem(error: Exception) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from urbantwin.artefact.inventory import INVENTORY, Damage, damages
@@ -12,9 +12,6 @@ from urbantwin.errors import InputError
 from urbantwin.progress import Progress, untold
 
 __all__ = ["Verified", "is_artefact", "verify"]
-
-#: Of so many damaged files of an artefact it is said where they are.
-_PLACED = 50
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,6 @@ def verify(
     path: Path,
     *,
     workers: int = 1,
-    where: Callable[[Path], str] | None = None,
     progress: Progress | None = None,
 ) -> list[Verified]:
     """Compare every artefact at a path with its inventory.
@@ -48,7 +44,6 @@ def verify(
             sensors, or a folder of artefacts, or of folders of them: what ``urbantwin run`` or
             ``urbantwin experiment run`` wrote.
         workers: threads that take checksums.
-        where: says of a damaged file which bytes are wrong; asked of the first of each artefact.
         progress: told the share done and what is being done.
 
     Raises:
@@ -72,23 +67,8 @@ def verify(
 
         files, wrong = damages(folder, below=below, workers=workers, progress=step)
         kind = kind_of(folder)
-        if where is not None:
-            wrong = list(_placed(folder, wrong, where))
         verified.append(Verified(folder / below, kind or "damaged", files, tuple(wrong)))
     return verified
-
-
-def _placed(
-    folder: Path, wrong: Iterable[Damage], where: Callable[[Path], str]
-) -> Iterator[Damage]:
-    """Yield what is wrong, the first damaged files with the bytes that are."""
-    left = _PLACED
-    for one in wrong:
-        if one.problem == "damaged" and left:
-            left -= 1
-            yield replace(one, where=where(folder / one.name))
-        else:
-            yield one
 
 
 def is_artefact(path: Path) -> bool:

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.block_sums import packed_sums
 from urbantwin.dataset.box_columns import box_columns, label_lines
 from urbantwin.dataset.frame_columns import columns_of_frame, parquet_bytes
 from urbantwin.dataset.frame_las import laz_bytes
@@ -80,8 +79,7 @@ def write_frame(
     Returns:
         What can stand in JSON: ``points`` (their number), ``bounds`` (least and greatest x, y, z,
         or ``None``), ``semantic`` (number of points by class number), ``boxes`` (their columns,
-        see `box_columns`), ``sha256`` (of each file, by its name in the dataset) and ``blocks``
-        (of each file, see `block_sums.packed_sums`).
+        see `box_columns`) and ``sha256`` (of each file, by its name in the dataset).
     """
     name, told = frame_name(index), FrameTables.of(frame)
     labels, rays = told.labels, told.rays
@@ -111,7 +109,6 @@ def write_frame(
         "semantic": {str(one): int(told.points_of[one]) for one in np.flatnonzero(told.points_of)},
         "boxes": box_columns(frame.boxes),
         "sha256": sums,
-        "blocks": {file: packed_sums(*parts) for file, parts in files.items()},
     }
 
 

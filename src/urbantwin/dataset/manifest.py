@@ -64,7 +64,6 @@ LAYOUT = {
     "rays": "rays/NNNNNN.npy: (N,) sensor u1, ring u2, column u2, time f4 (seconds from the "
     "frame's time, by the sensor's clock), echo u1",
     "boxes": "boxes.parquet: one row per frame and box",
-    "blocks": "blocks.parquet: CRC-32 of each 4096 bytes of every file of the frames",
     "ignore_regions": "ignore_regions.geojson: where labels do not count, site frame, metres",
     "sweeps": "sweeps.parquet: one row per frame, sensor and turn: times, and poses in the site",
     "tracks": "tracks.parquet: one row per track: who it is, its first and last frame",

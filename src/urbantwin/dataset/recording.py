@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import sha256_of, write_inventory, write_json
 from urbantwin.artefact.storage import Storage
-from urbantwin.dataset.block_sums import write_block_sums
 from urbantwin.dataset.card.write import write_cards
 from urbantwin.dataset.dataset_writer import (
     MARKS_FORMAT,
@@ -158,8 +157,6 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                 for name in parts:
                     made.fetch_frame(name, entries[name])
                 also(folder)
-            for name in parts:
-                write_block_sums(folder / name, entries[name])
             write_cards(folder)
             write_inventory(
                 folder, known=checksums(entries), without=[MARKS], elsewhere=made.is_elsewhere

@@ -77,9 +77,7 @@ class Verification(Result):
                 "kind": one.kind,
                 "files": one.files,
                 "wrong": [
-                    {"file": bad.name, "is": bad.problem}
-                    | ({"where": bad.where} if bad.where else {})
-                    for bad in one.damages[:most]
+                    {"file": bad.name, "is": bad.problem} for bad in one.damages[:most]
                 ],
             }
             for one in self.artefacts
@@ -119,7 +117,6 @@ class Verification(Result):
         wrong, bad = len(self.damages), first.damages[0]
         raise InputError(
             f"{bad.name} is {bad.problem}"
-            + (f" at {bad.where}" if bad.where else "")
             + (f", and {wrong - 1} more are wrong" if wrong > 1 else ""),
             file=first.folder,
             expected="the files as written; `urbantwin dataset reproduce` makes a dataset again",
@@ -171,15 +168,12 @@ def verify(
         >>> assert ut.dataset.verify("out/")
         $ urbantwin dataset verify urbantwin-demo/
     """
-    from urbantwin.dataset.damaged_file import where_damaged
-
     place, found, personal = Path(path), list[Verified](), None
     with shown_stage("verify", progress) as tell:
         if not privacy or is_artefact(place):
             found = verify_artefacts(
                 place,
                 workers=usable_processors(),
-                where=where_damaged,
                 progress=between(tell, 0.0, 0.5) if privacy else tell,
             )
         carla = {}

@@ -6,16 +6,17 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
-from urbantwin.artefact.privacy.contents import Told, told_in
+from urbantwin.artefact.privacy.contents import Marked, Text, content_of_file
 from urbantwin.artefact.privacy.rules import in_text, in_value
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress, untold
 
 __all__ = ["Finding", "search_files"]
 
-#: Of one file so many findings of a kind are told, and of the rest how many there are.
+#: Findings of a kind that are listed of one file; the rest are counted.
 _MOST = 5
 
 
@@ -49,7 +50,7 @@ def search_files(
 
     Args:
         path: the file or the folder.
-        names: what else to look for -> what it is; see `this_machine.names_here`.
+        names: what else to search for -> what it is; see `names_here`.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -80,15 +81,14 @@ def _in_file(path: Path, name: str, names: Mapping[str, str]) -> list[Finding]:
     }
     counts: Counter[str] = Counter()
     try:
-        for one in told_in(path):
-            for at, what, text in _of_told(one, names):
-                if (what, text) in found:
-                    continue
-                counts[what] += 1
-                if counts[what] <= _MOST:
-                    found[what, text] = Finding(name, _place(one, at), what, text)
+        content = content_of_file(path)
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", file=path) from None
+    for place, what, text in _found_in(content, "", "", names):
+        if (what, text) not in found:
+            counts[what] += 1
+            if counts[what] <= _MOST:
+                found[what, text] = Finding(name, place, what, text)
     more = [
         Finding(name, "further places", what, f"{count - _MOST:,} more")
         for what, count in counts.items()
@@ -97,22 +97,43 @@ def _in_file(path: Path, name: str, names: Mapping[str, str]) -> list[Finding]:
     return [*found.values(), *more]
 
 
-def _of_told(one: Told, names: Mapping[str, str]) -> Iterator[tuple[int, str, str]]:
-    """Yield what a text or a number says of somebody: where in it, what kind of thing, what."""
-    if one.what:
-        yield 0, one.what, str(one.value)
-        return
-    if one.field:
-        for what, text in in_value(one.field, one.value):
-            yield 0, what, text
-    if isinstance(one.value, str):
-        yield from in_text(one.value, names)
+def _found_in(
+    value: object, place: str, field: str, names: Mapping[str, str]
+) -> Iterator[tuple[str, str, str]]:
+    """Yield the place, the kind and the text of what a file's content may say of somebody.
 
-
-def _place(one: Told, at: int) -> str:
-    """Return the line and the byte of a letter in a text that is all of a file, or the place."""
-    if not isinstance(one.value, str) or not one.lines:
-        return one.place
-    line = one.value.count("\n", 0, at) + 1
-    byte = len(one.value[:at].encode(errors="replace"))
-    return f"{one.place}{', ' if one.place else ''}line {line} (byte {byte})"
+    Args:
+        value: what `contents` makes of a file, or a part of it.
+        place: of that part.
+        field: name of the field that it is the value of.
+        names: see `search_files`.
+    """
+    waiting = [(value, place, field)]  # a document may be nested deeper than Python calls
+    while waiting:
+        value, place, field = waiting.pop()
+        if isinstance(value, Marked):
+            yield place, value.what, value.text
+        elif isinstance(value, datetime):
+            yield place, "time stamp", str(value)
+        elif isinstance(value, Text):
+            for at, what, text in in_text(value.text, names):
+                line = value.text.count("\n", 0, at) + 1
+                byte = len(value.text[:at].encode(errors="replace"))
+                yield f"{place}{place and ': '}line {line} (byte {byte})", what, text
+        elif isinstance(value, dict):
+            for key in value:
+                yield from ((place, what, text) for _, what, text in in_text(str(key), names))
+            waiting += [
+                (inner, f"{place}{place and '.'}{key}", str(key))
+                for key, inner in reversed(value.items())
+            ]
+        elif isinstance(value, list):
+            some = range(len(value))
+            # Of long rows of numbers, the first and the last say what they are.
+            if len(value) > 16 and all(isinstance(one, int | float) for one in value):
+                some = range(0, len(value), len(value) - 1)
+            waiting += [(value[k], f"{place}[{k}]", field) for k in reversed(some)]
+        else:
+            yield from ((place, what, text) for what, text in in_value(field, value))
+            if isinstance(value, str):
+                yield from ((place, what, text) for _, what, text in in_text(value, names))

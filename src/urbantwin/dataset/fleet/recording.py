@@ -18,7 +18,6 @@ from urbantwin.artefact import (
     write_inventory,
     write_json,
 )
-from urbantwin.dataset.block_sums import write_block_sums
 from urbantwin.dataset.card.write import write_cards, write_index
 from urbantwin.dataset.dataset_writer import (
     MARKS_FORMAT,
@@ -262,7 +261,6 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
                 say(0.97, "pictures")
                 also(folder)
             for node in nodes:
-                write_block_sums(folder / node.name, entries[node.name])
                 write_cards(folder / node.name)
             write_index(folder, [folder / node.name for node in nodes], folder)
             write_inventory(folder, known=checksums(entries), without=[MARKS])

@@ -12,7 +12,6 @@ from typing import Any
 from urbantwin import __version__
 from urbantwin.artefact import INVENTORY, damages, sha256_of
 from urbantwin.artefact.inventory import read_inventory
-from urbantwin.dataset.block_sums import BLOCKS
 from urbantwin.dataset.card.page import CARD
 from urbantwin.dataset.layout import FOLDERS
 from urbantwin.dataset.manifest import versions_here
@@ -238,7 +237,7 @@ def _has_pictures(sums: Mapping[str, str]) -> bool:
 
 def _is_data(name: str) -> bool:
     """Return whether a file is neither made of the others alone nor a card."""
-    return name.rpartition("/")[2] not in (INVENTORY, BLOCKS, CARD)
+    return name.rpartition("/")[2] not in (INVENTORY, "blocks.parquet", CARD)
 
 
 def _of_split(name: str) -> bool:

@@ -1,9 +1,8 @@
-"""Files of artefacts with a byte that is wrong, or cut: which bytes the error names."""
+"""Files of artefacts with a byte that is wrong, or cut: each is refused in a line."""
 
 import random
 import re
 import struct
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from urbantwin.artefact.arrays import ArrayOf, array_of_bytes, read_array, read_arrays
-from urbantwin.artefact.damaged_bytes import picture_place
 from urbantwin.artefact.document import read_json_value
 from urbantwin.artefact.tables import PARQUET, read_parquet
 from urbantwin.errors import InputError
@@ -51,17 +49,13 @@ def read_points(path: Path) -> None:
     read_array(path, "points", POINTS)
 
 
-def test_every_byte_of_a_header_that_is_turned_is_within_what_is_named(cloud, tmp_path):
+def test_every_byte_of_a_header_that_is_turned_is_refused_or_means_the_same(cloud, tmp_path):
     path, draw, told = tmp_path / "a.npy", random.Random(5), 0
     for byte in range(128):
         path.write_bytes(turned(cloud, byte, draw.randrange(8)))
-        error = refused(read_points, path)
-        if error is None:  # as `<f4` and `=f4`, which mean the same
+        if refused(read_points, path) is None:  # as `<f4` and `=f4`
             assert np.array_equal(np.load(path), np.load(_written(tmp_path / "b.npy", cloud)))
             continue
-        text = f"{error.place} {error.problem}"
-        first, last = named(text)
-        assert first <= byte <= last, (byte, text)
         told += 1
     assert told > 110
 
@@ -71,22 +65,12 @@ def _written(path: Path, data: bytes) -> Path:
     return path
 
 
-def test_a_header_that_is_turned_behind_its_mapping_is_told_to_the_byte(cloud, tmp_path):
-    end = cloud.index(b"}")
-    for byte in range(end + 2, 126, 7):
-        error = refused(read_points, _written(tmp_path / "a.npy", turned(cloud, byte, 6)))
-        assert error is not None
-        assert error.place == f"byte {byte}"
-
-
-def test_an_array_that_is_cut_ends_where_it_says(cloud, tmp_path):
+def test_an_array_that_is_cut_or_goes_on_is_refused(cloud, tmp_path):
     for size in (*range(0, 128, 9), *range(128, len(cloud), 31)):
-        error = refused(read_points, _written(tmp_path / "a.npy", cloud[:size]))
-        assert error is not None
-        assert str(size) in error.place, (size, error.place)
+        assert refused(read_points, _written(tmp_path / "a.npy", cloud[:size])) is not None
     error = refused(read_points, _written(tmp_path / "a.npy", cloud + b"more"))
     assert error is not None
-    assert error.place == f"byte {len(cloud)}"
+    assert f"{len(cloud) + 4} bytes of the {len(cloud)}" in error.problem
 
 
 @pytest.mark.parametrize("order", ["C", "F"])
@@ -95,15 +79,12 @@ def test_a_value_that_is_not_finite_is_told_by_its_byte(tmp_path, order):
     values = np.array(np.arange(200).reshape(50, 4), np.float32, order=order)
     values[17, 2] = np.nan
     np.save(path, values)
-    data = path.read_bytes()
     error = refused(read_points, path)
     assert error is not None
     assert "[17, 2]" in error.place
-    byte, _ = named(error.place)
-    assert np.isnan(struct.unpack_from("<f", data, byte)[0])
 
 
-def test_a_packed_array_is_told_with_its_member_and_bytes(tmp_path):
+def test_a_packed_array_that_is_turned_is_refused(tmp_path):
     path = tmp_path / "a.npz"
     draw = np.random.default_rng(2)
     np.savez_compressed(path, one=draw.normal(size=(30, 4)), other=np.arange(500))
@@ -116,11 +97,6 @@ def test_a_packed_array_is_told_with_its_member_and_bytes(tmp_path):
         )
         if error is None:  # times and attributes of members, which nothing depends on
             unseen += 1
-            continue
-        assert error.place is not None, (byte, error)
-        if "directory" not in error.place and "byte" in error.place:
-            first, last = named(error.place)
-            assert first <= byte <= last or byte > data.index(b"PK\1\2"), (byte, str(error))
     assert unseen < len(data) // 13 // 10
 
 
@@ -132,7 +108,7 @@ def test_a_header_that_no_parser_ends_is_told(cloud):
         array_of_bytes(bad, file=Path("a.tar"), place="byte 7", expected="an array")
 
 
-def test_a_table_is_told_with_its_rows_its_column_and_bytes(tmp_path):
+def test_a_table_that_is_turned_is_refused(tmp_path):
     path = tmp_path / "a.parquet"
     draw = np.random.default_rng(3)
     names = pa.array([f"frame {k % 9}" for k in range(900)])
@@ -140,32 +116,17 @@ def test_a_table_is_told_with_its_rows_its_column_and_bytes(tmp_path):
     pq.write_table(table, path, row_group_size=300, **PARQUET)
     data = path.read_bytes()
     footer = len(data) - 8 - struct.unpack("<I", data[-8:-4])[0]
-    columns, unseen = {}, 0
-    for byte in range(4, footer, 37):
+    unseen, tried = 0, [*range(4, footer, 37), 0, 3, len(data) - 8, len(data) - 2]
+    for byte in tried:
         error = refused(
             lambda file: read_parquet(file, "a table"),
             _written(tmp_path / "b.parquet", turned(data, byte, byte % 8)),
         )
-        if error is None:  # statistics in the header of a page, which no checksum covers
-            unseen += 1
-            continue
-        first, last = named(error.place)
-        assert first <= byte <= last
-        columns[error.place] = byte
-    assert unseen < footer // 37 // 20
-    assert {"group 1", "group 2", "group 3"} <= {one.partition(" of")[0] for one in columns}
-    assert any("column x" in one for one in columns)
-    for byte in (0, 3, len(data) - 8, len(data) - 2):
-        error = refused(
-            lambda file: read_parquet(file, "a table"),
-            _written(tmp_path / "b.parquet", turned(data, byte, 5)),
-        )
-        assert error is not None
-        first, last = named(error.place)
-        assert first <= byte <= last
+        unseen += error is None  # statistics in the header of a page, which no checksum covers
+    assert unseen < len(tried) // 20
 
 
-def test_a_footer_that_contradicts_itself_neither_ends_the_process_nor_hides_the_column(tmp_path):
+def test_a_footer_that_contradicts_itself_does_not_end_the_process(tmp_path):
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table({"abcd": [1, 2, 3], "efgh": ["a", "b", "c"]}), path, compression=None)
     data = path.read_bytes()
@@ -174,14 +135,14 @@ def test_a_footer_that_contradicts_itself_neither_ends_the_process_nor_hides_the
     nullable, required = (b"\x25" + kind + b"\x18\x04abcd" for kind in (b"\x02", b"\x00"))
     assert data.count(nullable) == 1
     path.write_bytes(data.replace(nullable, required))
-    with pytest.raises(InputError, match=r"group 1 of rows, column abcd: is not readable"):
+    with pytest.raises(InputError, match="is not readable"):
         read_parquet(path, "a table")
     # Its own name no text, and its page damaged.
     bad = bytearray(data)
     bad[data.rindex(b"abcd")] = 0xFF
     bad[4:24] = bytes(20)
     path.write_bytes(bad)
-    with pytest.raises(InputError, match=r"group 1 of rows, column abcd"):
+    with pytest.raises(InputError, match="is not readable"):
         read_parquet(path, "a table")
 
 
@@ -207,22 +168,3 @@ def test_bytes_that_are_no_text_are_told(tmp_path):
         )
         assert error is not None
         assert error.place == f"byte {data.index(bytes([0xC3]))}"
-
-
-def test_a_picture_is_told_by_its_chunk(tmp_path):
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    head = struct.pack(">IIBBBBB", 2, 2, 8, 2, 0, 0, 0)
-    parts = [b"\x89PNG\r\n\x1a\n", chunk(b"IHDR", head), chunk(b"IDAT", zlib.compress(bytes(14)))]
-    data = b"".join([*parts, chunk(b"IEND", b"")])
-    path = _written(tmp_path / "a.png", data)
-    assert picture_place(path) is None
-    for byte in range(len(data)):
-        place = picture_place(_written(path, turned(data, byte, 2)))
-        first, last = named(place)
-        assert first <= byte <= last, (byte, place)
-    for size in range(len(data)):
-        assert picture_place(_written(path, data[:size])) is not None
