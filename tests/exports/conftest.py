@@ -1,8 +1,5 @@
 """Twins to export: of the example its middle (right-hand traffic), and a real left-hand place."""
 
-import os
-from pathlib import Path
-
 import pytest
 
 from urbantwin.exports import export_twin
@@ -14,8 +11,6 @@ from urbantwin.twin import build_twin, load_twin
 from ..interface.conftest import line
 
 __all__ = ["line"]
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -53,15 +48,6 @@ def perth_package(perth_twin, made_once):
         assert not export_twin(perth_twin, "carla", folder / "carla").notes
 
     return made_once("perth-carla", make) / "carla"
-
-
-@pytest.fixture(scope="session")
-def carla_python():
-    """A Python that has CARLA: the judges' (`make judges`)."""
-    python = Path(os.environ.get("URBANTWIN_JUDGES", ROOT / ".venv-judges" / "bin" / "python"))
-    if not python.exists():
-        pytest.skip("CARLA's own map is not installed (make judges)")
-    return str(python)
 
 
 @pytest.fixture(scope="session")

@@ -33,9 +33,6 @@ from urbantwin.dataset.split.scenarios import scenarios_of
 from urbantwin.drawing.labelled_frame import read_labelled_points
 from urbantwin.drawing.surface_colours import surface_colours
 from urbantwin.errors import InputError
-from urbantwin.exports.carla.check.read import Mesh, Package, read_roads
-from urbantwin.exports.carla.check.rules import findings
-from urbantwin.exports.carla.check.walking_rules import triangles_of_obj
 from urbantwin.exports.carla.package import spawn_points
 from urbantwin.exports.geojson import write_geojson
 from urbantwin.fidelity.challenge import read_detections
@@ -251,32 +248,6 @@ def _kept_journal(path: Path) -> None:
         journal.recall("one", 0, [0.5])
 
 
-def _carla_roads(path: Path) -> None:
-    """Put a map of roads before the rules of CARLA; the rest of its package is sound."""
-    (path.parent / "navigation").mkdir(exist_ok=True)
-    (path.parent / "navigation" / "a.obj").write_text("v 0 0 0\nusemtl road\nf 1 1 1\n")
-    corners = np.zeros((1, 3, 3))
-    mesh = Mesh(corners, np.zeros(1, np.int64), ("Road_Road_0",), (("Asphalt1_Road",),), 7500, 0.01)
-    folder = path.parent
-    findings(Package(folder, folder, "a", {"spawn_points": {}}, mesh, read_roads(path), None))
-
-
-ROADS = b"""<?xml version="1.0"?>
-<OpenDRIVE><road id="1" junction="-1" length="40"><link><successor elementId="9"/></link>
-<objects><object name="StopLine" s="38"/></objects><signals><signal id="5" s="38" type="1000001"
-orientation="+" dynamic="yes"><validity fromLane="-2" toLane="-1"/></signal></signals></road>
-<controller id="7"><control signalId="5"/></controller>
-<junction id="9"><controller id="7"/></junction></OpenDRIVE>
-"""
-WALKED = b"""o Road_Sidewalk_0
-v 0.0 0.15 0.0
-v 2.5 0.15 0.0
-v 2.5 0.15 -4.0
-usemtl sidewalk
-f 1 2 3
-"""
-
-
 def _report() -> bytes:
     """What `compare` writes, as far as `inspect` tells it."""
     figures = {"chamfer": {"mean": 0.4}}
@@ -471,8 +442,6 @@ READERS = [
                        "ply", "glb", "pbf")
     ),
     Reader("detections", read_detections, "a.json", lambda: [DETECTIONS]),
-    Reader("carla roads", _carla_roads, "a.xodr", lambda: [ROADS]),
-    Reader("carla navigation", triangles_of_obj, "a.obj", lambda: [WALKED]),
     Reader("journal", _kept_journal, "journal", lambda: [JOURNAL]),
     Reader("journal of a grid", GridJournal, "cells.jsonl", lambda: [CELLS]),
     Reader("campaign", inspected, "campaign.json", lambda: [CAMPAIGN]),

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from urbantwin.artefact import Damage, Verified
 from urbantwin.artefact import verify as verify_artefacts
@@ -18,9 +16,6 @@ from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Result, Summary
 from urbantwin.processes import usable_processors
 from urbantwin.progress import between
-
-if TYPE_CHECKING:
-    from urbantwin.exports.carla.check import Finding as BrokenRule
 
 __all__ = ["Verification", "verify"]
 
@@ -36,14 +31,11 @@ class Verification(Result):
     Attributes:
         path: what was verified.
         artefacts: folder, kind, number of files and damages of each.
-        carla: of each undamaged CARLA package, by its folder, the rules of CARLA's own code and
-            what of the package breaks them.
         personal: what may say something of people; ``None`` where nobody looked.
     """
 
     path: Path
     artefacts: tuple[Verified, ...]
-    carla: Mapping[Path, tuple[BrokenRule, ...]] = field(default_factory=dict)
     personal: tuple[Finding, ...] | None = None
 
     @property
@@ -52,9 +44,8 @@ class Verification(Result):
         return tuple(bad for one in self.artefacts for bad in one.damages)
 
     def __bool__(self) -> bool:
-        """Return whether everything is as written and as CARLA asks for it, and tells of nobody."""
-        broken = any(one.problems for found in self.carla.values() for one in found)
-        return not self.damages and not broken and not self.personal
+        """Return whether everything is as written, and nothing says anything of people."""
+        return not self.damages and not self.personal
 
     def __repr__(self) -> str:
         """Return counts and the path."""
@@ -76,9 +67,7 @@ class Verification(Result):
                 "path": str(one.folder),
                 "kind": one.kind,
                 "files": one.files,
-                "wrong": [
-                    {"file": bad.name, "is": bad.problem} for bad in one.damages[:most]
-                ],
+                "wrong": [{"file": bad.name, "is": bad.problem} for bad in one.damages[:most]],
             }
             for one in self.artefacts
         ]
@@ -86,16 +75,6 @@ class Verification(Result):
         if self.personal is not None:
             found["personal_findings"] = len(self.personal)  # none is said, too
             found["personal_data"] = [asdict(one) for one in self.personal[:most]]
-        if self.carla:
-            from urbantwin.exports.carla.check import NOT_PROVEN
-
-            found["carla"] = [
-                {"package": folder.name, "rule": one.rule, "read_by": one.read_by, "found": told}
-                for folder, of_package in self.carla.items()
-                for one in of_package
-                for told in one.told(most)
-            ]
-            found["not_proven"] = NOT_PROVEN
         return found
 
     def text(self) -> str:
@@ -103,15 +82,14 @@ class Verification(Result):
         return str(self.summary(_LISTED))
 
     def check(self) -> None:
-        """Refuse what is damaged, what CARLA would trip over, and what says something of people.
+        """Refuse what is damaged, and what says something of people.
 
         Raises:
-            InputError: a file is damaged, missing or foreign, breaks a rule, or says something of
-                people; the first is named.
+            InputError: a file is damaged, missing or foreign, or says something of people; the
+                first is named.
         """
         first = next((one for one in self.artefacts if one.damages), None)
         if first is None:
-            self._check_carla()
             self._check_personal()
             return
         wrong, bad = len(self.damages), first.damages[0]
@@ -121,14 +99,6 @@ class Verification(Result):
             file=first.folder,
             expected="the files as written; `urbantwin dataset reproduce` makes a dataset again",
         )
-
-    def _check_carla(self) -> None:
-        for folder, found in self.carla.items():
-            problems = [f"{one.rule}: {bad}" for one in found for bad in one.problems]
-            if problems:
-                more = f", and {len(problems) - 1} more" if len(problems) > 1 else ""
-                expected = "a package by CARLA's rules (docs/exports.md)"
-                raise InputError(f"{problems[0]}{more}", file=folder, expected=expected)
 
     def _check_personal(self) -> None:
         if self.personal:
@@ -149,9 +119,6 @@ def verify(
     progress: ShowProgress = True,
 ) -> Verification:
     """Check all files of a result against their checksums.
-
-    A package for CARLA is also put before the rules of CARLA's own import, server and tools; those
-    about lanes and signals need its Python package.
 
     Args:
         path: result, or a folder of them: what ``run``, a campaign or an export to CARLA wrote;
@@ -176,14 +143,8 @@ def verify(
                 workers=usable_processors(),
                 progress=between(tell, 0.0, 0.5) if privacy else tell,
             )
-        carla = {}
-        for one in found:
-            if one.kind == "carla" and not one.damages:
-                from urbantwin.exports.carla.check import check_package
-
-                carla[one.folder] = check_package(one.folder)
         if privacy:
             personal = tuple(
                 search_files(place, names=names_here(), progress=between(tell, 0.5, 1.0))
             )
-    return Verification(place, tuple(found), carla, personal)
+    return Verification(place, tuple(found), personal)

@@ -1,5 +1,5 @@
-"""Pages and cards from Jinja templates: one base, one style, one policy, and texts escaped."""
+"""Pages, cards and other files from Jinja templates: one base, one style, texts escaped."""
 
-from urbantwin.pages.render import card, page, write_page
+from urbantwin.pages.render import card, page, text_file, write_page
 
-__all__ = ["card", "page", "write_page"]
+__all__ = ["card", "page", "text_file", "write_page"]

@@ -1,13 +1,15 @@
-"""Filling templates of pages (HTML) and of cards (Markdown).
+"""Filling templates of pages (HTML), of cards (Markdown) and of other programs' files.
 
-A template lies beside the module that fills it, ends in ``.html.j2`` or ``.md.j2`` and is named by
-its path in the package. A page extends ``pages/base.html.j2``; the macros of ``pages/macros`` are
-global. Every value is escaped, and a name that was not given is an error.
+A template lies beside the module that fills it, ends in ``.html.j2`` or ``.md.j2`` (or as the file
+does, ``.yaml.j2``) and is named by its path in the package. A page extends ``pages/base.html.j2``;
+the macros of ``pages/macros`` are global. Every value is escaped, in other programs' files by the
+filter ``json``, and a name that was not given is an error.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from base64 import b64encode
 from collections.abc import Callable
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
 
-__all__ = ["card", "environment", "page", "write_page"]
+__all__ = ["card", "environment", "page", "text_file", "write_page"]
 
 
 def write_page(path: Path, template: str, **data: Any) -> None:  # noqa: ANN401
@@ -45,6 +47,26 @@ def card(template: str, **data: Any) -> str:  # noqa: ANN401
     """Return a card as Markdown; blank lines of the template that follow each other are one."""
     text = environment("md").get_template(template).render(data)
     return re.sub(r"\n{3,}", "\n\n", text).strip() + "\n"
+
+
+def text_file(template: str, **data: Any) -> str:  # noqa: ANN401
+    """Return a file for another program: YAML or Python, whose values ``json`` writes."""
+    return _plain_environment().get_template(template).render(data)
+
+
+@cache
+def _plain_environment() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(
+        loader=PackageLoader("urbantwin", ""),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    made.filters["json"] = partial(json.dumps, ensure_ascii=False, allow_nan=False)
+    return made
 
 
 @cache

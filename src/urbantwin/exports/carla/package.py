@@ -16,7 +16,6 @@ from lxml import etree
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.drawing.markings import markings
 from urbantwin.exports.carla import live
-from urbantwin.exports.carla.check import NOT_PROVEN
 from urbantwin.exports.carla.frame import carla_transform
 from urbantwin.exports.carla.meshes import named_objects, navigation_objects
 from urbantwin.exports.carla.names import OBJECTS, folder_of, map_name
@@ -62,6 +61,11 @@ BLUEPRINTS: dict[str, dict[str, Any]] = {
     "trailer": {"filter": "", "base_type": [], "except": []},
     "animal": {"filter": "", "base_type": [], "except": []},
 }
+#: What needs a server or the Unreal editor.
+_NOT_PROVEN = (
+    "the import in the Unreal editor, tags and materials there, the navigation that RecastBuilder "
+    "makes, traffic, signals and sensors on a live server"
+)
 _NORMC = re.compile(r"normc\(([-\d.,\s]+)\)")
 
 
@@ -327,9 +331,8 @@ def readme(title: str, package: str, name: str) -> str:
         "run_in_carla.py spawns traffic.json, spawn_points.json and rig.json on a server, and",
         "records frames: python run_in_carla.py FRAMES.",
         "",
-        "Checked: `urbantwin dataset verify` puts every file here before the rules of CARLA's own",
-        "code, and names the file of CARLA that has the rule; with CARLA's Python package, also",
-        "lanes, signals and spawn points.",
-        *textwrap.wrap(f"Not proven: {NOT_PROVEN}.", 88),
+        "Checked: UrbanTwin's tests read packages like this one with carla.Map of CARLA 0.9.16:",
+        "lanes, signals, crosswalks and spawn points.",
+        *textwrap.wrap(f"Not proven: {_NOT_PROVEN}.", 88),
     ]
     return "\n".join(lines) + "\n"

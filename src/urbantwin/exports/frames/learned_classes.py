@@ -33,6 +33,8 @@ _LARGE, _SMALL = (0.6, 0.45), (0.5, 0.35)
 #: What is narrower is small, metres.
 _SMALL_M = 1.2
 _MOST_SAMPLED = 15
+#: How far beyond the range a middle may be detected, metres.
+_BEYOND_M = 5.0
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,18 @@ class LearnedClasses:
     def names(self) -> list[str]:
         """The classes' names."""
         return [one.name for one in self.classes]
+
+    @property
+    def voxel_m(self) -> list[float]:
+        """Edges of a pillar along x, y and z."""
+        return [PILLAR_M, PILLAR_M, round(self.range_m[5] - self.range_m[2], 1)]
+
+    @property
+    def beyond_m(self) -> list[float]:
+        """Bounds as those of ``range_m`` for the middles that a model may detect."""
+        low, high = self.range_m[:3], self.range_m[3:]
+        low_m = (round(one - _BEYOND_M, 2) for one in low)
+        return [*low_m, *(round(one + _BEYOND_M, 2) for one in high)]
 
     @property
     def notes(self) -> list[str]:

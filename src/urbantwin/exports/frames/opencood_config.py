@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
+
+from urbantwin.pages import text_file
 
 __all__ = ["CONFIG_FILE", "ReachOfBoxes", "opencood_config"]
 
@@ -106,84 +106,15 @@ def opencood_config(reach: ReachOfBoxes) -> str:
     Args:
         reach: how far the boxes reach; of one at least.
     """
-    bounds = list(reach.range_m)
-    voxel = [PILLAR_M, PILLAR_M, round(bounds[5] - bounds[2], 1)]
+    bounds = reach.range_m
     length, width, height = (round(float(one), 2) for one in np.median(reach.sizes, axis=0))
-    config: dict[str, Any] = {
-        "name": "urbantwin_point_pillar_late_fusion",
-        "root_dir": "train",
-        "validate_dir": "validate",
-        "yaml_parser": "load_point_pillar_params",
-        "train_params": {"batch_size": 4, "epoches": 30, "eval_freq": 1, "save_freq": 1},
-        "fusion": {"core_method": "LateFusionDataset", "args": []},
-        "preprocess": {
-            "core_method": "SpVoxelPreprocessor",
-            "args": {
-                "voxel_size": voxel,
-                "max_points_per_voxel": 32,
-                "max_voxel_train": 32000,
-                "max_voxel_test": 70000,
-            },
-            "cav_lidar_range": bounds,
-        },
-        "data_augment": [
-            {"NAME": "random_world_flip", "ALONG_AXIS_LIST": ["x"]},
-            {"NAME": "random_world_rotation", "WORLD_ROT_ANGLE": [-0.78539816, 0.78539816]},
-            {"NAME": "random_world_scaling", "WORLD_SCALE_RANGE": [0.95, 1.05]},
-        ],
-        "postprocess": {
-            "core_method": "VoxelPostprocessor",
-            "anchor_args": {
-                "cav_lidar_range": bounds,
-                **{"l": length, "w": width, "h": height},
-                "r": [0, 90],
-                "num": 2,
-            },
-            "target_args": {"pos_threshold": 0.6, "neg_threshold": 0.45, "score_threshold": 0.1},
-            "order": "hwl",
-            "max_num": max(ROOM, 2 * reach.most),
-            "nms_thresh": 0.15,
-        },
-        "model": {
-            "core_method": "point_pillar",
-            "args": {
-                "voxel_size": voxel,
-                "lidar_range": bounds,
-                "anchor_number": 2,
-                "pillar_vfe": {
-                    "use_norm": True,
-                    "with_distance": False,
-                    "use_absolute_xyz": True,
-                    "num_filters": [64],
-                },
-                "point_pillar_scatter": {"num_features": 64},
-                "base_bev_backbone": {
-                    "layer_nums": [3, 5, 8],
-                    "layer_strides": [2, 2, 2],
-                    "num_filters": [64, 128, 256],
-                    "upsample_strides": [1, 2, 4],
-                    "num_upsample_filter": [128, 128, 128],
-                },
-                "anchor_num": 2,
-            },
-        },
-        "loss": {"core_method": "point_pillar_loss", "args": {"cls_weight": 1.0, "reg": 2.0}},
-        "optimizer": {
-            "core_method": "Adam",
-            "lr": 0.002,
-            "args": {"eps": 1.0e-10, "weight_decay": 1.0e-4},
-        },
-        "lr_scheduler": {"core_method": "multistep", "gamma": 0.1, "step_size": [15, 30]},
-    }
-    return (
-        "# In OpenCOOD's folder, with root_dir and validate_dir below set to these folders:\n"
-        f"# python opencood/tools/train.py --hypes_yaml {CONFIG_FILE}\n"
-        + yaml.dump(config, Dumper=_PlainDumper, sort_keys=False)
+    return text_file(
+        "exports/frames/configs/opencood.yaml.j2",
+        file=CONFIG_FILE,
+        range=bounds,
+        voxel=[PILLAR_M, PILLAR_M, round(bounds[5] - bounds[2], 1)],
+        length=length,
+        width=width,
+        height=height,
+        room=max(ROOM, 2 * reach.most),
     )
-
-
-class _PlainDumper(yaml.SafeDumper):
-    """Writes every list in full: OpenCOOD's parser changes lists in place, shared ones twice."""
-
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ANN401
-        return True

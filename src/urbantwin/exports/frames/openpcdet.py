@@ -8,13 +8,11 @@ text), and names have room for KITTI's, which its evaluation writes over them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from urbantwin.artefact import check_file, replaced_file
 from urbantwin.dataset.reading.columns import POINT
@@ -22,14 +20,13 @@ from urbantwin.dataset.reading.frame_files import stored_frames
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
 from urbantwin.exports.frames.learned_classes import (
     FEWEST_POINTS,
-    PILLAR_M,
-    LearnedClass,
     LearnedClasses,
     learned_classes,
 )
 from urbantwin.exports.frames.plain_pickle import write_plain_pickle
 from urbantwin.exports.frames.source import FrameSource
 from urbantwin.exports.frames.trainer_folder import left_out, write_configs, write_splits
+from urbantwin.pages import text_file
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import classes_in
 
@@ -38,9 +35,8 @@ __all__ = ["losses_openpcdet", "write_openpcdet", "write_openpcdet_config"]
 
 #: OpenPCDet leaves out boxes of this name where it trains, and judges none by them.
 DONT_CARE = "DontCare"
-_TURNED = {"NAME": "random_world_rotation", "WORLD_ROT_ANGLE": [-3.14159, 3.14159]}
-_FILTERS = [64, 128, 256]
-_RECALLS = [0.3, 0.5, 0.7]
+#: The models that there are configs for; a config's file is named so.
+CONFIGS = ("pointpillar", "centerpoint")
 
 
 def openpcdet_config(learned: LearnedClasses, data_path: str, model: str = "pointpillar") -> str:
@@ -51,227 +47,29 @@ def openpcdet_config(learned: LearnedClasses, data_path: str, model: str = "poin
         data_path: of the dataset, as OpenPCDet's programs find it.
         model: one of `CONFIGS`.
     """
-    config = {
-        "CLASS_NAMES": learned.names,
-        "DATA_CONFIG": _data(learned, data_path),
-        "MODEL": CONFIGS[model](learned),
-        "OPTIMIZATION": {
-            "BATCH_SIZE_PER_GPU": 4,
-            "NUM_EPOCHS": 80,
-            "OPTIMIZER": "adam_onecycle",
-            "LR": 0.003,
-            "WEIGHT_DECAY": 0.01,
-            "MOMENTUM": 0.9,
-            "MOMS": [0.95, 0.85],
-            "PCT_START": 0.4,
-            "DIV_FACTOR": 10,
-            "DECAY_STEP_LIST": [35, 45],
-            "LR_DECAY": 0.1,
-            "LR_CLIP": 1.0e-7,
-            "LR_WARMUP": False,
-            "WARMUP_EPOCH": 1,
-            "GRAD_NORM_CLIP": 10,
-        },
-    }
-    return yaml.safe_dump(config, sort_keys=False, width=100)
-
-
-def _data(learned: LearnedClasses, data_path: str) -> dict[str, Any]:
-    low, high = learned.range_m[2], learned.range_m[5]
-    # Its evaluation looks up every labelled name. What is not learned counts neither as found
-    # nor as missed.
     in_kitti = {
         name: _evaluated_as(name) if name in learned.names else DONT_CARE
         for name in dict.fromkeys((*learned.names, *learned.labelled))
     }
-    return {
-        "DATASET": "CustomDataset",
-        "DATA_PATH": data_path,
-        "POINT_CLOUD_RANGE": list(learned.range_m),
-        "MAP_CLASS_TO_KITTI": in_kitti | {DONT_CARE: DONT_CARE},
-        "DATA_SPLIT": {"train": "train", "test": "val"},
-        "INFO_PATH": {"train": ["custom_infos_train.pkl"], "test": ["custom_infos_val.pkl"]},
-        "POINT_FEATURE_ENCODING": {
-            "encoding_type": "absolute_coordinates_encoding",
-            "used_feature_list": list(POINT),
-            "src_feature_list": list(POINT),
-        },
-        "DATA_AUGMENTOR": {
-            "DISABLE_AUG_LIST": [],
-            "AUG_CONFIG_LIST": [
-                {
-                    "NAME": "gt_sampling",
-                    "USE_ROAD_PLANE": False,
-                    "DB_INFO_PATH": ["custom_dbinfos_train.pkl"],
-                    "PREPARE": {
-                        "filter_by_min_points": [
-                            f"{name}:{FEWEST_POINTS}" for name in learned.names
-                        ]
-                    },
-                    "SAMPLE_GROUPS": [f"{one.name}:{one.sampled}" for one in learned.classes],
-                    "NUM_POINT_FEATURES": len(POINT),
-                    "DATABASE_WITH_FAKELIDAR": False,
-                    "REMOVE_EXTRA_WIDTH": [0.0, 0.0, 0.0],
-                    "LIMIT_WHOLE_SCENE": True,
-                },
-                {"NAME": "random_world_flip", "ALONG_AXIS_LIST": ["x", "y"]},
-                _TURNED,
-                {"NAME": "random_world_scaling", "WORLD_SCALE_RANGE": [0.95, 1.05]},
-            ],
-        },
-        "DATA_PROCESSOR": [
-            {"NAME": "mask_points_and_boxes_outside_range", "REMOVE_OUTSIDE_BOXES": True},
-            {"NAME": "shuffle_points", "SHUFFLE_ENABLED": {"train": True, "test": False}},
-            {
-                "NAME": "transform_points_to_voxels",
-                "VOXEL_SIZE": [PILLAR_M, PILLAR_M, round(high - low, 1)],
-                "MAX_POINTS_PER_VOXEL": 32,
-                "MAX_NUMBER_OF_VOXELS": {"train": 40000, "test": 60000},
-            },
-        ],
-    }
+    return text_file(
+        "exports/frames/configs/openpcdet.yaml.j2",
+        model=model,
+        data_path=data_path,
+        names=learned.names,
+        classes=learned.classes,
+        range=learned.range_m,
+        voxel=learned.voxel_m,
+        beyond=learned.beyond_m,
+        in_kitti=in_kitti | {DONT_CARE: DONT_CARE},
+        point=POINT,
+        fewest=FEWEST_POINTS,
+    )
 
 
 def _evaluated_as(name: str) -> str:
     """Return what KITTI calls a class among those that its evaluation knows."""
     called = classes_in("kitti").get(name)
     return DONT_CARE if called in (None, "Misc") else "Truck" if called == "Tram" else str(called)
-
-
-def _backbone(strides: list[int]) -> dict[str, Any]:
-    return {
-        "NAME": "BaseBEVBackbone",
-        "LAYER_NUMS": [3, 5, 5],
-        "LAYER_STRIDES": strides,
-        "NUM_FILTERS": _FILTERS,
-        "UPSAMPLE_STRIDES": [1, 2, 4],
-        "NUM_UPSAMPLE_FILTERS": [128, 128, 128],
-    }
-
-
-def _pillars(name: str, filters: list[int], strides: list[int]) -> dict[str, Any]:
-    return {
-        "NAME": name,
-        "VFE": {
-            "NAME": "PillarVFE",
-            "WITH_DISTANCE": False,
-            "USE_ABSLOTE_XYZ": True,  # so it is spelled there
-            "USE_NORM": True,
-            "NUM_FILTERS": filters,
-        },
-        "MAP_TO_BEV": {"NAME": "PointPillarScatter", "NUM_BEV_FEATURES": 64},
-        "BACKBONE_2D": _backbone(strides),
-    }
-
-
-def _suppression(threshold: float) -> dict[str, Any]:
-    return {
-        "NMS_TYPE": "nms_gpu",
-        "NMS_THRESH": threshold,
-        "NMS_PRE_MAXSIZE": 4096,
-        "NMS_POST_MAXSIZE": 500,
-    }
-
-
-def _anchor(one: LearnedClass) -> dict[str, Any]:
-    return {
-        "class_name": one.name,
-        "anchor_sizes": [list(one.size_m)],
-        "anchor_rotations": [0, 1.57],
-        "anchor_bottom_heights": [one.bottom_m],
-        "align_center": False,
-        "feature_map_stride": 2,
-        "matched_threshold": one.matched,
-        "unmatched_threshold": one.unmatched,
-    }
-
-
-def _pointpillar(learned: LearnedClasses) -> dict[str, Any]:
-    """Return PointPillars as Lang et al. 2019 have it, with one head."""
-    return {
-        **_pillars("PointPillar", [64], [2, 2, 2]),
-        "DENSE_HEAD": {
-            "NAME": "AnchorHeadSingle",
-            "CLASS_AGNOSTIC": False,
-            "USE_DIRECTION_CLASSIFIER": True,
-            "DIR_OFFSET": 0.78539,
-            "DIR_LIMIT_OFFSET": 0.0,
-            "NUM_DIR_BINS": 2,
-            "ANCHOR_GENERATOR_CONFIG": [_anchor(one) for one in learned.classes],
-            "TARGET_ASSIGNER_CONFIG": {
-                "NAME": "AxisAlignedTargetAssigner",
-                "POS_FRACTION": -1.0,
-                "SAMPLE_SIZE": 512,
-                "NORM_BY_NUM_EXAMPLES": False,
-                "MATCH_HEIGHT": False,
-                "BOX_CODER": "ResidualCoder",
-            },
-            "LOSS_CONFIG": {
-                "LOSS_WEIGHTS": {
-                    "cls_weight": 1.0,
-                    "loc_weight": 2.0,
-                    "dir_weight": 0.2,
-                    "code_weights": [1.0] * 7,
-                }
-            },
-        },
-        "POST_PROCESSING": {
-            "RECALL_THRESH_LIST": _RECALLS,
-            "SCORE_THRESH": 0.1,
-            "OUTPUT_RAW_SCORE": False,
-            "EVAL_METRIC": "kitti",
-            "NMS_CONFIG": {"MULTI_CLASSES_NMS": False, **_suppression(0.01)},
-        },
-    }
-
-
-def _centerpoint(learned: LearnedClasses) -> dict[str, Any]:
-    """Return CenterPoint on pillars, with one head for all classes."""
-    low, high = learned.range_m[:3], learned.range_m[3:]
-    channels = {"center": 2, "center_z": 1, "dim": 3, "rot": 2}
-    return {
-        **_pillars("CenterPoint", [64, 64], [2, 2, 2]),
-        "DENSE_HEAD": {
-            "NAME": "CenterHead",
-            "CLASS_AGNOSTIC": False,
-            "CLASS_NAMES_EACH_HEAD": [learned.names],
-            "SHARED_CONV_CHANNEL": 64,
-            "USE_BIAS_BEFORE_NORM": True,
-            "NUM_HM_CONV": 2,
-            "SEPARATE_HEAD_CFG": {
-                "HEAD_ORDER": list(channels),
-                "HEAD_DICT": {
-                    name: {"out_channels": count, "num_conv": 2} for name, count in channels.items()
-                },
-            },
-            "TARGET_ASSIGNER_CONFIG": {
-                "FEATURE_MAP_STRIDE": 2,
-                "NUM_MAX_OBJS": 500,
-                "GAUSSIAN_OVERLAP": 0.1,
-                "MIN_RADIUS": 2,
-            },
-            "LOSS_CONFIG": {
-                "LOSS_WEIGHTS": {"cls_weight": 1.0, "loc_weight": 2.0, "code_weights": [1.0] * 8}
-            },
-            "POST_PROCESSING": {
-                "SCORE_THRESH": 0.1,
-                "POST_CENTER_LIMIT_RANGE": [
-                    *(round(one - 5, 2) for one in low),
-                    *(round(one + 5, 2) for one in high),
-                ],
-                "MAX_OBJ_PER_SAMPLE": 500,
-                "NMS_CONFIG": _suppression(0.2),
-            },
-        },
-        "POST_PROCESSING": {"RECALL_THRESH_LIST": _RECALLS, "EVAL_METRIC": "kitti"},
-    }
-
-
-#: The models that there are configs for; a config's file is named so.
-CONFIGS: Mapping[str, Callable[[LearnedClasses], dict[str, Any]]] = {
-    "pointpillar": _pointpillar,
-    "centerpoint": _centerpoint,
-}
 
 
 #: Where OpenPCDet's own configs look, from its folder ``tools``.

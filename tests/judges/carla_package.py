@@ -1,45 +1,41 @@
-"""Says what CARLA's own library makes of an OpenDRIVE: run as a program, never imported.
+"""Run by the judges' own Python: what CARLA's own library makes of a package's OpenDRIVE.
 
-Its Python needs the package ``carla``. A map that CARLA trips over ends its process; here it ends
-only this one. Its arguments are the ``.xodr``, the map's name, a file of spawn points and a
-folder, where CARLA writes, and the answer is ``answer.json``. Places are in CARLA's frame: x east,
-y south, z up, metres.
+Reads a job from standard input and answers on standard output, both JSON. Places are in CARLA's
+frame: x east, y south, z up, metres.
 """
-
-from __future__ import annotations
 
 import json
 import math
 import sys
+import tempfile
 from pathlib import Path
-from typing import Any
+
+import carla
 
 #: From one waypoint to the next, metres.
 STEP_M = 2.0
 
 
-def main(source: str, name: str, spawns: str, folder: str) -> dict[str, Any]:
-    """Read the map as the server, ``make import`` and the Traffic Manager do."""
-    import carla
-
-    chart = carla.Map(name, Path(source).read_text(encoding="utf-8"))
-    graph = Path(folder) / f"{name}.bin"
-    chart.cook_in_memory_map(str(graph))  # Import.py, build_binary_for_tm
+def read(source, spawns):
+    """The map as the server, ``make import`` and the Traffic Manager read it."""
+    chart = carla.Map("m", Path(source).read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as folder:
+        graph = Path(folder) / "m.bin"
+        chart.cook_in_memory_map(str(graph))  # Import.py, build_binary_for_tm
+        size = graph.stat().st_size if graph.exists() else 0
     every = chart.generate_waypoints(STEP_M)
     return {
-        "traffic_manager_bytes": graph.stat().st_size if graph.exists() else 0,
+        "traffic_manager_bytes": size,
         "waypoints": [row(w) for w in every],
         "ends": [row(w) for w in every if not w.next(STEP_M)],
         "topology": [[row(a), row(b)] for a, b in chart.get_topology()],
         "crosswalks": [place(corner) for corner in chart.get_crosswalks()],
         "signals": [signal(chart, mark) for mark in chart.get_all_landmarks()],
-        "spawns": [
-            spawn(carla, chart, one) for one in json.loads(Path(spawns).read_text(encoding="utf-8"))
-        ],
+        "spawns": [spawn(chart, one) for one in spawns],
     }
 
 
-def spawn(carla: Any, chart: Any, entry: dict[str, Any]) -> dict[str, Any] | None:  # noqa: ANN401
+def spawn(chart, entry):
     """Return the lane at a spawn point, how far beside its middle it is and how it is turned.
 
     In bends, the waypoint that CARLA finds may be metres further along its lane.
@@ -52,7 +48,7 @@ def spawn(carla: Any, chart: Any, entry: dict[str, Any]) -> dict[str, Any] | Non
     for step in range(1, 13):
         near += [*found.next(0.25 * step), *found.previous(0.25 * step)]
 
-    def gap(waypoint: Any) -> float:  # noqa: ANN401
+    def gap(waypoint):
         there = waypoint.transform.location
         return math.hypot(at.x - there.x, at.y - there.y)
 
@@ -66,18 +62,18 @@ def spawn(carla: Any, chart: Any, entry: dict[str, Any]) -> dict[str, Any] | Non
     }
 
 
-def place(location: Any) -> list[float]:  # noqa: ANN401 - carla has no types
+def place(location):
     """Return x, y, z."""
     return [location.x, location.y, location.z]
 
 
-def row(waypoint: Any) -> list[float]:  # noqa: ANN401
+def row(waypoint):
     """Return road, lane, station, x, y, z, and whether it is in a junction."""
     where = [waypoint.road_id, waypoint.lane_id, waypoint.s]
     return [*where, *place(waypoint.transform.location), int(waypoint.is_junction)]
 
 
-def signal(chart: Any, mark: Any) -> dict[str, Any]:  # noqa: ANN401
+def signal(chart, mark):
     """Return a reference to a signal, and the lanes that it names which are not there."""
     lanes = [
         lane
@@ -98,5 +94,4 @@ def signal(chart: Any, mark: Any) -> dict[str, Any]:  # noqa: ANN401
 
 
 if __name__ == "__main__":
-    answer = main(*sys.argv[1:])
-    Path(sys.argv[-1], "answer.json").write_text(json.dumps(answer), encoding="utf-8")
+    print(json.dumps(read(**json.load(sys.stdin))))
