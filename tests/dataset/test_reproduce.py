@@ -121,7 +121,7 @@ def test_the_manifest_alone_and_the_inputs_give_the_same_bytes(made, tmp_path, c
         for one in (made / "dataset").rglob("*")
         if one.is_file()
     }
-    assert told["files"] == len(files) - 3  # all but the inventory, the blocks and the card
+    assert told["files"] == len(files) - 2  # all but the inventory and the card
     assert all((out / "dataset" / name).read_bytes() == data for name, data in files.items())
     assert (out / "twin" / "twin.json").read_bytes() == (made / "twin" / "twin.json").read_bytes()
     assert str(made) not in (alone / "dataset.json").read_text()

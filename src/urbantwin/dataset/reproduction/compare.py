@@ -143,11 +143,13 @@ def compared(
         report["pictures"] = {"files": drawn, "differing": len(other) - len(data)}
     if not data:
         return report
-    first = next(
-        (stage for stage, keys in _STAGES if _differs(source.document, manifest, keys)), None
-    )
-    if first is None:
-        first = "manifest" if data == ["dataset.json"] else "frames"
+    then_now = source.document, manifest
+    stages = [
+        stage
+        for stage, keys in _STAGES
+        if any(then_now[0].get(key) != then_now[1].get(key) for key in keys)
+    ]
+    first = [*stages, "manifest" if data == ["dataset.json"] else "frames"][0]
     folders = Counter(name.rpartition("/")[0] or name for name in data)
     return {
         **report,
@@ -166,40 +168,31 @@ def _why(
     reasons: list[str],
     data: list[str],
 ) -> list[str]:
+    """Return what may have made the files in ``data`` other than they were."""
     hurt = [name for name in data if name in given.damaged]
     if hurt == data == ["dataset.json"] and reasons:
         return [*reasons, "every frame and table is the same"]
     why = []
     if hurt:
         more = f", and {len(hurt) - 1} more" if len(hurt) > 1 else ""
-        name = hurt[0]
-        why.append(f"{name} is {given.damaged[name]}{more}: not what was written ({INVENTORY})")
+        why = [f"{hurt[0]} is {given.damaged[hurt[0]]}{more}: not what was written ({INVENTORY})"]
         if hurt == data:
             return [*why, "what was made again is what was written"]
-    why += reasons
-    then, now = source.document.get("made_from"), manifest["made_from"]
-    why += _other_sources(then, now)
+    files = [
+        {tuple(one["at"]): one for one in document["made_from"]["twin"]["made_from"]["files"]}
+        for document in (source.document, manifest)
+    ]
+    why += [
+        *reasons,
+        *(
+            f"{old['name']} or a file beside it was read with other content"
+            for at, old in files[0].items()
+            if files[1].get(at, old) != old
+        ),
+    ]
     return why or [
         "the same versions and inputs: the processor, a library that is not listed, or a defect"
     ]
-
-
-def _other_sources(then: Any, now: Any) -> list[str]:  # noqa: ANN401
-    """Return which inputs were read otherwise: addresses, tiles, files beside."""
-    named = []
-    files = [part["twin"]["made_from"]["files"] for part in (then, now)]
-    new = {tuple(one["at"]): one for one in files[1]}
-    for old in files[0]:
-        one = new.get(tuple(old["at"]))
-        if one is not None and one != old:
-            beside = (old.get("beside", {}), one.get("beside", {}))
-            names = sorted(
-                k for k in {*beside[0], *beside[1]} if beside[0].get(k) != beside[1].get(k)
-            )
-            what = f"{names[0]} of {old['name']}" if names else old["name"]
-            more = f", and {len(names) - 1} more of its files" if len(names) > 1 else ""
-            named.append(f"{what} was read with other content, or not at all{more}")
-    return named
 
 
 def _told_sums(document: Mapping[str, Any], file: Path) -> dict[str, str]:
@@ -210,10 +203,6 @@ def _told_sums(document: Mapping[str, Any], file: Path) -> dict[str, str]:
     frames = {f"frames/{one['name']}": one["sha256"] for one in document.get("frames", [])}
     tables = document.get("tables_sha256", {})
     return {**parts, **frames, **tables, "dataset.json": sha256_of(file)}
-
-
-def _differs(then: Mapping[str, Any], now: Mapping[str, Any], keys: tuple[str, ...]) -> bool:
-    return any(then.get(key) != now.get(key) for key in keys)
 
 
 def is_node(folder: Path) -> bool:

@@ -139,7 +139,8 @@ def sent(
     """
     content, rows, about = quantised
     room = mtu - HEADER_BYTES - about
-    packet, sizes = np.zeros(len(rows), np.int64), []
+    packet = np.zeros(len(rows), np.int64)
+    sizes: list[int] = []
     begin, guess = 0, max(len(rows), 1)
     while begin < len(rows) or not sizes:
         count = min(guess, len(rows) - begin)
@@ -174,7 +175,7 @@ def _packed_size(rows: Rows) -> int:
     table = rows.view(np.uint8).reshape(len(rows), rows.dtype.itemsize)
     parts.append(np.ascontiguousarray(table.T))
     packed = sum(len(_packer().compress(part.tobytes())) for part in parts)
-    return min(packed, sum(part.nbytes for part in parts))
+    return int(min(packed, sum(part.nbytes for part in parts)))
 
 
 @cache
@@ -210,7 +211,8 @@ def quantised_cloud(points: Points, edge_m: float) -> tuple[Points, Rows, int]:
         mean = np.bincount(owner, points.intensity) / np.bincount(owner)
         rows["intensity"] = np.rint(255 * np.clip(mean, 0, 1))
         intensity = rows["intensity"] / 255.0
-    return Points((cell[first] + 0.5) * edge_m, intensity), rows, about
+    middles = np.asarray((cell[first] + 0.5) * edge_m, np.float64)
+    return Points(middles, intensity), rows, about
 
 
 def quantised_features(
