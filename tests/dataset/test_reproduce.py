@@ -231,7 +231,7 @@ def test_no_manifest_names_a_file_elsewhere(made, copy, name):
         plan_of(copy, inputs=[made / "elsewhere"])
     sources["files"][0]["name"] = name
     write_json(copy / "dataset.json", whole)
-    with pytest.raises(InputError, match=r"without a folder|files\.0\.name"):
+    with pytest.raises(InputError, match=r"without a folder|files\[0\]\.name"):
         plan_of(copy, inputs=[made / "elsewhere"])
 
 

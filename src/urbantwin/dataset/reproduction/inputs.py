@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from urbantwin.artefact import sha256_of
-from urbantwin.dataset.reproduction.named_files import NamedFile, value_at
-from urbantwin.dataset.reproduction.source_manifest import SourceManifest
+from urbantwin.dataset.reproduction.source_manifest import NamedFile, SourceManifest, value_at
 from urbantwin.site import ImagerySpec
 
 __all__ = ["Found", "Search", "found_inputs", "places_to_look"]

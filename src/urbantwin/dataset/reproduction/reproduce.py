@@ -23,8 +23,11 @@ from urbantwin.dataset.reproduction.compare import (
     other_versions,
 )
 from urbantwin.dataset.reproduction.inputs import Found, found_inputs, places_to_look
-from urbantwin.dataset.reproduction.named_files import NamedFile, set_at, value_at
-from urbantwin.dataset.reproduction.source_manifest import SourceManifest, read_source_manifest
+from urbantwin.dataset.reproduction.source_manifest import (
+    SourceManifest,
+    read_source_manifest,
+    value_at,
+)
 from urbantwin.dataset.split import SplitAsked, shares_of
 from urbantwin.download import no_keys
 from urbantwin.errors import InputError
@@ -256,22 +259,19 @@ def _with_files(plan: Plan, document: str, twin: Path | None = None) -> Mapping[
     if twin is not None:
         for own in source.record.files:
             if own.of == "twin":
-                _name(value, tuple(own.at), str(_of_twin(twin, own)))
+                path = (twin / own.name).absolute()
+                if not path.is_file():
+                    raise InputError("not found", file=path, expected="a sensor's file of the twin")
+                _name(value, tuple(own.at), str(path))
     return value
 
 
-def _of_twin(twin: Path, own: NamedFile) -> Path:
-    path = (twin / own.name).absolute()
-    if not path.is_file():
-        raise InputError("not found", file=path, expected="the sensor's file that the twin keeps")
-    return path
-
-
 def _name(document: Any, at: tuple[str | int, ...], path: str) -> None:  # noqa: ANN401
+    """Put the path of a file where a document names it."""
     if at[-1] == "model":  # ``MODEL:FILE`` of a Hesai sensor
         before, colon, _ = str(value_at(document, at)).rpartition(":")
         path = before + colon + path
-    set_at(document, at, path)
+    value_at(document, at[:-1])[at[-1]] = path
 
 
 def _written(file: Path, value: Mapping[str, Any]) -> Path:
