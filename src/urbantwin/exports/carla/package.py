@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import textwrap
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,6 +22,7 @@ from urbantwin.exports.carla.rig import carla_rig
 from urbantwin.exports.mesh import Look, write_fbx, write_obj
 from urbantwin.geometry import Pose, stations_of_points
 from urbantwin.lidar.placement import place_rig
+from urbantwin.pages import text_file
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.taxonomy import ACTOR_CLASSES
@@ -61,11 +61,6 @@ BLUEPRINTS: dict[str, dict[str, Any]] = {
     "trailer": {"filter": "", "base_type": [], "except": []},
     "animal": {"filter": "", "base_type": [], "except": []},
 }
-#: What needs a server or the Unreal editor.
-_NOT_PROVEN = (
-    "the import in the Unreal editor, tags and materials there, the navigation that RecastBuilder "
-    "makes, traffic, signals and sensors on a live server"
-)
 _NORMC = re.compile(r"normc\(([-\d.,\s]+)\)")
 
 
@@ -268,7 +263,15 @@ def write_carla(twin: Twin, folder: Path) -> None:
         )
         write_json(scratch / "rig.json", {"map": name, **rig})
         shutil.copyfile(live.__file__, scratch / "run_in_carla.py")
-        (scratch / "README.txt").write_text(readme(title, package, name), encoding="utf-8")
+        folders = {kind: folder_of(f"{name}_{kind}_0") for kind in OBJECTS}
+        readme = text_file(
+            "exports/carla/README.txt.j2",
+            title=title,
+            package=package,
+            name=name,
+            by_hand=[kind for kind, own in OBJECTS.items() if folders[kind] not in (own, None)],
+        )
+        (scratch / "README.txt").write_text(readme, encoding="utf-8")
         kinds = [one.name.rsplit("_", 1)[0] for one in objects]
         write_json(
             scratch / "carla.json",
@@ -286,53 +289,3 @@ def write_carla(twin: Twin, folder: Path) -> None:
                 "inputs": twin.manifest["inputs"],
             },
         )
-
-
-def readme(title: str, package: str, name: str) -> str:
-    """Return how to import a package, in some thirty lines.
-
-    Args:
-        title: the twin's name.
-        package: name of the package.
-        name: of the map.
-    """
-    by_hand = ", ".join(
-        kind
-        for kind, folder in OBJECTS.items()
-        if folder_of(f"{name}_{kind}_0") not in (folder, None)
-    )
-    lines = [
-        f"{title}: a map for CARLA 0.9.16, made by UrbanTwin",
-        "",
-        f"Package: {package}",
-        f"Map: {name}",
-        "",
-        "You need CARLA built from source (with CARLA's Unreal Engine 4.26).",
-        "1. Copy the package's folder, and nothing else of this one, to carla/Import/: there,",
-        "   make import takes every .json for a package.",
-        f"2. Copy navigation/{name}.obj to carla/Util/DockerUtils/dist/. From it, and the",
-        "   crosswalks of the .xodr, make import builds where people walk; without it they have",
-        "   nowhere to, because CARLA's FBX2OBJ needs an SDK that is not to be had any more.",
-        "3. In carla/: make import. Then make launch; the map is in Content/<package>/Maps.",
-        f'4. For a packaged CARLA: make package ARGS="--packages={package}";',
-        "   put the archive into its Import folder and run ImportAssets.sh there.",
-        "5. In Python: client.load_world(<map>). Without the mesh:",
-        "   client.generate_opendrive_world(open('<map>.xodr').read())",
-        "",
-        "Semantic tags: make import moves Road_Road, Road_Marking, Road_Sidewalk, Road_Curb and",
-        "Terrain meshes to the folders of their tags and all others to Terrain. In the editor's",
-        "Content Browser move these on from Static/Terrain/<map> to Static/<name>/<map>:",
-        f"{by_hand}.",
-        "TrafficLight and TrafficSign meshes are not placed: CARLA sets up its own by the .xodr.",
-        "CARLA knows no signal programs: at a junction, the stages have green one after another.",
-        "",
-        "Frame: x east, y south, z up, metres from the anchor, as in carla.Map. The FBX has",
-        "centimetres and y north; Unreal mirrors y as it imports.",
-        "run_in_carla.py spawns traffic.json, spawn_points.json and rig.json on a server, and",
-        "records frames: python run_in_carla.py FRAMES.",
-        "",
-        "Checked: UrbanTwin's tests read packages like this one with carla.Map of CARLA 0.9.16:",
-        "lanes, signals, crosswalks and spawn points.",
-        *textwrap.wrap(f"Not proven: {_NOT_PROVEN}.", 88),
-    ]
-    return "\n".join(lines) + "\n"
