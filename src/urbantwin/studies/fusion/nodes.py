@@ -267,7 +267,7 @@ def _labels_of_datasets(moment: int, nodes: Sequence[Node]) -> Labelled:
             total, *before = rows.get(track, (0, *label))
             better = label if points > before[0] else before
             mark = better[3] if label[3] and before[3] else ""
-            rows[track] = (total + points, *better[:3], mark)  # type: ignore[assignment]
+            rows[track] = (total + points, *better[:3], mark)
     order = sorted(rows)
     return Labelled(
         box=np.array([rows[one][2] for one in order]).reshape(-1, 7),

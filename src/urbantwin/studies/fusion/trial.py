@@ -218,11 +218,11 @@ class Trial:
                 known = self._encoded(node, at, along_site=how.along_site)
                 cells = chosen_cells(known, how.cells, how.stride)
                 channels = cells.values.shape[1] if how.channels is None else how.channels
-                content = quantised_features(cells, how.bits, channels)
-                return sent(content, self._mtu, known.site_SE3_map, clock_s)
+                features = quantised_features(cells, how.bits, channels)
+                return sent(features, self._mtu, known.site_SE3_map, clock_s)
             if isinstance(how, Early):
-                content = quantised_cloud(self._cloud(node, at), how.edge_m)
-                return sent(content, self._mtu, self._local(node, at), clock_s)
+                cloud = quantised_cloud(self._cloud(node, at), how.edge_m)
+                return sent(cloud, self._mtu, self._local(node, at), clock_s)
             assert isinstance(how, Late)
             boxes = self._seen[node.number][at]
             boxes = boxes.only(boxes.score >= how.least)
