@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from urbantwin.drawing import style
 from urbantwin.drawing.surface_colours import material_colours
 from urbantwin.geometry import DownwardProbe, LabelledMesh, SurfaceMaterials
-from urbantwin.taxonomy import GROUND_CLASSES, materials, semantic_id
+from urbantwin.taxonomy import materials
 
 __all__ = ["ground_figure", "ground_picture", "materials_from_above"]
 
@@ -112,8 +112,7 @@ def materials_from_above(
     probe = DownwardProbe(mesh)
     face = probe.face_below(points)
     points[:, 2] = np.nan_to_num(probe.height_below(points))
-    ground = np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
-    hit = np.flatnonzero((face >= 0) & ground[face])
+    hit = np.flatnonzero((face >= 0) & mesh.is_ground[face])
     found = np.full(len(points), -1, np.int64)
     found[hit] = surface.materials_of(mesh, face[hit], points[hit])
     return found.reshape(shape)

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from urbantwin.geometry import DownwardProbe, Pose
-from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.traffic.observed.lanes_beneath import LanesBeneath
 from urbantwin.twin import Twin
 
@@ -33,7 +32,7 @@ class WaitingTraffic:
         self._pose = site_SE3_places
         self._lanes = LanesBeneath(twin.roads)
         self._ground = DownwardProbe(twin.ground_mesh)
-        stands = ~np.isin(twin.mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
+        stands = ~twin.mesh.is_ground
         # Measured things are made of patches about as large as this.
         corners = twin.mesh.vertices[twin.mesh.faces[stands]]
         self._things = cKDTree(corners.mean(axis=1))

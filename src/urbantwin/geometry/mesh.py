@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.artefact.arrays import ArrayOf, read_arrays
 from urbantwin.errors import InputError
 from urbantwin.geometry.pose import Pose
-from urbantwin.taxonomy import materials, semantic_classes
+from urbantwin.taxonomy import GROUND_CLASSES, materials, semantic_classes, semantic_id
 
 __all__ = ["MESH_FORM", "LabelledMesh", "checked_mesh"]
 
@@ -143,6 +143,11 @@ class LabelledMesh:
         """Return areas (F,) in square metres."""
         a, b, c = np.moveaxis(self.triangles(), 1, 0)
         return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+    @property
+    def is_ground(self) -> NDArray[np.bool_]:
+        """Which triangles (F,) are of a class of ground (`taxonomy.GROUND_CLASSES`)."""
+        return np.isin(self.semantic, [semantic_id(name) for name in GROUND_CLASSES])
 
     def select(self, keep: NDArray[np.bool_]) -> LabelledMesh:
         """Return the triangles where ``keep`` (F,) is true, without unused vertices."""

@@ -21,15 +21,12 @@ from urbantwin.lidar.sensor_options import (
     window_of,
 )
 from urbantwin.site.rig import RigSpec, SensorSpec
-from urbantwin.taxonomy import semantic_id
 
 if TYPE_CHECKING:
     from urbantwin.scene.preview import ScenePreview
 
-__all__ = ["GROUND_CLASSES", "place_rig", "refuse_places"]
+__all__ = ["place_rig", "refuse_places"]
 
-#: What a sensor's height is measured from.
-GROUND_CLASSES: tuple[str, ...] = ("road", "parking", "sidewalk", "terrain", "other-ground")
 #: Sensors nearer to each other in plan than this stand on one pole, metres.
 _SAME_POLE_M = 0.5
 #: Before the scene is there, ground and roofs are known to this, metres.
@@ -45,7 +42,7 @@ def place_rig(
 ) -> Rig:
     """Stand a rig on a site.
 
-    A sensor's height is measured from the highest ground surface (`GROUND_CLASSES`) at its
+    A sensor's height is measured from the highest ground surface (`taxonomy.GROUND_CLASSES`) at its
     place, so a sensor named on a bridge stands on the bridge; one under it is placed by ``up_m``.
 
     Args:
@@ -165,8 +162,7 @@ class _Site:
     def __init__(
         self, mesh: LabelledMesh, file: str | Path | None, anchor_height_m: float | None
     ) -> None:
-        kinds = [semantic_id(name) for name in GROUND_CLASSES]
-        ground = mesh.select(np.isin(mesh.semantic, kinds))
+        ground = mesh.select(mesh.is_ground)
         self._probe = DownwardProbe(ground) if len(ground.faces) else None
         self._above = float(mesh.vertices[:, 2].max()) + 1.0 if len(mesh.vertices) else 0.0
         self._mesh = mesh

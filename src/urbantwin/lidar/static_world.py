@@ -16,7 +16,7 @@ from urbantwin.lidar.compiled.view import places_along
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.shapes import ActorShape, Shapes
 from urbantwin.lidar.sweep import Sweep
-from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
+from urbantwin.taxonomy import semantic_id
 
 __all__ = ["StaticLayers", "World"]
 
@@ -113,7 +113,7 @@ class World:
         # from the far side of a hollow building.
         shape.planes["pane"] &= mesh.semantic != semantic_id("building")
         self._shapes = Shapes.of([shape])
-        self._ground = np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
+        self._ground = mesh.is_ground
 
     def layers(
         self, beams: Beams, sweep: Sweep, poses: SensorPoses, model: ReturnModel, *, thorough: bool

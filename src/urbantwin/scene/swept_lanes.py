@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import Lane, RoadNetwork
-from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["SweptLanes"]
 
@@ -100,8 +99,7 @@ class SweptLanes:
 
     def _near(self, mesh: LabelledMesh) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Return triangles that may reach into the space of lanes, and the numbers of these."""
-        ground = [semantic_id(name) for name in GROUND_CLASSES]
-        mine = np.flatnonzero(~np.isin(mesh.semantic, ground))
+        mine = np.flatnonzero(~mesh.is_ground)
         if not (len(mine) and len(self._lanes)):
             return np.zeros(0, np.int64), np.zeros(0, np.int64)
         corners = mesh.triangles()[mine]

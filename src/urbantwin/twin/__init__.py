@@ -7,8 +7,8 @@ from urbantwin.on_demand import names_on_demand
 if TYPE_CHECKING:
     from urbantwin.twin.build import build_twin
     from urbantwin.twin.manifest import Corrected
-    from urbantwin.twin.twin import GROUND_CLASSES, Twin, load_twin
+    from urbantwin.twin.twin import Twin, load_twin
 
-__all__ = ["GROUND_CLASSES", "Corrected", "Twin", "build_twin", "load_twin"]
+__all__ = ["Corrected", "Twin", "build_twin", "load_twin"]
 
 names_on_demand(__name__)

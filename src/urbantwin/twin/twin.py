@@ -7,7 +7,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import shapely
 
 from urbantwin.artefact import read_json, sha256_of
@@ -20,11 +19,10 @@ from urbantwin.roads import LaneModel, RoadNetwork
 from urbantwin.roads.sumo_check import check_sumo_network
 from urbantwin.site import RigSpec, load_rig_spec
 from urbantwin.site.yaml_document import read_document
-from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.twin.manifest import Corrected, KeptSite, TwinManifest, check_region, file_inside
 from urbantwin.twin.own_meshes import OWN_MESHES, read_own_meshes
 
-__all__ = ["GROUND_CLASSES", "Twin", "load_twin"]
+__all__ = ["Twin", "load_twin"]
 
 
 @dataclass(frozen=True)
@@ -63,9 +61,8 @@ class Twin:
     @cached_property
     def ground_mesh(self) -> LabelledMesh:
         """The triangles of the ground: streets, sidewalks, terrain, decks."""
-        classes = [semantic_id(name) for name in GROUND_CLASSES]
         level = self.mesh.normals()[:, 2] > 0.1
-        return self.mesh.select(np.isin(self.mesh.semantic, classes) & level)
+        return self.mesh.select(self.mesh.is_ground & level)
 
     @cached_property
     def surface_materials(self) -> SurfaceMaterials:

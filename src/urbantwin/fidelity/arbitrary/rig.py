@@ -15,10 +15,8 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import DownwardProbe, LabelledMesh, Pose
 from urbantwin.lidar import Rig, Sensor, sensor, sensor_names
 from urbantwin.lidar.enclosure import enclosing
-from urbantwin.lidar.placement import GROUND_CLASSES
 from urbantwin.lidar.rig import dataset_frame
 from urbantwin.site.rig import RideSpec
-from urbantwin.taxonomy import semantic_id
 
 __all__ = ["level_frame", "likely_rig", "riding", "standing"]
 
@@ -41,8 +39,7 @@ def standing(rig: Rig, mesh: LabelledMesh) -> Rig:
     Raises:
         InputError: there is no such place.
     """
-    kinds = [semantic_id(name) for name in GROUND_CLASSES]
-    probe = DownwardProbe(mesh.select(np.isin(mesh.semantic, kinds)))
+    probe = DownwardProbe(mesh.select(mesh.is_ground))
     top = float(mesh.vertices[:, 2].max()) + 1.0
     for turn, scale in _tries():
         poses = []

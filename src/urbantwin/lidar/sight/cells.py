@@ -12,7 +12,6 @@ from scipy.ndimage import distance_transform_edt
 from urbantwin.errors import InputError
 from urbantwin.geometry import DownwardProbe, LabelledMesh
 from urbantwin.geometry.compiled import per_block
-from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["BAND_M", "LEVEL_M", "STEP_M", "Cells", "Passage", "cells_over", "traverse"]
 
@@ -87,8 +86,7 @@ def cells_over(
             expected=f"at most {_MOST_CELLS:,}: a larger cell",
         )
     columns, rows = max(1, int(np.ceil(across - 1e-9))), max(1, int(np.ceil(along - 1e-9)))
-    walkable = np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
-    ground = mesh.select(walkable & (mesh.normals()[:, 2] > _LEAST_UP))
+    ground = mesh.select(mesh.is_ground & (mesh.normals()[:, 2] > _LEAST_UP))
     if not len(ground.faces):
         raise InputError("there is no ground to cover", expected="a twin with a street or terrain")
     probe = DownwardProbe(ground)

@@ -13,7 +13,7 @@ from urbantwin.geometry import DownwardProbe, LabelledMesh, area_union
 from urbantwin.lidar.sight.cells import LEVEL_M
 from urbantwin.roads import RoadNetwork
 from urbantwin.site.pole_site import JUNCTION_M
-from urbantwin.taxonomy import GROUND_CLASSES, material_id, semantic_id
+from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["CELL_M", "JunctionGround", "ground_in_plan", "ground_of_network", "pole_places"]
 
@@ -153,7 +153,7 @@ def pole_places(
 
 def _on_footing(places: NDArray[np.float64], mesh: LabelledMesh) -> NDArray[np.float64]:
     """Return the places (N, 2) that are on ground which a pole can be set in, with its height."""
-    ground = mesh.select(np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES]))
+    ground = mesh.select(mesh.is_ground)
     if not len(places) or not len(ground.faces):
         return np.zeros((0, 3))
     probe = DownwardProbe(ground)

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.rays import Hits, RayScene
-from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["LineOfSight"]
 
@@ -46,9 +45,8 @@ class LineOfSight:
         corners = mesh.triangles()[:, :, :2] - middle
         apart = (corners.min(axis=1) > reach_m) | (corners.max(axis=1) < -reach_m)
         self.mesh = mesh.select(np.asarray(~apart.any(axis=1)))
-        ground = np.isin(self.mesh.semantic, [semantic_id(x) for x in GROUND_CLASSES])
         # The last one is for rays that hit nothing.
-        self._is_thing = np.append(~ground, False)
+        self._is_thing = np.append(~self.mesh.is_ground, False)
         # Moved to the place before it becomes float32.
         self._shift = np.array([*middle, 0.0])
         self._scene = RayScene(self.mesh.vertices - self._shift, self.mesh.faces)

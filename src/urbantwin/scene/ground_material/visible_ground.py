@@ -106,8 +106,7 @@ def ground_heights(mesh: LabelledMesh, points: NDArray[np.float64]) -> NDArray[n
 
     Nan where there is no ground.
     """
-    ground = np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
-    below = mesh.select(ground & (mesh.normals()[:, 2] > 0.1))
+    below = mesh.select(mesh.is_ground & (mesh.normals()[:, 2] > 0.1))
     if not len(below.faces):
         return np.full(len(points), np.nan)
     mirrored = LabelledMesh.build(

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import DownwardProbe
 from urbantwin.lidar.enclosure import enclosing
-from urbantwin.lidar.placement import GROUND_CLASSES
 from urbantwin.lidar.sight.junction import Junction
 from urbantwin.studies.placement.mount_places import (
     facade_places,
@@ -23,7 +22,6 @@ from urbantwin.studies.placement.mount_places import (
     new_pole_places,
 )
 from urbantwin.studies.placement.place_file import MountKind, OwnPlace, PlaceSpec
-from urbantwin.taxonomy import semantic_id
 from urbantwin.twin import Twin
 
 __all__ = ["BRACKET_M", "Mount", "Mounts", "find_mounts"]
@@ -118,9 +116,7 @@ class _Finder:
         self._spec, self._twin, self._junction, self._file = spec, twin, junction, file
         self._middle = np.array(spec.middle_m)
         self._mesh = twin.mesh
-        self._is_ground = np.isin(
-            self._mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES]
-        )
+        self._is_ground = self._mesh.is_ground
         _, self._part = np.unique(self._mesh.part, return_inverse=True)
         ground = self._mesh.select(self._is_ground)
         if not len(ground.faces):
