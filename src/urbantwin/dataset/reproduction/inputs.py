@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,16 +15,54 @@ from urbantwin.site import ImagerySpec
 
 __all__ = ["Found", "Search", "found_inputs", "places_to_look"]
 
+#: Largest number of entries of a folder, with all below it, that are searched.
+_MOST_ENTRIES = 100_000
+#: Depth of the search below folders that were given, and below the usual ones.
+_DEEP, _SHALLOW = 6, 1
+_PACKED = (".3tz",)
 
-#: So many entries of a folder, with all below it, are looked at.
-MOST_ENTRIES = 100_000
+
+@dataclass(frozen=True)
+class Found:
+    """An input, and where it is.
+
+    Attributes:
+        document: what names it: ``site``, ``rig`` or ``background``, the list of these.
+        at: where in that.
+        kind: ``osm``, ``dem``, ``geometry``, ``sensor``, ...
+        name: its own.
+        sha256: that it must have.
+        licence: on what terms it may be used; empty where that is not known.
+        attribution: who made it.
+        path: where it is; an address or a pattern of tiles; ``None`` where it is not found.
+        problem: why it cannot be used, or ``None``.
+        remark: what is uncertain though it can be.
+    """
+
+    document: Literal["site", "rig", "background"]
+    at: tuple[str | int, ...]
+    kind: str
+    name: str
+    sha256: str
+    licence: str = ""
+    attribution: str = ""
+    path: str | None = None
+    problem: str | None = None
+    remark: str | None = None
+
+    def told(self) -> dict[str, Any]:
+        """Return the JSON object."""
+        names = ("kind", "name", "sha256", "licence", "attribution", "path")
+        values = {name: getattr(self, name) for name in names}
+        values["is"] = self.problem or self.remark or "found"
+        return {key: value for key, value in values.items() if value}
 
 
 class Search:
-    """Folders to look in, the nearest first.
+    """Folders to search, the nearest first.
 
     Args:
-        folders: each with how many folders deep below it is looked.
+        folders: each with the depth of the search below it.
     """
 
     def __init__(self, folders: Iterable[tuple[Path, int]]) -> None:
@@ -32,13 +71,12 @@ class Search:
         self._sums: dict[Path, str] = {}
 
     def named(self, name: str) -> list[Path]:
-        """Return the files and folders of a name, in the order of the folders to look in."""
+        """Return the files and folders of a name, in the order of the folders to search."""
         if self._by_name is None:
             self._by_name = {}
             for folder, depth in self._folders:
-                if folder.is_dir():
-                    for path in _entries(folder, depth):
-                        self._by_name.setdefault(path.name, []).append(path)
+                for path in islice(_entries(folder, depth), _MOST_ENTRIES):
+                    self._by_name.setdefault(path.name, []).append(path)
         return list(dict.fromkeys(self._by_name.get(name, [])))
 
     def sha256(self, path: Path) -> str:
@@ -62,133 +100,71 @@ class Search:
         Readers name them relative to the file, or without a folder where they looked in several.
         """
         root = path if path.is_dir() else path.parent
-        below: Search | None = None
+        above = [(one, 0) for one in list(root.resolve().parents)[:3]]
+        below = Search([(root, _DEEP), *above, (root.parent, 1)])
+        below._sums = self._sums
         wrong = {}
         for name, digest in sorted(beside.items()):
             straight = root / name
             if straight.is_file() and self.sha256(straight) == digest:
                 continue
-            if below is None:
-                above = list(root.resolve().parents)[:3]
-                below = Search([(root, 6), *((one, 0) for one in above), (root.parent, 1)])
-                below._sums = self._sums
-            candidates = [straight, *below.named(Path(name).name)]
-            there = [one for one in candidates if one.is_file()]
+            there = [one for one in (straight, *below.named(Path(name).name)) if one.is_file()]
             if not any(self.sha256(one) == digest for one in there):
                 wrong[name] = "has other content" if there else "is not found"
         return wrong
 
 
-def _entries(folder: Path, depth: int) -> Iterable[Path]:
+def _entries(folder: Path, depth: int) -> Iterator[Path]:
     """Yield a folder and what is in it, level by level; nothing hidden, through no links."""
     yield folder.resolve() if folder.name in ("", "..") else folder
-    level, count = [folder], 0
+    level = [folder]
     for _ in range(depth + 1):
         deeper = []
         for place in level:
             try:
-                with os.scandir(place) as found:
-                    entries = sorted(found, key=lambda one: one.name)
+                entries = sorted(place.iterdir())
             except OSError:
                 continue
-            for entry in entries:
-                count += 1
-                if count > MOST_ENTRIES:
-                    return
-                if entry.name.startswith("."):
-                    continue
-                yield place / entry.name
-                if entry.is_dir(follow_symlinks=False):
-                    deeper.append(place / entry.name)
+            shown = [one for one in entries if not one.name.startswith(".")]
+            yield from shown
+            deeper += [one for one in shown if one.is_dir() and not one.is_symlink()]
         level = deeper
 
 
-#: How many folders deep is looked below those that were named, and below the usual ones.
-DEEP, SHALLOW = 6, 1
-_PACKED = (".3tz",)
-_Kind = Literal["site", "rig", "background"]
-
-
-@dataclass(frozen=True)
-class Found:
-    """An input, and where it lies.
-
-    Attributes:
-        document: what names it: the site, the rig or the list of backgrounds.
-        at: where in that.
-        kind: ``osm``, ``dem``, ``geometry``, ``sensor``, ...
-        name: its own.
-        sha256: that it must have.
-        licence: on what terms it may be used; empty where that is not known.
-        attribution: who made it.
-        path: where it lies; an address or a pattern of tiles; ``None`` where it does not.
-        problem: why it cannot be used, or ``None``.
-        remark: what is uncertain though it can be.
-    """
-
-    document: _Kind
-    at: tuple[str | int, ...]
-    kind: str
-    name: str
-    sha256: str
-    licence: str = ""
-    attribution: str = ""
-    path: str | None = None
-    problem: str | None = None
-    remark: str | None = None
-
-    def told(self) -> dict[str, Any]:
-        """Return the JSON object."""
-        values = {
-            "kind": self.kind,
-            "name": self.name,
-            "sha256": self.sha256,
-            "licence": self.licence,
-            "attribution": self.attribution,
-            "path": self.path,
-            "is": self.problem or self.remark or "found",
-        }
-        return {key: value for key, value in values.items() if value}
-
-
 def places_to_look(source: SourceManifest, given: Sequence[Path]) -> Search:
-    """Return where inputs are looked for: what a person named, around the dataset, and here."""
+    """Return where inputs are searched: in given folders, around the dataset, and here."""
     folder = source.file.parent.resolve()
     around = [folder, *folder.parents[:2]]
-    beside = [one / "site" for one in around]
-    return Search(
-        [(one, DEEP) for one in given] + [(one, SHALLOW) for one in (*around, *beside, Path.cwd())]
-    )
+    usual = [*around, *(one / "site" for one in around), Path.cwd()]
+    return Search([*((one, _DEEP) for one in given), *((one, _SHALLOW) for one in usual)])
 
 
 def found_inputs(source: SourceManifest, search: Search, *, twin_given: bool) -> list[Found]:
-    """Look for everything that a dataset is made from.
+    """Search for everything that a dataset is made from.
 
     Args:
         source: the dataset's manifest.
-        search: where to look.
+        search: where to search.
         twin_given: the twin is there, so that what it was made from is not needed.
     """
-    found = []
-    if not twin_given:
-        sources = source.twin.made_from
-        found += [_found(search, one, "site", sources.site) for one in sources.files]
-    record = source.record
+    sources, record = source.twin.made_from, source.record
+    found = [] if twin_given else [_found(search, k, "site", sources.site) for k in sources.files]
     found += [_found(search, one, "rig", record.rig) for one in record.files if one.of is None]
     for number, one in enumerate(record.background):
         path, other = search.file(one.name, one.sha256)
-        problem = None if path else _why(other, search)
-        where = None if path is None else _absolute(path)
         at = ("background", number)
         found.append(
-            Found("background", at, "background", one.name, one.sha256, path=where, problem=problem)
-        )
+            Found("background", at, "background", one.name, one.sha256, path=_absolute(path),
+                  problem=None if path else _why(other, search))
+        )  # fmt: skip
     return found
 
 
-def _found(search: Search, one: NamedFile, document: _Kind, value: Mapping[str, Any]) -> Found:
+def _found(
+    search: Search, one: NamedFile, document: Literal["site", "rig"], value: Mapping[str, Any]
+) -> Found:
     at = tuple(one.at)
-    kind = "sensor" if at[-1] == "model" else str(at[-1] if at[-1] in _PARTS else at[0])
+    kind = str(at[-1] if at[-1] in ("footprints", "control_points") else at[0])
     entry = value_at(value, at[:-1])
     terms = {
         name: str(entry[name])[:200]
@@ -197,45 +173,23 @@ def _found(search: Search, one: NamedFile, document: _Kind, value: Mapping[str, 
     }
     path, problem, remark = _located(search, one, entry)
     return Found(
-        document, at, kind, one.name, one.sha256, path=path, problem=problem, remark=remark, **terms
-    )
-
-
-_PARTS = ("footprints", "control_points")
+        document, at, "sensor" if at[-1] == "model" else kind, one.name, one.sha256,
+        path=path, problem=problem, remark=remark, **terms,
+    )  # fmt: skip
 
 
 def _located(
     search: Search, one: NamedFile, entry: Mapping[str, Any]
 ) -> tuple[str | None, str | None, str | None]:
-    """Return where an input lies, what is wrong with it, and what is uncertain."""
+    """Return where an input is, what is wrong with it, and what is uncertain."""
     if one.is_address:
         if one.shortened:
             return None, "is an address whose query or user was not kept: give --twin", None
         if entry.get("key_env") is not None:  # which a stranger may have written
-            return (
-                None,
-                "is an address that needs a key, which reproduce never sends: give --twin",
-                None,
-            )
+            problem = "is an address that needs a key, which reproduce never sends: give --twin"
+            return None, problem, None
         return one.name, None, "an address, fetched again: what it gives may have changed"
-    if one.are_tiles:
-        return _tiles(search, one, entry)
-    if not one.sha256:
-        return _folder(search, one)
-    return _file(search, one)
-
-
-def _file(search: Search, one: NamedFile) -> tuple[str | None, str | None, str | None]:
-    path, other = search.file(one.name, one.sha256)
-    if path is None:
-        return None, _why(other, search), None
-    beside = {name: digest for name, digest in one.beside.items() if name != one.name}
-    if beside and path.suffix.lower() not in _PACKED:
-        same = (place for place in search.named(one.name) if search.sha256(place) == one.sha256)
-        path, wrong = _best(search, same, beside)
-        if wrong:
-            return None, _of_several(path, wrong), None
-    return _absolute(path), None, None
+    return _tiles(search, one, entry) if one.are_tiles else _on_disk(search, one)
 
 
 def _tiles(
@@ -245,40 +199,40 @@ def _tiles(
     first = one.name.partition("/")[0]
     if first == "{z}":
         first = str(entry.get("zoom", ImagerySpec.model_fields["zoom"].default))
-    for folder in search.named(first):
-        if folder.is_dir():
-            remark = "a pattern of tiles, which are compared by their pixels once they are read"
-            return _absolute(folder.parent / one.name), None, remark
-    return None, "is not found", None
-
-
-def _folder(search: Search, one: NamedFile) -> tuple[str | None, str | None, str | None]:
-    folders = [path for path in search.named(one.name) if path.is_dir()]
-    if not folders:
+    folder = next((path for path in search.named(first) if path.is_dir()), None)
+    if folder is None:
         return None, "is not found", None
-    path, wrong = _best(search, folders, one.beside)
+    remark = "a pattern of tiles, which are compared by their pixels once they are read"
+    return _absolute(folder.parent / one.name), None, remark
+
+
+def _on_disk(search: Search, one: NamedFile) -> tuple[str | None, str | None, None]:
+    """Return the file or the folder with all that belongs to it."""
+    if one.sha256:
+        path, other = search.file(one.name, one.sha256)
+        if path is None:
+            return None, _why(other, search), None
+        beside = {name: digest for name, digest in one.beside.items() if name != one.name}
+        if not beside or path.suffix.lower() in _PACKED:
+            return _absolute(path), None, None
+        places = [there for there in search.named(one.name) if search.sha256(there) == one.sha256]
+    else:
+        beside, places = one.beside, [path for path in search.named(one.name) if path.is_dir()]
+        if not places:
+            return None, "is not found", None
+    # The place where most of what belongs to it is right.
+    wrongs = [(place, search.wrong_beside(place, beside)) for place in places]
+    path, wrong = min(wrongs, key=lambda item: len(item[1]))
     if wrong:
-        return None, _of_several(path, wrong), None
+        name, problem = next(iter(wrong.items()))
+        more = f", and {len(wrong) - 1} more of its files" if len(wrong) > 1 else ""
+        return None, f"is at {path}, but {name} that belongs to it {problem}{more}", None
     return _absolute(path), None, None
 
 
-def _best(
-    search: Search, places: Iterable[Path], beside: Mapping[str, str]
-) -> tuple[Path, dict[str, str]]:
-    """Return the place where most of what belongs to it is right, and what is wrong there."""
-    wrongs = [(path, search.wrong_beside(path, beside)) for path in places]
-    return min(wrongs, key=lambda item: len(item[1]))
-
-
-def _of_several(path: Path, wrong: Mapping[str, str]) -> str:
-    name, problem = next(iter(wrong.items()))
-    more = f", and {len(wrong) - 1} more of its files" if len(wrong) > 1 else ""
-    return f"is at {path}, but {name} that belongs to it {problem}{more}"
-
-
-def _absolute(path: Path) -> str:
+def _absolute(path: Path | None) -> str | None:
     # Not through links: a file's own name goes into manifests.
-    return os.path.abspath(path)  # noqa: PTH100
+    return None if path is None else os.path.abspath(path)  # noqa: PTH100
 
 
 def _why(other: Path | None, search: Search) -> str:
