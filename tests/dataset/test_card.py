@@ -321,4 +321,5 @@ def test_a_damaged_table_is_told_by_its_own_name(
     with (copy / "sweeps.parquet").open("r+b") as stream:
         stream.truncate(500)
     assert main(["dataset", command[0], str(copy), *command[1:], "--quiet"]) == 2
-    assert capfd.readouterr().err.startswith(f"error: {copy / 'sweeps.parquet'}: bytes 496 to 499")
+    said = capfd.readouterr().err
+    assert said.startswith(f"error: {copy / 'sweeps.parquet'}: is not readable")

@@ -285,7 +285,7 @@ def test_what_is_wrong_is_named_with_its_row(segment, component, column, value, 
     assert "\n" not in str(caught.value)
 
 
-def test_a_damaged_file_is_named_with_its_bytes(segment):
+def test_a_damaged_file_is_named_with_its_row(segment):
     root, _ = segment
     file = root / "lidar" / NAME
     sound = file.read_bytes()
@@ -296,7 +296,7 @@ def test_a_damaged_file_is_named_with_its_bytes(segment):
     file.write_bytes(data)
     recording = open_recording(root)
     assert len(recording.read(0).points) > 300  # of the group before
-    with pytest.raises(InputError, match=rf"lidar.*row \d \(in bytes {begin} to \d+\)"):
+    with pytest.raises(InputError, match=r"lidar.*row \d: "):
         recording.read(1)
     file.write_bytes(sound[: len(sound) // 2])
     with pytest.raises(InputError, match="lidar"):
