@@ -50,7 +50,7 @@ def on_device(network: _Network, device: str) -> _Network:
 
     network = network.to(device)
     if is_gpu(device):
-        torch.nn.Module.to(network, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        torch.nn.Module.to(network, memory_format=torch.channels_last)
     return network
 
 
@@ -87,14 +87,14 @@ def repeatable(device: str) -> Iterator[None]:
     # cuBLAS asks for its own word, before it is used for the first time.
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     before = torch.are_deterministic_algorithms_enabled()
-    filled = deterministic.fill_uninitialized_memory  # type: ignore[attr-defined]
+    filled = deterministic.fill_uninitialized_memory
     torch.use_deterministic_algorithms(True, warn_only=True)
-    deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
+    deterministic.fill_uninitialized_memory = False
     try:
         yield
     finally:
         torch.use_deterministic_algorithms(before)
-        deterministic.fill_uninitialized_memory = filled  # type: ignore[attr-defined]
+        deterministic.fill_uninitialized_memory = filled
 
 
 def copied(
@@ -107,7 +107,7 @@ def copied(
         for batch in batches:
             yield {name: torch.from_numpy(one) for name, one in batch.items()}
         return
-    aside = torch.cuda.Stream(device)  # type: ignore[no-untyped-call]
+    aside = torch.cuda.Stream(device)
     ready: dict[str, torch.Tensor] | None = None
     for batch in batches:
         with torch.cuda.stream(aside):

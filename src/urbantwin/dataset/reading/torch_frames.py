@@ -78,7 +78,7 @@ class FrameDataset(Dataset[Sample]):
         self._number = {name: number for number, name in enumerate(self.classes)}
         # Shared, so that workers that stay know which epoch it is.
         self._epoch: Tensor = torch.zeros((), dtype=torch.int64)
-        self._epoch.share_memory_()  # type: ignore[no-untyped-call]
+        self._epoch.share_memory_()
 
     @property
     def epoch(self) -> int:

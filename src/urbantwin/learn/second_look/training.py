@@ -69,7 +69,7 @@ def second_look_trained(
             return None
         _write(file, found)
     torch.manual_seed(recipe.seed)
-    look = SecondLook(len(design.classes)).to(recipe.device)
+    look: SecondLook = SecondLook(len(design.classes)).to(recipe.device)
     own = replace(recipe, steps=round(min(_STEPS * steps, _MOST_STEPS)), workers=1, mixed=False)
     task = _RightOrWrong(look, _Batches(_read(file), recipe.seed))
     optimised(look, task, own, folder / "second.safetensors", between(tell, 0.7, 1.0))
