@@ -9,8 +9,8 @@ if TYPE_CHECKING:
     from urbantwin.interface.curriculum import Curriculum
     from urbantwin.interface.experiment import run
     from urbantwin.interface.explanation import Explanation, explain
-    from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.study import Study
+    from urbantwin.interface.suite import Suite, suite
     from urbantwin.interface.variation import Variation, vary
 
 __all__ = [

@@ -33,13 +33,13 @@ from urbantwin.dataset.split.scenarios import scenarios_of
 from urbantwin.drawing.labelled_frame import read_labelled_points
 from urbantwin.drawing.surface_colours import surface_colours
 from urbantwin.errors import InputError
+from urbantwin.experiments.journal import Journal as StepJournal
 from urbantwin.exports.carla.package import spawn_points
 from urbantwin.exports.geojson import write_geojson
 from urbantwin.fidelity.challenge import read_detections
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.geometry import LabelledMesh
-from urbantwin.grid import Journal as GridJournal
 from urbantwin.interface.dataset import Dataset, Fleet
 from urbantwin.interface.rig import rig_on
 from urbantwin.lidar.background import MeasuredBackground
@@ -443,7 +443,12 @@ READERS = [
     ),
     Reader("detections", read_detections, "a.json", lambda: [DETECTIONS]),
     Reader("journal", _kept_journal, "journal", lambda: [JOURNAL]),
-    Reader("journal of a grid", GridJournal, "cells.jsonl", lambda: [CELLS]),
+    Reader(
+        "journal of steps",
+        lambda file: StepJournal(file.parent, file.name),
+        "steps.jsonl",
+        lambda: [CELLS],
+    ),
     Reader("campaign", inspected, "campaign.json", lambda: [CAMPAIGN]),
 ]  # fmt: skip
 

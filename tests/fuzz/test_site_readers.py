@@ -16,7 +16,8 @@ import shapely
 import yaml
 from affine import Affine
 
-from urbantwin.campaigns import load_campaign
+from urbantwin.experiments.campaign.file import CampaignFile
+from urbantwin.experiments.study.file import StudyFile
 from urbantwin.geometry import SiteFrame
 from urbantwin.interface.inspection import summary_of as summary
 from urbantwin.lidar import load_scan_pattern, load_sensor
@@ -38,7 +39,6 @@ from urbantwin.site.nodes import load_nodes
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
 from urbantwin.site.yaml_document import Document
 from urbantwin.studies.placement import load_place_spec
-from urbantwin.studies.robustness import load_study
 from urbantwin.weakness import check_inputs
 from urbantwin.weakness.inputs import look_at_picture
 
@@ -407,8 +407,8 @@ READERS = [
            _corrections),
     Reader("rig", read_rig, "rig.yaml", _rigs),
     Reader("nodes", read_nodes, "nodes.yaml", _nodes),
-    Reader("study", load_study, "grid.yaml", lambda: [STUDY], lambda: {"twin": b"", "m": b""}),
-    Reader("campaign", load_campaign, "grid.yaml", lambda: [CAMPAIGN], {"twin": b"", "m": b""}),
+    Reader("study", StudyFile.read, "grid.yaml", lambda: [STUDY], lambda: {"twin": b"", "m": b""}),
+    Reader("campaign", CampaignFile.read, "grid.yaml", lambda: [CAMPAIGN], {"twin": b"", "m": b""}),
     Reader("placement", read_placement, "place.yaml", _placements),
     Reader("traffic changes", load_traffic_changes, "traffic.yaml", _traffic),
     Reader("dem", read_dem, "dem.tif", _dems),

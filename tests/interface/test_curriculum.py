@@ -8,9 +8,9 @@ import yaml
 
 import urbantwin as ut
 from urbantwin.cli import main
+from urbantwin.experiments.ladder import LADDERS, Grade, graded_rig, refuse_nobody
 from urbantwin.interface.rig import placed, rig_spec_on
 from urbantwin.site import RigSpec
-from urbantwin.variation import LADDERS, Grade, graded_rig, refuse_nobody
 
 from .conftest import Line
 

@@ -11,8 +11,8 @@ import yaml
 import urbantwin as ut
 from urbantwin.cli import main
 from urbantwin.detections import detected_class, joined, write_detections
+from urbantwin.experiments.study.judging import judged_recording
 from urbantwin.fidelity.readers import open_recording
-from urbantwin.studies.robustness import judged_recording
 
 from ..whole_page import whole_page
 from .conftest import Line

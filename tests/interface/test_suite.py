@@ -11,7 +11,8 @@ import yaml
 
 import urbantwin as ut
 from urbantwin.cli import main
-from urbantwin.regression import MotionPrint, changes_between
+from urbantwin.experiments.suite.changes import changes_between
+from urbantwin.experiments.suite.motion_print import MotionPrint
 from urbantwin.traffic.motion import Motion
 
 from .conftest import Line
@@ -108,11 +109,11 @@ def test_a_suite_that_is_wrong_is_refused(
 
 
 def test_what_was_accepted_opens(tmp_path: Path, line: Line) -> None:
-    from urbantwin.regression import Stored
+    from urbantwin.experiments.suite.accepted import Accepted
 
     kept = {"a": MotionPrint.of(line.motion)}
-    Stored.write(tmp_path / "expected", kept, {"urbantwin": "0"})
-    again = Stored.open(tmp_path / "expected")
+    Accepted.write(tmp_path / "expected", kept, {"urbantwin": "0"})
+    again = Accepted.open(tmp_path / "expected")
     found = again.of("a")
     assert found is not None
     assert changes_between(kept["a"], found) == {}

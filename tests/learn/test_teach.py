@@ -12,7 +12,7 @@ import urbantwin as ut
 from urbantwin.artefact.written_files import RECORD
 from urbantwin.detections import read_detections
 from urbantwin.errors import InputError
-from urbantwin.learn.lessons import lessons_of, moved_rig
+from urbantwin.experiments.lessons import lessons_of, moved_rig
 from urbantwin.site import load_site
 
 torch = pytest.importorskip(

@@ -8,7 +8,7 @@ import pytest
 from jinja2 import UndefinedError
 from PIL import Image
 
-from urbantwin.campaigns.index import write_index
+from urbantwin.experiments.campaign.index import write_index
 from urbantwin.pages import page
 from urbantwin.pages.render import environment
 
@@ -60,7 +60,7 @@ def test_data_of_a_script_do_not_end_it() -> None:
 
 def test_a_name_that_was_not_given_is_an_error() -> None:
     with pytest.raises(UndefinedError):
-        page("campaigns/index.html.j2", index={"grid": "a"})
+        page("experiments/campaign/index.html.j2", index={"grid": "a"})
 
 
 def test_every_page_extends_the_one_base_and_escapes_everything() -> None:

@@ -3,7 +3,7 @@
 from urbantwin.artefact.checksum import sha256_of
 from urbantwin.artefact.disk_space import check_room
 from urbantwin.artefact.document import as_json, read_json, write_json
-from urbantwin.artefact.inventory import INVENTORY, Damage, damages, write_inventory
+from urbantwin.artefact.inventory import INVENTORY, Damage, damages, digest_of, write_inventory
 from urbantwin.artefact.output import (
     KINDS,
     check_file,
@@ -27,6 +27,7 @@ __all__ = [
     "check_room",
     "claimed",
     "damages",
+    "digest_of",
     "kind_of",
     "new_folder",
     "overwriting",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,7 +13,15 @@ from pathlib import Path
 from urbantwin.artefact.checksum import sha256_of
 from urbantwin.errors import InputError
 
-__all__ = ["INVENTORY", "Damage", "damages", "foreign_entry", "read_inventory", "write_inventory"]
+__all__ = [
+    "INVENTORY",
+    "Damage",
+    "damages",
+    "digest_of",
+    "foreign_entry",
+    "read_inventory",
+    "write_inventory",
+]
 
 #: Its name; GNU coreutils' usual one.
 INVENTORY = "SHA256SUMS"
@@ -62,6 +71,19 @@ def write_inventory(
         stream.flush()
         os.fsync(stream.fileno())  # whoever finds it may rely on it, after a loss of power too
     scratch.replace(folder / INVENTORY)
+
+
+def digest_of(folder: Path) -> str:
+    """Return a hash that tells an artefact from others: the SHA-256 of its inventory.
+
+    Of a folder without one, that of the names and sizes of its files.
+    """
+    inventory = folder / INVENTORY
+    if inventory.is_file():
+        return sha256_of(inventory)
+    files = sorted(one for one in folder.rglob("*") if one.is_file())
+    text = "\n".join(f"{one.relative_to(folder)} {one.stat().st_size}" for one in files)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def read_inventory(folder: Path) -> dict[str, str]:

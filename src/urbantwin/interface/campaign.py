@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Future
-from contextlib import contextmanager
-from multiprocessing import active_children
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,23 +22,99 @@ from urbantwin.interface.campaign_folder import (
 )
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_line
+from urbantwin.progress import Progress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from urbantwin.campaigns import CampaignFile, Course, Outcome, Step
-    from urbantwin.campaigns.costs import Plan
-    from urbantwin.campaigns.course import Pool
-    from urbantwin.campaigns.grid_file import Shards
+    from urbantwin.experiments.campaign.file import CampaignFile, Shards
+    from urbantwin.experiments.course import Course, Step
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.twin import Twin
 
 __all__ = ["campaign"]
 
-#: So many cells are in the picture.
-_PICTURED = 12
+#: Most cells in the picture.
+_MAX_DRAWN = 12
+
+
+@dataclass
+class CampaignMaker:
+    """Makes the steps of a campaign, in any process.
+
+    Attributes:
+        file: of the campaign.
+        folder: of the campaign.
+        twins: folders of twins that were built before, by the name of their site.
+    """
+
+    file: CampaignFile
+    folder: Path
+    twins: Mapping[str, Path]
+    # Motions are large: recordings of one follow each other.
+    _last: tuple[str, Twin, Motion] | None = None
+
+    def made(self, step: Step, workers: int, tell: Progress) -> dict[str, Any]:
+        """Make a step; return what the journal keeps of it."""
+        folder = self.folder / step.place
+        if step.kind == "twin":
+            from urbantwin.interface.twin import build_of, site_with_known_sensors
+
+            site = site_with_known_sensors(self.file.sites[step.name])
+            build_of(site, folder, pictures=False, progress=tell)
+            return {}
+        if step.kind == "motion":
+            self._drive(step, folder, tell)
+            return {}
+        return self._record(step, folder, workers, tell)
+
+    def _twin(self, step: Step) -> Twin:
+        from urbantwin.interface.twin import Twin
+
+        site = step.cell["site"]
+        return Twin.open(self.twins.get(site, self.folder / "twins" / site))
+
+    def _drive(self, step: Step, folder: Path, tell: Progress) -> None:
+        from urbantwin.interface.motion import driven
+        from urbantwin.traffic.events import load_scenario
+
+        twin, events = self._twin(step), self.file.scenarios[step.cell["scenario"]]
+        changes = {} if events is None else {"scenario": load_scenario(events, twin, step.size)}
+        driven(twin, folder, changes, self.file.duration_s, int(step.cell["seed"]), tell)
+
+    def _record(self, step: Step, folder: Path, workers: int, tell: Progress) -> dict[str, Any]:
+        from urbantwin.experiments.campaign.index import dataset_counts
+        from urbantwin.experiments.campaign.steps import rig_at_rate
+        from urbantwin.interface.motion import Motion
+        from urbantwin.interface.recording import recorded
+        from urbantwin.interface.rig import rig_spec_on
+
+        place = step.needs[-1]
+        if self._last is None or self._last[0] != place:
+            self._last = place, self._twin(step), Motion.open(self.folder / place)
+        _, twin, motion = self._last
+        spec, rig_file = rig_spec_on(twin, self.file.rigs[step.cell["rig"]])
+        spec = rig_at_rate(spec, self.file.rate_hz)
+        setting = next(one for one in self.file.weather if one.name == step.cell["weather"])
+        recorded(
+            twin,
+            motion,
+            setting.applied_to(spec),
+            rig_file,
+            folder,
+            start_s=self.file.start_s,
+            every=self.file.every,
+            storage=self.file.storage,
+            split=self.file.time_split,
+            workers=workers,
+            seed=int(step.cell["seed"]),
+            inputs=[twin.folder, motion.folder],
+            pictures=False,
+            progress=tell,
+        )
+        return dataset_counts(folder)
 
 
 def campaign(
-    grid: AnyPath,
+    grid: Path,
     out: AnyPath | None = None,
     *,
     plan: bool = False,
@@ -48,85 +123,74 @@ def campaign(
     ray: str | None = None,
     progress: ShowProgress = True,
 ) -> Campaign:
-    """Record every site with every seed, scenario, rig and weather; the same call goes on.
+    """Record every site with every seed, scenario, rig and weather; see `experiment.run`.
 
     A twin is built once for each site, a motion driven once for each site, seed and scenario, and
-    recorded by each rig in each weather. What is done stays done, also where the grid changes; what
-    failed is tried once more, and again by the next call.
-
-    Args:
-        grid: the campaign's file: sites, seeds, scenarios, rigs, weather.
-        out: the folder to write; ``campaign`` beside the file when not given.
-        plan: only say what is left to do, how long it takes and how large it is.
-        most: record so many datasets at most, now; what they take is what a plan then goes by.
-        workers: processes to work with; every number gives the same bytes.
-        ray: a Ray cluster whose nodes all see the files and ``out``, a cell on each of their
-            processors: ``HOST:PORT`` of its head, ``auto`` for the one that runs here, ``local`` to
-            start one.
-        progress: show how far it is; or a function that is told (share, doing).
+    recorded by each rig in each weather. What failed is tried again by the next call.
 
     Raises:
         InputError: the file or what it names cannot be used, or ``out`` holds another campaign.
         StageError: the disk is full.
-
-    Example:
-        >>> ut.experiment.run("grid.yaml", plan=True).summary()
-        >>> ut.experiment.run("grid.yaml").where(weather="fog", split="train")
     """
-    from urbantwin.campaigns import Course, load_campaign, steps_of
-    from urbantwin.campaigns.costs import planned
+    from urbantwin.experiments.campaign.file import CampaignFile
+    from urbantwin.experiments.campaign.steps import steps_of
+    from urbantwin.experiments.course import Course
+    from urbantwin.experiments.workers import RUNNING, run_here, run_on_cluster
+    from urbantwin.interface.campaign_table import shown_course
     from urbantwin.processes import usable_processors
 
     for name, value in (("workers", workers), ("most", most)):
         if value is not None and value < 1:
             raise InputError(f"is {value}", place=f"--{name}", expected="1 or more")
-    asked = load_campaign(Path(grid) if ray is None else Path(grid).absolute())
-    place = beside(asked.file, KIND, out)
+    file = CampaignFile.read(grid if ray is None else grid.absolute())
+    place = beside(file.file, KIND, out)
     place = place if ray is None else place.absolute()
-    check_folder(place / INDEX, kind=KIND, inputs=_inputs(asked))
-    steps = steps_of(asked)
-    course = Course(steps, place)
-    _refuse_another(course)
+    inputs = _inputs(file)
+    check_folder(place / INDEX, kind=KIND, inputs=inputs)
+    steps = steps_of(file)
+    course = Course(steps.all, place, file.storage)
+    other = course.journal.row("grid").get("name", file.file.name)
+    if other != file.file.name:  # cells of the same name would replace each other
+        raise InputError(
+            f"holds the campaign of {other!s:.80}", file=place,
+            expected=f"another folder, or that file ({file.file.name} was given)",
+        )  # fmt: skip
     count = usable_processors() if workers is None else workers
     if plan:
-        return Campaign(place, plan=_told_plan(planned(course), course, count))
+        return Campaign(place, plan=_plan(course, count))
     with claimed(place / "journal"):
-        course = Course(steps, place)  # what another run has done meanwhile is done
-        check_room(place, _least_bytes(course), f"the campaign {asked.file.name}")
-        course.journal.note("grid", state="told", name=asked.file.name)
-        running = place / "journal" / "running"
-        shutil.rmtree(running, ignore_errors=True)
+        course = Course(steps.all, place, file.storage)  # another run may have gone on meanwhile
+        check_room(place, _least_bytes(file, course), f"the campaign {file.file.name}")
+        course.journal.note("grid", state="told", name=file.file.name)
+        shutil.rmtree(place / RUNNING, ignore_errors=True)
+        show = partial(shown_course, file.file.name, progress)
         try:
             if ray is None:
-                _run(course, count, most, progress)
+                maker = CampaignMaker(file, place, steps.twins)
+                with show(count) as tell:
+                    tell(course)
+                    run_here(course, maker, count, most, tell)
             else:
-                _run_on_cluster(course, ray, workers, most, progress)
+                twins = {name: one.absolute() for name, one in steps.twins.items()}
+                maker = CampaignMaker(file, place, twins)
+                run_on_cluster(course, maker, ray, inputs, workers, most, show)
         finally:
-            shutil.rmtree(running, ignore_errors=True)
-        return _finished(course, progress)
+            shutil.rmtree(place / RUNNING, ignore_errors=True)
+        return _finished(file, steps.twins, course, progress)
 
 
-def _inputs(asked: CampaignFile) -> list[Path]:
-    others = (*asked.rigs.values(), *asked.scenarios.values())
-    return [asked.file, *asked.sites.values(), *(one for one in others if one is not None)]
+def _inputs(file: CampaignFile) -> list[Path]:
+    others = (*file.rigs.values(), *file.scenarios.values())
+    return [file.file, *file.sites.values(), *(one for one in others if one is not None)]
 
 
-def _refuse_another(course: Course) -> None:
-    """Refuse a folder that is another grid's: cells of the same name would replace each other."""
-    name = course.journal.row("grid").get("name")
-    if name is not None and name != course.steps.asked.file.name:
-        raise InputError(
-            f"holds the campaign of {name!s:.80}", file=course.place,
-            expected=f"another folder, or that file ({course.steps.asked.file.name} was given)",
-        )  # fmt: skip
-
-
-def _told_plan(plan: Plan, course: Course, workers: int) -> dict[str, Any]:
+def _plan(course: Course, workers: int) -> dict[str, Any]:
+    """Return what is left of a campaign, for its summary."""
+    plan = course.plan()
     known = plan.measured["dataset"]
-    done = {kind: course.counts[kind]["done"] for kind in course.counts}
     return {
-        "cells": course.totals["dataset"],
-        "done": done,
+        "cells": len(course.of("dataset")),
+        "done": dict(plan.measured),
         "left": plan.steps,
         "frames_left": plan.frames,
         "processor_hours": round(plan.seconds / 3600, 3),
@@ -137,161 +201,80 @@ def _told_plan(plan: Plan, course: Course, workers: int) -> dict[str, Any]:
     }
 
 
-def _least_bytes(course: Course) -> float:
+def _least_bytes(file: CampaignFile, course: Course) -> float:
+    """Return the least bytes that datasets and shards take."""
     from urbantwin.dataset.dataset_writer import BYTES_PER_POINT, LEAST_LEFT, LEAST_RETURNED
 
-    asked, points = course.steps.asked, LEAST_RETURNED * BYTES_PER_POINT
-    room = course.work["dataset"] * points * LEAST_LEFT[asked.storage]
-    if asked.shards is not None:  # hold all frames once more, packed as zstd packs them
-        room += sum(one.work for one in course.steps.of("dataset")) * points * LEAST_LEFT["zstd"]
-    return room
+    left = sum(step.work for step in course.to_make if step.kind == "dataset")
+    rays = left * LEAST_LEFT[file.storage]
+    if file.shards is not None:  # hold all frames once more, packed as zstd packs them
+        rays += sum(step.work for step in course.of("dataset")) * LEAST_LEFT["zstd"]
+    return rays * LEAST_RETURNED * BYTES_PER_POINT
 
 
-class _Here:
-    """A pool of this process alone: what is submitted is done at once."""
-
-    def submit(self, function: Callable[[Step], Outcome], step: Step, /) -> Future[Outcome]:
-        future: Future[Outcome] = Future()
-        future.set_result(function(step))
-        return future
-
-
-def _run(course: Course, workers: int, most: int | None, progress: ShowProgress) -> None:
-    """Make what is left: cells beside each other, or frames where there are few cells."""
-    from urbantwin.interface.campaign_step import Maker, make
-    from urbantwin.interface.campaign_table import shown_course
-
-    cells = sum(one.kind == "dataset" for one in course.to_make)
-    cells = cells if most is None else min(cells, most)
-    asked, twins = course.steps.asked, dict(course.steps.twins)
-    with shown_course(progress, workers) as tell:
-        tell(course)
-        if workers == 1 or cells < workers:
-            maker = Maker(asked, course.place, twins, workers, watch=lambda: tell(course))
-            course.run(_Here(), maker.outcome, abreast=1, tell=tell, most=most)
-            return
-        maker = Maker(asked, course.place, twins)
-        while True:
-            begun = course.counts["dataset"]["done"]
-            try:
-                with _pool(maker, workers) as pool:
-                    course.run(pool, make, abreast=workers, tell=tell, most=most)
-                return
-            except BrokenExecutor:  # a worker was killed: what it was at is tried again
-                if most is not None:
-                    most -= course.counts["dataset"]["done"] - begun
-
-
-def _run_on_cluster(
-    course: Course, ray: str, workers: int | None, most: int | None, progress: ShowProgress
-) -> None:
-    """Make what is left on the nodes of a Ray cluster, which share the campaign's folder."""
-    from urbantwin.cluster import connected
-    from urbantwin.dataset.manifest import versions_here
-    from urbantwin.interface.campaign_step import Maker, begin, check_seen, make
-    from urbantwin.interface.campaign_table import shown_course
-
-    asked = course.steps.asked
-    twins = {name: one.absolute() for name, one in course.steps.twins.items()}
-    with connected(ray, agreed=versions_here, workers=workers) as cluster:
-        cluster.on_every_node(check_seen, [course.place / "journal", *_inputs(asked)])
-        with (
-            cluster.worker_pool(begin, Maker(asked, course.place, twins)) as pool,
-            shown_course(progress, pool.workers) as tell,
-        ):
-            course.run(pool, make, abreast=pool.workers, tell=tell, most=most)
-
-
-@contextmanager
-def _pool(maker: Any, workers: int) -> Iterator[Pool]:  # noqa: ANN401
-    """Yield a pool of processes that make steps; what is half made when it is cut off goes."""
-    from urbantwin.interface.campaign_step import begin
-    from urbantwin.processes import worker_pool
-
-    before = set(active_children())
-    with worker_pool(workers, begin, maker) as pool:
-        try:
-            yield pool
-        except BaseException:
-            # A cell may take an hour. What is recorded of it stays, for the next run.
-            for worker in set(active_children()) - before:
-                worker.terminate()
-            raise
-
-
-def _finished(course: Course, progress: ShowProgress) -> Campaign:
+def _finished(
+    file: CampaignFile, twins: Mapping[str, Path], course: Course, progress: ShowProgress
+) -> Campaign:
     """Write what is over all datasets: the split, the index and the shards."""
     from urbantwin.artefact import read_json
-    from urbantwin.campaigns.index import index_of, write_index
+    from urbantwin.experiments.campaign.index import index_of, write_index
 
-    place, steps = course.place, course.steps
+    place = course.folder
     sources: dict[str, Any] = {}
-    for name in steps.asked.sites:
-        file = steps.twins.get(name, place / "twins" / name) / "twin.json"
-        if file.is_file():
-            for one in read_json(file, kind="twin")["inputs"]:
+    for name in file.sites:
+        manifest = twins.get(name, place / "twins" / name) / "twin.json"
+        if manifest.is_file():
+            for one in read_json(manifest, kind="twin")["inputs"]:
                 sources[str(one.get("sha256") or one["name"])] = one
-    index = index_of(course, list(sources.values()))
+    index = index_of(file, course, list(sources.values()))
     made = Campaign(place, index)
     with shown_stage("index", progress, brief=True) as tell:
         tell(0.0, "which scenario is of which part")
-        _divide(made, course)
+        _divide(made, file, course)
         with replaced_folder(place / INDEX, kind=KIND) as folder:
             tell(0.3, "pictures")
             picture = _picture(made, folder)
             write_index(folder, index, picture)
-    others = _others(made)
+    rows = (*index["datasets"], *index["failed"])
+    names = {Path(row["path"]).parts[1] for row in rows}
+    datasets = place / "datasets"
+    there = [one.name for one in datasets.iterdir()] if datasets.is_dir() else []
+    others = sum(not one.startswith(".") and one not in names for one in there)
     if others:
         tell_line(
-            f"campaign: {others} datasets in {place / 'datasets'} are of no cell of this grid: "
+            f"campaign: {others} datasets in {datasets} are of no cell of this grid: "
             "they stay, and are not in the index",
             progress,
         )
-    if index["datasets"] and steps.asked.shards is not None:
-        _write_shards(made, steps.asked.shards, progress)
+    if index["datasets"] and file.shards is not None:
+        _write_shards(made, file.shards, progress)
     return made
 
 
-def _others(made: Campaign) -> int:
-    """Return how many datasets of an earlier grid are still there."""
-    rows = (*made.manifest["datasets"], *made.manifest["failed"])
-    names = {Path(row["path"]).parts[1] for row in rows}
-    folder = made.folder / "datasets"
-    there = [one.name for one in folder.iterdir()] if folder.is_dir() else []
-    return sum(not one.startswith(".") and one not in names for one in there)
-
-
-def _divide(made: Campaign, course: Course) -> None:
-    """Write the split that is asked for; one of an earlier grid, or of more datasets, goes."""
+def _divide(made: Campaign, file: CampaignFile, course: Course) -> None:
+    """Write the split by scenario; one of an earlier grid, or of more datasets, goes."""
     from urbantwin.artefact import sha256_of
-
-    file, asked = made.folder / SPLIT, course.steps.asked.by_scenario
-    rows = made.manifest["datasets"]
-    kept = {(row["levels"]["site"], row["levels"]["seed"]) for row in rows}
-    if asked is not None and len(kept) > 1:  # one alone cannot be divided
-        _split_by_scenario(made, *asked)
-        course.journal.note("split", state="told", sha256=sha256_of(file))
-    # What `urbantwin dataset split` put there since is not the campaign's, and stays.
-    elif file.is_file() and course.journal.row("split").get("sha256") == sha256_of(file):
-        file.unlink()
-
-
-def _split_by_scenario(made: Campaign, shares: tuple[float, float, float], seed: int) -> None:
-    """Write ``split.json``: recordings of a site and a seed are one scenario, in one part."""
-    from urbantwin.dataset.split import datasets_at, split_by_scenario
+    from urbantwin.dataset.split import datasets_at, shares_of, split_by_scenario
     from urbantwin.dataset.split.document import write_split_document
     from urbantwin.dataset.split.scenarios import Scenario
 
+    target = made.folder / SPLIT
     groups: dict[tuple[Any, Any], list[Path]] = {}
     for row in made.manifest["datasets"]:
-        key = row["levels"]["site"], row["levels"]["seed"]
-        groups.setdefault(key, []).append(made.folder / row["path"])
-    scenarios = [
-        Scenario(tuple(datasets_at(folders)), (f"site {site}, seed {seed_of}",))
-        for (site, seed_of), folders in groups.items()
-    ]
-    told = split_by_scenario(scenarios, shares, moved_m=None, seed=seed)
-    write_split_document(made.folder / SPLIT, told)
+        group = row["levels"]["site"], row["levels"]["seed"]
+        groups.setdefault(group, []).append(made.folder / row["path"])
+    if file.split.by == "scenario" and len(groups) > 1:  # one alone cannot be divided
+        scenarios = [
+            Scenario(tuple(datasets_at(folders)), (f"site {site}, seed {seed}",))
+            for (site, seed), folders in groups.items()
+        ]
+        shares = shares_of(file.split.shares)
+        written = split_by_scenario(scenarios, shares, moved_m=None, seed=file.split.seed)
+        write_split_document(target, written)
+        course.journal.note("split", state="told", sha256=sha256_of(target))
+    # What `urbantwin dataset split` put there since is not the campaign's, and stays.
+    elif target.is_file() and course.journal.row("split").get("sha256") == sha256_of(target):
+        target.unlink()
 
 
 def _picture(made: Campaign, folder: Path) -> Path | None:
@@ -303,7 +286,7 @@ def _picture(made: Campaign, folder: Path) -> Path | None:
     from urbantwin.drawing.labelled_frame import read_labelled_points
     from urbantwin.drawing.pictures import attributions
 
-    count = min(len(rows), _PICTURED)
+    count = min(len(rows), _MAX_DRAWN)
     chosen = [rows[number * len(rows) // count] for number in range(count)]
     frames = [
         (dataset_name(row), read_labelled_points(made.folder / row["path"])) for row in chosen

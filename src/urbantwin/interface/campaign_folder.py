@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,8 +23,9 @@ __all__ = ["INDEX", "KIND", "SHARDS", "SPLIT", "Campaign", "dataset_name", "shar
 KIND = "campaign"
 #: In a campaign's folder: the index, the shards, and the split by scenario.
 INDEX, SHARDS, SPLIT = "index", "shards", "split.json"
-#: So many failures are in a summary.
-_TOLD = 20
+_AXES = ("site", "seed", "scenario", "rig", "weather", "sensor")
+#: Most failures in a summary.
+_NAMED = 20
 
 
 class Campaign(Datasets, Artefact):
@@ -61,7 +62,7 @@ class Campaign(Datasets, Artefact):
         Raises:
             InputError: it is none, or damaged.
         """
-        from urbantwin.campaigns import read_index
+        from urbantwin.experiments.campaign.index import read_index
 
         place = Path(folder)
         found = read_index(place)
@@ -111,37 +112,19 @@ class Campaign(Datasets, Artefact):
         ]  # fmt: skip
         return Campaign(self.folder, self.manifest, self.plan, rows)
 
-    def where(
-        self,
-        *,
-        site: str | Iterable[str] | None = None,
-        seed: int | Iterable[int] | None = None,
-        scenario: str | Iterable[str] | None = None,
-        rig: str | Iterable[str] | None = None,
-        weather: str | Iterable[str] | None = None,
-        sensor: str | Iterable[str] | None = None,
-        **boxes_and_frames: Any,  # noqa: ANN401 - see `Frames.where`
-    ) -> Selection:
+    def where(self, **asked: Any) -> Selection:  # noqa: ANN401 - see `Frames.where`
         """Return frames of some levels, with some of their boxes; see `Frames.where`.
 
         Args:
-            site: of these sites.
-            seed: of these seeds.
-            scenario: of these scenarios.
-            rig: of these rigs.
-            weather: in this weather.
-            sensor: of these sensors, where a rig leaves a dataset for each.
-            boxes_and_frames: what `Frames.where` takes.
+            asked: ``site``, ``seed``, ``scenario``, ``rig``, ``weather``, and ``sensor`` where a
+                rig leaves a dataset for each: a level, or several; and what `Frames.where` takes.
 
         Raises:
             InputError: there is no such level, class, split, sequence or frame.
         """
-        given = {"site": site, "seed": seed, "scenario": scenario, "rig": rig}
-        given |= {"weather": weather, "sensor": sensor}
-        levels = {axis: level for axis, level in given.items() if level is not None}
-        if levels:
-            return self.at(**levels).where(**boxes_and_frames)
-        return super().where(**boxes_and_frames)
+        levels = {axis: asked.pop(axis, None) for axis in _AXES}
+        levels = {axis: level for axis, level in levels.items() if level is not None}
+        return self.at(**levels).where(**asked) if levels else super().where(**asked)
 
     def _part(self, dataset: Dataset, split: str) -> Any:  # noqa: ANN401
         if self._divided is None and (self.folder / SPLIT).is_file():
@@ -163,7 +146,7 @@ class Campaign(Datasets, Artefact):
             return Summary(path=str(self.folder), **dict(self.plan or {}))
         told = self.manifest
         failed = [f"{one['path']}: {one['why']}" for one in told["failed"]]
-        more = [f"and {len(failed) - _TOLD} more"] if len(failed) > _TOLD else []
+        more = [f"and {len(failed) - _NAMED} more"] if len(failed) > _NAMED else []
         shards = self.folder / SHARDS
         return Summary(
             path=str(self.folder),
@@ -173,7 +156,7 @@ class Campaign(Datasets, Artefact):
             **{name: told["counts"][name] for name in ("frames", "points", "boxes", "bytes")},
             axes={axis: len(levels) for axis, levels in told["axes"].items()},
             **({"shards": str(shards)} if kind_of(shards) else {}),
-            failed=[*failed[:_TOLD], *more],
+            failed=[*failed[:_NAMED], *more],
         )
 
     def check(self) -> None:

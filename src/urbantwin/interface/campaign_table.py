@@ -5,36 +5,36 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from urbantwin.artefact.disk_space import told_size
-from urbantwin.campaigns.costs import share_done
-from urbantwin.campaigns.steps import KINDS
-from urbantwin.interface.campaign_step import RUNNING
+from urbantwin.experiments.course import KINDS
+from urbantwin.experiments.workers import under_way
 from urbantwin.interface.stage import ShowProgress, tell_line, tell_ray_tracer
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from urbantwin.campaigns import Course
+    from urbantwin.experiments.course import Course
 
 __all__ = ["shown_course"]
 
 Tell = Callable[["Course"], None]
-#: Between lines where there is no terminal, seconds.
+#: Time between lines where there is no terminal, seconds.
 _LINE_S = 10.0
-#: So many steps that run, and that failed, are named.
+#: Most steps named of those that run, and of those that failed.
 _NAMED = 8
 
 
 @contextmanager
-def shown_course(progress: ShowProgress, abreast: int) -> Iterator[Tell]:
-    """Yield what is told of a campaign's course whenever something changed.
+def shown_course(name: str, progress: ShowProgress, abreast: int) -> Iterator[Tell]:
+    """Yield a function that shows a campaign's course, called whenever something changed.
 
     Args:
-        progress: see `stage.shown_stage`; a function is told the share of the work that is done.
-        abreast: how many steps are made at once.
+        name: of the campaign's file.
+        progress: see `stage.shown_stage`; a function is called with the share of the work done.
+        abreast: number of steps made at once.
     """
     if progress is True:
         tell_ray_tracer()
@@ -47,74 +47,55 @@ def shown_course(progress: ShowProgress, abreast: int) -> Iterator[Tell]:
         from rich.live import Live
 
         with Live(console=Console(stderr=True), refresh_per_second=4) as live:
-            yield lambda course: live.update(_table(course, abreast))
+            yield lambda course: live.update(_table(name, course, abreast))
     else:
-        lines = _Lines(abreast)
-        yield lines.told
+        lines = _Lines()
+        yield lines.show
         lines.end()
 
 
 def _share(course: Course) -> float:
-    return share_done(course, {place: _said(course, place)[0] for place in course.running})
-
-
-def _said(course: Course, place: str) -> tuple[float, str]:
-    """Return the share of a running step that is done, and what it is at."""
-    kind, _, name = place.partition("s/")
-    share, doing = 0.0, ""
-    with suppress(OSError, ValueError):
-        text = (course.place / RUNNING / f"{kind}-{name}").read_text(encoding="utf-8")
-        share = float(text.partition(" ")[0])
-        doing = text.partition(" ")[2]
-    return min(max(share, 0.0), 1.0), doing
-
-
-def _left_s(course: Course) -> float | None:
-    """Return how long it will take by what this run took so far; ``None``: too early to say."""
-    share, took = _share(course), time.monotonic() - course.began
-    return took * (1 - share) / share if share > 0.02 and took > 10 else None
+    return course.share_done({place: under_way(course, place)[0] for place in course.running})
 
 
 def _counted(course: Course) -> str:
     """Return the datasets that are done, run and failed: ``12 of 96 datasets, 3 running``."""
-    counted = course.counts["dataset"]
-    words = [f"{counted['done']} of {course.totals['dataset']} datasets"]
-    running = len(course.running)
-    failed = len(course.failed)
-    words += [f"{running} running"] * (running > 0) + [f"{failed} failed"] * (failed > 0)
+    counts = course.counts("dataset")
+    words = [f"{counts['done']} of {counts.total()} datasets"]
+    words += [f"{len(course.running)} running"] if course.running else []
+    words += [f"{len(course.failed)} failed"] if course.failed else []
     return ", ".join(words)
 
 
 def _rate(course: Course) -> str:
-    took = time.monotonic() - course.began
-    words = [f"{course.frames / took:.3g} frames/s"] if course.frames and took > 1 else []
-    words.append(told_size(course.measured["dataset"].size))
-    left = _left_s(course)
-    if left is not None:
-        words.append(f"about {_time(left)} to go")
+    took_s, share = time.monotonic() - course.began, _share(course)
+    words = [f"{course.frames / took_s:.3g} frames/s"] if course.frames and took_s > 1 else []
+    rows = [course.journal.row(step.place) for step in course.of("dataset")]
+    words.append(told_size(sum(row.get("bytes", 0) for row in rows if row.get("state") == "done")))
+    if share > 0.02 and took_s > 10:
+        words.append(f"about {_time(took_s * (1 - share) / share)} to go")
     return ", ".join(words)
 
 
-def _table(course: Course, abreast: int) -> Table:
+def _table(name: str, course: Course, abreast: int) -> Table:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table(title=f"campaign {course.steps.asked.file.name}", title_justify="left")
-    for name in ("", "all", "done", "running", "failed", "left"):
-        table.add_column(name, justify="left" if not name else "right")
+    table = Table(title=f"campaign {name}", title_justify="left")
+    for column in ("", "all", "done", "running", "failed", "left"):
+        table.add_column(column, justify="left" if not column else "right")
     for kind in KINDS:
-        counted = course.counts[kind]
-        failed = counted["failed"] + counted["dropped"]
-        row = [course.totals[kind], counted["done"], counted["running"], failed]
-        left = course.left_of(kind) - counted["running"]
-        if course.totals[kind]:
-            table.add_row(f"{kind}s", *map(str, (*row, left)))
+        counts = course.counts(kind)
+        failed = counts["failed"] + counts["dropped"]
+        row = [counts.total(), counts["done"], counts["running"], failed, counts["waiting"]]
+        if counts:
+            table.add_row(f"{kind}s", *map(str, row))
     lines = [f"{_rate(course)}, {abreast} at once"]
-    for place, since in list(course.running.items())[:_NAMED]:
-        share, doing = _said(course, place)
-        lines.append(f"{place}: {share:.0%}, {_time(time.monotonic() - since)} {doing}")
+    for place, since_s in list(course.running.items())[:_NAMED]:
+        share, doing = under_way(course, place)
+        lines.append(f"{place}: {share:.0%}, {_time(time.monotonic() - since_s)} {doing}")
     lines += [f"failed {place}: {why}" for place, why in list(course.failed.items())[-_NAMED:]]
-    table.caption = "\n".join(escape(one[:200]) for one in lines)
+    table.caption = "\n".join(escape(line[:200]) for line in lines)
     table.caption_justify = "left"
     return table
 
@@ -122,25 +103,24 @@ def _table(course: Course, abreast: int) -> Table:
 class _Lines:
     """Lines on stderr: one now and then, and one for each step that failed, at once."""
 
-    def __init__(self, abreast: int) -> None:
-        self._last = time.monotonic() - _LINE_S + 1.0  # the first after a second
+    def __init__(self) -> None:
+        self._last_s = time.monotonic() - _LINE_S + 1.0  # the first after a second
         self._failed: set[str] = set()
-        self._abreast = abreast
         self._course: Course | None = None
 
-    def told(self, course: Course) -> None:
-        """Say what is to be said of a course now."""
+    def show(self, course: Course) -> None:
+        """Print what is due of a course."""
         self._course = course
         for place, why in course.failed.items():
             if place not in self._failed:
                 self._failed.add(place)
                 tell_line(f"campaign: failed: {place}: {why}")
-        if time.monotonic() - self._last >= _LINE_S:
-            self._last = time.monotonic()
+        if time.monotonic() - self._last_s >= _LINE_S:
+            self._last_s = time.monotonic()
             tell_line(f"campaign: {_counted(course)}; {_rate(course)}")
 
     def end(self) -> None:
-        """Say how it ended."""
+        """Print how it ended."""
         if self._course is not None:
             took = _time(time.monotonic() - self._course.began)
             tell_line(f"campaign: {_counted(self._course)} in {took}")

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset import Dataset
-from urbantwin.interface.motion import Motion, driven
-from urbantwin.interface.place import AnyPath
-from urbantwin.interface.recording import recorded, recorders
+from urbantwin.interface.motion import Motion
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.recording import recorders
 from urbantwin.interface.stage import ShowProgress
 from urbantwin.interface.summary import Artefact, Summary
+from urbantwin.interface.workbench import Workbench
 
 if TYPE_CHECKING:
-    from urbantwin.variation import CurriculumFile
+    from urbantwin.experiments.ladder import Grade
 
 __all__ = ["Curriculum", "curriculum"]
 
@@ -60,8 +61,8 @@ class Curriculum(Artefact):
 
 
 def curriculum(
-    asked: CurriculumFile,
-    out: AnyPath,
+    grid: Path,
+    out: AnyPath | None = None,
     *,
     workers: int | None = None,
     progress: ShowProgress = True,
@@ -73,66 +74,57 @@ def curriculum(
         StageError: a stage failed.
     """
     from urbantwin.dataset.recording import frame_times
+    from urbantwin.experiments.ladder import (
+        CurriculumFile,
+        graded_rig,
+        refuse_nobody,
+        traffic_of_density,
+    )
     from urbantwin.interface.rig import placed, rig_spec_on
     from urbantwin.interface.twin import Twin
-    from urbantwin.variation import graded_rig, refuse_nobody, traffic_of_density
 
-    place, grades, seed = Path(out), asked.grades, asked.seed
-    opened = Twin.open(asked.twin)
-    spec, file = rig_spec_on(opened, asked.rig)
+    file, place = CurriculumFile.read(grid), beside(grid, "graded", out)
+    twin = Twin.open(file.twin)
+    spec, rig_file = rig_spec_on(twin, file.rig)
     if not spec.fused:
         raise InputError(
-            "leaves a dataset for each sensor", file=file, expected="a rig with fused: true"
+            "leaves a dataset for each sensor", file=rig_file, expected="a rig with fused: true"
         )
-    rigs = [graded_rig(spec, one) for one in grades]
-    inputs = [opened.folder, asked.rig]
-    standing = [placed(its, opened, file) for its in rigs]  # before anything is driven
-    for one in grades:
-        check_folder(place / one.name, kind="dataset", inputs=inputs)
+    rigs = [graded_rig(spec, grade) for grade in file.grades]
+    inputs = [twin.folder, file.rig]
+    standing = [placed(rig, twin, rig_file) for rig in rigs]  # before anything is driven
     traffics = {
-        one.density: traffic_of_density(opened.site["traffic"], one.density, f"grade {one.name}")
-        for one in grades
+        grade.density: traffic_of_density(
+            twin.site["traffic"], grade.density, f"grade {grade.name}"
+        )
+        for grade in file.grades
     }
-    for density in traffics:
-        check_folder(place / _motion_name(density), kind="motion", inputs=inputs)
+    for grade in file.grades:
+        check_folder(place / grade.name, kind="dataset", inputs=inputs)
+        check_folder(place / _motion_name(grade), kind="motion", inputs=inputs)
     motions: dict[float, Motion] = {}
     rows = []
     with recorders(workers, pictures=False) as crew:
-        for one, its, stands in zip(grades, rigs, standing, strict=True):
-            if one.density not in motions:
-                folder = place / _motion_name(one.density)
-                traffic = traffics[one.density]
-                motions[one.density] = driven(
-                    opened, folder, traffic, asked.seconds, seed, progress
-                )
-            motion = motions[one.density]
-            if not any(sensor.rides for sensor in its.sensors):
-                times = frame_times(stands.rate_hz, asked.start, asked.stop, motion.times())
-                refuse_nobody(one, stands, motion, opened.region, times.values())
-            made = recorded(
-                opened,
-                motion,
-                its,
-                file,
-                place / one.name,
-                start_s=asked.start,
-                stop_s=asked.stop,
-                workers=crew,
-                seed=seed,
-                inputs=[opened.folder, motion.folder],
-                pictures=False,
-                progress=progress,
-            )
-            wanted = {"density": one.density, "raised_m": one.raised_m, "range_m": one.range_m}
-            measured = made.manifest["objects"]
-            motion_of_it = motion.folder.name
-            rows.append(
-                {"name": one.name, "asked": wanted, "motion": motion_of_it, "measured": measured}
-            )
+        bench = Workbench(place, twin, crew, progress=progress)
+        for grade, rig, stands in zip(file.grades, rigs, standing, strict=True):
+            density, name = grade.density, _motion_name(grade)
+            if density not in motions:
+                folder = bench.motion(name, file.seconds, file.seed, traffics[density])
+                motions[density] = Motion.open(folder)
+            motion = motions[density]
+            if not any(sensor.rides for sensor in rig.sensors):
+                times = frame_times(stands.rate_hz, file.start, file.stop, motion.times())
+                refuse_nobody(grade, stands, motion, twin.region, times.values())
+            span = {"start_s": file.start, "stop_s": file.stop, "seed": file.seed}
+            data = Dataset(bench.dataset(grade.name, motion, rig, rig_file, split=None, **span))
+            asked = {"density": density, "raised_m": grade.raised_m, "range_m": grade.range_m}
+            measured = data.manifest["objects"]
+            row = {"name": grade.name, "asked": asked, "motion": name, "measured": measured}
+            rows.append(row)
     manifest = {
         "kind": "curriculum",
-        "ladder": asked.ladder,
-        "twin_sha256": opened.sha256,
+        "ladder": file.ladder,
+        "twin_sha256": twin.sha256,
         "grades": rows,
     }
     with replaced_folder(place / "ladder", kind="curriculum") as folder:
@@ -140,5 +132,5 @@ def curriculum(
     return Curriculum(place, tuple(rows))
 
 
-def _motion_name(density: float) -> str:
-    return f"motion-density-{density:g}"
+def _motion_name(grade: Grade) -> str:
+    return f"motion-density-{grade.density:g}"

@@ -114,7 +114,6 @@ def split(
         $ urbantwin dataset split urbantwin-demo/dataset --shares 60,20,20
     """
     from urbantwin.artefact import check_file
-    from urbantwin.campaigns.index import datasets_of
     from urbantwin.dataset.split import (
         SplitAsked,
         datasets_at,
@@ -123,6 +122,7 @@ def split(
     )
     from urbantwin.dataset.split.document import write_split_document
     from urbantwin.dataset.split.scenarios import scenarios_of
+    from urbantwin.experiments.campaign.index import datasets_of
 
     divided = _shares(shares)
     asked = SplitAsked(divided, gap, thin)

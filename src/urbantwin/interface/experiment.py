@@ -9,7 +9,7 @@ from annotated_types import Ge
 
 from urbantwin.errors import InputError
 from urbantwin.interface.command import command, option_name
-from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.place import AnyPath
 from urbantwin.interface.stage import ShowProgress
 
 if TYPE_CHECKING:
@@ -83,10 +83,8 @@ def run(
 
         return study(file, out, plan=plan, workers=workers, device=device, progress=progress)
     from urbantwin.interface.curriculum import curriculum
-    from urbantwin.variation import read_curriculum
 
-    place = beside(file, "graded", out)
-    return curriculum(read_curriculum(file), place, workers=workers, progress=progress)
+    return curriculum(file, out, workers=workers, progress=progress)
 
 
 def _kind(file: Path) -> str:

@@ -260,7 +260,7 @@ def fuse(
 
 def _learned_from(trained: Mapping[str, Any], nodes: Nodes) -> list[str]:
     """Return what is to be said where the model has learned from frames of a node."""
-    from urbantwin.learn import digest_of
+    from urbantwin.artefact import digest_of
 
     known = {one.get("sha256") for one in trained.get("datasets", [])}
     seen = [one.name for one in nodes.nodes if known and digest_of(one.folder) in known]

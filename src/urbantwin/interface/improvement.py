@@ -14,16 +14,12 @@ from annotated_types import Ge
 
 from urbantwin.errors import InputError, StageError
 from urbantwin.interface.command import command
-from urbantwin.interface.detected_objects import detect
-from urbantwin.interface.done_steps import DoneSteps
-from urbantwin.interface.evaluation_report import Evaluation, evaluate
-from urbantwin.interface.motion import drive
+from urbantwin.interface.evaluation_report import Evaluation
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.recording import record
 from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Artefact, Summary
-from urbantwin.interface.trained_model import train
 from urbantwin.interface.twin import Twin
+from urbantwin.interface.workbench import Workbench
 
 if TYPE_CHECKING:
     from urbantwin.evaluation.worst import Case
@@ -145,8 +141,8 @@ def improve(
     from urbantwin.learn.torch_device import check_torch
 
     check_torch(device)
-    from urbantwin.artefact import check_file, replaced_file, sha256_of
-    from urbantwin.learn import digest_of, read_model
+    from urbantwin.artefact import check_file, replaced_file
+    from urbantwin.learn import read_model
 
     source = Path(model)
     design = read_model(source).design
@@ -159,20 +155,17 @@ def improve(
         )
     target = beside(source, "improved") if out is None else Path(out)
     check_file(target / "improvement.md", kind="improvement")
-    practice = _Practice.on(Twin.open(twin), target, rig, seconds, every, workers, progress)
-    done, work = practice.done, practice.work
+    bench = Workbench(target, Twin.open(twin), workers, device, progress)
+    practice = _Practice(bench, None if rig is None else Path(rig), seconds, every)
     look, held = practice.drive("look", 2 * seed), practice.drive("held", 2 * seed + 1)
-    weights = sha256_of(source / "model.safetensors")
-    found = work / "look-detections"
-    done.once(found.name, {"model": weights, "look": digest_of(look)}, found,
-              partial(detect, source, look, progress=progress))  # fmt: skip
-    cases = _missed(found, look, design.classes)
+    detections = bench.detections("drives/look-detections", source, look)
+    cases = _missed(detections, look, design.classes)
     if not cases:
         raise StageError(f"{source} misses nobody in {look}: there is nothing to learn")
     counts = Counter(one.class_name for one, _ in cases)
     missed = {name: counts[name] for name in design.classes if counts[name]}
-    told = ", ".join(f"{count} of {name}" for name, count in missed.items())
-    tell_line(f"improve: missed on a drive of its own: {told}", progress)
+    words = ", ".join(f"{count} of {name}" for name, count in missed.items())
+    tell_line(f"improve: missed on a drive of its own: {words}", progress)
     sources = [look]
     for number in range(drives):
         # The drives share them out where there are enough.
@@ -180,28 +173,26 @@ def improve(
         sources.append(
             practice.drive(f"more-{number + 1}", 2 * (1000 * seed + number), some[:events])
         )
-    sources += map(Path, also)
-    learned: dict[str, Any] = {"classes": list(design.classes), "seed": seed, "device": device}
-    learned |= {"reach": design.range_m, "cell": design.cell_m, "width": design.width}
-    learned |= {"intensity": design.intensity, "steps": steps}
-    learned |= {"minutes": None if steps else minutes}
-    if design.points:
-        learned["heads"] = ["boxes", "points"]
-    taught = done.once(
+    better = bench.model(
         "model",
-        {"model": weights, "datasets": [digest_of(one) for one in sources], **learned},
-        target / "model",
-        partial(train, sources, weights=source, progress=progress, **learned),
+        [*sources, *map(Path, also)],
+        source,
+        classes=list(design.classes),
+        seed=seed,
+        reach=design.range_m,
+        cell=design.cell_m,
+        width=design.width,
+        intensity=design.intensity,
+        steps=steps,
+        minutes=None if steps else minutes,
+        **({"heads": ["boxes", "points"]} if design.points else {}),
     )
     judges = {"held": held} | {Path(one).resolve().name: Path(one) for one in real}
-    reports: dict[str, dict[str, Evaluation]] = {"before": {}, "after": {}}
-    for when, judged, key in (("before", source, weights), ("after", target / "model", taught)):
-        for name, data in judges.items():
-            report = target / f"{when}-{name}"
-            done.once(report.name, {"model": key, "data": digest_of(data)}, report,
-                      partial(evaluate, judged, data, progress=progress))  # fmt: skip
-            reports[when][name] = Evaluation(report)
-    made = Improved(target, missed, reports["before"], reports["after"])
+    before, after = (
+        {name: bench.report(f"{when}-{name}", judged, data) for name, data in judges.items()}
+        for when, judged in (("before", source), ("after", better))
+    )
+    made = Improved(target, missed, before, after)
     with replaced_file(target / "improvement.md", kind="improvement") as file:
         file.write_text(_text(made), encoding="utf-8")
     return made
@@ -209,76 +200,30 @@ def improve(
 
 @dataclass(frozen=True)
 class _Practice:
-    """Drives of a twin, recorded; what is done is not done again."""
+    """Drives of a twin, recorded by its rig, or that of a file; `every_s` between frames."""
 
-    twin: Twin
-    work: Path
-    rig: AnyPath | None
+    bench: Workbench
+    rig: Path | None
     seconds: float
-    every: int
-    done: DoneSteps
-    asked: Mapping[str, Any]
-    workers: int | None
-    progress: ShowProgress
-
-    @classmethod
-    def on(
-        cls,
-        twin: Twin,
-        target: Path,
-        rig: AnyPath | None,
-        seconds: float,
-        every_s: float,
-        workers: int | None,
-        progress: ShowProgress,
-    ) -> _Practice:
-        """Return it; ``every_s`` are the seconds between frames."""
-        from urbantwin import __version__
-        from urbantwin.artefact import sha256_of
-        from urbantwin.interface.rig import rig_spec_on
-        from urbantwin.site.rig_changes import RigChanges
-
-        spec, _ = rig_spec_on(twin, None if rig is None else Path(rig), RigChanges(fused=True))
-        every = max(1, round(every_s * spec.rate_hz))
-        asked: dict[str, Any] = {"urbantwin": __version__, "seconds": seconds, "every": every}
-        asked |= {"twin": sha256_of(twin.folder / "twin.json"), "rig": spec.written()}
-        work = target / "drives"
-        return cls(twin, work, rig, seconds, every, DoneSteps(work / "steps.json"), asked, workers,
-                   progress)  # fmt: skip
+    every_s: float
 
     def drive(self, name: str, seed: int, put_in: Sequence[_Missed] = ()) -> Path:
         """Return the dataset of a drive, with those who were missed put in."""
-        motion, data = self.work / f"{name}-motion", self.work / name
-        put = [(one.class_name, *at) for one, at in put_in]
-        asked = {**self.asked, "seed": seed, "put_in": put}
-        self.done.once(motion.name, asked, motion, partial(self._driven, seed, put_in))
-        self.done.once(
-            name,
-            asked,
-            data,
-            partial(
-                record,
-                self.twin,
-                motion,
-                rig=self.rig,
-                start=_START_S,
-                every=self.every,
-                fused=True,
-                split="100,0",
-                workers=self.workers,
-                seed=seed,
-                pictures=False,
-                progress=self.progress,
-            ),
-        )
-        return data
+        from urbantwin.interface.rig import rig_spec_on
+        from urbantwin.site.rig_changes import RigChanges
 
-    def _driven(self, seed: int, put_in: Sequence[_Missed], folder: Path) -> None:
-        plain = folder.with_name(f"{folder.name}-bare") if put_in else folder
-        drive(self.twin, plain, seconds=self.seconds, seed=seed, pictures=False,
-              progress=self.progress)  # fmt: skip
+        place = f"drives/{name}-motion"
+        motion = self.bench.motion(f"{place}-bare" if put_in else place, self.seconds, seed, {})
         if put_in:
-            _put_in(self.twin, plain, put_in, self.seconds, folder)
+            twin = self.bench.twin
+            make = partial(_put_in, twin, motion, put_in, self.seconds)
+            missed = [(one.class_name, *at) for one, at in put_in]
+            motion = self.bench.once(place, make, [twin.folder, motion], put_in=missed)
+        spec, file = rig_spec_on(self.bench.twin, self.rig, RigChanges(fused=True))
+        every = max(1, round(self.every_s * spec.rate_hz))
+        return self.bench.dataset(
+            f"drives/{name}", motion, spec, file, seed=seed, start_s=_START_S, every=every
+        )
 
 
 def _missed(detections: Path, data: Path, classes: Sequence[str]) -> list[_Missed]:

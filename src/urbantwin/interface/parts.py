@@ -81,7 +81,7 @@ def _of_campaign(path: Path) -> list[Path]:
     """Return what a campaign stands for; anything else stands for itself."""
     if kind_of(path / "index") != "campaign":
         return [path]
-    from urbantwin.campaigns.index import datasets_of
+    from urbantwin.experiments.campaign.index import datasets_of
 
     divided = path / "split.json"
     return [divided] if divided.is_file() else datasets_of(path) or []

@@ -8,27 +8,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from urbantwin import __version__
 from urbantwin.artefact import check_folder, read_json, replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.reckoning import FRAME_S, JUDGED_S, TRAFFIC_S, training_s
 from urbantwin.interface.stage import ShowProgress, tell_line
-from urbantwin.interface.study_course import Course, Judge, density_of, of_this_version
+from urbantwin.interface.study_course import Detector, StudyCourse, density_of
 from urbantwin.interface.summary import Artefact, Summary
+from urbantwin.interface.workbench import Workbench, estimated_s, minutes_text
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from urbantwin.experiments.study.file import StudyFile
     from urbantwin.interface.twin import Twin
     from urbantwin.site import RigSpec
-    from urbantwin.studies.robustness import StudyFile
 
 __all__ = ["Study", "study"]
 
 _KIND = "study"
 _REPORT = "report"
-#: Figures that are told on the console.
-_TOLD = ("seen", "ap", "hota", "idf1")
+#: Figures in the summary.
+_SUMMED_UP = ("seen", "ap", "hota", "idf1")
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,8 +85,7 @@ class Study(Artefact):
         if not self.manifest:
             low, high = self.seconds
             return Summary(
-                path=str(self.folder),
-                reckoned_minutes=[round(low / 60, 1), round(high / 60, 1)],
+                path=str(self.folder), reckoned_minutes=[round(low / 60, 1), round(high / 60, 1)]
             )
         told = self.manifest
         return Summary(
@@ -100,7 +100,7 @@ class Study(Artefact):
 
 
 def study(
-    grid: AnyPath,
+    grid: Path,
     out: AnyPath | None = None,
     *,
     plan: bool = False,
@@ -108,130 +108,87 @@ def study(
     device: str = "cpu",
     progress: ShowProgress = True,
 ) -> Study:
-    """Measure what faults, weather and traffic do; interrupted, the same call goes on.
+    """Measure what faults, weather and traffic do; see `experiment.run`.
 
     Every seed has one motion (one for each density of traffic), which is replayed under all other
-    levels, so that they alone differ. What is done stays done, also where the grid changes.
-
-    Args:
-        grid: the study's file: twin, seeds, detector, factors with their levels.
-        out: the folder to write; ``study`` beside the file when not given.
-        plan: only say what would be done, and how long it takes.
-        workers: processes to record with; every number gives the same bytes.
-        device: of torch.
-        progress: show how far it is; or a function that is told (share, doing), of each stage.
+    levels, so that they alone differ.
 
     Raises:
         InputError: the file or what it names cannot be used; no torch.
         StageError: the base of a seed failed, or the disk is full.
-
-    Example:
-        >>> ut.experiment.run("grid.yaml").effects.to_pandas()
     """
+    from urbantwin.experiments.ladder import traffic_of_density
+    from urbantwin.experiments.study.file import StudyFile, check_rigs
+    from urbantwin.experiments.study.report import write_study
     from urbantwin.interface.rig import placed, rig_spec_on
     from urbantwin.interface.twin import Twin
-    from urbantwin.studies.robustness import check_rigs, load_study, write_study
-    from urbantwin.variation import traffic_of_density
 
-    described = load_study(Path(grid))
-    place = beside(described.file, "study", out)
-    twin = Twin.open(described.twin)
-    spec, rig_file = rig_spec_on(twin, described.rig)
+    file = StudyFile.read(grid)
+    place = beside(file.file, "study", out)
+    twin = Twin.open(file.twin)
+    spec, rig_file = rig_spec_on(twin, file.rig)
     if not spec.fused:
         raise InputError(
             "leaves a dataset for each sensor", file=rig_file, expected="a rig with fused: true"
         )
-    rigs = check_rigs(described, spec)
-    for its in _each_once(rigs):  # before anything is driven
-        placed(its, twin, rig_file)
-    cells = described.cells()
+    rigs = check_rigs(file, spec)
+    for rig in {one.model_dump_json(): one for one in rigs}.values():  # before anything is driven
+        placed(rig, twin, rig_file)
+    asked_at = f"factors.traffic_density of {file.file}"
     traffics = {
-        density: traffic_of_density(
-            twin.site["traffic"], density, f"factors.traffic_density of {described.file}"
-        )
-        for density in sorted({density_of(cell) for cell in cells})
+        density: traffic_of_density(twin.site["traffic"], density, asked_at)
+        for density in sorted({density_of(cell) for cell in file.cells()})
     }
-    if not _frames(described, spec.rate_hz):
-        raise InputError(
-            "leaves no frame", file=described.file, place="start", expected="more seconds"
-        )
+    if not _frames(file, spec.rate_hz):
+        raise InputError("leaves no frame", file=file.file, place="start", expected="more seconds")
     doubts: list[str] = []
-    if described.model is not None or described.train is not None:
+    if file.model is not None or file.train is not None:
         from urbantwin.learn.torch_device import check_torch
 
         check_torch(device)
-        doubts = _detector_looks(described, rigs[0])
-    check_folder(place / _REPORT, kind=_KIND, inputs=[described.file, twin.folder])
-    reckoned = _reckoned(described, rigs, len(traffics))
-    tell_line(_first_line(described, rigs, reckoned), progress)
+        doubts = _check_detector(file, rigs[0])
+    inputs = [file.file, twin.folder]
+    check_folder(place / _REPORT, kind=_KIND, inputs=inputs)
+    seconds = _estimate(file, rigs, len(traffics))
+    tell_line(_first_line(file, rigs, seconds), progress)
     if plan:
-        return Study(place, {}, reckoned)
-    course = Course(described, twin, rig_file, place, traffics, workers, device, progress)
-    model = course.model(rigs[0])
-    found, failed = course.all_cells(cells, rigs, model)
-    inputs = [described.file, twin.folder]
+        return Study(place, {}, seconds)
+    bench = Workbench(place, twin, workers, device, progress)
+    course = StudyCourse(file, rig_file, traffics, bench)
+    course.detector = course.detector_of(rigs[0])
+    cells = course.cells(rigs)
     with replaced_folder(place / _REPORT, kind=_KIND, inputs=inputs) as folder:
-        told_of = _told(described, twin, rigs[0], model)
+        made_from = _made_from(file, twin, rigs[0], course.detector)
         manifest = write_study(
-            folder,
-            described,
-            [one.measured for one in found],
-            [one.objects for one in found],
-            failed,
-            told_of,
-            doubts,
+            folder, file, cells.measured, cells.objects, cells.failed, made_from, doubts
         )
     shutil.rmtree(place / "work", ignore_errors=True)
-    return Study(place, manifest, reckoned)
+    return Study(place, manifest, seconds)
 
 
-def _in_lines(effects: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
-    """Return a row for each level: what it does to figures that are shares, in points of a hundred.
-
-    The whole table is in ``study.json``, ``effects.parquet`` and on the page.
-    """
-    lines: dict[str, dict[str, str]] = {}
-    for row in effects:
-        if row["figure"] in _TOLD:
-            level = f"{row['factor']} = {row['level']}"
-            words = f"{100 * row['difference']:+.1f}"
-            if row["low"] is not None:
-                words += f" ({100 * row['low']:+.1f} to {100 * row['high']:+.1f})"
-            lines.setdefault(level, {"level": level})[row["figure"]] = words
-    return list(lines.values())
-
-
-def _each_once(rigs: Sequence[RigSpec]) -> list[RigSpec]:
-    return list({one.model_dump_json(): one for one in rigs}.values())
-
-
-def _detector_looks(described: StudyFile, rig: RigSpec) -> list[str]:
+def _check_detector(file: StudyFile, rig: RigSpec) -> list[str]:
     """Return what is to be doubted of the detector, before anything is computed.
 
     Raises:
-        InputError: the model cannot be read, tells no boxes, or does not know a class of the study.
+        InputError: the model cannot be read, finds no boxes, or not a class of the study.
     """
-    if described.train is not None:
-        reach = described.train.reach
+    if file.train is not None:
+        reach = file.train.reach
     else:
         from urbantwin.learn import read_model
 
-        assert described.model is not None
-        design = read_model(described.model).design
+        assert file.model is not None
+        design = read_model(file.model).design
         if not design.classes:
-            raise InputError(
-                "tells no boxes",
-                file=described.model,
-                expected="a model of `urbantwin model train`",
-            )
-        for name in described.classes or ():
+            expected = "a model of `urbantwin model train`"
+            raise InputError("tells no boxes", file=file.model, expected=expected)
+        for name in file.classes or ():
             if name not in design.classes:
                 raise InputError(
-                    f"names {name}, which the model {described.model.name} does not detect",
-                    file=described.file,
-                    place="classes",
+                    f"names {name}, which the model {file.model.name} does not detect",
+                    file=file.file, place="classes",
                     expected="some of " + ", ".join(design.classes),
-                )
+                )  # fmt: skip
         reach = design.range_m
     if rig.label_range_m is not None and rig.label_range_m <= reach:
         return []
@@ -242,71 +199,78 @@ def _detector_looks(described: StudyFile, rig: RigSpec) -> list[str]:
     ]
 
 
-def _frames(described: StudyFile, rate_hz: float) -> int:
+def _frames(file: StudyFile, rate_hz: float) -> int:
     # The last frame's turn ends with the motion.
-    last = (described.seconds - described.start_s) * rate_hz - 1.0
-    return max(0, int(last / described.every + 1e-6) + 1)
+    last = (file.seconds - file.start) * rate_hz - 1.0
+    return max(0, int(last / file.every + 1e-6) + 1)
 
 
-def _reckoned(described: StudyFile, rigs: Sequence[RigSpec], densities: int) -> tuple[float, float]:
-    """Return the least and the most seconds that all of it is reckoned to take."""
-    frames, sensors = _frames(described, rigs[0].rate_hz), len(rigs[0].sensors)
-    how = described.train
-    learning = 0 if how is None else len(how.seeds)
-    detects = how is not None or described.model is not None
-    ends = []
-    for k in range(2):
-        recorded_s = frames * (1 + sensors) * FRAME_S[k]
-        judged_s = frames * JUDGED_S[k] * (1.0 if detects else 0.1)
-        ends.append(
-            (len(described.seeds) * densities + learning) * described.seconds * TRAFFIC_S[k]
-            + learning * recorded_s
-            + (0.0 if how is None else training_s(0.0, how.steps)[k])
-            + len(described.seeds) * len(rigs) * (recorded_s + judged_s)
-        )
-    return ends[0], ends[1]
-
-
-def _first_line(
-    described: StudyFile, rigs: Sequence[RigSpec], reckoned: tuple[float, float]
-) -> str:
-    low, high = (round(one / 60) for one in reckoned)
-    minutes = "less than a minute"
-    if high > 0:
-        span = f"{high}" if low == high else f"{max(low, 1)} to {high}" if high > 1 else "1"
-        minutes = f"about {span} minute{'s' * (high != 1)}"
-    frames = _frames(described, rigs[0].rate_hz)
-    seeds, sensors = len(described.seeds), len(rigs[0].sensors)
-    who = "nothing is detected"
-    if described.train is not None:
-        who = f"a detector of {described.train.steps} steps"
-    elif described.model is not None:
-        who = f"the detector {described.model.name}"
-    return (
-        f"study: {seeds} seed{'s' * (seeds != 1)} x {len(rigs)} cells = {seeds * len(rigs)} "
-        f"recordings of {frames} frame{'s' * (frames != 1)} by {sensors} "
-        f"sensor{'s' * (sensors != 1)}; {who}; {minutes} on two processors"
+def _estimate(file: StudyFile, rigs: Sequence[RigSpec], densities: int) -> tuple[float, float]:
+    """Return the least and the most seconds that all of it is estimated to take."""
+    frames, sensors, how = _frames(file, rigs[0].rate_hz), len(rigs[0].sensors), file.train
+    recordings, learning = len(file.seeds) * len(rigs), 0 if how is None else len(how.seeds)
+    judging = 1.0 if how is not None or file.model is not None else 0.1
+    return estimated_s(
+        traffic_s=(len(file.seeds) * densities + learning) * file.seconds,
+        frames=(recordings + learning) * frames * (1 + sensors),
+        judged=recordings * frames * judging,
+        steps=0 if how is None else how.steps,
     )
 
 
-def _told(described: StudyFile, twin: Twin, rig: RigSpec, judge: Judge | None) -> dict[str, Any]:
+def _first_line(file: StudyFile, rigs: Sequence[RigSpec], seconds: tuple[float, float]) -> str:
+    detector = "nothing is detected"
+    if file.train is not None:
+        detector = f"a detector of {file.train.steps} steps"
+    elif file.model is not None:
+        detector = f"the detector {file.model.name}"
+    counts = {"seed": len(file.seeds), "frame": _frames(file, rigs[0].rate_hz)}
+    counts["sensor"] = len(rigs[0].sensors)
+    seeds, frames, sensors = (f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
+    return (
+        f"study: {seeds} x {len(rigs)} cells = {len(file.seeds) * len(rigs)} recordings of "
+        f"{frames} by {sensors}; {detector}; {minutes_text(seconds)}"
+    )
+
+
+def _made_from(
+    file: StudyFile, twin: Twin, rig: RigSpec, detector: Detector | None
+) -> dict[str, Any]:
     """Return what ``study.json`` says of what it was made from."""
-    trained = None if judge is None else dict(judge.model.trained)
-    frames = _frames(described, rig.rate_hz)
-    who = "nothing was detected"
-    if trained is not None:
-        who = f"a detector of {trained.get('steps', 'unknown')} steps"
+    words, model = "nothing was detected", None
+    if detector is not None:
+        trained = dict(detector.model.trained)
+        words = f"a detector of {trained.get('steps', 'unknown')} steps"
+        model = {"sha256": detector.sha256, "trained": trained}
     sensors = ", ".join(f"{one.name} ({one.model})" for one in rig.sensors)
     return {
-        "study": described.file.stem,
+        "study": file.file.stem,
         "how": (
-            f"{len(described.seeds)} seeds, each one motion of {described.seconds:g} s on "
-            f"{twin.site.get('name', 'a twin')} that all levels replay; {frames} frames by "
-            f"{sensors}; {who}. Objects are those that count at the base level of the same seed."
+            f"{len(file.seeds)} seeds, each one motion of {file.seconds:g} s on "
+            f"{twin.site.get('name', 'a twin')} that all levels replay; "
+            f"{_frames(file, rig.rate_hz)} frames by {sensors}; {words}. Objects are those that "
+            "count at the base level of the same seed."
         ),
-        **of_this_version({"twin_sha256": twin.sha256}),
-        "model": None if judge is None else {"sha256": judge.sha256, "trained": trained},
-        "seconds": described.seconds,
-        "start_s": described.start_s,
-        "every": described.every,
+        "urbantwin": __version__,
+        "twin_sha256": twin.sha256,
+        "model": model,
+        "seconds": file.seconds,
+        "start_s": file.start,
+        "every": file.every,
     }
+
+
+def _in_lines(effects: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Return a row for each level: differences of figures that are shares, in points of a hundred.
+
+    The whole table is in ``study.json``, ``effects.parquet`` and on the page.
+    """
+    lines: dict[str, dict[str, str]] = {}
+    for row in effects:
+        if row["figure"] in _SUMMED_UP:
+            level = f"{row['factor']} = {row['level']}"
+            words = f"{100 * row['difference']:+.1f}"
+            if row["low"] is not None:
+                words += f" ({100 * row['low']:+.1f} to {100 * row['high']:+.1f})"
+            lines.setdefault(level, {"level": level})[row["figure"]] = words
+    return list(lines.values())

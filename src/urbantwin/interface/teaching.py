@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,24 +12,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 from annotated_types import Ge
 
 from urbantwin.dataset.card.page import licences_told
-from urbantwin.dataset.split import SplitAsked
+from urbantwin.download import keys_allowed
 from urbantwin.errors import InputError
 from urbantwin.interface.command import command
-from urbantwin.interface.done_steps import DoneSteps
-from urbantwin.interface.evaluation_report import Evaluation, evaluate
-from urbantwin.interface.motion import Motion, driven
+from urbantwin.interface.evaluation_report import Evaluation
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.reckoning import FRAME_S, JUDGED_S, TRAFFIC_S, TWIN_S, training_s
-from urbantwin.interface.recording import recorded
 from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.summary import Artefact, Summary
-from urbantwin.interface.trained_model import train
 from urbantwin.interface.twin import Twin, build_of, site_with_known_sensors
+from urbantwin.interface.workbench import Workbench, estimated_s, minutes_text
 from urbantwin.pages import card
 
 if TYPE_CHECKING:
-    from urbantwin.learn.lessons import Lesson
-    from urbantwin.site.rig import RigSpec
+    from urbantwin.experiments.lessons import Lesson
+    from urbantwin.site import Site
 
 __all__ = ["Taught", "teach"]
 
@@ -140,12 +136,9 @@ def teach(
     from urbantwin.learn.torch_device import check_torch
 
     check_torch(device)
-    from urbantwin import __version__
-    from urbantwin.artefact import check_file, replaced_file, sha256_of
-    from urbantwin.download import keys_allowed
-    from urbantwin.learn import digest_of, read_model
-    from urbantwin.learn.lessons import lessons_of, moved_rig
-    from urbantwin.lidar.background_file import named_background
+    from urbantwin.artefact import check_file, replaced_file
+    from urbantwin.experiments.lessons import lessons_of, moved_rig
+    from urbantwin.learn import read_model
 
     _check(drives, judging, seconds, within, background)
     checked = site_with_known_sensors(Path(site))
@@ -154,126 +147,88 @@ def teach(
     judges = _named(real)
     lessons = lessons_of(drives, judging, seed)
     frames = int((seconds - _START_S) / every) + 1
-    reckoned = _reckoned(len(lessons), judging + len(judges), seconds, frames,
-                         len(checked.rig.sensors), minutes, steps)  # fmt: skip
-    low, high = (max(1, round(one / 60)) for one in reckoned)
+    estimated = estimated_s(
+        twins=1,
+        traffic_s=len(lessons) * seconds,
+        frames=len(lessons) * frames * (1 + len(checked.rig.sensors)),
+        judged=(judging + len(judges)) * frames,
+        minutes=minutes,
+        steps=steps,
+    )
     tell_line(
         f"teach: {drives} drives of {seconds:g} s to learn from and {judging} to judge by, "
-        f"{frames} frames each; about {low} to {high} minutes on two processors",
+        f"{frames} frames each; {minutes_text(estimated)}",
         progress,
     )
     if plan:
-        return Taught(target, {}, reckoned)
-    work = target / "lessons"
-    done = DoneSteps(work / "steps.json")
-    made_from = {
-        "urbantwin": __version__,
-        "files": sorted(map(sha256_of, filter(Path.is_file, checked.files()))),
-    }
+        return Taught(target, {}, estimated)
     with keys_allowed(key_env, allow_key):
-        build = partial(build_of, checked, pictures=False, progress=progress)
-        base = done.once("twin", made_from, work / "twin", build)
-    twin = Twin.open(work / "twin")
-    course = _Course(twin, checked.rig_file, seconds, every, workers, progress)
-    datasets: dict[str, Path] = {}
-    keys: dict[str, str] = {}
+        twin = _built(checked, target, progress)
+    bench = Workbench(target, twin, workers, device, progress)
     began = time.monotonic()
     for number, lesson in enumerate(lessons):
         sees = list(background) if lesson.held or number % 3 != 2 else []
         # What was measured was seen from where the sensors stood.
         rig = moved_rig(checked.rig, lesson, *((0.0, 0.0) if sees else within))
-        drove = done.once(
-            f"{lesson.name}-motion",
-            {"lesson": asdict(lesson), "seconds": seconds, "twin": base},
-            work / f"{lesson.name}-motion",
-            partial(course.drive, lesson),
+        motion = bench.motion(
+            f"lessons/{lesson.name}-motion", seconds, lesson.seed, _traffic(lesson, twin)
         )
-        measured = [sha256_of(named_background(one)[1]) for one in sees]
-        datasets[lesson.name] = work / lesson.name
-        keys[lesson.name] = done.once(
-            lesson.name,
-            {"motion": drove, "every": every, "within": list(within), "background": measured},
-            datasets[lesson.name],
-            partial(course.record, lesson, rig, sees),
-        )
+        bench.dataset(
+            f"lessons/{lesson.name}", motion, rig, checked.rig_file, background=sees,
+            seed=lesson.seed, start_s=_START_S, every=max(1, round(every * rig.rate_hz)),
+        )  # fmt: skip
         if number == 0 and time.monotonic() - began > 1.0:
-            left = (time.monotonic() - began) * (len(lessons) - 1) + training_s(minutes, steps)[1]
-            tell_line(f"teach: by the first drive, about {left / 60:.0f} minutes to go", progress)
-    model = target / "model"
-    teaching = [datasets[one.name] for one in lessons if not one.held]
-    learned: dict[str, Any] = {"classes": _classes_of(teaching), "seed": seed, "device": device}
-    learned |= {"steps": steps, "minutes": None if steps else minutes}
-    taught = done.once(
-        "model",
-        {"datasets": [keys[one.name] for one in lessons if not one.held], **learned},
-        model,
-        partial(train, teaching, **learned, progress=progress),
+            left_s = (time.monotonic() - began) * (len(lessons) - 1)
+            left_s += estimated_s(minutes=minutes, steps=steps)[1]
+            tell_line(f"teach: by the first drive, about {left_s / 60:.0f} minutes to go", progress)
+    teaching, held = (
+        {one.name: target / "lessons" / one.name for one in lessons if one.held == judges_by}
+        for judges_by in (False, True)
     )
-    held = {one.name: datasets[one.name] for one in lessons if one.held}
-    reports = {}
-    for name, data in (held | judges).items():
-        report = target / f"report-{name}"
-        done.once(
-            report.name,
-            {"model": taught, "data": digest_of(data)},
-            report,
-            partial(evaluate, model, data, progress=progress),
-        )
-        reports[name] = Evaluation(report)
-    trained = read_model(model).trained
+    model = bench.model(
+        "model",
+        list(teaching.values()),
+        classes=_classes_of(list(teaching.values())),
+        seed=seed,
+        steps=steps,
+        minutes=None if steps else minutes,
+    )
+    reports = {
+        name: bench.report(f"report-{name}", model, data) for name, data in (held | judges).items()
+    }
     text = card(
         "interface/model_card.md.j2",
         site=checked.name,
         lessons=lessons,
-        trained=trained,
+        trained=read_model(model).trained,
         reports=reports,
         simulated=list(held),
         **licences_told(twin.manifest["inputs"]),
     )
     with replaced_file(target / "card.md", kind="card") as file:
         file.write_text(text, encoding="utf-8")
-    return Taught(target, reports, reckoned)
+    return Taught(target, reports, estimated)
 
 
-@dataclass(frozen=True)
-class _Course:
-    """How all drives are driven and recorded; what that takes is told to ``progress``."""
+def _built(site: Site, target: Path, progress: ShowProgress) -> Twin:
+    """Return the site's twin, built once."""
+    from urbantwin.artefact import sha256_of
+    from urbantwin.experiments.journal import Journal, step_key
 
-    twin: Twin
-    rig_file: Path
-    seconds: float
-    every_s: float
-    workers: int | None
-    progress: ShowProgress
+    place = "lessons/twin"
+    key = step_key({"files": sorted(map(sha256_of, filter(Path.is_file, site.files())))})
+    build = partial(build_of, site, pictures=False, progress=progress)
+    Journal(target).once(place, key, build)
+    return Twin.open(target / place)
 
-    def drive(self, lesson: Lesson, folder: Path) -> None:
-        """Drive the traffic; counted traffic stays as it is."""
-        traffic: Mapping[str, Any] = self.twin.site["traffic"]
-        changes: dict[str, Any] = {}
-        if not traffic.get("counts"):
-            usual = {name: float(rate) for name, rate in traffic["per_hour"].items()}
-            changes = {"per_hour": lesson.per_hour(usual), "time_of_day": lesson.time_of_day}
-        driven(self.twin, folder, changes, self.seconds, lesson.seed, self.progress)
 
-    def record(self, lesson: Lesson, rig: RigSpec, seen: Sequence[str], folder: Path) -> None:
-        """Record it; ``seen`` is what real sensors measured of the static world."""
-        recorded(
-            self.twin,
-            Motion.open(folder.with_name(f"{lesson.name}-motion")),
-            rig,
-            self.rig_file,
-            folder,
-            background=seen,
-            fuse=bool(seen),
-            start_s=_START_S,
-            every=max(1, round(self.every_s * rig.rate_hz)),
-            split=SplitAsked((1.0, 0.0, 0.0)),  # a lesson teaches, or judges, as a whole
-            workers=self.workers,
-            seed=lesson.seed,
-            inputs=[self.twin.folder],
-            pictures=False,
-            progress=self.progress,
-        )
+def _traffic(lesson: Lesson, twin: Twin) -> dict[str, Any]:
+    """Return what a lesson changes of the traffic; counted traffic stays as it is."""
+    traffic: Mapping[str, Any] = twin.site["traffic"]
+    if traffic.get("counts"):
+        return {}
+    usual = {name: float(rate) for name, rate in traffic["per_hour"].items()}
+    return {"per_hour": lesson.per_hour(usual), "time_of_day": lesson.time_of_day}
 
 
 def _check(
@@ -322,28 +277,6 @@ def _named(real: Sequence[AnyPath]) -> dict[str, Path]:
         name = one.resolve().name
         found[name if name not in found else f"{name}-{len(found) + 1}"] = one
     return found
-
-
-def _reckoned(
-    lessons: int,
-    judged: int,
-    seconds: float,
-    frames: int,
-    sensors: int,
-    minutes: float,
-    steps: int | None,
-) -> tuple[float, float]:
-    """Return the least and the most seconds that all of it is reckoned to take."""
-    ends = []
-    for k in range(2):
-        each = seconds * TRAFFIC_S[k] + frames * (1 + sensors) * FRAME_S[k]
-        ends.append(
-            TWIN_S[k]
-            + lessons * each
-            + training_s(minutes, steps)[k]
-            + judged * frames * JUDGED_S[k]
-        )
-    return ends[0], ends[1]
 
 
 def _classes_of(datasets: Sequence[Path]) -> list[str]:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urbantwin.artefact import kind_of
-from urbantwin.interface.place import AnyPath
+from urbantwin.interface.motion import Motion
+from urbantwin.interface.workbench import Workbench, estimated_s, minutes_text
 from urbantwin.progress import Progress, between, untold
 
 if TYPE_CHECKING:
     from urbantwin.evaluation.evaluate import Figures
-    from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
 
 __all__ = ["LayoutTraining", "shortlist", "trained_layouts", "training_words"]
@@ -28,9 +27,6 @@ _FEWEST_BOXES = 20
 _OTHER_SEED = 7919
 #: What is told of a layout, as means over classes.
 _KEYS = ("ap", "ap_low", "ap_high", "hota", "mota", "idf1")
-#: Seconds of one processor: of a step of two samples, of a frame recorded, and of one looked at
-#: (docs/detectors.md, docs/lidar.md; machines differ by a factor of two or more).
-_STEP_S, _RECORD_S, _DETECT_S = 0.7, 0.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -74,13 +70,15 @@ def shortlist(front: Sequence[int], count: int) -> list[int]:
 
 def training_words(layouts: int, how: LayoutTraining) -> str:
     """Return how long it takes to train, in words."""
-    frames = layouts * (
-        (how.learn + how.judge) * _RECORD_S / max(how.workers, 1) + how.judge * _DETECT_S
+    steps = how.steps + layouts * how.own_steps
+    took_s = estimated_s(
+        frames=layouts * (how.learn + how.judge),
+        judged=layouts * how.judge,
+        steps=steps * how.width,
     )
-    steps = (how.steps + layouts * how.own_steps) * _STEP_S * how.width
     return (
         f"{layouts} layouts recorded twice, {how.steps} steps on all and {how.own_steps} on each: "
-        f"about {max(1, round((frames + steps) / 60))} min on one free processor"
+        f"{minutes_text(took_s)}"
     )
 
 
@@ -122,93 +120,72 @@ def trained_layouts(
     from urbantwin.learn.torch_device import check_torch
 
     check_torch("cpu")
-    told = tell or untold
-    work.mkdir(parents=True, exist_ok=True)
-    at = _Workplace(rigs, twin, motion, work, how)
-    told(0.0, "the traffic to learn from")
-    learning = at.learning()
+    show = tell or untold
+    show(0.0, "the traffic to learn from")
+    bench = Workbench(work, twin, how.workers, progress=False)
+    course = _Course(bench, motion, how)
+    other = int(motion.manifest["seed"]) + _OTHER_SEED
+    learning = bench.motion("motion", course.seconds, other, {})
     learned: dict[int, Path] = {}
     for k, number in enumerate(rigs):
-        told(0.05 + 0.2 * k / len(rigs), f"layout {number}: recording what is learned from")
-        learned[number] = at.recorded(number, "learn", learning, how.learn)
+        show(0.05 + 0.2 * k / len(rigs), f"layout {number}: recording what is learned from")
+        learned[number] = course.recorded(f"learn-{number}", rigs[number], learning, how.learn)
     several = list(learned.values())
     classes = _learned_classes(several)
-    at = replace(at, classes=classes)
-    common = at.trained("common", several, how.steps, between(told, 0.25, 0.5, "all layouts"))
+    train = partial(course.trained, classes)
+    common = train("common", several, how.steps, between(show, 0.25, 0.5, "all layouts"))
     found: dict[int, dict[str, dict[str, float | None]]] = {}
     for k, number in enumerate(rigs):
         share = 0.5 / len(rigs)
-        part = between(told, 0.5 + share * k, 0.5 + share * (k + 1), f"layout {number}")
-        training = between(part, 0.0, 0.5, "training")
-        own = at.trained(f"model-{number}", learned[number], how.own_steps, training, common)
+        part = between(show, 0.5 + share * k, 0.5 + share * (k + 1), f"layout {number}")
+        telling = between(part, 0.0, 0.5, "training")
+        own = train(f"model-{number}", [learned[number]], how.own_steps, telling, common)
         part(0.5, "recording what judges")
-        judge = at.recorded(number, "judge", motion, how.judge)
+        judge = course.recorded(f"judge-{number}", rigs[number], motion, how.judge)
         part(0.6, "detecting and judging")
-        found[number] = at.judged(number, own, judge)
-    told(1.0, "done")
+        found[number] = course.judged(number, classes, own, judge)
+    show(1.0, "done")
     return _rows(found)
 
 
 @dataclass(frozen=True, eq=False)
-class _Workplace:
-    """Where layouts are trained: what is there already is not made again."""
+class _Course:
+    """How layouts are recorded, trained and judged; what is finished is not made again."""
 
-    rigs: Mapping[int, Path]
-    twin: Twin
+    bench: Workbench
     motion: Motion
-    work: Path
     how: LayoutTraining
-    classes: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
+        """Length of the motions, seconds."""
         return float(self.motion.times()[-1])
 
-    def learning(self) -> Path:
-        """Return other traffic on the twin."""
-        from urbantwin.interface.motion import drive
-
-        seed = int(self.motion.manifest["seed"]) + _OTHER_SEED
-        drives = partial(
-            drive, self.twin, seconds=self.seconds, seed=seed, pictures=False, progress=False
-        )
-        return self._made("motion", "motion", lambda out: drives(out=out))
-
-    def recorded(self, number: int, which: str, on: AnyPath, frames: int) -> Path:
+    def recorded(self, place: str, rig: Path, on: Motion | Path, frames: int) -> Path:
         """Return about so many frames of a layout, evenly spread over a motion."""
-        from urbantwin.interface.recording import record
-        from urbantwin.site import load_rig_spec
+        from urbantwin.interface.rig import rig_spec_on
 
-        rate_hz = load_rig_spec(self.rigs[number]).rate_hz
-        records = partial(
-            record,
-            self.twin,
-            on,
-            rig=self.rigs[number],
-            every=max(1, round(self.seconds * rate_hz / frames)),
-            workers=self.how.workers,
-            pictures=False,
-            progress=False,
-        )
-        return self._made(f"{which}-{number}", "dataset", lambda out: records(out=out))
+        spec, file = rig_spec_on(self.bench.twin, rig)
+        every = max(1, round(self.seconds * spec.rate_hz / frames))
+        return self.bench.dataset(place, on, spec, file, every=every)
 
     def trained(
         self,
-        name: str,
-        data: Sequence[Path] | Path,
+        classes: Sequence[str],
+        place: str,
+        datasets: Sequence[Path],
         steps: int,
         tell: Progress,
-        start: Path | None = None,
+        weights: Path | None = None,
     ) -> Path:
         """Return a detector."""
-        from urbantwin.interface.trained_model import train
-
-        trains = partial(
-            train,
-            data,
+        return self.bench.model(
+            place,
+            datasets,
+            weights,
+            tell,
             steps=steps,
-            weights=start,
-            classes=self.classes,
+            classes=list(classes),
             reach=self.how.reach_m,
             cell=self.how.cell_m,
             width=self.how.width,
@@ -216,32 +193,20 @@ class _Workplace:
             seed=self.how.seed,
             second_look=False,  # layouts are compared: what is alike for all need not be learned
             part="all",
-            progress=tell,
         )
-        return self._made(name, "model", lambda out: trains(out=out))
 
-    def judged(self, number: int, model: Path, data: Path) -> dict[str, dict[str, float | None]]:
+    def judged(
+        self, number: int, classes: Sequence[str], model: Path, data: Path
+    ) -> dict[str, dict[str, float | None]]:
         """Return what a detector finds in a recording, judged by its labels."""
-        from urbantwin.interface.detected_objects import detect
         from urbantwin.interface.tracked_objects import track
 
-        found = self._made(
-            f"found-{number}", "detections", lambda out: detect(model, data, out, progress=False)
-        )
-        followed = self._made(
-            f"tracked-{number}",
-            "detections",
-            lambda out: track(found, out, frames=data, progress=False),
-        )
+        found = self.bench.detections(f"found-{number}", model, data)
+        follow = partial(track, found, frames=data, progress=False)
+        followed = self.bench.once(f"tracked-{number}", follow, [found, data])
         present = _present(data)
-        learned = Counter({name: present[name] for name in self.classes})
+        learned = Counter({name: present[name] for name in classes})
         return _by_class(_figures(found, data), _figures(followed, data), learned)
-
-    def _made(self, name: str, kind: str, make: Callable[[Path], object]) -> Path:
-        folder = self.work / name
-        if kind_of(folder) != kind:  # What has the name is whole.
-            make(folder)
-        return folder
 
 
 def _learned_classes(datasets: Sequence[Path]) -> tuple[str, ...]:
@@ -318,9 +283,7 @@ def _by_class(
     return found
 
 
-def _rows(
-    found: Mapping[int, Mapping[str, Mapping[str, float | None]]],
-) -> list[dict[str, Any]]:
+def _rows(found: Mapping[int, Mapping[str, Mapping[str, float | None]]]) -> list[dict[str, Any]]:
     """Return a row for each layout: means over the classes that every layout has boxes of."""
     classes = [name for name in next(iter(found.values()), {})
                if all(name in one for one in found.values())]  # fmt: skip

@@ -112,14 +112,13 @@ def train(
 
     check_torch(device)
     from urbantwin import __version__
-    from urbantwin.artefact import check_folder, replaced_folder
+    from urbantwin.artefact import check_folder, digest_of, replaced_folder
     from urbantwin.dataset.manifest import recipe_key
     from urbantwin.detections import DETECTED_CLASSES
     from urbantwin.learn import (
         Design,
         Model,
         Recipe,
-        digest_of,
         labelled_frames,
         write_model,
     )
@@ -308,13 +307,12 @@ def pretrain(
 
     check_torch(device)
     from urbantwin import __version__
-    from urbantwin.artefact import check_folder, replaced_folder
+    from urbantwin.artefact import check_folder, digest_of, replaced_folder
     from urbantwin.dataset.manifest import recipe_key
     from urbantwin.learn import (
         Design,
         Model,
         Recipe,
-        digest_of,
         pretrained,
         unlabelled_frames,
         write_model,

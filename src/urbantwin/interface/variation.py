@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,21 +12,22 @@ from annotated_types import Ge
 
 from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.artefact.tables import PARQUET
-from urbantwin.errors import StageError
+from urbantwin.errors import InputError, StageError
 from urbantwin.interface.command import command
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.recording import recorded, recorders
+from urbantwin.interface.recording import recorders
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Artefact, Summary
+from urbantwin.interface.workbench import Workbench
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from urbantwin.experiments.variation.factor import Factor
+    from urbantwin.experiments.variation.run_file import RunFile
     from urbantwin.interface.twin import Twin
-    from urbantwin.processes import Helpers
-    from urbantwin.variation import Factor, RunFile
 
 __all__ = ["Variation", "vary"]
 
@@ -113,54 +115,42 @@ def vary(
         >>> ut.experiment.vary("run.yaml", changes="sensor.height=4,6.5").fates
         $ urbantwin experiment vary urbantwin-demo/ --set sensor.height=4,6.5 -o sweep/
     """
+    from urbantwin.experiments.variation.factor import read_factor
+    from urbantwin.experiments.variation.run_file import RunFile
     from urbantwin.interface.twin import Twin
-    from urbantwin.variation import load_run, read_factor
 
-    described, factor = load_run(Path(run)), read_factor(changes)
-    place = _place(described, out)
-    inputs = [described.twin, described.motion, described.scenario, described.rig]
-    comparison = place / "comparison"
+    described, factor = RunFile.read(Path(run)), read_factor(changes)
+    place = described.file.parent / "variation" if out is None else Path(out)
     names = ["base", *(factor.name_of(value) for value in factor.values)]
     for name in names:
         for kind in ("dataset", "motion"):
-            check_folder(place / name / kind, kind=kind, inputs=inputs)
-    check_folder(comparison, kind="variation", inputs=inputs)
+            check_folder(place / name / kind, kind=kind, inputs=described.inputs)
+    check_folder(place / "comparison", kind="variation", inputs=described.inputs)
     twin = Twin.open(described.twin)
-    _rigs(described, factor, twin)  # refuse what is wrong before anything is made
+    _check_values(described, factor, twin)  # refuse what is wrong before anything is made
     with recorders(workers, pictures=False) as crew:
-        motion = _driven(described, twin, place / "base" / "motion", {}, progress)
-        made = [_recorded(described, None, "", twin, motion, place / "base", crew, progress)]
-        motions = [motion]
+        bench = Workbench(place, twin, crew, progress=progress)
+        motions = [_base_motion(described, bench)]
+        made = [_recorded(described, None, "", bench, motions[0], "base/dataset")]
         for name, value in zip(names[1:], factor.values, strict=True):
-            own = motion
+            own = motions[0]
             if factor.changes_traffic:
-                traffic = _traffic_of(described, factor, value, twin, motion)
-                folder = place / name / "motion"
-                own = _changed(described, twin, motion, folder, traffic, progress)
+                traffic = _traffic_of(described, factor, value, twin, own)
+                own = _changed(described, bench, own, f"{name}/motion", traffic)
             motions.append(own)
-            made.append(
-                _recorded(described, factor, value, twin, own, place / name, crew, progress)
-            )
-    return _compared(place, factor, names, twin, made, motions, inputs, pictures, progress)
+            made.append(_recorded(described, factor, value, bench, own, f"{name}/dataset"))
+    return _compared(bench, factor, names, made, motions, described.inputs, pictures)
 
 
-def _place(described: RunFile, out: AnyPath | None) -> Path:
-    if out is not None:
-        return Path(out)
-    beside = described.file if described.file.is_dir() else described.file.parent
-    return beside / "variation"
-
-
-def _rigs(described: RunFile, factor: Factor, twin: Twin) -> None:
+def _check_values(described: RunFile, factor: Factor, twin: Twin) -> None:
     """Refuse values of a sensor that it cannot have, and signals and scenarios that are not there.
 
     Raises:
         InputError: see `Factor`.
     """
-    from urbantwin.errors import InputError
     from urbantwin.interface.rig import placed, rig_spec_on
 
-    spec, file = rig_spec_on(twin, described.rig)
+    spec, file = rig_spec_on(twin, described.record.rig)
     for value in factor.values:
         if factor.kind == "sensor":
             placed(factor.rig_with(spec, value), twin, file)
@@ -168,14 +158,13 @@ def _rigs(described: RunFile, factor: Factor, twin: Twin) -> None:
             factor.scenario_of(value, described.file)
         elif factor.kind == "insert":
             factor.one_more(value, twin, 0.0, 1.0)
-    if factor.changes_traffic and described.motion is not None:
-        asked = Motion.open(described.motion).manifest.get("asked")
-        if asked is None:
-            raise InputError(
-                "does not say what traffic was asked for",
-                file=described.motion,
-                expected="a motion of urbantwin drive, or traffic: in the run",
-            )
+    moving = described.motion if factor.changes_traffic else None
+    if moving is not None and Motion.open(moving).manifest.get("asked") is None:
+        raise InputError(
+            "does not say what traffic was asked for",
+            file=moving,
+            expected="a motion of urbantwin drive, or traffic: in the run",
+        )
     if factor.kind == "signal":
         known = sorted({one.program for one in twin.roads.signals})
         if factor.of not in known:
@@ -196,47 +185,42 @@ def _traffic_of(
 
     until_s = float(motion.manifest["duration_s"])
     if factor.kind == "insert":
-        last = until_s if described.stop is None else min(described.stop, until_s)
-        one_more = factor.one_more(value, twin, described.start, last)
+        start_s, stop_s = described.record.start, described.record.stop
+        last_s = until_s if stop_s is None else min(stop_s, until_s)
+        one_more = factor.one_more(value, twin, start_s, last_s)
         return {"scenario": [*motion.manifest["asked"].get("scenario", ()), one_more]}
     file = factor.scenario_of(value, described.file)
     return {"scenario": load_scenario(file, twin, until_s)}
 
 
-def _driven(
-    described: RunFile, twin: Twin, place: Path, changes: dict[str, Any], progress: ShowProgress
-) -> Motion:
-    """Return the run's motion, or one with changes to its traffic."""
+def _base_motion(described: RunFile, bench: Workbench) -> Motion:
+    """Return the run's motion; drive it if the run names none."""
+    if described.motion is not None:
+        return Motion.open(described.motion)
+    return _driven(described, bench, "base/motion", {})
+
+
+def _driven(described: RunFile, bench: Workbench, place: str, changes: Mapping[str, Any]) -> Motion:
+    """Return the run's traffic with changes to it, driven."""
     from urbantwin.site import load_traffic_changes
     from urbantwin.traffic.events import load_scenario
-    from urbantwin.traffic.run import run_traffic
 
-    if described.motion is not None and not changes:
-        return Motion.open(described.motion)
-    asked: dict[str, Any] = {}
-    seconds, seed = described.seconds, described.traffic_seed
+    traffic = described.traffic
+    seconds, seed, asked = traffic.seconds, traffic.seed, {}
     if described.motion is not None:
         asked = dict(Motion.open(described.motion).manifest["asked"])
         seconds, seed = float(asked["duration_s"]), int(asked["seed"])
-    elif described.demand is not None:
-        asked = load_traffic_changes(described.demand)
-    usual = asked.get("duration_s", twin.site["traffic"]["duration_s"])
-    if described.scenario is not None:
+    elif traffic.demand is not None:
+        asked = load_traffic_changes(traffic.demand)
+    if traffic.scenario is not None:
+        usual = asked.get("duration_s", bench.twin.site["traffic"]["duration_s"])
         until_s = float(usual) if seconds is None else seconds
-        asked["scenario"] = load_scenario(described.scenario, twin, until_s)
-    asked |= changes
-    with shown_stage("traffic", progress) as tell:
-        made = run_traffic(twin, place, seconds=seconds, seed=seed, changes=asked, progress=tell)
-    return Motion.of(made, place)
+        asked["scenario"] = load_scenario(traffic.scenario, bench.twin, until_s)
+    return Motion.open(bench.motion(place, seconds, seed, {**asked, **changes}))
 
 
 def _changed(
-    described: RunFile,
-    twin: Twin,
-    motion: Motion,
-    place: Path,
-    traffic: dict[str, Any],
-    progress: ShowProgress,
+    described: RunFile, bench: Workbench, motion: Motion, place: str, traffic: Mapping[str, Any]
 ) -> Motion:
     """Return the motion of a variant; who is only put in is put into the base's motion itself."""
     from urbantwin.traffic.events import PUT_IN
@@ -245,78 +229,65 @@ def _changed(
     events = traffic.get("scenario", ())
     simulated = [one for one in events if one["event"] not in PUT_IN]
     if "scenario" not in traffic or simulated or "events" in motion.manifest:
-        return _driven(described, twin, place, traffic, progress)
-    with shown_stage("traffic", progress) as tell:
-        tell(0.0, "putting actors in")
-        made = with_more(twin, motion, events)
-        made.save(place)
-    return Motion.of(made, place)
+        return _driven(described, bench, place, traffic)
+
+    def put_in(folder: Path) -> None:
+        with shown_stage("traffic", bench.progress) as tell:
+            tell(0.0, "putting actors in")
+            with_more(bench.twin, motion, events).save(folder)
+
+    inputs = [bench.twin.folder, motion.folder]
+    return Motion.open(bench.once(place, put_in, inputs, put_in=list(events)))
 
 
 def _recorded(
     described: RunFile,
     factor: Factor | None,
     value: str,
-    twin: Twin,
+    bench: Workbench,
     motion: Motion,
-    place: Path,
-    workers: int | Helpers | None,
-    progress: ShowProgress,
+    place: str,
 ) -> Dataset:
     """Return a recording of a motion, with the factor's value where it is one of the recording."""
     from urbantwin.interface.rig import rig_spec_on
     from urbantwin.site.rig_changes import RigChanges
 
+    record = described.record
     changes = RigChanges(
-        effects=described.effects,
-        weather=described.weather,
-        visibility_m=described.visibility,
+        effects=record.effects, weather=record.weather, visibility_m=record.visibility
     )
     if factor is not None and factor.kind == "weather":
         changes = replace(changes, weather=value)
     if factor is not None and factor.kind == "visibility":
         changes = replace(changes, visibility_m=factor.number_of(value))
-    spec, file = rig_spec_on(twin, described.rig, changes)
+    spec, file = rig_spec_on(bench.twin, record.rig, changes)
     if factor is not None and factor.kind == "sensor":
         spec = factor.rig_with(spec, value)
-    return recorded(
-        twin,
-        motion,
-        spec,
-        file,
-        place / "dataset",
-        start_s=described.start,
-        stop_s=described.stop,
-        workers=workers,
-        seed=described.seed,
-        inputs=[twin.folder, motion.folder],
-        pictures=False,
-        progress=progress,
-    )
+    span = {"start_s": record.start, "stop_s": record.stop, "seed": record.seed}
+    return Dataset(bench.dataset(place, motion, spec, file, split=None, **span))
 
 
 def _compared(
-    place: Path,
+    bench: Workbench,
     factor: Factor,
     names: list[str],
-    twin: Twin,
     made: list[Dataset],
     motions: list[Motion],
     inputs: list[Path | None],
     pictures: bool,
-    progress: ShowProgress,
 ) -> Variation:
     """Prove what differs, and find what became of every object."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from urbantwin.variation import FATES, fates_of, proof_of
+    from urbantwin.experiments.variation.fates import FATES, fate_changes, fates_of
+    from urbantwin.experiments.variation.proof import proof_of
 
     tables, rows = [], []
-    with shown_stage("compare", progress) as tell:
+    with shown_stage("compare", bench.progress) as tell:
         for number, (name, dataset, motion) in enumerate(zip(names, made, motions, strict=True)):
             tell(number / len(names), f"what became of every object: {name}")
-            table = fates_of(dataset.folder, motion, twin)
+            table = fates_of(dataset.folder, motion, bench.twin)
             tables.append(table.add_column(0, "variant", pa.array([name] * table.num_rows)))
             counts = Counter(table["fate"].to_pylist())
             row: dict[str, Any] = {"name": name, "fates": {fate: counts[fate] for fate in FATES}}
@@ -328,19 +299,18 @@ def _compared(
                         f"{name} does not differ from the base in one factor: "
                         f"{', '.join(fields[:6])} differ"
                     )
-                row |= {"proof": proof.told(), "became": _became(tables[0], tables[-1])}
+                row |= {"proof": proof.told(), "became": fate_changes(tables[0], tables[-1])}
             rows.append(row)
         manifest = {
             "kind": "variation",
             "factor": factor.text,
-            "twin_sha256": twin.sha256,
+            "twin_sha256": bench.twin.sha256,
             "base": rows[0],
             "variants": rows[1:],
             "warnings": [],
         }
-        with replaced_folder(
-            place / "comparison", kind="variation", inputs=[one for one in inputs if one]
-        ) as folder:
+        target, given = bench.folder / "comparison", [one for one in inputs if one]
+        with replaced_folder(target, kind="variation", inputs=given) as folder:
             pq.write_table(pa.concat_tables(tables), folder / "fates.parquet", **PARQUET)
             write_json(folder / "variation.json", manifest)
             if pictures:
@@ -349,24 +319,4 @@ def _compared(
 
                 (folder / "pictures").mkdir()
                 save(fates_figure(rows, factor.text), folder / "pictures" / "fates.png")
-    return Variation(place, manifest)
-
-
-def _became(before: pa.Table, after: pa.Table) -> dict[str, int]:
-    """Return how many objects went from one fate to another: ``seen to hidden``: 3."""
-    fates = [
-        dict(
-            zip(
-                zip(table["frame"].to_pylist(), table["track"].to_pylist(), strict=True),
-                table["fate"].to_pylist(),
-                strict=True,
-            )
-        )
-        for table in (before, after)
-    ]
-    moves = Counter(
-        f"{fates[0].get(key, 'not there')} to {fates[1].get(key, 'not there')}"
-        for key in sorted({*fates[0], *fates[1]})
-        if fates[0].get(key) != fates[1].get(key)
-    )
-    return dict(sorted(moves.items()))
+    return Variation(bench.folder, manifest)

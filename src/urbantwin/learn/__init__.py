@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from urbantwin.learn.from_labels import trained
     from urbantwin.learn.labelled_frames import (
         LabelledFrames,
-        digest_of,
         labelled_frames,
         unlabelled_frames,
     )
@@ -28,7 +27,6 @@ __all__ = [
     "Model",
     "Recipe",
     "detected",
-    "digest_of",
     "labelled_frames",
     "pretrained",
     "read_model",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact import write_json
-from urbantwin.artefact.checksum import sha256_of
 from urbantwin.artefact.document import read_json_value
-from urbantwin.artefact.inventory import INVENTORY
 from urbantwin.errors import InputError
 from urbantwin.learn.augmentation.pasting import ObjectBank, bank_of, read_bank, write_bank
 from urbantwin.learn.frame_reading import Reading, as_names, frame_file, next_file, read_frames
@@ -22,7 +19,7 @@ from urbantwin.learn.model import Design
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import semantic_classes
 
-__all__ = ["LabelledFrames", "digest_of", "labelled_frames", "unlabelled_frames"]
+__all__ = ["LabelledFrames", "labelled_frames", "unlabelled_frames"]
 
 _INDEX = "frames.json"
 _BANK = "objects.npz"
@@ -64,19 +61,6 @@ class LabelledFrames:
     def bank(self) -> ObjectBank:
         """Objects that are cut out of them."""
         return read_bank(self.folder / _BANK)
-
-
-def digest_of(dataset: Path) -> str:
-    """Return what tells a dataset from another: the SHA-256 of its list of checksums.
-
-    Of a recording without one, that of the names and sizes of its files.
-    """
-    sums = dataset / INVENTORY
-    if sums.is_file():
-        return sha256_of(sums)
-    files = sorted(one for one in dataset.rglob("*") if one.is_file())
-    text = "\n".join(f"{one.relative_to(dataset)} {one.stat().st_size}" for one in files)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def unlabelled_frames(

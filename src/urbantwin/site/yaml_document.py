@@ -15,7 +15,15 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from urbantwin.errors import InputError
 
-__all__ = ["Document", "field_path", "must_exist", "nearest", "read_document", "wrong"]
+__all__ = [
+    "Document",
+    "field_path",
+    "must_exist",
+    "nearest",
+    "not_there",
+    "read_document",
+    "wrong",
+]
 
 Model = TypeVar("Model", bound=BaseModel)
 Location = Sequence[int | str]
@@ -314,11 +322,17 @@ def must_exist(
     Raises:
         InputError: it is not, or is a folder where none is allowed.
     """
+    problem = not_there(path, folders=folders)
+    if problem is not None:
+        raise document.error(problem, location, kind)
+
+
+def not_there(path: Path, *, folders: bool = False) -> str | None:
+    """Return why a path names no file (with ``folders``, no folder either); ``None`` if it does."""
     try:
         found, folder = path.exists(), path.is_dir()
     except (OSError, ValueError):  # a name too long, or with a null byte
         found, folder = False, False
     if not found:
-        raise document.error(f"{str(path)!r} is not found", location, kind)
-    if folder and not folders:
-        raise document.error(f"{str(path)!r} is a folder", location, kind)
+        return f"{str(path)!r} is not found"
+    return f"{str(path)!r} is a folder" if folder and not folders else None

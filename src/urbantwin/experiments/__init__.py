@@ -1,0 +1,3 @@
+"""Experiments: cells of a grid as steps that are made once, and what they add up to."""
+
+__all__: list[str] = []
