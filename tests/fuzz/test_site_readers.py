@@ -17,7 +17,9 @@ import yaml
 from affine import Affine
 
 from urbantwin.experiments.campaign.file import CampaignFile
+from urbantwin.experiments.ladder import CurriculumFile
 from urbantwin.experiments.study.file import StudyFile
+from urbantwin.experiments.variation.run_file import RunFile
 from urbantwin.geometry import SiteFrame
 from urbantwin.interface.inspection import summary_of as summary
 from urbantwin.lidar import load_scan_pattern, load_sensor
@@ -393,6 +395,15 @@ factors:
   fog_visibility_m: [none, 200]
 """
 
+CURRICULA = [
+    b"twin: twin\nladder: range\nseconds: 20\nstart: 5\nstop: 15\nseed: 7\n",
+    b"twin: twin\ngrades:\n  - {name: easy, density: 0.3, raised_m: 2, range_m: 20}\n",
+]
+RUN = b"""twin: twin
+traffic: {seconds: 60, seed: 7, demand: m, scenario: m}
+record: {rig: m, start: 5, stop: 15, weather: rain, visibility: 800, effects: none, seed: 3}
+"""
+
 READERS = [
     Reader("osm", read_map, "map.osm", lambda: [_osm()]),
     Reader("osm of a city", read_map, "map.osm",
@@ -409,6 +420,8 @@ READERS = [
     Reader("nodes", read_nodes, "nodes.yaml", _nodes),
     Reader("study", StudyFile.read, "grid.yaml", lambda: [STUDY], lambda: {"twin": b"", "m": b""}),
     Reader("campaign", CampaignFile.read, "grid.yaml", lambda: [CAMPAIGN], {"twin": b"", "m": b""}),
+    Reader("curriculum", CurriculumFile.read, "grid.yaml", lambda: CURRICULA, {"twin": b""}),
+    Reader("run", RunFile.read, "run.yaml", lambda: [RUN], {"twin": b"", "m": b""}),
     Reader("placement", read_placement, "place.yaml", _placements),
     Reader("traffic changes", load_traffic_changes, "traffic.yaml", _traffic),
     Reader("dem", read_dem, "dem.tif", _dems),

@@ -11,8 +11,7 @@ import yaml
 
 import urbantwin as ut
 from urbantwin.cli import main
-from urbantwin.experiments.suite.changes import changes_between
-from urbantwin.experiments.suite.motion_print import MotionPrint
+from urbantwin.experiments.suite.motion_print import MotionPrint, changes_between
 from urbantwin.traffic.motion import Motion
 
 from .conftest import Line

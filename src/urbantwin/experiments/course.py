@@ -149,7 +149,7 @@ class Course:
 
     def _plan_steps(self) -> tuple[Step, ...]:
         """Find what is to be made: of twins and motions only those that a dataset lacks."""
-        for step in reversed(self.steps.values()):
+        for step in reversed(list(self.steps.values())):
             if self.journal.is_done(step.place, step.key, f"{step.kind}.json"):
                 self.state[step.place] = "done"
             elif step.kind == "dataset" or step.place in self._dependants:

@@ -139,9 +139,6 @@ def campaign(
     from urbantwin.interface.campaign_table import shown_course
     from urbantwin.processes import usable_processors
 
-    for name, value in (("workers", workers), ("most", most)):
-        if value is not None and value < 1:
-            raise InputError(f"is {value}", place=f"--{name}", expected="1 or more")
     file = CampaignFile.read(grid if ray is None else grid.absolute())
     place = beside(file.file, KIND, out)
     place = place if ray is None else place.absolute()

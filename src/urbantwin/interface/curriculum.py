@@ -115,7 +115,7 @@ def curriculum(
             if not any(sensor.rides for sensor in rig.sensors):
                 times = frame_times(stands.rate_hz, file.start, file.stop, motion.times())
                 refuse_nobody(grade, stands, motion, twin.region, times.values())
-            span = {"start_s": file.start, "stop_s": file.stop, "seed": file.seed}
+            span: dict[str, Any] = {"start_s": file.start, "stop_s": file.stop, "seed": file.seed}
             data = Dataset(bench.dataset(grade.name, motion, rig, rig_file, split=None, **span))
             asked = {"density": density, "raised_m": grade.raised_m, "range_m": grade.range_m}
             measured = data.manifest["objects"]

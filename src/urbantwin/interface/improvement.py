@@ -148,11 +148,6 @@ def improve(
     design = read_model(source).design
     if not design.classes:
         raise InputError("finds no boxes", file=source, expected="a model with a head for them")
-    if drives < 1 or events < 1 or seconds <= 2 * _APART_S:
-        raise InputError(
-            f"{drives} drives of {seconds:g} s with {events} events",
-            expected=f"one or more, above {2 * _APART_S:g} s",
-        )
     target = beside(source, "improved") if out is None else Path(out)
     check_file(target / "improvement.md", kind="improvement")
     bench = Workbench(target, Twin.open(twin), workers, device, progress)
@@ -185,7 +180,7 @@ def improve(
         intensity=design.intensity,
         steps=steps,
         minutes=None if steps else minutes,
-        **({"heads": ["boxes", "points"]} if design.points else {}),
+        heads=["boxes", "points"] if design.points else None,
     )
     judges = {"held": held} | {Path(one).resolve().name: Path(one) for one in real}
     before, after = (

@@ -162,7 +162,6 @@ def place(
     """
     from urbantwin import __version__
     from urbantwin.dataset.manifest import recipe_key, recipe_of_rig
-    from urbantwin.errors import InputError
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.trained_layouts import (
         LayoutTraining,
@@ -177,9 +176,6 @@ def place(
     from urbantwin.studies.placement.place import ask
     from urbantwin.studies.placement.place import place as search
 
-    for name, number, least in (("layouts", layouts, 1), ("train", train, 0), ("steps", steps, 1)):
-        if number < least:
-            raise InputError(f"{number} {name}", place=name, expected=f"{least} or more")
     if train:
         from urbantwin.learn.torch_device import check_torch
 

@@ -156,12 +156,10 @@ def study(
     bench = Workbench(place, twin, workers, device, progress)
     course = StudyCourse(file, rig_file, traffics, bench)
     course.detector = course.detector_of(rigs[0])
-    cells = course.cells(rigs)
+    measured, failed = course.cells(rigs)
     with replaced_folder(place / _REPORT, kind=_KIND, inputs=inputs) as folder:
         made_from = _made_from(file, twin, rigs[0], course.detector)
-        manifest = write_study(
-            folder, file, cells.measured, cells.objects, cells.failed, made_from, doubts
-        )
+        manifest = write_study(folder, file, measured, failed, made_from, doubts)
     shutil.rmtree(place / "work", ignore_errors=True)
     return Study(place, manifest, seconds)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,15 +32,6 @@ class Detector(NamedTuple):
 
     model: Model
     sha256: str
-
-
-@dataclass
-class _Cells:
-    """The recordings of a study: figures, objects that count by class, and what failed."""
-
-    measured: list[Measured] = field(default_factory=list)
-    objects: list[Mapping[str, int]] = field(default_factory=list)
-    failed: list[dict[str, Any]] = field(default_factory=list)
 
 
 @dataclass
@@ -95,15 +86,17 @@ class StudyCourse:
         model = read_model(folder, self.bench.device)
         return Detector(model, sha256_of(folder / "model.safetensors"))
 
-    def cells(self, rigs: Sequence[RigSpec]) -> _Cells:
-        """Return what was measured, seed by seed.
+    def cells(self, rigs: Sequence[RigSpec]) -> tuple[list[Measured], list[dict[str, Any]]]:
+        """Return what was measured, seed by seed, and what failed.
 
         Raises:
             StageError: the base of a seed failed.
         """
         from urbantwin.experiments.study.effects import Measured
 
-        cells, axes, found = self.file.cells(), self.file.axes, _Cells()
+        cells, axes = self.file.cells(), self.file.axes
+        measured: list[Measured] = []
+        failed: list[dict[str, Any]] = []
         total, new, began_s = len(self.file.seeds) * len(cells), 0, time.monotonic()
         bases: dict[tuple[int, float], dict[str, Any]] = {}
         with shown_stage("study", self.bench.progress) as tell:
@@ -119,11 +112,10 @@ class StudyCourse:
                     if base is None:  # without which nothing can be compared
                         raise StageError(f"{name}: {error}") from None
                     row = {"seed": seed, "cell": cell.name(axes), "why": str(error)}
-                    found.failed.append(row)
+                    failed.append(row)
                     continue
                 bases.setdefault(of_motion, row)
-                found.measured.append(Measured(seed, cell, row["figures"]))
-                found.objects.append(row["objects"])
+                measured.append(Measured(seed, cell, row["figures"], row["objects"]))
                 new += made
                 if made and new == 2:
                     left_s = (time.monotonic() - began_s) / 2 * (total - number - 1)
@@ -131,7 +123,7 @@ class StudyCourse:
                         f"study: by the first recordings, about {left_s / 60:.0f} minutes to go",
                         self.bench.progress,
                     )
-        return found
+        return measured, failed
 
     def cell(
         self,

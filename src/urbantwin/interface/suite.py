@@ -122,8 +122,8 @@ def suite(
         $ urbantwin experiment suite scenarios/ --accept
     """
     from urbantwin.experiments.suite.accepted import Accepted, table_of
-    from urbantwin.experiments.suite.changes import changes_between
     from urbantwin.experiments.suite.file import SuiteFile
+    from urbantwin.experiments.suite.motion_print import changes_between
     from urbantwin.interface.twin import Twin
 
     described = SuiteFile.read(Path(folder))

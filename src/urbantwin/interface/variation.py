@@ -263,7 +263,7 @@ def _recorded(
     spec, file = rig_spec_on(bench.twin, record.rig, changes)
     if factor is not None and factor.kind == "sensor":
         spec = factor.rig_with(spec, value)
-    span = {"start_s": record.start, "stop_s": record.stop, "seed": record.seed}
+    span: dict[str, Any] = {"start_s": record.start, "stop_s": record.stop, "seed": record.seed}
     return Dataset(bench.dataset(place, motion, spec, file, split=None, **span))
 
 
@@ -293,13 +293,13 @@ def _compared(
             row: dict[str, Any] = {"name": name, "fates": {fate: counts[fate] for fate in FATES}}
             if number:
                 proof = proof_of(made[0].manifest, dataset.manifest, motions[0], motion)
-                if not proof.one_factor:
-                    fields = sorted({field for field, _, _ in proof.changed}) or ["nothing"]
+                if not proof["one_factor"]:
+                    fields = [one["field"] for one in proof["changed"]] or ["nothing"]
                     raise StageError(
                         f"{name} does not differ from the base in one factor: "
                         f"{', '.join(fields[:6])} differ"
                     )
-                row |= {"proof": proof.told(), "became": fate_changes(tables[0], tables[-1])}
+                row |= {"proof": proof, "became": fate_changes(tables[0], tables[-1])}
             rows.append(row)
         manifest = {
             "kind": "variation",

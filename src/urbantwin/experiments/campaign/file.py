@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -15,7 +15,7 @@ from urbantwin.dataset.split import SplitAsked, shares_of
 from urbantwin.errors import InputError
 from urbantwin.experiments.campaign.settings import Setting, settings_of
 from urbantwin.experiments.fields import Duration, ExperimentFile, Seed, Seeds, Time, document_of
-from urbantwin.experiments.grid import Axis, Cell, factorial
+from urbantwin.experiments.grid import Axis, Cell, Level, factorial
 from urbantwin.site.conditions import Strict
 from urbantwin.site.rig_changes import RigChanges
 from urbantwin.site.yaml_document import Document, must_exist, nearest, read_document, wrong
@@ -32,8 +32,10 @@ _PLAIN = re.compile(r"[^A-Za-z0-9_.-]+")
 
 _Names = list[str] | dict[str, str]
 if TYPE_CHECKING:
-    Sites, Files = dict[str, Path], dict[str, Path | None]
-    SeedRange, Settings = tuple[int, ...], tuple[Setting, ...]
+    Sites = dict[str, Path]
+    Files = dict[str, Path | None]
+    SeedRange = tuple[int, ...]
+    Settings = tuple[Setting, ...]
 else:  # as the file has them
 
     class _Range(Strict):
@@ -89,9 +91,9 @@ class CampaignFile(ExperimentFile):
 
     sites: Sites = Field(description="files site.yaml, or folders of twins")
     seeds: SeedRange = (1,)
-    rigs: Files = Field(default_factory=lambda: {OWN: None})
+    rigs: Files = Field(default={OWN: None})
     weather: Settings = (Setting("clear", RigChanges(weather="clear")),)
-    scenarios: Files = Field(default_factory=lambda: {NONE: None})
+    scenarios: Files = Field(default={NONE: None})
     exclude: list[dict[str, Any]] = Field(default_factory=list)
     duration_s: Duration | None = None
     start_s: Time = 0.0
@@ -155,8 +157,9 @@ class CampaignFile(ExperimentFile):
     @property
     def axes(self) -> tuple[Axis, ...]:
         """The axes with their levels."""
-        weather = [setting.name for setting in self.weather]
-        levels = (self.sites, self.seeds, self.scenarios, self.rigs, weather)
+        levels: tuple[Iterable[Level], ...] = (
+            self.sites, self.seeds, self.scenarios, self.rigs, [one.name for one in self.weather]
+        )  # fmt: skip
         return tuple(Axis(name, tuple(its)) for name, its in zip(AXES, levels, strict=True))
 
     def cells(self) -> list[Cell]:

@@ -23,7 +23,7 @@ _WEATHERS = ("clear", "rain", "fog", "snow")
 
 
 def _level_of(name: str) -> Any:  # noqa: ANN401 - a type
-    def allowed(level: object) -> object:
+    def allowed(level: Any) -> Any:  # noqa: ANN401
         of_a_kind = isinstance(level, int | float | str) and not isinstance(level, bool)
         if not of_a_kind or not FACTORS[name].allows(level, ()):
             raise wrong(f"is {level!r:.40}", FACTORS[name].expected)

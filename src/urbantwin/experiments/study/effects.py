@@ -12,7 +12,7 @@ differences (section 2.3), and as Cliff's delta, how much oftener one is greater
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations, product
 from typing import Any
 
@@ -35,11 +35,13 @@ class Measured:
         seed: of the motion.
         cell: its levels.
         figures: by class, then by name of the figure.
+        objects: number that count, by class.
     """
 
     seed: int
     cell: Cell
     figures: Mapping[str, Mapping[str, float]]
+    objects: Mapping[str, int] = field(default_factory=dict)
 
 
 def cliffs_delta(base: NDArray[np.float64], level: NDArray[np.float64]) -> float:

@@ -1,8 +1,9 @@
-"""What is kept of a motion to tell later what became different: small, and exact in every bit."""
+"""What is kept of a motion, small and exact in every bit, and what differs between two."""
 
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from urbantwin.traffic import Motion
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.motion_rows import ACTOR_SCHEMA, ActorRows
 
-__all__ = ["MotionPrint"]
+__all__ = ["MotionPrint", "changes_between"]
 
 _SCHEMA = pa.schema(
     [
@@ -104,3 +105,113 @@ def _hashes(table: ActorRows) -> NDArray[np.uint32]:
         mixed = (mixed ^ bits) * _SPREADS
         mixed ^= mixed >> np.uint64(29)
     return (mixed >> np.uint64(32)).astype(np.uint32)
+
+
+def changes_between(before: MotionPrint, after: MotionPrint) -> dict[str, Any]:
+    """Return what differs; an empty mapping where nothing does.
+
+    Its keys, each only where there is something to say: ``from_s``, the first step at which an
+    actor differs; ``first``, who that is (``track``, ``class``, ``change``); ``actors``, a row for
+    each that is ``moved`` (``most_m``: at most how far), ``turned`` (in its place to a millimetre,
+    and another pose or mesh), ``added``, ``gone`` or ``there for another time``, sorted by when;
+    ``events``, a row for each value of an event that differs; and ``also``, what else differs.
+    """
+    found: dict[str, Any] = {}
+    rows = _actors(before, after)
+    if rows:
+        first = rows[0]
+        found["from_s"] = first["from_s"]
+        found["first"] = {key: first[key] for key in ("track", "class", "change")}
+        found["actors"] = rows
+    events = list(_events(before.told["events"], after.told["events"]))
+    if events:
+        found["events"] = events
+    also = [
+        name
+        for name in ("step_s", "signals", "parked", "meshes")
+        if before.told[name] != after.told[name]
+    ]
+    if also:
+        found["also"] = also
+    return found
+
+
+def _actors(before: MotionPrint, after: MotionPrint) -> list[dict[str, Any]]:
+    """Return a row for each track that differs, those first that differ first."""
+    if before.told["actors"] == after.told["actors"]:
+        return []
+    step_s = float(after.told["step_s"])
+    keys, columns = [], []
+    for one in (before, after):
+        table = {name: one.rows[name].to_numpy() for name in ("step", "track", "x_mm", "y_mm")}
+        table |= {"hash": one.rows["hash"].to_numpy()}
+        keys.append(table["step"].astype(np.int64) << 32 | table["track"].astype(np.int64))
+        columns.append(table)
+    both, here, there = np.intersect1d(*keys, return_indices=True)
+    differs = columns[0]["hash"][here] != columns[1]["hash"][there]
+    apart = np.hypot(
+        *(
+            (columns[1][axis][there].astype(float) - columns[0][axis][here]) / 1000
+            for axis in ("x_mm", "y_mm")
+        )
+    )
+    only = [np.setdiff1d(one, both) for one in keys]
+    kinds = _classes(before) | _classes(after)
+    tracks = [np.unique(one["track"]) for one in columns]
+    of_both = (both & 0xFFFFFFFF).astype(np.int64)
+    concerned = np.unique(np.concatenate([of_both[differs], *(one & 0xFFFFFFFF for one in only)]))
+    rows = []
+    for track in concerned.tolist():
+        mine = (of_both == track) & differs
+        alone = np.concatenate([one[(one & 0xFFFFFFFF) == track] for one in only])
+        steps = np.concatenate([both[mine], alone]) >> 32
+        most_m = float(apart[mine].max(initial=0.0))
+        row: dict[str, Any] = {
+            "track": track,
+            "class": kinds[track],
+            "change": _change(track, tracks, most_m, len(alone) > 0),
+            "from_s": round(float(steps.min()) * step_s, 3),
+        }
+        if most_m > 0:
+            row["most_m"] = round(most_m, 3)
+        rows.append(row)
+    return sorted(rows, key=lambda row: (row["from_s"], row["track"]))
+
+
+def _change(track: int, tracks: list[NDArray[Any]], most_m: float, alone: bool) -> str:
+    if track not in tracks[0]:
+        return "added"
+    if track not in tracks[1]:
+        return "gone"
+    if most_m > 0:
+        return "moved"
+    return "there for another time" if alone else "turned"
+
+
+def _classes(one: MotionPrint) -> dict[int, str]:
+    return dict(zip(one.rows["track"].to_pylist(), one.rows["class"].to_pylist(), strict=True))
+
+
+def _events(before: list[Any], after: list[Any]) -> Iterator[dict[str, Any]]:
+    """Yield the values of events that differ."""
+    for number in range(max(len(before), len(after))):
+        rows = [told[number] if number < len(told) else {} for told in (before, after)]
+        name = str(next(row["event"] for row in rows if row))
+        one, other = (dict(_flat(row)) for row in rows)
+        for field in sorted({*one, *other}):
+            if one.get(field) != other.get(field):
+                yield {
+                    "number": number + 1,
+                    "event": name,
+                    "field": field,
+                    "before": one.get(field),
+                    "after": other.get(field),
+                }
+
+
+def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - JSON
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _flat(item, f"{name}.{key}" if name else str(key))
+    else:
+        yield name, value

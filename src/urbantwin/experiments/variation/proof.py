@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from urbantwin.experiments.suite.changes import changes_between
-from urbantwin.experiments.suite.motion_print import MotionPrint
+from urbantwin.experiments.suite.motion_print import MotionPrint, changes_between
 from urbantwin.traffic import Motion
 
-__all__ = ["Proof", "proof_of"]
+__all__ = ["proof_of"]
 
 #: What of a dataset's manifest says how it was made; the rest is what came out.
 _RECIPE = ("made_from", "seeds", "urbantwin", "python", "dependencies", "backend", "scene_sha256")
@@ -20,96 +18,55 @@ _RECIPE = ("made_from", "seeds", "urbantwin", "python", "dependencies", "backend
 _RESULTS = ("made_from.motion.made.",)
 
 
-@dataclass(frozen=True)
-class Proof:
-    """How two recordings differ.
-
-    Attributes:
-        changed: fields of how they were made: name, value before, value after.
-        same_streams: whether every seed is the same: each random choice of a frame is drawn from
-            the seed, the frame's number, the sensor and what it is for.
-        identical: how many actors have the same poses at every step.
-        changed_actors: tracks whose poses differ.
-        added: tracks that only the second has.
-        removed: tracks that only the first has.
-        differ_from_s: when the first actor's pose differs, or one is added or gone, seconds of the
-            motion; ``None`` where none does.
-    """
-
-    changed: tuple[tuple[str, Any, Any], ...]
-    same_streams: bool
-    identical: int
-    changed_actors: tuple[int, ...]
-    added: tuple[int, ...]
-    removed: tuple[int, ...]
-    differ_from_s: float | None = None
-
-    @property
-    def one_factor(self) -> bool:
-        """Whether one field alone of what was asked for differs."""
-        return len({name for name, _, _ in self.changed}) == 1 and self.same_streams
-
-    def told(self) -> dict[str, Any]:
-        """Return it for a manifest."""
-        return {
-            "one_factor": self.one_factor,
-            "changed": [
-                {"field": name, "before": before, "after": after}
-                for name, before, after in self.changed
-            ],
-            "same_random_streams": self.same_streams,
-            "actors": {
-                "identical": self.identical,
-                "changed": list(self.changed_actors),
-                "added": list(self.added),
-                "removed": list(self.removed),
-                "differ_from_s": self.differ_from_s,
-            },
-        }
-
-
 def proof_of(
     first: Mapping[str, Any], second: Mapping[str, Any], before: Motion, after: Motion
-) -> Proof:
-    """Compare two recordings.
+) -> dict[str, Any]:
+    """Compare two recordings, as ``variation.json`` keeps it.
 
     Args:
         first: manifest of the dataset without the change.
         second: of the one with it.
         before: the motion that the first shows.
         after: that the second shows.
+
+    Returns:
+        ``one_factor``: whether one field alone of what was asked for differs; ``changed``: fields
+        of how they were made, with their values before and after; ``same_random_streams``: whether
+        every seed is the same (each random choice of a frame is drawn from the seed, the frame's
+        number, the sensor and what it is for); ``actors``: the number with the ``identical`` poses
+        at every step, tracks whose poses are ``changed``, ``added`` and ``removed``, and the time
+        from which on anything differs, ``differ_from_s``, seconds; ``None`` where nothing does.
     """
     one, other = (
         dict(_flat({key: manifest.get(key) for key in _RECIPE})) for manifest in (first, second)
     )
-    changed = tuple(
-        (name, one.get(name), other.get(name))
+    changed = [
+        {"field": name, "before": one.get(name), "after": other.get(name)}
         for name in sorted({*one, *other})
         if one.get(name) != other.get(name) and not name.startswith(_RESULTS)
-    )
+    ]
     rows = changes_between(MotionPrint.of(before), MotionPrint.of(after)).get("actors", [])
-    added, gone, differ = (
-        tuple(sorted(row["track"] for row in rows if is_meant(row["change"])))
-        for is_meant in (
-            lambda change: change == "added",
-            lambda change: change == "gone",
-            lambda change: change not in ("added", "gone"),
-        )
-    )
+    tracks: dict[str, list[int]] = {"changed": [], "added": [], "gone": []}
+    for row in sorted(rows, key=lambda row: int(row["track"])):
+        tracks[row["change"] if row["change"] in tracks else "changed"].append(row["track"])
     from_s = None
     if rows:  # the first that differs comes first
         longer = max(before, after, key=lambda motion: len(motion.times()))
         from_s = float(longer.times()[round(rows[0]["from_s"] / longer.step_s)])
     count = len(np.unique(before.rows["track"].to_numpy()))
-    return Proof(
-        changed,
-        first.get("seeds") == second.get("seeds"),
-        count - len(differ) - len(gone),
-        differ,
-        added,
-        gone,
-        from_s,
-    )
+    same_streams = first.get("seeds") == second.get("seeds")
+    return {
+        "one_factor": len(changed) == 1 and same_streams,
+        "changed": changed,
+        "same_random_streams": same_streams,
+        "actors": {
+            "identical": count - len(tracks["changed"]) - len(tracks["gone"]),
+            "changed": tracks["changed"],
+            "added": tracks["added"],
+            "removed": tracks["gone"],
+            "differ_from_s": from_s,
+        },
+    }
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - JSON
