@@ -6,6 +6,7 @@
 # What a network asks for is handed in, never built in:
 #   BARE_MIRROR  the mirror to bootstrap from       BARE_ENV   variables to pass, by name
 #   BARE_COPY    files to copy in                   BARE_BIND  folders to mount, e.g. a cache of pip's
+# Ubuntu: BARE_MIRROR=http://archive.ubuntu.com/ubuntu BARE_COMPONENTS=main,universe and noble:demo
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -20,7 +21,8 @@ say() { echo "$*" | tee -a "$out/summary.txt"; }
 # bootstrap SUITE ROOT: only what a user is asked to have, and a clone of the last commit.
 bootstrap() {
   rm -rf --one-file-system "$2"
-  debootstrap --variant=minbase --include=git,make,python3 "$1" "$2" \
+  debootstrap --variant=minbase --include=git,make,python3 \
+    ${BARE_COMPONENTS:+--components="$BARE_COMPONENTS"} "$1" "$2" \
     ${BARE_MIRROR:+"$BARE_MIRROR"} >"$out/$1-debootstrap.log" 2>&1
   cp -L /etc/resolv.conf /etc/hosts "$2/etc/"
   for file in ${BARE_COPY:-}; do
