@@ -35,7 +35,7 @@ RUNTIME     := $(VENV)/.runtime-installed
 DEVELOPMENT := $(VENV)/.development-installed
 
 .PHONY: demo test thorough web webtest compiled compiled-rays fuzz kills lint bench judges docs lock clean help \
-  machine machine-test test-bare
+  machine machine-test browser test-bare
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
@@ -60,6 +60,9 @@ machine:
 machine-test:
 	@tools/setup.sh test
 
+browser:
+	@tools/setup.sh browser
+
 demo: $(RUNTIME) $(PAGE)
 	$(BIN)/urbantwin demo -o urbantwin-demo
 
@@ -68,7 +71,7 @@ WANTED := -m 'not fuzz and not kills and not thorough'
 # All is downloaded at once, and the page is built meanwhile. Types are checked by one process for as
 # long as numba compiles, once for all workers: the two begin together.
 test: machine-test
-	@$(MAKE) --no-print-directory -j3 $(DEVELOPMENT) judges webtest
+	@$(MAKE) --no-print-directory -j4 $(DEVELOPMENT) judges webtest browser
 	@$(MAKE) --no-print-directory -j2 --output-sync=target lint compiled compiled-rays
 	$(BIN)/pytest -n auto --dist worksteal $(WANTED) $(addprefix --ignore=,$(LINE) $(RAYS))
 

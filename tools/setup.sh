@@ -3,6 +3,7 @@
 #   setup.sh python        print the Python to use, 3.11 to 3.13 ($PYTHON where that is set)
 #   setup.sh demo|test     check the system's libraries. On Debian and Ubuntu, what is missing is
 #                          installed if that needs no password; else one line says what to type.
+#   setup.sh browser       install Chromium if that needs no password: a minute, beside other things
 # Exit code 1 if something is missing that cannot be installed here.
 set -eu
 
@@ -10,6 +11,7 @@ set -eu
 of_sumo='libatomic.so.1=libatomic1 libexpat.so.1=libexpat1 libGL.so.1=libgl1
   libXext.so.6=libxext6 libXrender.so.1=libxrender1'
 of_open3d='libusb-1.0.so.0=libusb-1.0-0 libEGL.so.1=libegl1'
+install='apt-get install --no-install-recommends'
 
 fail() { echo "error: $*" >&2; exit 1; }
 no_browser() { echo "no Chromium here: the tests that drive a browser will skip$*" >&2; }
@@ -84,36 +86,43 @@ prepare_machine() {
     return
   fi
 
-  install='apt-get install --no-install-recommends'
-  if [ "$(id -u)" = 0 ]; then as_root=
-  elif sudo -n true 2>/dev/null; then as_root='sudo -n'
-  else
+  if ! may_install; then
     also=
     if [ "$browser" = missing ] && apt_has_chromium; then also=' chromium'; fi
     if [ -z "$packages" ]; then no_browser "${also:+ (sudo $install$also)}"; return; fi
     fail "Debian packages are missing; type: sudo $install $packages$also"
   fi
+  if [ -n "$packages" ]; then install_packages "$packages"; fi
+}
 
+# Whether Debian packages can be installed without a password; sets $as_root.
+may_install() {
+  if [ "$(id -u)" = 0 ]; then as_root=; else as_root='sudo -n'; fi
+  $as_root true 2>/dev/null
+}
+
+install_packages() {
   log=$(mktemp)
   trap 'rm -f "$log"' EXIT
-  $as_root apt-get update -qq >"$log" 2>&1 </dev/null || {
+  echo "installing Debian packages: $1"
+  # shellcheck disable=SC2086  # lists of words
+  { $as_root apt-get update -qq \
+    && $as_root env DEBIAN_FRONTEND=noninteractive $install -y -qq $1; } >"$log" 2>&1 </dev/null || {
     cat "$log" >&2
-    fail "apt-get update failed; missing: $packages"
+    fail "this failed: $install $1"
   }
-  if [ "$browser" = missing ]; then
-    if apt_has_chromium; then packages="$packages chromium"; else no_browser; fi
-  fi
-  if [ -z "$packages" ]; then return; fi
-  echo "installing Debian packages:" $packages
-  # shellcheck disable=SC2086
-  $as_root env DEBIAN_FRONTEND=noninteractive $install -y -qq $packages >"$log" 2>&1 </dev/null || {
-    cat "$log" >&2
-    fail "this failed: $install" $packages
-  }
+}
+
+install_browser() {
+  if has_browser || ! command -v apt-get >/dev/null || ! may_install; then return; fi
+  # Without lists of packages nothing is known of it.
+  $as_root apt-get update -qq >/dev/null 2>&1 </dev/null || true
+  if ! apt_has_chromium || ! (install_packages chromium); then no_browser; fi
 }
 
 case ${1:-} in
   python) find_python ;;
   demo | test) prepare_machine "$1" ;;
-  *) fail "usage: setup.sh python|demo|test" ;;
+  browser) install_browser ;;
+  *) fail "usage: setup.sh python|demo|test|browser" ;;
 esac
