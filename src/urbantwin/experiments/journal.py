@@ -12,7 +12,6 @@ from typing import Any
 
 from urbantwin import __version__
 from urbantwin.artefact.document import json_value, read_bytes
-from urbantwin.dataset.manifest import recipe_key, versions_here
 from urbantwin.errors import InputError, StageError
 
 __all__ = ["ATTEMPTS", "JOURNAL", "Journal", "step_key"]
@@ -26,11 +25,15 @@ _EXPECTED = "a journal, or no file: then all begins anew"
 
 def step_key(made_from: Mapping[str, Any]) -> str:
     """Return the key of a step: a hash of its inputs and of the versions that make it."""
+    from urbantwin.dataset.manifest import recipe_key
+
     return recipe_key({"made_by": _versions(), **made_from})
 
 
 @cache
 def _versions() -> str:
+    from urbantwin.dataset.manifest import recipe_key, versions_here
+
     return recipe_key({"urbantwin": __version__, **versions_here()})
 
 

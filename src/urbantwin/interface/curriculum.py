@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.errors import InputError
+from urbantwin.experiments.journal import Journal
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion
 from urbantwin.interface.place import AnyPath, beside
@@ -105,7 +106,7 @@ def curriculum(
     motions: dict[float, Motion] = {}
     rows = []
     with recorders(workers, pictures=False) as crew:
-        bench = Workbench(place, twin, crew, progress=progress)
+        bench = Workbench(Journal(place), twin, crew, progress=progress)
         for grade, rig, stands in zip(file.grades, rigs, standing, strict=True):
             density, name = grade.density, _motion_name(grade)
             if density not in motions:

@@ -13,6 +13,7 @@ import yaml
 from annotated_types import Ge
 
 from urbantwin.errors import InputError, StageError
+from urbantwin.experiments.journal import Journal
 from urbantwin.interface.command import command
 from urbantwin.interface.evaluation_report import Evaluation
 from urbantwin.interface.place import AnyPath, beside
@@ -150,7 +151,7 @@ def improve(
         raise InputError("finds no boxes", file=source, expected="a model with a head for them")
     target = beside(source, "improved") if out is None else Path(out)
     check_file(target / "improvement.md", kind="improvement")
-    bench = Workbench(target, Twin.open(twin), workers, device, progress)
+    bench = Workbench(Journal(target), Twin.open(twin), workers, device, progress)
     practice = _Practice(bench, None if rig is None else Path(rig), seconds, every)
     look, held = practice.drive("look", 2 * seed), practice.drive("held", 2 * seed + 1)
     detections = bench.detections("drives/look-detections", source, look)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from urbantwin import __version__
 from urbantwin.artefact import check_folder, read_json, replaced_folder
 from urbantwin.errors import InputError
+from urbantwin.experiments.journal import Journal
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, tell_line
 from urbantwin.interface.study_course import Detector, StudyCourse, density_of
@@ -153,7 +154,7 @@ def study(
     tell_line(_first_line(file, rigs, seconds), progress)
     if plan:
         return Study(place, {}, seconds)
-    bench = Workbench(place, twin, workers, device, progress)
+    bench = Workbench(Journal(place), twin, workers, device, progress)
     course = StudyCourse(file, rig_file, traffics, bench)
     course.detector = course.detector_of(rigs[0])
     measured, failed = course.cells(rigs)

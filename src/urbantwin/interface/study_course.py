@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -51,9 +51,8 @@ class StudyCourse:
         if self._motion is None or self._motion[0] != (seed, density):
             name = f"seed-{seed}" + ("" if density == 1 else f"-density-{density:g}")
             traffic = self.traffics.get(density, {})
-            folder = self.bench.motion(
-                f"motions/{name}", self.file.seconds, seed, traffic, progress
-            )
+            bench = replace(self.bench, progress=progress)
+            folder = bench.motion(f"motions/{name}", self.file.seconds, seed, traffic)
             self._motion = (seed, density), Motion.open(folder)
         return self._motion[1]
 
@@ -163,14 +162,8 @@ class StudyCourse:
 
         def make(file: Path) -> None:
             work = self.bench.folder / "work" / key
-            self.bench.record(
-                motion,
-                rig,
-                self.rig_file,
-                work,
-                progress=between(tell, 0.0, 0.6),
-                **self.span(seed),
-            )
+            bench = replace(self.bench, progress=between(tell, 0.0, 0.6))
+            bench.record(motion, rig, self.rig_file, work, **self.span(seed))
             row = self._judged(work, base, tell)
             file.parent.mkdir(parents=True, exist_ok=True)
             write_json(file, {"kind": "cell", **row})

@@ -14,6 +14,7 @@ from annotated_types import Ge
 from urbantwin.dataset.card.page import licences_told
 from urbantwin.download import keys_allowed
 from urbantwin.errors import InputError
+from urbantwin.experiments.journal import Journal, step_key
 from urbantwin.interface.command import command
 from urbantwin.interface.evaluation_report import Evaluation
 from urbantwin.interface.place import AnyPath, beside
@@ -163,8 +164,9 @@ def teach(
     if plan:
         return Taught(target, {}, estimated)
     with keys_allowed(key_env, allow_key):
-        twin = _built(checked, target, progress)
-    bench = Workbench(target, twin, workers, device, progress)
+        journal = Journal(target)
+        twin = _built(checked, journal, progress)
+    bench = Workbench(journal, twin, workers, device, progress)
     began = time.monotonic()
     for number, lesson in enumerate(lessons):
         sees = list(background) if lesson.held or number % 3 != 2 else []
@@ -210,16 +212,14 @@ def teach(
     return Taught(target, reports, estimated)
 
 
-def _built(site: Site, target: Path, progress: ShowProgress) -> Twin:
+def _built(site: Site, journal: Journal, progress: ShowProgress) -> Twin:
     """Return the site's twin, built once."""
     from urbantwin.artefact import sha256_of
-    from urbantwin.experiments.journal import Journal, step_key
 
     place = "lessons/twin"
     key = step_key({"files": sorted(map(sha256_of, filter(Path.is_file, site.files())))})
-    build = partial(build_of, site, pictures=False, progress=progress)
-    Journal(target).once(place, key, build)
-    return Twin.open(target / place)
+    journal.once(place, key, partial(build_of, site, pictures=False, progress=progress))
+    return Twin.open(journal.folder / place)
 
 
 def _traffic(lesson: Lesson, twin: Twin) -> dict[str, Any]:

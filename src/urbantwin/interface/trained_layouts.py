@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from urbantwin.experiments.journal import Journal
 from urbantwin.interface.motion import Motion
 from urbantwin.interface.workbench import Workbench, estimated_s, minutes_text
 from urbantwin.progress import Progress, between, untold
@@ -122,7 +123,7 @@ def trained_layouts(
     check_torch("cpu")
     show = tell or untold
     show(0.0, "the traffic to learn from")
-    bench = Workbench(work, twin, how.workers, progress=False)
+    bench = Workbench(Journal(work), twin, how.workers, progress=False)
     course = _Course(bench, motion, how)
     other = int(motion.manifest["seed"]) + _OTHER_SEED
     learning = bench.motion("motion", course.seconds, other, {})
@@ -179,11 +180,10 @@ class _Course:
         weights: Path | None = None,
     ) -> Path:
         """Return a detector."""
-        return self.bench.model(
+        return replace(self.bench, progress=tell).model(
             place,
             datasets,
             weights,
-            tell,
             steps=steps,
             classes=list(classes),
             reach=self.how.reach_m,

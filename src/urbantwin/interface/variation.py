@@ -13,6 +13,7 @@ from annotated_types import Ge
 from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.artefact.tables import PARQUET
 from urbantwin.errors import InputError, StageError
+from urbantwin.experiments.journal import Journal
 from urbantwin.interface.command import command
 from urbantwin.interface.dataset import Dataset
 from urbantwin.interface.motion import Motion
@@ -129,7 +130,7 @@ def vary(
     twin = Twin.open(described.twin)
     _check_values(described, factor, twin)  # refuse what is wrong before anything is made
     with recorders(workers, pictures=False) as crew:
-        bench = Workbench(place, twin, crew, progress=progress)
+        bench = Workbench(Journal(place), twin, crew, progress=progress)
         motions = [_base_motion(described, bench)]
         made = [_recorded(described, None, "", bench, motions[0], "base/dataset")]
         for name, value in zip(names[1:], factor.values, strict=True):

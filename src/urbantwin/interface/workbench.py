@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import digest_of
 from urbantwin.dataset.split import SplitAsked
+from urbantwin.experiments.journal import Journal, step_key
 from urbantwin.interface.motion import Motion, driven
 from urbantwin.interface.recording import recorded
 from urbantwin.interface.stage import ShowProgress
 
 if TYPE_CHECKING:
-    from urbantwin.experiments.journal import Journal
     from urbantwin.interface.evaluation_report import Evaluation
     from urbantwin.interface.twin import Twin
     from urbantwin.processes import Helpers
@@ -78,28 +78,24 @@ def minutes_text(seconds: tuple[float, float]) -> str:
 class Workbench:
     """Where the steps of an experiment are made one after the other; finished steps stay.
 
-    A step is finished if the journal has the hash of its inputs, see `experiments.Journal`.
-
     Attributes:
-        folder: of the experiment.
+        journal: of the experiment: what is finished, by the hash of its inputs.
         twin: that is driven and recorded.
         workers: processes to record with.
         device: of PyTorch.
         progress: shows every stage.
     """
 
-    folder: Path
+    journal: Journal
     twin: Twin
     workers: int | Helpers | None = None
     device: str = "cpu"
     progress: ShowProgress = True
 
-    @cached_property
-    def journal(self) -> Journal:
-        """What is finished."""
-        from urbantwin.experiments.journal import Journal
-
-        return Journal(self.folder)
+    @property
+    def folder(self) -> Path:
+        """The folder of the experiment."""
+        return self.journal.folder
 
     def once(
         self, place: str, make: Callable[[Path], object], inputs: Sequence[Path], **asked: object
@@ -112,36 +108,20 @@ class Workbench:
             inputs: artefacts and recordings that it is made from.
             asked: everything else that it is made from, as JSON holds it.
         """
-        from urbantwin.experiments.journal import step_key
-
         key = step_key({"inputs": [digest_of(one) for one in inputs], **asked})
         self.journal.once(place, key, make)
         return self.folder / place
 
     def motion(
-        self,
-        place: str,
-        seconds: float | None,
-        seed: int | None,
-        changes: Mapping[str, Any],
-        progress: ShowProgress | None = None,
+        self, place: str, seconds: float | None, seed: int | None, changes: Mapping[str, Any]
     ) -> Path:
         """Drive the twin's traffic with changes to it."""
-        shown = self.progress if progress is None else progress
-        make = partial(self._drive, changes, seconds, seed, shown)
-        return self.once(
-            place, make, [self.twin.folder], seconds=seconds, seed=seed, traffic=dict(changes)
-        )
 
-    def _drive(
-        self,
-        changes: Mapping[str, Any],
-        seconds: float | None,
-        seed: int | None,
-        progress: ShowProgress,
-        folder: Path,
-    ) -> None:
-        driven(self.twin, folder, changes, seconds, seed, progress)
+        def make(folder: Path) -> None:
+            driven(self.twin, folder, changes, seconds, seed, self.progress)
+
+        asked = {"seconds": seconds, "seed": seed, "traffic": dict(changes)}
+        return self.once(place, make, [self.twin.folder], **asked)
 
     def dataset(
         self,
@@ -185,7 +165,6 @@ class Workbench:
         *,
         background: Sequence[str] = (),
         split: SplitAsked | None = WHOLE,
-        progress: ShowProgress | None = None,
         **span: Any,  # noqa: ANN401
     ) -> None:
         """Record a motion by a rig into a folder; see `dataset`."""
@@ -202,7 +181,7 @@ class Workbench:
             workers=self.workers,
             inputs=[self.twin.folder, moving.folder],
             pictures=False,
-            progress=self.progress if progress is None else progress,
+            progress=self.progress,
             **span,
         )
 
@@ -211,18 +190,16 @@ class Workbench:
         place: str,
         datasets: Sequence[Path],
         weights: Path | None = None,
-        progress: ShowProgress | None = None,
         **how: Any,  # noqa: ANN401 - see `train`
     ) -> Path:
         """Train a detector on datasets, from first weights if given."""
         from urbantwin.interface.trained_model import train
 
         how = {"device": self.device, **how}
-        shown = self.progress if progress is None else progress
         inputs = [*datasets, *([] if weights is None else [weights])]
 
         def make(folder: Path) -> None:
-            train(datasets, folder, weights=weights, progress=shown, **how)
+            train(datasets, folder, weights=weights, progress=self.progress, **how)
 
         return self.once(place, make, inputs, **how)
 
