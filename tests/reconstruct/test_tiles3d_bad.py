@@ -172,7 +172,7 @@ def test_instances_without_end_are_stopped(tmp_path):
         ('{"root": {"content": {}}}', "without a uri"),
         ('{"root": {"content": {"uri": 4}}}', "not text"),
         ('{"asset": {"gltfUpAxis": "W"}, "root": {}}', "gltfUpAxis"),
-        ('{"root": ' + '{"children": [' * 3000 + "]}" * 3000 + "}", "is not JSON"),
+        ('{"root": ' + '{"children": [' * 30_000 + "]}" * 30_000 + "}", "is not JSON"),
         ('{"root": {"children": [{"children": []}]}}', "has a surface or points"),
         ('{"root": {"implicitTiling": {"subdivisionScheme": "HEX"}}}', "HEX"),
     ],
