@@ -1,20 +1,11 @@
 """The stand of the reliability tests: a small site, and what every command makes of it."""
 
-import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from .small_site import Stand, make_line
-
-
-@pytest.fixture(scope="session", autouse=True)
-def heard() -> None:
-    """Let programs hear signals that a shell in the background has them ignore."""
-    for number in (signal.SIGINT, signal.SIGHUP):
-        if signal.getsignal(number) == signal.SIG_IGN:  # exec turns any handler into the default
-            signal.signal(number, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
