@@ -82,6 +82,7 @@ def test_the_folder_may_come_first_too(map_file, begun, run_here, tmp_path):
     assert (tmp_path / "a" / "site.yaml").read_text() == (begun[0] / "site.yaml").read_text()
 
 
+@pytest.mark.thorough
 def test_an_extract_may_come_with_it(map_file, run_here, two_avenues, tmp_path):
     extract = next(two_avenues.glob("*.osm"))
     outcome = run_here("init", map_file, "-o", tmp_path / "a", "--osm", extract)

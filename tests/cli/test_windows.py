@@ -12,6 +12,8 @@ import pytest
 
 from urbantwin.cli.commands import every_command
 
+from ..thorough import further
+
 LIKE_WINDOWS = """
 import builtins, importlib.util, signal
 
@@ -89,7 +91,7 @@ def test_a_command_that_only_reads_runs() -> None:
     assert "OS1" in done.stdout
 
 
-@pytest.mark.parametrize("command", ["build", "run"])
+@pytest.mark.parametrize("command", ["build", *further("run")])
 def test_writing_is_refused_in_one_line(command: str, tmp_path: Path) -> None:
     site = Path(__file__).parents[2] / "examples" / "two-avenues" / "site.yaml"
     done = urbantwin(command, str(site), "-o", str(tmp_path / "out"), "-q")

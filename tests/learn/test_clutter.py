@@ -85,6 +85,7 @@ def test_plants_let_beams_in_and_nothing_stands_in_a_box() -> None:
         assert not ((np.abs(c * x + s * y) < 2.2) & (np.abs(c * y - s * x) < 0.8)).any()
 
 
+@pytest.mark.thorough
 def test_a_person_of_four_points_is_neither_right_nor_wrong_and_one_of_five_is_asked_for() -> None:
     nothing = Varied(placed=False, beams=False, objects=False, sizes=False, clutter=False)
     for held in (4, 5):

@@ -17,7 +17,7 @@ EXACT = dict.fromkeys(
 )
 
 
-@pytest.fixture(params=["bvh", "warp:cpu"])
+@pytest.fixture(params=["warp:cpu", *further("bvh")])
 def backend(request):
     """Return a backend that is compared with Embree."""
     if request.param.startswith("warp"):

@@ -138,6 +138,7 @@ def test_opendrive_has_lanes_for_biking(tmp_path):
         assert not {"driving", "bus", "sidewalk"} & set(kinds)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("version", ["1.4", *further("1.8")])
 def test_asams_checker_reports_no_issue(tmp_path, judge, version):
     """Roads of biking lanes alone, and ways through a junction for them."""

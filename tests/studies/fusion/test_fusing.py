@@ -174,6 +174,7 @@ def test_what_goes_on_as_it_did_is_where_it_is_told_to_be() -> None:
     assert np.allclose(advanced_boxes(standing, 1.0).box, standing.box)
 
 
+@pytest.mark.thorough
 def test_points_of_what_moves_move_and_all_others_stay() -> None:
     draw = np.random.default_rng(9)
     before = road_users(cars(9))

@@ -131,6 +131,7 @@ def test_a_placement_opens_and_is_whole(placement):
     assert ut.dataset.verify(placement.folder)
 
 
+@pytest.mark.thorough
 def test_default_candidates_are_free_and_hang_on_what_they_say(two_avenues_twin, motion):
     spec = PlaceSpec.model_validate({"candidates": {"most": 3}})
     question = ask(two_avenues_twin, motion, spec, layouts=1, seed=0)
