@@ -17,11 +17,11 @@ from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.errors import InputError
 from urbantwin.taxonomy import BOX_SEMANTICS
 
-__all__ = ["FEWEST_POINTS", "PILLAR_M", "LearnedClass", "LearnedClasses", "learned_classes"]
+__all__ = ["PILLAR_M", "LearnedClass", "LearnedClasses", "learned_classes"]
 
 _EXPECTED = "a dataset of urbantwin record"
 #: Boxes with fewer points are no example; of a class with fewer boxes nothing is learned.
-FEWEST_POINTS, _FEWEST_BOXES = 5, 10
+_FEWEST_POINTS, _FEWEST_BOXES = 5, 10
 #: What stands still and belongs to nobody, and animals, is not learned.
 _LEARNED = tuple(name for name in BOX_SEMANTICS if name not in ("animal", "obstacle"))
 #: Edge of a pillar, metres; so many of them along an edge are a multiple of this (strides 2, 2, 2).
@@ -95,6 +95,18 @@ class LearnedClasses:
         return [*low_m, *(round(one + _BEYOND_M, 2) for one in high)]
 
     @property
+    def config_values(self) -> dict[str, object]:
+        """What the templates of all configs name."""
+        return {
+            "names": self.names,
+            "classes": self.classes,
+            "range": self.range_m,
+            "voxel": self.voxel_m,
+            "beyond": self.beyond_m,
+            "fewest": _FEWEST_POINTS,
+        }
+
+    @property
     def notes(self) -> list[str]:
         """What a person should be told."""
         left = [f"not learned: {count} boxes of {name}" for name, count in self.few.items()]
@@ -114,13 +126,13 @@ def learned_classes(dataset: Path) -> LearnedClasses:
     split = dataset / "ImageSets" / "train.txt"
     training = read_bytes(split, _EXPECTED).decode(errors="replace").split()
     counts = (objects.ignored == "") & np.isin(objects.frame.astype(str), training)
-    learned = objects.take(counts & (objects.num_points >= FEWEST_POINTS))
+    learned = objects.take(counts & (objects.num_points >= _FEWEST_POINTS))
     names, found = np.unique(learned.class_name, return_counts=True)
     known = dict(zip(names.tolist(), found.tolist(), strict=True))
     chosen = [name for name in _LEARNED if known.get(name, 0) >= _FEWEST_BOXES]
     if not chosen:
         raise InputError(
-            f"has no class with {_FEWEST_BOXES} boxes of {FEWEST_POINTS} points",
+            f"has no class with {_FEWEST_BOXES} boxes of {_FEWEST_POINTS} points",
             file=objects.file,
             expected="labelled road users",
         )

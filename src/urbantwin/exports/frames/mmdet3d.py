@@ -16,7 +16,7 @@ from typing import Any
 
 from urbantwin.dataset.reading import Frame
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
-from urbantwin.exports.frames.learned_classes import FEWEST_POINTS, PILLAR_M, LearnedClasses
+from urbantwin.exports.frames.learned_classes import PILLAR_M, LearnedClasses
 from urbantwin.exports.frames.plain_pickle import write_plain_pickle
 from urbantwin.exports.frames.source import FrameSource
 from urbantwin.exports.frames.trainer_folder import left_out, write_configs, write_splits
@@ -55,14 +55,9 @@ def mmdet3d_config(learned: LearnedClasses, name: str) -> str:
         "exports/frames/configs/mmdet3d.py.j2",
         model=name,
         module=MODULE,
-        names=learned.names,
-        classes=learned.classes,
-        range=learned.range_m,
-        voxel=learned.voxel_m,
-        beyond=learned.beyond_m,
+        **learned.config_values,
         grid=[round((north - south) / PILLAR_M), round((east - west) / PILLAR_M)],
         sampled={one.name: one.sampled for one in learned.classes},
-        fewest=FEWEST_POINTS,
     )
 
 

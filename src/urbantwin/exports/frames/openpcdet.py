@@ -19,7 +19,6 @@ from urbantwin.dataset.reading.columns import POINT
 from urbantwin.dataset.reading.frame_files import stored_frames
 from urbantwin.exports.frames.learned_boxes import LearnedBoxes, ObjectDatabase, learned_boxes
 from urbantwin.exports.frames.learned_classes import (
-    FEWEST_POINTS,
     LearnedClasses,
     learned_classes,
 )
@@ -55,14 +54,9 @@ def openpcdet_config(learned: LearnedClasses, data_path: str, model: str = "poin
         "exports/frames/configs/openpcdet.yaml.j2",
         model=model,
         data_path=data_path,
-        names=learned.names,
-        classes=learned.classes,
-        range=learned.range_m,
-        voxel=learned.voxel_m,
-        beyond=learned.beyond_m,
+        **learned.config_values,
         in_kitti=in_kitti | {DONT_CARE: DONT_CARE},
         point=POINT,
-        fewest=FEWEST_POINTS,
     )
 
 
