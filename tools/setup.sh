@@ -101,12 +101,16 @@ may_install() {
   $as_root true 2>/dev/null
 }
 
+# The lists of packages, once: a bare machine has none.
+fresh=
+refresh_lists() { if [ -z "$fresh" ]; then $as_root apt-get update -qq && fresh=yes; fi; }
+
 install_packages() {
   log=$(mktemp)
   trap 'rm -f "$log"' EXIT
   echo "installing Debian packages: $1"
   # shellcheck disable=SC2086  # lists of words
-  { $as_root apt-get update -qq \
+  { refresh_lists \
     && $as_root env DEBIAN_FRONTEND=noninteractive $install -y -qq $1; } >"$log" 2>&1 </dev/null || {
     cat "$log" >&2
     fail "this failed: $install $1"
@@ -115,8 +119,7 @@ install_packages() {
 
 install_browser() {
   if has_browser || ! command -v apt-get >/dev/null || ! may_install; then return; fi
-  # Without lists of packages nothing is known of it.
-  $as_root apt-get update -qq >/dev/null 2>&1 </dev/null || true
+  refresh_lists >/dev/null 2>&1 </dev/null || true
   if ! apt_has_chromium || ! (install_packages chromium); then no_browser; fi
 }
 
