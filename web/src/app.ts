@@ -12,7 +12,6 @@ import { drawOver } from "./labels";
 import { Overlay } from "./overlay";
 import { PacketCache } from "./packet_cache";
 import { PathDrawing, tracksOf, type Track } from "./paths";
-import { FrameMeter } from "./frame_meter";
 import { isCategorical } from "./quantity";
 import { SectionPlane } from "./section";
 import { SideView } from "./side_view";
@@ -24,7 +23,7 @@ import { Surroundings } from "./surroundings";
 import { PlayClock } from "./timeline";
 import { homeOf } from "./home";
 import { baseView } from "./base_view";
-import { viewOfHash, ViewStore, type View } from "./view_state";
+import { ViewStore, type View } from "./view_state";
 
 export interface PickedPoint {
   side: number;
@@ -47,17 +46,15 @@ export class App {
   readonly paths = new PathDrawing();
   readonly measure = new Measure();
   readonly film = new FilmRecorder();
-  readonly meter = new FrameMeter();
   readonly errors: string[] = [];
   tracks = new Map<number, Track>();
   shownStep = -1;
+  framesShown = 0; // data frames since the start
   picked: PickedPoint | null = null;
   place: [number, number, number] | null = null; // marked in the picture: a worst place
   theme: Theme = "dark";
   /** Called when what the panels say may have changed. */
   onUpdate: () => void = () => {};
-  /** Called when the view or the camera changed. */
-  onView: () => void = () => {};
   onMessage: (sentence: string, bad: boolean) => void = () => {};
   /** Fulfilled when the first frame (or, without frames, the first picture) is drawn. */
   readonly firstPicture: Promise<void>;
@@ -78,14 +75,14 @@ export class App {
     this.firstPicture = new Promise((done) => (this.tellFirst = done));
     this.steps = stepsOf(scene);
     this.base = baseView(scene);
-    this.store = new ViewStore(viewOfHash(location.hash, this.base));
+    this.store = new ViewStore(this.base);
     this.cache = new PacketCache(source);
     this.clock = new PlayClock(this.steps, scene.sides[0]?.rate_hz ?? 10);
     this.sides = scene.sides.slice(0, 2).map((side, k) => new SideView(scene, side, k));
     this.loader = new StepLoader(this.steps, this.sides, this.cache, () => this.arrived());
     this.stage = new Stage(canvas);
     this.overlay = new Overlay(overlayCanvas);
-    this.eyes = new Eyes(surface, () => this.moved());
+    this.eyes = new Eyes(surface, () => this.redraw());
     this.surroundings = new Surroundings(
       scene,
       this.cache,
@@ -100,11 +97,6 @@ export class App {
 
   get view(): View {
     return this.store.view;
-  }
-
-  /** Whether the camera is where it belongs: from then on the view may be written down. */
-  get placed(): boolean {
-    return this.homed;
   }
 
   get step(): number {
@@ -254,7 +246,6 @@ export class App {
     stage.render(camera);
     drawOver(this);
     this.film.frame();
-    this.meter.rendered();
   }
 
   token(name: string): string {
@@ -268,13 +259,6 @@ export class App {
 
   private tick(now: number): void {
     requestAnimationFrame((next) => this.tick(next));
-    const began = performance.now();
-    const frames = this.meter.frames;
-    this.turn(now);
-    if (this.meter.frames > frames) this.meter.worked(performance.now() - began);
-  }
-
-  private turn(now: number): void {
     const elapsed = this.before_ms === 0 ? 0 : (now - this.before_ms) / 1000;
     this.before_ms = now;
     if (this.clock.playing && this.shownStep === this.step) {
@@ -330,7 +314,7 @@ export class App {
     this.picked = null;
     // A box without a track is another one, or none, in the next frame.
     if (!first && (this.view.selected ?? 0) < 0) this.store.set({ selected: null, follow: false });
-    this.meter.shown();
+    this.framesShown++;
     if (!this.homed) this.goHome();
     this.refreshSides();
     const selected = this.view.follow || this.view.eye === "chase" ? this.selected() : null;
@@ -373,7 +357,6 @@ export class App {
     if (differs("follow")) this.eyes.carry(view.follow ? this.selected()?.box : undefined);
     if (differs("range_image")) requestAnimationFrame(() => this.resize());
     this.invalidate();
-    this.onView();
   }
 
   refreshAll(): void {
@@ -456,10 +439,5 @@ export class App {
     this.surroundings.setTheme(this.theme, line, accent);
     this.sectionPlane.setColour(accent);
     this.refreshAll();
-  }
-
-  private moved(): void {
-    this.redraw();
-    this.onView();
   }
 }

@@ -2,7 +2,6 @@
 
 import "./page.css";
 
-import { keepAddress } from "./address";
 import { App } from "./app";
 import { bind, el, updateBound } from "./dom";
 import { readDocument, type Scene } from "./document";
@@ -24,7 +23,6 @@ declare global {
     urbantwin?: {
       ready: Promise<void>;
       state(): Record<string, unknown>;
-      frameRate(): Record<string, number>;
       memory(): Record<string, number>;
       place?(track: number): [number, number] | null;
       errors: string[];
@@ -133,7 +131,6 @@ function layout(scene: Scene): App {
   acceptDroppedViews(toolbar);
   new ResizeObserver(() => app.resize()).observe(stage);
   app.onUpdate = updateBound;
-  keepAddress(app);
   return app;
 }
 
@@ -235,7 +232,7 @@ async function start(): Promise<void> {
     ...app.view,
     step: app.step,
     shown_step: app.shownStep,
-    frames_shown: app.meter.frames,
+    frames_shown: app.framesShown,
     playing: app.clock.playing,
     points: app.sides.map((side) => side.frame.count),
     boxes: app.sides.map((side) => side.boxes.length),
@@ -247,7 +244,6 @@ async function start(): Promise<void> {
     target: app.eyes.target.toArray(),
     measured: app.measure.text,
   });
-  api.frameRate = () => ({ ...app.meter.rates(), script_ms: app.meter.script_ms });
   api.place = (track) => placeInWindow(app, track);
   api.memory = () => ({
     packets_bytes: app.cache.size,
@@ -268,7 +264,6 @@ ready.catch(failed);
 window.urbantwin = {
   ready,
   state: () => ({}),
-  frameRate: () => ({}),
   memory: () => ({}),
   errors: [],
 };

@@ -1,6 +1,5 @@
 // The bar at the top: what is shown, the eyes, the tools.
 
-import { linkOf } from "./address";
 import type { App } from "./app";
 import { bind, choice, el, icon, iconButton, pressed, segments, setIcon } from "./dom";
 import { saveBlob, savePicture } from "./film";
@@ -84,7 +83,7 @@ export class Toolbar {
         range,
         iconButton("camera", "Save a picture", () => void this.picture(), "K"),
         film,
-        iconButton("share", "Link and file of this view", () => this.openShare()),
+        iconButton("share", "Save or open a view", () => this.share.showModal()),
         iconButton("theme", "Light or dark", () => this.theme(), "D"),
         iconButton("help", "Keys and gestures", () => help.toggle(), "?"),
       ),
@@ -167,15 +166,7 @@ export class Toolbar {
     );
   }
 
-  private openShare(): void {
-    const field = this.share.querySelector<HTMLInputElement>("input[type=text]")!;
-    field.value = linkOf(this.app);
-    this.share.showModal();
-    field.select();
-  }
-
   private shareCard(): HTMLDialogElement {
-    const field = el("input", { type: "text", readOnly: true, "aria-label": "Link" });
     const file = el("input", { type: "file", accept: ".json,application/json", hidden: true });
     file.addEventListener("change", () => {
       const [chosen] = file.files ?? [];
@@ -186,7 +177,7 @@ export class Toolbar {
       el("button", { type: "button", className: "button", onclick }, icon(name), text);
     const dialog = el(
       "dialog",
-      { className: "share", "aria-label": "Link and file of this view" },
+      { className: "share", "aria-label": "Save or open a view" },
       el(
         "div",
         { className: "object-head" },
@@ -196,13 +187,7 @@ export class Toolbar {
       el(
         "p",
         {},
-        "The link and the file hold the frame, the eye, colours, layers, filters and what is selected.",
-      ),
-      el(
-        "div",
-        { className: "link-row" },
-        field,
-        button("Copy", "share", () => void this.copy(field)),
+        "The file holds the frame, the camera, colours, layers, filters and the selection.",
       ),
       el(
         "div",
@@ -227,16 +212,6 @@ export class Toolbar {
     } catch (error) {
       this.app.tell((error as Error).message);
     }
-  }
-
-  private async copy(field: HTMLInputElement): Promise<void> {
-    field.select();
-    try {
-      await navigator.clipboard.writeText(field.value);
-    } catch {
-      document.execCommand("copy"); // pages from disk have no clipboard of their own
-    }
-    this.say("The link is copied.");
   }
 }
 

@@ -184,36 +184,6 @@ function readFilters(value: unknown, base: Filters): Filters {
   };
 }
 
-/** What differs from a base view: short enough for a link. */
-function differences(value: unknown, base: unknown): unknown {
-  if (Array.isArray(value) || typeof value !== "object" || value === null) {
-    return JSON.stringify(value) === JSON.stringify(base) ? undefined : value;
-  }
-  const found: Record<string, unknown> = {};
-  for (const [key, inner] of Object.entries(value)) {
-    const changed = differences(inner, (base as Record<string, unknown> | null)?.[key]);
-    if (changed !== undefined) found[key] = changed;
-  }
-  return Object.keys(found).length > 0 ? found : undefined;
-}
-
-/** The view as a link's hash, without the “#”: what differs from the base, as JSON in URL characters. */
-export function hashOf(view: View, base: View = DEFAULT_VIEW): string {
-  const found = differences(rounded(view), base);
-  return found === undefined ? "" : `view=${encodeURIComponent(JSON.stringify(found))}`;
-}
-
-/** The view that a link's hash holds; the base where it holds none that can be read. */
-export function viewOfHash(hash: string, base: View = DEFAULT_VIEW): View {
-  const held = new URLSearchParams(hash.replace(/^#/, "").replace(/\+/g, "%2B")).get("view");
-  if (held === null) return base;
-  try {
-    return readView(JSON.parse(held), base);
-  } catch {
-    return base;
-  }
-}
-
 /** The view as a file, and back; throws an Error with a sentence when the file is not one. */
 export function fileOf(view: View): string {
   return `${JSON.stringify({ kind: "urbantwin view", format: 1, ...rounded(view) }, null, 2)}\n`;

@@ -9,10 +9,8 @@ import { PlayClock, stepsAhead } from "../src/timeline";
 import {
   DEFAULT_VIEW,
   fileOf,
-  hashOf,
   readView,
   viewOfFile,
-  viewOfHash,
   type View,
 } from "../src/view_state";
 
@@ -33,17 +31,8 @@ const VIEW: View = {
   target: [0, 0, 0],
 };
 
-test("a view comes back from its link and from its file", () => {
-  assert.deepEqual(viewOfHash(`#${hashOf(VIEW)}`), VIEW);
+test("a view comes back from its file", () => {
   assert.deepEqual(viewOfFile(fileOf(VIEW)), VIEW);
-  assert.equal(hashOf(DEFAULT_VIEW), "", "the default view needs no link of its own");
-  assert.doesNotThrow(() => new URL(`file:///a.html#${hashOf(VIEW)}`));
-});
-
-test("a link says what differs from the page's own first view, also where that is the default", () => {
-  const base: View = { ...DEFAULT_VIEW, colour: "away", hidden: [1], selected: 3 };
-  const view: View = { ...base, colour: "class", hidden: [], selected: null };
-  assert.deepEqual(viewOfHash(hashOf(view, base), base), view);
 });
 
 test("what a stranger wrote never breaks the view", () => {
@@ -63,8 +52,6 @@ test("what a stranger wrote never breaks the view", () => {
     assert.equal(view.colour, "class");
     assert.equal(view.filters.sort, "range");
   }
-  assert.deepEqual(viewOfHash("#view=%7Bbroken"), DEFAULT_VIEW);
-  assert.deepEqual(viewOfHash("#something-else"), DEFAULT_VIEW);
   assert.throws(() => viewOfFile("no json"), /not JSON/);
   assert.throws(() => viewOfFile('{"step": 3}'), /not a view/);
 });
