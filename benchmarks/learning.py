@@ -32,9 +32,9 @@ PROJECT = Path(__file__).resolve().parents[1]
 REAL = PROJECT.parent / "shared" / "data"
 LUMPI = REAL / "recordings" / "lumpi"
 
-#: Frames of LUMPI that the twin and its background are made from (docs/hannover.md).
+#: Frames of LUMPI that the twin and its background are made from (notebook/hannover.md).
 FIRST = range(1, 13)
-#: Vehicles per hour: as calibrated (docs/hannover.md) with more who are rare, and many of those.
+#: Vehicles per hour: as calibrated (notebook/hannover.md), with more of rare classes.
 USUAL = {"car": 2820, "van": 95, "bus": 60, "truck": 60, "bicycle": 900, "pedestrian": 1200}
 MANY = {"car": 1800, "van": 200, "bus": 150, "truck": 200, "motorcycle": 60}
 MANY |= {"bicycle": 1300, "pedestrian": 2000}

@@ -1,4 +1,4 @@
-"""How many things as large as a person stand in streets, real and simulated: docs/learning.md.
+"""How many things as large as a person stand in streets, real and simulated: notebook/learning.md.
 
     python benchmarks/person_sized.py DATASET ...       # datasets of `record` by a sensor on a car
     python benchmarks/person_sized.py PLACE/twin ...    # twins, without actors, by an HDL-64E

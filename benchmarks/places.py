@@ -2,7 +2,7 @@
 
 `init` with what it proposes, then `build`, `traffic` and `record`: each a command of its own, as
 `run` does them, with their pictures. What they made is then read from its files and compared with
-the OpenStreetMap file itself; docs/places.md says how each column is measured.
+the OpenStreetMap file itself; notebook/places.md says how each column is measured.
 
     python benchmarks/places.py
     python benchmarks/places.py --only london-borough --only chennai --seconds 5

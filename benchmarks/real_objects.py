@@ -2,10 +2,11 @@
 
     python benchmarks/real_objects.py [SET ...] [--json FILE] [--coats 6] [--bright]
 
-Sets are those of `docs/real_lidar.md`. Of shapes: medians over objects. Of losses and codes: all
-rays between neighbours that return from one object. Intervals are the middle 95 % of a bootstrap
-over objects. With `--coats` only: what is lost with so many other draws of coats, least and most.
-With `--bright` only: points on cars far beyond white, of plates, lamps and reflectors.
+Sets are those of `notebook/real_lidar.md`. Of shapes: medians over objects. Of losses and codes:
+all rays between neighbours that return from one object. Intervals are the middle 95 % of a
+bootstrap over objects. With `--coats` only: what is lost with so many other draws of coats,
+least and most. With `--bright` only: points on cars far beyond white, of plates, lamps and
+reflectors.
 """
 
 from __future__ import annotations

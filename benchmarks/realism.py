@@ -1,4 +1,4 @@
-"""What each part of the simulator is worth to a detector on real frames: docs/learning.md.
+"""What each part of the simulator is worth to a detector on real frames: notebook/learning.md.
 
     python benchmarks/learning.py car WORK; python benchmarks/learning.py roadside WORK
     python benchmarks/realism.py WORK all glass ...     # all of them if none is named

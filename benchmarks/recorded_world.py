@@ -1,4 +1,4 @@
-"""How near a twin built from a recording is to the place (docs/hannover.md, recording_source.md).
+"""How near a twin built from a recording is to the place (notebook/hannover.md).
 
     python benchmarks/recorded_world.py picture REAL DATASET sides.png
     python benchmarks/recorded_world.py realism REAL DATASET [DATASET ...]

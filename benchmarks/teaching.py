@@ -1,4 +1,4 @@
-"""Small trials of what teaches a detector, seed by seed: docs/learning.md.
+"""Small trials of what teaches a detector, seed by seed: notebook/learning.md.
 
     python benchmarks/teaching.py pretraining WORK DATASET ...   # plain, masked, next-sweep
     python benchmarks/teaching.py curriculum WORK EASIEST ... HARDEST

@@ -123,7 +123,7 @@ def _sensor_counts() -> str:
 
 def _is_ours(text: str) -> bool:
     """Return whether the number was found on real scans by us, not stated by the maker."""
-    return text.startswith(("measured", "fitted")) or "docs/real_lidar" in text
+    return text.startswith(("measured", "fitted")) or "notebook/real_lidar" in text
 
 
 def _sensor_page() -> str:

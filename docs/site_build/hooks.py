@@ -1,14 +1,16 @@
-"""What the site has beside `docs/*.md`: files of the repository, the reference, the gallery.
+"""Pages that only the site has: files of the repository, the reference, the gallery.
 
-mkdocs calls the functions ``on_*`` (``hooks:`` in ``mkdocs.yml``). Pages that only the site has are
-made here and written nowhere else; `docs/*.md` link to files of the repository as they do on disk
-(``../src/...``), and the site has a page for each file that is linked to.
+mkdocs calls the functions ``on_*`` (``hooks:`` in ``mkdocs.yml``). Pages in `docs/` link to files
+of the repository as they do on disk (``../src/...``), and the site has a page for each such
+file. The notebook is not part of the site: a link to it becomes the name of the file.
 """
 
 import html
 import json
+import posixpath
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +26,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from basis import long_pages  # noqa: E402
 from reference import command_page, python_pages  # noqa: E402
 
-#: A link of a page to a file of the repository that is not among the pages.
-OUTSIDE = re.compile(r"\]\(\.\./([^)#\s]+)(#[^)\s]*)?\)")
+#: A link of a page to a file: its text, path and anchor.
+LINK = re.compile(r"\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)#\s:]+)(#[^)\s]*)?\)")
 #: Where the gallery shows a picture or a saved page: the comment is invisible anywhere else.
 SHOWN = re.compile(r"<!-- shown: (\S+) \| (.+?) -->")
 #: Of the repository's own pages, which the site has whether a page links to them or not.
@@ -44,9 +46,10 @@ LANGUAGES = {".py": "python", ".csv": "text", ".yaml": "yaml", ".yml": "yaml", "
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that only the site has."""
     linked = {
-        match[1]
+        path
         for file in files.documentation_pages()
-        for match in OUTSIDE.finditer(file.content_string)
+        for path in _outside(file.content_string, file.src_uri)
+        if not path.startswith("notebook/")
     }
     for path in sorted({*OWN} | linked):
         if not (ROOT / path).is_file():
@@ -78,8 +81,37 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     markdown = "".join(pieces)
     if page.file.src_uri.startswith("repository/"):
         return markdown
-    markdown = OUTSIDE.sub(lambda link: f"]({_page_of(link[1])}{link[2] or ''})", markdown)
+    markdown = LINK.sub(lambda link: _linked(link, page.file.src_uri), markdown)
     return SHOWN.sub(lambda comment: _shown(comment[1], comment[2]), markdown)
+
+
+def _outside(markdown: str, page: str) -> Iterator[str]:
+    """Yield the files of the repository outside `docs/` that a page links to."""
+    for link in LINK.finditer(markdown):
+        if (path := _file_of(link[2], page)) and not path.startswith("docs/"):
+            yield path
+
+
+def _file_of(link: str, page: str) -> str:
+    """Return the path from the repository's root of what a page in `docs/` links to."""
+    if page.startswith("repository/") or not link.startswith("../"):
+        return ""
+    return posixpath.normpath(posixpath.join("docs", posixpath.dirname(page), link))
+
+
+def _linked(link: re.Match[str], page: str) -> str:
+    """Return a link as the site has it."""
+    path = _file_of(link[2], page)
+    if not path or path.startswith("docs/"):
+        return link[0]
+    if path.startswith("notebook/"):
+        return _in_notebook(link[1], path)
+    to = posixpath.relpath(_page_of(path), posixpath.dirname(page) or ".")
+    return f"[{link[1]}]({to}{link[3] or ''})"
+
+
+def _in_notebook(text: str, path: str) -> str:
+    return f"{text} (`{path}` in the repository)"
 
 
 def _page_of(path: str) -> str:
@@ -90,6 +122,12 @@ def _shown_file(path: str) -> str:
     text = (ROOT / path).read_text(encoding="utf-8")
     if path.endswith(".md"):
         # It stands one folder deeper in the site than in the repository.
+        text = LINK.sub(
+            lambda link: (
+                _in_notebook(link[1], link[2]) if link[2].startswith("notebook/") else link[0]
+            ),
+            text,
+        )
         text = re.sub(r"\]\(docs/", "](../", text)
         return re.sub(
             r"\]\((?!\.\./|[a-z]+:|#)([^)#\s]+)",

@@ -21,9 +21,9 @@ from urbantwin.cli.commands import GROUPS, every_command
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = sorted(DOCS.glob("*.md"))
+PAGES = sorted(DOCS.glob("**/*.md"))
 #: What people read on GitHub.
-TEXTS = [*PAGES, *sorted(ROOT.glob("*.md"))]
+TEXTS = [*PAGES, *sorted(ROOT.glob("*.md")), *sorted(ROOT.glob("notebook/*.md"))]
 GITHUB = MarkdownIt("commonmark").enable(["table", "strikethrough"])
 
 MakeOnce = Callable[[str, Callable[[Path], object]], Path]
@@ -134,7 +134,7 @@ def read_text_anchors(page: Path) -> set[str]:
     return Read(page.read_text(encoding="utf-8")).anchors
 
 
-@pytest.mark.parametrize("page", TEXTS, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_link_on_github_leads_somewhere(page: Path) -> None:
     html = Read(GITHUB.render(page.read_text(encoding="utf-8")))
     assert broken(page, [*html.links, *html.loaded], github_anchors) == []
@@ -151,12 +151,14 @@ def test_the_site_shows_what_github_shows(site: Path) -> None:
         text = page.read_text().replace("<!-- shown", "<!--")
         theirs = Read(GITHUB.render(text)).elements
         article = re.search(
-            r"<article.*?>(.*)</article>", (site / f"{page.stem}.html").read_text(), re.DOTALL
+            r"<article.*?>(.*)</article>",
+            (site / page.relative_to(DOCS).with_suffix(".html")).read_text(),
+            re.DOTALL,
         )
         assert article is not None
         ours = Read(re.sub(r"<aside.*?</aside>", "", article[1], flags=re.DOTALL)).elements
         if wrong := {tag: (theirs[tag], ours[tag]) for tag in counted if theirs[tag] != ours[tag]}:
-            differ[page.name] = wrong
+            differ[str(page.relative_to(DOCS))] = wrong
     assert differ == {}
 
 

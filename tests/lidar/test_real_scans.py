@@ -1,7 +1,7 @@
 """The simulated sensors against scans of real ones, by the project's own benchmarks.
 
 What is asserted is agreement with real data: nothing here was fitted to it but the roughness and
-the reflectivity of asphalt, which are Argoverse's (`docs/real_lidar.md`).
+the reflectivity of asphalt, which are Argoverse's (`notebook/real_lidar.md`).
 """
 
 import importlib.util

@@ -27,7 +27,7 @@ _TELL_EVERY_S = 1.0
 #: States of a step that no run will change.
 _ENDED = ("done", "failed", "dropped")
 #: Estimates where nothing was measured, for a unit of a step's work: seconds of one processor, and
-#: bytes of points as ``npy``. Their sources are in docs/scale.md.
+#: bytes of points as ``npy``. Their sources are in notebook/scale.md.
 _ESTIMATES = {"twin": (60.0, 0.0), "motion": (0.5, 0.0), "dataset": (4e-7, 17.0)}
 #: Bytes left of those by other storages, as a share.
 _PACKED = {"npy": 1.0, "zstd": 0.36, "laz": 0.2}

@@ -10,7 +10,7 @@ The OS1's datasheet of the first generation has both ends: 1.5 cm above an SNR o
 12, so that the two parts are equal at `KNEE_SNR` (at 100 it says 3 cm, we 1.9). Strength 1 is taken
 to be the weakest of the three, `REFERENCE_SNR`. Where the datasheet of a model says how much ranges
 of a 10 % target at its range scatter (``weak_sigma_m``), the knee follows from that: newer OS1 are
-two to three times as precise there (roads of real scans: `docs/real_lidar.md`).
+two to three times as precise there (roads of real scans: `notebook/real_lidar.md`).
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ road are, the more they differ. `PATCHES` is fitted to the variogram of that OS1
 on a road from 13 to 18 m, where no ray is lost: 0.25 in the logarithm next to each other, 0.33 at
 half a metre, 0.45 from some metres on; and to 0.54 at 7 m and 0.58 from 12 m on of a VLP-32C and
 an OS0-128 in two other streets. The median is the table's. What is dark of it is lost first:
-that is how drop-out sets in early and grows slowly (`docs/real_lidar.md`). Both are part of the
+that is how drop-out sets in early and grows slowly (`notebook/real_lidar.md`). Both are part of the
 effect ``noise``.
 """
 

@@ -4,8 +4,8 @@ Real bodies are not as plain as meshes: gaps between panels, trim, chrome, folds
 send single beams elsewhere, and a glossy coat mirrors away what does not meet it squarely. Of rays
 at opaque parts of real vehicles 4 to 10 of 100 return nothing even where cars are bright and near,
 one by one between neighbours that return; of rays at people 2 (KITTI and Argoverse 2, fitted:
-`docs/real_lidar.md`). Which beams it is depends on the beam and the triangle: a sensor that stands
-sees a standing car alike in every frame. Panes differ in their dirt by `DIRT`.
+`notebook/real_lidar.md`). Which beams are lost depends on the beam and the triangle: a static
+sensor sees a static car alike in every frame. Panes differ in their dirt by `DIRT`.
 
 **Ground** throws some beams on: lids, tar, puddles and ruts mirror or hide what comes in flat. Of
 rays at real roads some of a thousand are lost near the sensor, where light abounds, and 1 to 2 of

@@ -143,7 +143,7 @@ def tail_lamps(entry: Mapping[str, Any], outline: Outline) -> list[Solid]:
     """Return the tail lamps of a car: bright housings, and lenses that throw light back.
 
     Height and size are fitted to half of PandaSet's cars: there the median code is a third of
-    white, and a fifth of the points are beyond 1.5 times white (docs/real_lidar.md).
+    white, and a fifth of the points are beyond 1.5 times white (notebook/real_lidar.md).
     """
     _, width, height = entry["size"]
     z = min(0.53 * height, 0.83)

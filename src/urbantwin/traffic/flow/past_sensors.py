@@ -23,7 +23,7 @@ from urbantwin.twin import Twin
 __all__ = ["USEFUL_M", "traffic_past_sensors"]
 
 #: Range within which sensors get enough points of a vehicle to label it well, metres: the range in
-#: which docs/places.md judges what a rig sees.
+#: which notebook/places.md judges what a rig sees.
 USEFUL_M = 50.0
 #: Streets on the ground lie within this height of it, metres: less than a bridge over a street.
 LEVEL_M = 2.5
