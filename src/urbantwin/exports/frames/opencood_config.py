@@ -3,6 +3,8 @@
 Source: OpenCOOD, ``hypes_yaml/point_pillar_late_fusion.yaml``, and the rule of
 ``mask_boxes_outside_range_numpy``: of a box, all eight corners must lie within the range, in the
 frame of the agent that learns. Its own range, -3 to 1 m about the LiDAR, is that of a car's roof.
+Inference (``train=False``) filters by the constant ``GT_RANGE`` of ``opencood.data_utils.datasets``
+in place of the configured range (``base_postprocessor.generate_object_center``).
 """
 
 from __future__ import annotations
@@ -96,7 +98,9 @@ class ReachOfBoxes:
         low, high = self.range_m[2], self.range_m[5]
         return (
             f"{CONFIG_FILE} has the range z [{low:g}, {high:g}] m about the sensor; with "
-            f"OpenCOOD's own, z [-3, 1], {self.in_stock} of {self.boxes} boxes remain"
+            f"OpenCOOD's own, z [-3, 1], {self.in_stock} of {self.boxes} boxes remain. "
+            f"Its inference ignores this file's range: set GT_RANGE = {list(self.range_m)} in its "
+            "opencood/data_utils/datasets/__init__.py"
         )
 
 

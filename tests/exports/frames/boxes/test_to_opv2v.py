@@ -132,6 +132,8 @@ def test_its_config_has_a_range_that_holds_every_vehicle(any_dataset, tmp_path):
     )
     (said,) = [note for note in notes if "range z" in note]
     assert f"{kept['stock']} of {kept['all']} boxes remain" in said
+    assert f"GT_RANGE = {bounds}" in said  # what inference filters by
+    assert f"GT_RANGE = {bounds}" in (out / "point_pillar_late_fusion.yaml").read_text()
 
 
 def test_opencoods_rules_give_boxes_and_points(any_dataset, held, parts, tmp_path):
