@@ -203,6 +203,7 @@ def test_a_file_of_a_site(run: Run, tmp_path: Path, extra: str, module: str, nam
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.thorough
 def test_every_extra_is_refused_somewhere() -> None:
     refused = {extra for extra, _, _ in COMMANDS}
     refused |= {"airborne", "e57", "fbx", "gltf"}  # of files

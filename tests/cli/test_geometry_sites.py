@@ -188,6 +188,7 @@ def building_of(folder: Path) -> trimesh.Trimesh:
     )
 
 
+@pytest.mark.thorough
 def test_a_model_in_centimetres_with_y_up_stands_where_it_should_and_builds_the_same_twice(
     run_here: Run, tmp_path: Path
 ) -> None:

@@ -35,6 +35,7 @@ def site(begun, tmp_path):
     return shutil.copytree(begun[0], tmp_path / "site")
 
 
+@pytest.mark.thorough
 def test_from_a_map_to_frames(begun, site, run_here, tmp_path):
     twin, motion = tmp_path / "twin", tmp_path / "motion"
     assert begun[1]["name"] == "Long Avenue / Cross Street"

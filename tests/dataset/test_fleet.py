@@ -88,6 +88,7 @@ def test_a_node_sees_what_its_rig_sees_alone(fleet, twin, motion, tmp_path, name
     assert ours.equals(theirs)
 
 
+@pytest.mark.thorough
 def test_workers_do_not_matter_and_what_is_there_is_kept(fleet, paths, tmp_path, digests, capsys):
     """One process, stopped in the middle; then two that go on."""
     file = written(tmp_path, NODES)

@@ -45,6 +45,7 @@ def test_what_is_handed_reaches_others_as_long_as_the_block_runs():
             crew.pool.submit(received, place).result()
 
 
+@pytest.mark.thorough
 def test_helpers_write_nothing_when_a_recording_has_been_interrupted(twin, motion, rig, tmp_path):
     """They stay, and another run may work on the same output by then."""
 

@@ -120,6 +120,7 @@ def test_a_folder_that_a_node_does_not_see_is_refused_before_any_work(cluster, t
         record(twin, motion, rig, out, workers=cluster, seed=5)
 
 
+@pytest.mark.thorough
 def test_a_node_is_killed_and_the_bytes_are_those_of_one_worker(
     cluster, nodes, twin, motion, rig, dataset, tmp_path
 ):

@@ -481,6 +481,7 @@ def write_dataset(folder, frames):
     (folder / "dataset.json").write_text(json.dumps(manifest))
 
 
+@pytest.mark.thorough
 def test_pictures_of_a_dataset_come_out_the_same(tmp_path):
     quiet = frame_of_one_car(name="000000", box_points=np.array([0]))
     write_dataset(tmp_path / "set", [quiet, frame_of_one_car()])

@@ -66,6 +66,7 @@ def test_no_text_covers_another_or_leaves_the_sheet(request, name):
             assert on_map.intersection(twin.roads.carriageway(0)).area < 0.25 * on_map.area, text
 
 
+@pytest.mark.thorough
 def test_svg_and_png_are_the_same_every_time(small_twin, tmp_path):
     for name in ("one", "two"):
         export_twin(small_twin, "plan", tmp_path / name)

@@ -349,6 +349,7 @@ def test_road_edges_are_where_carriageway_meets_other_ground():
     assert (inside.min(axis=1) < 5.0).all()
 
 
+@pytest.mark.thorough
 def test_a_crossing_is_held_by_its_curbs_alone():
     """In the twin the sidewalks lie level with the road, as where a DEM smooths over them."""
     level = kerbed(kerb=0.0)

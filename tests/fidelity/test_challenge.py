@@ -204,6 +204,7 @@ def test_the_held_out_half_is_never_fitted_to():
     assert after["FPD"] > 9_000 > before["FPD"]
 
 
+@pytest.mark.thorough
 def test_the_protocol_in_a_report(tmp_path):
     for name, seed in (("real", 0), ("twin", 1)):
         (tmp_path / name).mkdir()

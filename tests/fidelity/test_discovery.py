@@ -45,6 +45,7 @@ def found(fused):
     return discover(frames[:1], ["0"], models=models)
 
 
+@pytest.mark.thorough
 def test_two_tilted_sensors_are_found(fused, found):
     rig, *_ = fused
     assert len(found.sensors) == 2

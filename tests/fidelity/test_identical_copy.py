@@ -86,6 +86,7 @@ def report(recording, tmp_path_factory):
         )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("part", ["whole", "foreground", "background"])
 def test_a_copy_is_nearer_than_the_next_real_frame_on_every_measure(report, part):
     rows = [(f.twin_figures, f.real_figures) for f in report.frames]

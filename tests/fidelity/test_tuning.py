@@ -169,6 +169,7 @@ def fitted(place, tmp_path_factory):
     return found, out, opened.events
 
 
+@pytest.mark.thorough
 def test_a_known_truth_is_recovered(place, fitted):
     found, out, _ = fitted
     rig = yaml.safe_load((out / "rig.yaml").read_text())

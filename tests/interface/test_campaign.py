@@ -45,6 +45,7 @@ def made(grid: Path) -> ut.experiment.Campaign:
     return ut.experiment.run(grid, workers=1, progress=False)
 
 
+@pytest.mark.thorough
 def test_all_datasets_are_read_as_one(made: ut.experiment.Campaign) -> None:
     again = ut.open(made.folder)
     assert isinstance(again, ut.experiment.Campaign)

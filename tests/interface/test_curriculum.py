@@ -43,6 +43,7 @@ def counted(dataset: ut.Dataset) -> dict[tuple[str, int], float]:
     }
 
 
+@pytest.mark.thorough
 def test_labels_count_as_far_as_the_grade_says(graded: ut.experiment.Curriculum) -> None:
     near, every = (counted(graded.datasets[name]) for name in ("near", "all"))
     assert any(away > RANGE_M + 1.0 for away in every.values())

@@ -61,6 +61,7 @@ def found(pair: ut.experiment.Variation, tmp_path_factory: pytest.TempPathFactor
     return [folder / name for name in NAMES]
 
 
+@pytest.mark.thorough
 def test_the_car_behind_the_truck_is_hidden_by_that_truck(
     pair: ut.experiment.Variation, found: list[Path], tmp_path: Path
 ) -> None:

@@ -27,6 +27,7 @@ def above(line: Line, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.thorough
 def test_a_gif_lasts_as_long_as_what_it_shows_and_has_the_same_bytes_again(
     line: Line, above: Path, tmp_path: Path
 ) -> None:

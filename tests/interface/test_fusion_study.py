@@ -87,6 +87,7 @@ def test_a_fleet_and_its_datasets_are_the_same_nodes(fleet: Path) -> None:
         assert np.allclose(poses[0].translation, poses[1].translation)
 
 
+@pytest.mark.thorough
 def test_the_study_holds_what_it_tells(study: ut.model.FusionStudy) -> None:
     rows = study.settings.to_pylist()
     assert {row["study"] for row in rows} == {"nodes", "failure"}

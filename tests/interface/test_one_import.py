@@ -53,6 +53,7 @@ def test_a_motion_is_read_without_what_made_it(line: Line) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_two_folders_of_clouds_are_compared_without_what_makes_twins(
     line: Line, tmp_path: Path
 ) -> None:

@@ -34,6 +34,7 @@ def made(grid: Path) -> ut.experiment.Study:
     return ut.experiment.run(grid, grid.parent / "study", workers=1, progress=False)
 
 
+@pytest.mark.thorough
 def test_a_wrong_pose_moves_points_and_a_dead_sensor_has_none(made: ut.experiment.Study) -> None:
     assert made.manifest["recordings"] == 8
     rows = {

@@ -28,6 +28,7 @@ def write(path: Path, *events: dict[str, Any]) -> None:
     path.write_text(yaml.safe_dump({"events": list(events)}), encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_a_suite_is_the_same_until_a_scenario_is_another(
     line: Line, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

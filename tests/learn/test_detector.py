@@ -432,6 +432,7 @@ def test_a_curriculum_goes_through_its_datasets_in_order(street: Path, tmp_path:
         ut.model.train(street, tmp_path / "m", in_order=True, progress=False)
 
 
+@pytest.mark.thorough
 def test_frames_of_other_parts_are_not_learned_from(street: Path, tmp_path: Path) -> None:
     """Of a dataset with a split, training sees one part, and a judge the other."""
     split = shutil.copytree(street, tmp_path / "split")

@@ -143,6 +143,7 @@ class Nothing(LabelledFrames):
     """Frames that nobody may ask for."""
 
 
+@pytest.mark.thorough
 def test_it_tells_people_from_what_is_lower_and_goes_on_where_it_was(tmp_path: Path) -> None:
     design = Design(NAMES, 12.0)
     network, frames = new_network(design).eval(), Nothing(tmp_path, (), (), {})
@@ -227,6 +228,7 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_what_a_detector_finds_in_its_frames_is_what_it_learns_from(
     people: Path, tmp_path: Path
 ) -> None:

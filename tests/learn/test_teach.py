@@ -40,6 +40,7 @@ def site(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.thorough
 def test_a_place_becomes_a_detector_and_the_same_call_does_nothing(
     site: Path, tmp_path: Path
 ) -> None:

@@ -117,6 +117,7 @@ def test_a_full_disk(stand: Stand, tmp_path: Path, disk: Disk, key: str, older: 
     check_full(stand, tmp_path, disk, key, older=older)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("key", ["record"])
 def test_a_full_disk_of_few(stand: Stand, tmp_path: Path, disk: Disk, key: str) -> None:
     check_full(stand, tmp_path, disk, key, older=False)

@@ -228,6 +228,7 @@ def held(path: Path) -> bool:
     return bool(SCRATCH.fullmatch(path.name)) and any(path.iterdir())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("key", "to_all"),
     [("traffic", False), ("record", True), *further(("traffic", True), ("record", False))],

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import yaml
 
 from .small_site import ROOT, Stand, bytes_of
@@ -25,6 +26,7 @@ def run(*command: object, **environment: str) -> subprocess.CompletedProcess[byt
     )
 
 
+@pytest.mark.thorough
 def test_the_whole_line_of_a_site_with_other_letters(stand: Stand, tmp_path: Path) -> None:
     """In folders, names of files, and what is said of them: the same bytes as in UTF-8."""
     place = tmp_path / "größe" / "Łódź"

@@ -105,6 +105,7 @@ def test_nothing_grows_on_streets_crossings_or_in_houses(suburb):
         assert not low or one.geometry.distance(STREET) >= reach(one), one
 
 
+@pytest.mark.thorough
 def test_street_trees_stand_in_the_verge_as_far_apart_as_the_table_says():
     spacing = float(rows_of("street_trees.csv", "europe")[0]["spacing_m"])
     found = 0
@@ -239,6 +240,7 @@ def build(features):
     return [tree_mesh(features, **more)[0], barrier_mesh(features, **more)[0]]
 
 
+@pytest.mark.thorough
 def test_what_is_built_is_the_same_to_the_byte(suburb):
     features, found = suburb
     first, second = build([*features, *found]), build([*features, *found])

@@ -109,6 +109,7 @@ def test_shares_of_boundaries_are_those_of_the_table():
     assert abs(long / whole - share) < 4 * spread + 0.02
 
 
+@pytest.mark.thorough
 def test_pieces_come_as_often_as_the_table_says():
     found = 0
     for number in range(2, 14):

@@ -62,6 +62,7 @@ def outlines(rows) -> np.ndarray:
     return shapely.polygons(np.stack([np.stack(one, axis=-1) for one in corners], axis=1))
 
 
+@pytest.mark.thorough
 def test_trams_come_as_often_as_asked_and_stay_on_their_rails(motion, records):
     rows = records(motion.actors)
     trams = rows[rows["class"] == "tram"]

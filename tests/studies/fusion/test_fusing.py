@@ -199,6 +199,7 @@ def test_points_of_what_moves_move_and_all_others_stay() -> None:
     assert np.allclose(advanced_points(ahead, before.only(np.array([0])), there), left, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_places_of_now_are_found_where_they_were_and_what_was_left_is_empty() -> None:
     before = road_users(cars(1))
     before = replace(before, rates=np.array([[10.0, 0.0]]))

@@ -204,6 +204,7 @@ def test_a_search_with_a_budget_begins_with_a_cheapest_layout(question, judge, c
     assert [one.layout for one in found] == [cheapest]
 
 
+@pytest.mark.thorough
 def test_a_search_keeps_to_its_budget_and_comes_out_the_same(question, judge, casts):
     spec = question.spec.model_copy(update={"budget": 11_000.0})
     views = Views(spec, question.mounts.every)

@@ -49,6 +49,7 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("workers", [1, *further(2)])
 def test_an_interrupted_run_leaves_the_same_bytes_whoever_goes_on(
     two_avenues_twin, folder, placement, monkeypatch, workers
