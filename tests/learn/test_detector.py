@@ -343,7 +343,7 @@ def test_what_was_learned_without_labels_begins_a_detector(street: Path, tmp_pat
     bare = tmp_path / "bare"
     shutil.copytree(street / "points", bare / "points")
     first = ut.model.pretrain(bare, tmp_path / "first", steps=2, reach=12, progress=False)
-    with pytest.raises(ut.InputError, match="tells nothing"):
+    with pytest.raises(ut.InputError, match="has no output"):
         ut.model.detect(first, street, tmp_path / "d", progress=False)
     given = {"reach": 12, "classes": ["car"], "progress": False}
     with pytest.raises(ut.InputError, match=r"has cell_m 0.4 m.*expected.*cell_m 0.5"):

@@ -1,6 +1,6 @@
-"""Detectors that learn from labelled frames: pillars, a network, its training, what it detects.
+"""LiDAR detectors: pillars, the network, its training and inference.
 
-It needs torch, so nothing of it is imported before it is asked for.
+Needs torch, so names are imported on first use.
 """
 
 from __future__ import annotations

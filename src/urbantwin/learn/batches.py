@@ -1,7 +1,7 @@
-"""Batches of a training, made ahead of it: by a thread of this process, or by several processes.
+"""Training batches, prepared ahead by a thread of this process or by several processes.
 
-A batch is arrays by name. Processes write them into memory that they share with this one, which
-it lends them and gives to the next when a step is done: nothing travels through a pipe.
+A batch is a mapping of names to arrays. Worker processes write them into shared memory, which is
+reused after each step, so no array passes through a pipe.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ __all__ = ["Arrays", "Source", "batches"]
 
 #: A batch: its arrays by name.
 Arrays = dict[str, NDArray[Any]]
-#: Arrays begin at multiples of this, bytes.
+#: Alignment of arrays in shared memory, bytes.
 _ALIGNED = 64
-#: So many batches wait beside those that are being made.
+#: Number of finished batches that may wait.
 _WAITING = 2
 
 
 class Source(Protocol):
-    """Makes batches; a copy of it goes to each process that does."""
+    """Makes batches; each worker process gets a copy."""
 
     def batch(self, step: int) -> Arrays:
-        """Return the batch of a step; all random numbers come from the step and a seed."""
+        """Return the batch of a step; its randomness depends on the seed and the step alone."""
 
 
 class _Placed(NamedTuple):
-    """Where an array lies in shared memory."""
+    """Location of an array in shared memory."""
 
     name: str
     dtype: str
@@ -48,16 +48,16 @@ class _Placed(NamedTuple):
 
 
 def batches(source: Source, first: int, last: int | None, workers: int) -> Generator[Arrays]:
-    """Yield the batches of steps in their order; each may be used until the next is asked for.
+    """Yield the batches of steps in order; a batch is valid until the next is requested.
 
     Args:
-        source: makes them.
-        first: step.
-        last: step, itself left out; none: for ever.
-        workers: processes; with one, a thread of this process.
+        source: maker of the batches.
+        first: first step.
+        last: step after the last; ``None``: endless.
+        workers: number of processes; with 1, a thread of this process.
 
     Raises:
-        StageError: a process was killed.
+        StageError: a worker process was killed.
     """
     if first == last:
         return
@@ -68,7 +68,7 @@ def batches(source: Source, first: int, last: int | None, workers: int) -> Gener
         yield from _of_processes(source, first, last, workers)
     except BrokenProcessPool:
         raise StageError(
-            "a process that makes samples was killed (out of memory?); what was learned is kept: "
+            "a process that makes samples was killed (out of memory?); the training state is kept: "
             "give the same command again, with fewer workers"
         ) from None
 
@@ -103,7 +103,7 @@ def _of_processes(source: Source, first: int, last: int | None, workers: int) ->
 
 
 class _Room:
-    """Memory that a process writes a batch into, and this one reads it from."""
+    """Shared memory for one batch."""
 
     def __init__(self) -> None:
         self._file = os.memfd_create("urbantwin-batch")
@@ -117,7 +117,7 @@ class _Room:
         os.close(self._file)
 
     def arrays(self, placed: Sequence[_Placed]) -> Arrays:
-        """Return the arrays that were written."""
+        """Return the arrays of the batch as views."""
         if len(self._memory) < os.fstat(self._file).st_size:
             self._memory = np.frombuffer(mmap.mmap(self._file, 0), np.uint8)
         return _views(self._memory, placed)
@@ -136,12 +136,12 @@ _source: Source | None = None
 
 
 def _start(source: Source) -> None:
-    global _source  # noqa: PLW0603 - a worker's only state: what it makes batches of
+    global _source  # noqa: PLW0603 - state of a worker process: its source
     _source = source
 
 
 def _written(step: int, path: str) -> list[_Placed]:
-    """Make a batch in a process, into memory of the one that trains; return where it lies."""
+    """Write a batch into the shared memory at ``path``; return the location of its arrays."""
     assert _source is not None
     made = _source.batch(step)
     placed, size = [], 0

@@ -1,4 +1,4 @@
-"""Boxes out of the network's maps: peaks, and of boxes that overlap the likeliest."""
+"""Decoding of the network's maps: peaks, then non-maximum suppression."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from urbantwin.learn.heads import ClassHead, decoded
 
 __all__ = ["LEAST_SCORE", "Found", "boxes_of_maps", "kept_of_overlapping"]
 
-#: Boxes that are less likely are not told of.
+#: Lowest score of a returned box by default.
 LEAST_SCORE = 0.05
-#: Of each class in a frame.
+#: Largest number of boxes of a class in a frame.
 _MOST_BOXES = 300
-#: Two boxes share more of their area in plan than this: one of them is wrong.
+#: Largest overlap (IoU in plan) of two boxes.
 _MOST_SHARED = 0.15
-#: Nobody stands nearer to another's middle, metres.
+#: Smallest distance of two centres, metres.
 _NEAREST_M = 0.3
-#: Of these one place holds one.
+#: Classes that suppress each other.
 _ROAD_VEHICLES = ("car", "truck", "bus")
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What is found in one frame.
+    """Detected boxes of one frame.
 
     Attributes:
-        box: (N, 7), z above the ground.
-        number: (N,) int64, which class.
-        score: (N,) 0..1, falling.
+        box: (N, 7) boxes, z above the ground.
+        number: (N,) int64 class indices.
+        score: (N,) scores, 0..1, descending.
     """
 
     box: NDArray[np.float64]
@@ -43,7 +43,7 @@ class Found:
     score: NDArray[np.float64]
 
     def only(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Found:
-        """Return some of it."""
+        """Return a selection of boxes."""
         return Found(self.box[chosen], self.number[chosen], self.score[chosen])
 
 
@@ -56,10 +56,10 @@ def boxes_of_maps(
     """Return the boxes of one frame.
 
     Args:
-        maps: of each class (`heads.OUTPUTS`, rows, columns) as the network says it.
-        grid: of the pillars.
-        heads: the classes.
-        least_score: what is less likely is left out.
+        maps: outputs of the network: (`heads.OUTPUTS`, rows, columns) for each class.
+        grid: grid of the pillars.
+        heads: heads of the classes.
+        least_score: lowest score of returned boxes.
     """
     boxes, numbers, scores = [np.zeros((0, 7))], [np.zeros(0, np.int64)], [np.zeros(0)]
     for number, (said, head) in enumerate(zip(maps, heads, strict=True)):
@@ -79,14 +79,14 @@ def boxes_of_maps(
 
 
 def kept_of_overlapping(found: Found, names: Sequence[str]) -> Found:
-    """Return what non-maximum suppression leaves: of boxes that overlap the one of highest score.
+    """Apply non-maximum suppression in plan.
 
-    Cars, trucks and buses suppress each other; a person may stand by a bicycle, so every other
-    class suppresses itself alone.
+    Cars, trucks and buses suppress each other; every other class only suppresses itself, since a
+    person may stand beside a bicycle.
 
     Args:
-        found: the likeliest first.
-        names: of the classes.
+        found: boxes by descending score.
+        names: names of the classes.
     """
     if not len(found.box):
         return found
@@ -102,7 +102,7 @@ def kept_of_overlapping(found: Found, names: Sequence[str]) -> Found:
     overlap = shared / np.maximum(area[first] + area[second] - shared, 1e-9)
     apart = np.hypot(*(found.box[first, :2] - found.box[second, :2]).T)
     clash = (overlap > _MOST_SHARED) | (apart < _NEAREST_M)
-    # What lies wholly in another is small beside it: a car's box in a bus's.
+    # A small box inside a large one has a low IoU: a car's box in a bus's.
     clash |= shared > 0.6 * np.minimum(area[first], area[second])
     kept = np.ones(len(found.box), bool)
     order = np.lexsort((second[clash], first[clash]))

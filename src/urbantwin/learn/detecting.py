@@ -1,4 +1,4 @@
-"""What a model detects in frames."""
+"""Inference: detections in the frames of a recording."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ def found_in(
     least: float = LEAST_SCORE,
     views: int = 1,
 ) -> tuple[Found, NDArray[np.uint8] | None]:
-    """Return what a model finds in one frame, in the frame of its points, and their classes.
+    """Detect objects in one frame; return boxes in the frame of its points, and point classes.
 
-    The classes (N,) are ids of ``taxonomy.semantic_classes``, 0 for points beyond the model's
-    range; None where it tells none.
+    Point classes (N,) are ids of ``taxonomy.semantic_classes``, 0 beyond the model's range; None
+    for a model without them.
 
     Args:
-        model: a detector.
-        frame: of any sensor.
-        device: where the model's network is.
-        least: boxes that are less likely are left out.
-        views: how many of `VIEWS` it is seen in: boxes are those of the mean of what is said of
-            each; classes of points, of the first.
+        model: trained detector.
+        frame: frame of any sensor.
+        device: device of the model's network.
+        least: lowest score of returned boxes.
+        views: number of `VIEWS` for test-time augmentation: outputs of boxes are averaged over
+            them; point classes are those of the first.
     """
     design = model.design
     level = levelled(frame, design.range_m, intensity=design.intensity)
@@ -87,31 +87,31 @@ def detected(
     semantic: Callable[[str, NDArray[np.uint8]], None] | None = None,
     tell: Progress,
 ) -> Detections:
-    """Return what a model finds in the frames of a recording.
+    """Detect objects in all frames of a recording.
 
     Args:
-        model: a detector.
-        recording: of any sensor.
-        device: where the model's network is.
-        least: boxes that are less likely are left out.
-        views: how many of `VIEWS` each frame is seen in.
-        semantic: called with the name of each frame and the classes of its points, if it tells any.
-        tell: called with the share that is done.
+        model: trained detector.
+        recording: recording of any sensor.
+        device: device of the model's network.
+        least: lowest score of returned boxes.
+        views: number of `VIEWS` for test-time augmentation.
+        semantic: called with the name of each frame and its point classes, if the model has any.
+        tell: progress callback.
 
     Raises:
-        InputError: the model has no head, z points down, or intensities are wanted that the frames
-            do not have.
+        InputError: the model has no head, z points down, or the model needs intensities that the
+            frames do not have.
     """
     if not model.design.classes and not model.design.points:
         raise InputError(
-            "the model tells nothing: it was pre-trained",
+            "the model has no output: it was only pre-trained",
             expected="a model of `urbantwin model train`, which may begin --from this one",
         )
     names: list[str] = []
     rows: list[tuple[NDArray[np.float64], list[str], NDArray[np.float64]]] = []
     for number in each(range(len(recording)), tell, "detecting"):
         frame = recording.read(number)
-        if not len(frame.points):  # no turn arrived
+        if not len(frame.points):  # a sweep without returns
             names.append(frame.name)
             rows.append((np.zeros((0, 7)), [], np.zeros(0)))
             continue

@@ -1,4 +1,4 @@
-"""Frames of recordings, read by one process or several, levelled and kept in files."""
+"""Reading and levelling of training frames by one or several processes, cached in files."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from urbantwin.progress import Progress
 
 __all__ = ["Read", "Reading", "as_names", "frame_file", "next_file", "read_frames"]
 
-#: Intensities are told from 0 to 1.
+#: Upper bound of intensities.
 _MOST_INTENSITY = 1.0
 
 _Names = tuple[frozenset[str] | None, ...]
 
 
 def as_names(recordings: Sequence[Path], names: Sequence[Collection[str] | None] | None) -> _Names:
-    """Return the names of the frames of each recording that may be seen; see `Reading`."""
+    """Return the allowed frame names of each recording as sets; ``None``: all frames."""
     if names is None:
         return (None,) * len(recordings)
     return tuple(None if one is None else frozenset(one) for one in names)
@@ -43,15 +43,15 @@ def as_names(recordings: Sequence[Path], names: Sequence[Collection[str] | None]
 
 @dataclass(frozen=True)
 class Reading:
-    """Which frames are read, and how.
+    """Selection of frames to read, and the form to read them in.
 
     Attributes:
-        recordings: where they are.
-        names: of the frames of each that may be seen, all for ``None``.
-        design: how far it looks, what it tells apart.
-        folder: where levelled frames are kept.
-        labels: whether their labels are looked at.
-        following: whether the sweep after each is kept, too.
+        recordings: paths of the recordings.
+        names: allowed frame names of each recording; ``None``: all frames.
+        design: range, classes and use of intensity.
+        folder: cache of levelled frames.
+        labels: whether labels are read.
+        following: whether the next sweep of each frame is cached, too.
     """
 
     recordings: tuple[Path, ...]
@@ -62,10 +62,10 @@ class Reading:
     following: bool = False
 
     def chosen(self, rig: int) -> Recording:
-        """Open a recording with the frames that may be seen.
+        """Open a recording with its allowed frames.
 
         Raises:
-            InputError: it cannot be read, or has none of them.
+            InputError: the recording cannot be read, or has none of these frames.
         """
         recording = open_recording(self.recordings[rig])
         wanted = self.names[rig]
@@ -82,7 +82,7 @@ class Reading:
 
 
 class _Reader:
-    """Reads frames of recordings one by one, and keeps them levelled."""
+    """Reads frames one by one and caches them levelled."""
 
     def __init__(self, reading: Reading) -> None:
         self._reading = reading
@@ -91,7 +91,7 @@ class _Reader:
         self._ahead: tuple[int, Frame] | None = None
 
     def read(self, rig: int, number: int, at: int) -> Read:
-        """Read a frame of a recording, which becomes number ``at`` of all; return what it has."""
+        """Read frame ``number`` of a recording, cache it as frame ``at``; return its counts."""
         reading, design = self._reading, self._reading.design
         if self._open is None or self._open[0] != rig:
             recording = reading.chosen(rig)
@@ -133,7 +133,7 @@ class _Reader:
         )
 
     def _frame(self, recording: Recording, number: int) -> Frame:
-        """Return a frame, which may have been read as the one after another."""
+        """Return a frame, which may have been read already as the next sweep of another."""
         if self._ahead is not None and self._ahead[0] == number:
             return self._ahead[1]
         return recording.read(number)
@@ -141,7 +141,7 @@ class _Reader:
 
 @dataclass(frozen=True, eq=False)
 class Read:
-    """What frames have: objects of each class, points of each semantic class, who is followed."""
+    """Counts over frames: objects by class, points by semantic class, frames with a next sweep."""
 
     objects: NDArray[np.int64]
     points: NDArray[np.int64]
@@ -149,7 +149,7 @@ class Read:
 
 
 def read_frames(reading: Reading, workers: int, tell: Progress) -> tuple[list[int], Read]:
-    """Read all frames; return the recording of each, and what they have together.
+    """Read all frames; return the index of each frame's recording, and the total counts.
 
     Raises:
         InputError: a recording cannot be used.
@@ -187,7 +187,7 @@ _reader: _Reader | None = None
 
 
 def _start(reading: Reading) -> None:
-    global _reader  # noqa: PLW0603 - a worker's only state: the recordings that it has opened
+    global _reader  # noqa: PLW0603 - state of a worker process: its open recordings
     _reader = _Reader(reading)
 
 
@@ -197,12 +197,12 @@ def _read_one(rig: int, number: int, at: int) -> Read:
 
 
 def frame_file(folder: Path, number: int) -> Path:
-    """Return where a levelled frame is kept."""
+    """Return the path of a cached frame."""
     return folder / f"{number:06}.npz"
 
 
 def next_file(folder: Path, number: int) -> Path:
-    """Return where the sweep after it is kept."""
+    """Return the path of the cached next sweep of a frame."""
     return folder / f"{number:06}-next.npy"
 
 

@@ -1,4 +1,4 @@
-"""Frames as the training takes them: heights above the ground, boxes with their classes."""
+"""Training frames: points with heights above the ground, boxes with class indices."""
 
 from __future__ import annotations
 
@@ -31,34 +31,35 @@ __all__ = [
     "write_level_frame",
 ]
 
-#: A beam's number in a frame is that of its sensor times this, and its row.
+#: Index of a ring in a frame: index of the sensor times this, plus the sensor's own ring.
 RINGS = 4096
-#: Class of a box that is neither right nor wrong.
+#: Class index of a box that training and evaluation ignore.
 IGNORED = -1
-#: Edge of the cells in which it is known where labels count, metres.
+#: Cell size of the mask of the labelled area, metres.
 COUNTED_M = 1.0
-#: A box with fewer points is neither: evaluation does not ask for it, and so few points are a twig
-#: as often as somebody.
+#: A box with fewer points is ignored: evaluation skips it, and so few points may be a twig as well
+#: as a person.
 LEAST_POINTS = 5
-#: Points beyond the range by this are kept for crops that are turned, metres.
+#: Margin beyond the range in which points are kept, for rotated crops, metres.
 BEYOND_M = 4.0
-#: A box's lower edge lies on the ground, but for this, metres: else z is no height.
+#: Largest median distance of the boxes' lower faces from the ground, metres; beyond it, z of the
+#: labels is no height above this ground.
 _MOST_OFF_M = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class LevelFrame:
-    """A frame on level ground about its own middle.
+    """A frame with its ground flattened, about the centre of its sensors.
 
     Attributes:
-        points: (N, 3 or 4) float32: x, y from the middle, height above the ground, and intensity
-            if it is told.
-        ring: (N,) int32, the sensor's number times `RINGS` and the beam's row; -1 where unknown.
-        semantic: (N,) uint8, id of the class (``taxonomy.semantic_classes``); 0 where unknown.
-        sensors: (S, 3) float64, where the sensors are, in the same frame.
-        box: (B, 7) float64, z above the ground.
-        number: (B,) int64 class of each, or `IGNORED`.
-        counted: (K, K) bool, cells of `COUNTED_M` about the middle, in which labels count.
+        points: (N, 3 or 4) float32: x and y from the centre, height above the ground (m), and
+            intensity (0..1) if used.
+        ring: (N,) int32: index of the sensor times `RINGS`, plus its ring; -1 where unknown.
+        semantic: (N,) uint8: id of the semantic class (``taxonomy.semantic_classes``); 0: unknown.
+        sensors: (S, 3) float64: positions of the sensors in the same frame, metres.
+        box: (B, 7) float64: boxes, z above the ground.
+        number: (B,) int64: class index of each box, or `IGNORED`.
+        counted: (K, K) bool: labelled area, in cells of `COUNTED_M` about the centre.
     """
 
     points: NDArray[np.float32]
@@ -72,13 +73,13 @@ class LevelFrame:
 
 @dataclass(frozen=True, eq=False)
 class Levelled:
-    """A frame on level ground without its boxes.
+    """A levelled frame without boxes, and how it was levelled.
 
     Attributes:
-        frame: the same on level ground.
-        ground: beneath it.
-        middle: (2,) of its sensors, where the level frame has its origin.
-        kept: (N,) int64, which points of the frame these are.
+        frame: the levelled frame.
+        ground: ground surface that was subtracted.
+        middle: (2,) origin of the levelled frame: centre of the sensors, metres.
+        kept: (N,) int64: rows of the original points.
     """
 
     frame: LevelFrame
@@ -88,12 +89,12 @@ class Levelled:
 
 
 def levelled(frame: Frame, reach_m: float, *, intensity: bool = False) -> Levelled:
-    """Return a frame on level ground without its boxes.
+    """Flatten the ground of a frame; boxes are not carried over.
 
     Args:
-        frame: any recording's.
-        reach_m: points that are farther from the middle along x or y are left out.
-        intensity: tell it, 0..1.
+        frame: frame of any recording.
+        reach_m: largest distance of kept points from the centre along x and y, metres.
+        intensity: keep intensities (0..1).
     """
     middle = frame.sensor_places[:, :2].mean(axis=0)
     away = np.abs(frame.points[:, :2] - middle).max(axis=1)
@@ -143,19 +144,19 @@ def level_frame_from(
     ignored: NDArray[np.bool_] | None = None,
     labelled: Callable[[Frame, NDArray[np.float64]], NDArray[np.bool_]] | None = None,
 ) -> LevelFrame:
-    """Return a labelled frame on level ground.
+    """Flatten the ground of a labelled frame.
 
     Args:
-        frame: with boxes.
-        classes: that are learned; boxes of others are neither right nor wrong.
-        half_m: boxes whose middle is farther along x or y are left out.
-        file: where it is from, for errors.
-        intensity: tell it.
-        ignored: (boxes,) which of them the labels themselves say not to count.
-        labelled: tells of boxes (N, 7) in the frame whether they stand where all is labelled.
+        frame: frame with boxes.
+        classes: classes to learn; boxes of other classes are ignored.
+        half_m: largest distance of a box centre from the origin along x and y, metres.
+        file: source of the frame, for error messages.
+        intensity: keep intensities (0..1).
+        ignored: (B,) boxes that the labels mark as ignored.
+        labelled: returns for boxes (N, 7) whether they lie in the fully labelled area.
 
     Raises:
-        InputError: it has no boxes, z points down, or boxes do not stand on the ground.
+        InputError: the frame has no boxes, z points down, or boxes do not stand on the ground.
     """
     if frame.boxes is None:
         raise InputError(
@@ -196,11 +197,7 @@ def level_frame_from(
 
 
 def refuse_upside_down(frame: Frame, file: Path) -> None:
-    """Refuse a frame in which z points down.
-
-    Raises:
-        InputError: it does.
-    """
+    """Raise an `InputError` for a frame in which z points down."""
     if is_upside_down(frame.points):
         raise InputError(
             "has z pointing down",
@@ -220,12 +217,12 @@ def _boxes_of(
 
 
 def write_level_frame(path: Path, frame: LevelFrame) -> None:
-    """Write it as plain arrays, which are read in milliseconds."""
+    """Write a frame as an uncompressed npz archive, which loads in milliseconds."""
     with path.open("wb") as file:
         np.savez(file, **{one.name: getattr(frame, one.name) for one in fields(frame)})
 
 
 def read_level_frame(path: Path) -> LevelFrame:
-    """Read what `write_level_frame` wrote."""
+    """Read a frame that `write_level_frame` wrote."""
     with np.load(path) as arrays:
         return LevelFrame(**{one.name: arrays[one.name] for one in fields(LevelFrame)})

@@ -1,4 +1,4 @@
-"""Detectors that learn from labels: boxes, and classes of points."""
+"""Supervised training: boxes and semantic classes of points."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["Windows", "trained"]
 
-#: Samples that tell how many objects of a class one has on average.
+#: Number of samples for the mean number of objects of each class.
 _TRIED = 48
-#: What random numbers are for: samples of steps, and those that tell how many objects are usual.
+#: Random streams: samples of steps, and samples for the mean numbers of objects.
 _SAMPLES, _USUAL = 0, 1
-#: A class of points weighs by the root of how rare it is, and at most so much.
+#: Largest weight of a semantic class; weights are the square root of the inverse frequency.
 _MOST_WEIGHT = 5.0
 
 
@@ -49,12 +49,12 @@ def trained(
     """Return a trained network, the number of steps, and the mean loss of the last tenth of them.
 
     Args:
-        frames: to learn from.
-        design: of the network.
-        recipe: how; ``steps`` or ``minutes`` is given.
-        state: a file that keeps the state: where it is, training goes on from it.
-        tell: called with the share that is done and the loss.
-        start: weights to begin with, by name; the others are drawn.
+        frames: training set.
+        design: design of the network.
+        recipe: hyperparameters; ``steps`` or ``minutes`` is set.
+        state: checkpoint file; training resumes from it if it exists.
+        tell: progress callback, with the loss.
+        start: initial weights by name; the others are random.
     """
     torch.manual_seed(recipe.seed)
     network = new_network(design)
@@ -69,9 +69,9 @@ class Windows:
     """Batches of windows of labelled frames.
 
     Args:
-        frames: to learn from.
-        design: of the network.
-        recipe: how samples are made, and how many.
+        frames: training set.
+        design: design of the network.
+        recipe: hyperparameters of the samples.
     """
 
     def __init__(self, frames: LabelledFrames, design: Design, recipe: Recipe) -> None:
@@ -92,7 +92,7 @@ class Windows:
         return found | point_arrays(targets, cells**2) if targets else found
 
     def usual(self) -> list[float]:
-        """Return how many objects of each class a sample has on average."""
+        """Return the mean number of objects of each class in a sample."""
         tried = [self._made(_USUAL, k, 0) for k in range(_TRIED)]
         counts = [[one.objects for one in sample.targets] for sample in tried]
         return [float(one) for one in np.mean(counts, axis=0)]
@@ -113,7 +113,7 @@ class Windows:
         )
 
     def _drawn_frame(self, draw: np.random.Generator, step: int | None) -> int:
-        """Return any frame; in a curriculum, of the datasets that have come until this step."""
+        """Draw a frame; in a curriculum, from the dataset of this step."""
         steps = self.recipe.steps
         if not self.recipe.in_order or step is None or steps is None:
             return int(draw.integers(len(self._frames)))
@@ -123,7 +123,7 @@ class Windows:
 
 
 class _FromLabels:
-    """How wrong a network is about windows of labelled frames."""
+    """Task of a network on windows of labelled frames."""
 
     def __init__(self, network: Detector, source: Windows, points: Mapping[str, int]) -> None:
         self._network, self.source = network, source

@@ -1,4 +1,4 @@
-"""The ground beneath one frame, so that heights are told from it wherever the sensor stands."""
+"""Ground surface of a single frame, so that heights do not depend on the mounting height."""
 
 from __future__ import annotations
 
@@ -15,31 +15,32 @@ from scipy.ndimage import (
 
 __all__ = ["Ground", "ground_of", "is_upside_down"]
 
-#: Edge of the cells of which the lowest points are taken, metres.
+#: Cell size of the grid of lowest points, metres.
 _CELL_M = 2.0
-#: The lowest of a cell's points may be an echo from below: this share of them is passed over.
+#: Share of a cell's lowest points that is skipped: they may be multipath echoes below ground.
 _LOWEST_SHARE = 0.05
-#: The lower quarter of the cells within so many is ground, even among parked cars and hedges.
+#: Window (cells) and percentile of the initial ground: valid even among parked cars and hedges.
 _WINDOW, _QUARTER = 11, 25
-#: A cell's lowest point is ground if it is so near to the ground around it, metres: below, above.
+#: Largest distance of a cell's lowest point from the surface: first round, then below and above
+#: it, metres.
 _START_M, _BELOW_M, _ABOVE_M = 1.2, 0.6, 0.25
-#: The ground is smooth over so many cells.
+#: Standard deviation of the smoothing filter, cells.
 _SMOOTH = 1.5
 _ROUNDS = 5
-#: What is so far from the surface is none of it, metres; so few points say nothing.
+#: `is_upside_down`: distance of objects from the surface, metres; fewest points for a decision.
 _CLEAR_M, _FEW = 0.7, 20
-#: A cell has a head and a foot if its points reach over so much; how high these are, metres.
+#: Height range of a cell with an object, and height of its top and bottom edges, metres.
 _TALL_M, _EDGE_M = 1.0, 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Heights of the ground on a grid.
+    """Ground heights on a grid of `_CELL_M`.
 
     Attributes:
-        west: x of the middle of the first column, metres.
-        south: y of the middle of the first row.
-        heights: (rows, columns) metres, everywhere finite, `_CELL_M` apart.
+        west: x of the centres of the first column, metres.
+        south: y of the centres of the first row, metres.
+        heights: (rows, columns) metres, all finite.
     """
 
     west: float
@@ -47,7 +48,7 @@ class Ground:
     heights: NDArray[np.float64]
 
     def at(self, places: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the height of the ground at (N, 2+) places, metres; beyond it, its border's."""
+        """Return ground heights (N,) at places (N, 2+), metres; outside, those of the border."""
         row = (places[:, 1] - self.south) / _CELL_M
         column = (places[:, 0] - self.west) / _CELL_M
         found = map_coordinates(self.heights, [row, column], order=1, mode="nearest")
@@ -55,11 +56,11 @@ class Ground:
 
 
 def ground_of(points: NDArray[np.float64]) -> Ground:
-    """Return the ground among the points of one frame.
+    """Estimate the ground of one frame.
 
-    The lowest points of cells of 2 m, without those that stand above what is around them: first
-    against a plane and the lower quarter around, then against their own smooth surface, a few
-    times over. Slopes, crowns and gutters stay; parked cars, hedges and facades do not count.
+    Takes the lowest points of 2 m cells and removes those above their surroundings: first against
+    a plane and the lower quartile around, then iteratively against their own smoothed surface.
+    Slopes, crowns and gutters remain; parked cars, hedges and facades are removed.
 
     Args:
         points: (N, 3) metres, z up, N >= 1.
@@ -90,11 +91,10 @@ def ground_of(points: NDArray[np.float64]) -> Ground:
 
 
 def is_upside_down(points: NDArray[np.float64]) -> bool:
-    """Return whether z points down, where two signs of it agree.
+    """Return whether z points down: two independent signs must agree.
 
-    What stands in the street then hangs below its surface, which is that of the middle heights of
-    cells, smoothed by medians of what is around them: upside down it is the same one. And the sharp
-    edge of what stands there is at its top, not at its foot.
+    Objects then hang below the surface of median cell heights (which is the same upside down), and
+    the sharp edge of objects, where they meet the ground, is at their top.
 
     Args:
         points: (N, 3) metres.
@@ -115,7 +115,7 @@ def is_upside_down(points: NDArray[np.float64]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """Points by cells of `_CELL_M`: in each from the lowest to the highest."""
+    """Points sorted by cell of `_CELL_M`, and by height within a cell."""
 
     shape: tuple[int, int]
     seen: tuple[NDArray[np.int64], NDArray[np.int64]]  # rows and columns of the occupied ones
@@ -135,7 +135,7 @@ def _cells_of(points: NDArray[np.float64]) -> _Cells:
 
 
 def _plane(design: NDArray[np.float64], lowest: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the plane (3,) that most of the lowest points lie on, few of them below it."""
+    """Fit a plane (3,) to the lowest points; outliers above are rejected first."""
     plane = np.array([0.0, 0.0, float(np.percentile(lowest, 30))])
     for reach in (4.0, 2.0, 1.0, 0.5):
         off = lowest - design @ plane
@@ -147,7 +147,7 @@ def _plane(design: NDArray[np.float64], lowest: NDArray[np.float64]) -> NDArray[
 
 
 def _filled(grid: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a grid with the nearest known value where there is none."""
+    """Fill the gaps (NaN) of a grid with the nearest value."""
     hole = np.isnan(grid)
     if hole.all():
         return np.zeros_like(grid)

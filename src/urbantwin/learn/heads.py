@@ -1,4 +1,4 @@
-"""What the network says of each class: which grid, how boxes are told, what counts how much."""
+"""Heads of the classes: resolution, encoding of boxes, weights of the loss."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from urbantwin.learn.grid import halvings
 
 __all__ = ["OUTPUTS", "REGRESSED", "ClassHead", "class_heads", "decoded", "encoded"]
 
-#: Of each box: offset of its centre from the cell's middle (2, in cells), its floor above the
-#: ground, logarithms of its sides over the class's usual ones (3), cosine and sine of twice its
-#: heading, and whether it heads east and whether north.
+#: Encoding of a box: offset of its centre from that of the cell (2, in cells), height of its lower
+#: face above the ground (m), logarithms of length, width and height over the mean of the class (3),
+#: cosine and sine of twice the heading, and whether the heading points east and north (logits).
 REGRESSED = 10
-#: The values of each class in each cell: how likely a centre is there, and its box.
+#: Outputs of each class in a cell: logit of a centre, then the encoded box.
 OUTPUTS = 1 + REGRESSED
-#: People and two-wheelers are looked for in cells of 0.4 m: in those of 0.8 m two of them are one.
+#: Classes with heads at 0.4 m: at 0.8 m two neighbours fall into one cell.
 _SMALL = ("pedestrian", "bicycle", "motorcycle")
-#: What boxes count beside centres, of vehicles and of whoever is small. With 1 boxes had five to
-#: seven times the loss of centres, and two thirds of the gradient of what all share.
+#: Weight of the box loss against that of centres, for vehicles and for small classes. With 1, the
+#: box loss was five to seven times that of centres, with two thirds of the shared gradient.
 _BOX, _BOX_SMALL = 0.5, 0.25
-#: Usual length, width, height, metres: where the sizes begin.
+#: Mean length, width and height, metres: reference of the encoded sizes.
 _USUAL = {
     "car": (4.5, 1.85, 1.6),
     "truck": (8.0, 2.5, 3.0),
@@ -33,7 +33,7 @@ _USUAL = {
     "bicycle": (1.8, 0.65, 1.75),
     "pedestrian": (0.7, 0.65, 1.72),
 }
-#: What a network that has learned nothing says of a size is cut here: exp(1.5) = 4.5 times.
+#: Bound of the decoded logarithm of a size: exp(1.5) = 4.5 times the mean.
 _MOST_LOG = 1.5
 
 
@@ -42,10 +42,10 @@ class ClassHead:
     """One class of a detector.
 
     Attributes:
-        name: a detector's class.
-        stride: cells of the pillars along an edge of its cells.
-        usual: its length, width and height, metres.
-        box_weights: of what is regressed (`REGRESSED`), within its loss.
+        name: object class.
+        stride: edge of the head's cells in pillars.
+        usual: mean length, width and height, metres.
+        box_weights: (`REGRESSED`) weights of the encoded values in the loss.
     """
 
     name: str
@@ -55,13 +55,13 @@ class ClassHead:
 
 
 def class_heads(names: Sequence[str], cell_m: float = 0.4) -> tuple[ClassHead, ...]:
-    """Return the heads of classes in their order.
+    """Return the heads of classes in order.
 
-    A person's heading is seen in few points: it counts less.
+    The heading of a pedestrian has a lower weight, because few points show it.
 
     Args:
-        names: of the classes.
-        cell_m: edge of a pillar.
+        names: names of the classes.
+        cell_m: edge of a pillar, metres.
     """
     heads = []
     for name in names:
@@ -78,16 +78,17 @@ def class_heads(names: Sequence[str], cell_m: float = 0.4) -> tuple[ClassHead, .
 def encoded(
     box: NDArray[np.float64], middle: NDArray[np.float64], cell_m: float, head: ClassHead
 ) -> NDArray[np.float32]:
-    """Return what is to be regressed (N, `REGRESSED`) for boxes by cells.
+    """Encode boxes relative to cells; return (N, `REGRESSED`).
 
-    The heading is told as the axis, by its doubled angle (front and back alike), and which way
-    along it, by two halves of the compass: of these one is clear wherever the other is not.
+    The heading is split into its axis (doubled angle, the same for front and back) and its
+    direction along the axis (east or west, north or south): where one is ambiguous, the other is
+    not.
 
     Args:
-        box: (N, 7), z above the ground.
-        middle: (N, 2) of the cells, metres.
-        cell_m: their edge.
-        head: of the class.
+        box: (N, 7) boxes, z above the ground.
+        middle: (N, 2) centres of the cells, metres.
+        cell_m: edge of the cells, metres.
+        head: head of the class.
     """
     told = np.empty((len(box), REGRESSED), np.float32)
     told[:, :2] = (box[:, :2] - middle) / cell_m
@@ -101,13 +102,13 @@ def encoded(
 def decoded(
     told: NDArray[np.floating], middle: NDArray[np.float64], cell_m: float, head: ClassHead
 ) -> NDArray[np.float64]:
-    """Return the boxes (N, 7) of what cells regress: what `encoded` tells, backwards.
+    """Decode boxes (N, 7): the inverse of `encoded`.
 
     Args:
-        told: (N, `REGRESSED`); the last two as the network says them, above 0 for yes.
-        middle: (N, 2) of the cells, metres.
-        cell_m: their edge.
-        head: of the class.
+        told: (N, `REGRESSED`) outputs of the network; the last two are logits.
+        middle: (N, 2) centres of the cells, metres.
+        cell_m: edge of the cells, metres.
+        head: head of the class.
     """
     box = np.empty((len(told), 7))
     box[:, :2] = middle + told[:, :2] * cell_m

@@ -1,4 +1,4 @@
-"""Datasets as training takes them: their frames levelled and kept, and what is in them."""
+"""Training sets: levelled frames in a cache folder, with counts and an object bank."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["LabelledFrames", "labelled_frames", "unlabelled_frames"]
 
 _INDEX = "frames.json"
 _BANK = "objects.npz"
-#: Semantic classes that say nothing: unlabelled, outlier.
+#: Semantic classes that are not learned: unlabelled, outlier.
 _UNKNOWN = (0, 1)
 
 
@@ -32,11 +32,11 @@ class LabelledFrames:
     """Levelled frames in a folder.
 
     Attributes:
-        folder: of their files.
-        rigs: (frames,) the number of each frame's dataset.
-        objects: how many of each class count, in the order of the classes.
-        points: how many points there are of each semantic class that is known.
-        followed: the numbers of those whose next sweep is kept, too.
+        folder: cache folder.
+        rigs: index of each frame's recording.
+        objects: number of objects of each class, in the order of the classes.
+        points: number of points by name of the semantic class.
+        followed: indices of frames whose next sweep is cached, too.
     """
 
     folder: Path
@@ -46,20 +46,20 @@ class LabelledFrames:
     followed: tuple[int, ...] = ()
 
     def __len__(self) -> int:
-        """Return how many frames there are."""
+        """Return the number of frames."""
         return len(self.rigs)
 
     def frame(self, number: int) -> LevelFrame:
-        """Read one."""
+        """Read a frame."""
         return read_level_frame(frame_file(self.folder, number))
 
     def following(self, number: int) -> NDArray[np.float32]:
-        """Read the points (N, 3) of the sweep after one that is followed, where its own are."""
+        """Read the points (N, 3) of a frame's next sweep, in the frame's own coordinates."""
         return np.asarray(np.load(next_file(self.folder, number)), np.float32)
 
     @property
     def bank(self) -> ObjectBank:
-        """Objects that are cut out of them."""
+        """Objects cut out of the frames."""
         return read_bank(self.folder / _BANK)
 
 
@@ -73,19 +73,19 @@ def unlabelled_frames(
     following: bool = False,
     workers: int = 1,
 ) -> LabelledFrames:
-    """Return the frames of recordings without labels, levelled; see `labelled_frames`.
+    """Return levelled frames of recordings without labels; see `labelled_frames`.
 
     Args:
-        recordings: that `open_recording` reads; no label of them is looked at.
-        design: how far it looks, and whether it is told of intensities.
-        folder: where levelled frames are kept.
-        tell: called with the share that is done.
-        names: of the frames of each recording, all for ``None``.
-        following: keep the sweep after each, too (`next_sweep`).
-        workers: processes that read; with one, this one.
+        recordings: recordings that `open_recording` reads; labels are not read.
+        design: range and use of intensity.
+        folder: cache folder.
+        tell: progress callback.
+        names: names of the frames to use in each recording; ``None``: all.
+        following: cache the next sweep of each frame, too (`next_sweep`).
+        workers: number of processes.
 
     Raises:
-        InputError: a recording cannot be used, or no frame of any is followed by another.
+        InputError: a recording cannot be used, or no frame has a next sweep.
     """
     index = folder / _INDEX
     if index.is_file():
@@ -100,7 +100,7 @@ def unlabelled_frames(
         raise InputError(
             f"none of {len(rigs)} frames is followed by a sweep of the same place",
             file=", ".join(map(str, recordings)),
-            expected="sweeps one after the other, of sensors that stand or whose poses are told",
+            expected="consecutive sweeps of static sensors, or of sensors with known poses",
         )
     write_json(index, {"rigs": rigs, "followed": read.followed})
     return LabelledFrames(folder, tuple(rigs), (), {}, tuple(read.followed))
@@ -116,19 +116,19 @@ def labelled_frames(
     names: Sequence[Collection[str] | None] | None = None,
     workers: int = 1,
 ) -> LabelledFrames:
-    """Return the frames of datasets, levelled; what a folder already has is not made again.
+    """Return levelled frames of labelled datasets; frames in the cache are not made again.
 
     Args:
-        datasets: labelled: ours, or any that `open_recording` reads.
-        design: the classes, and how far it looks.
-        folder: where levelled frames are kept.
-        tell: called with the share that is done.
-        known: classes that need not be there: the model that is begun with has learned them.
-        names: of the frames of each dataset that may be seen, all for ``None``.
-        workers: processes that read; with one, this one.
+        datasets: labelled datasets, our own or any that `open_recording` reads.
+        design: classes and range.
+        folder: cache folder.
+        tell: progress callback.
+        known: classes that may be absent because the initial weights already cover them.
+        names: names of the frames to use in each dataset; ``None``: all.
+        workers: number of processes.
 
     Raises:
-        InputError: a dataset cannot be used, or has no box of a class.
+        InputError: a dataset cannot be used, or a class has no box.
     """
     index = folder / _INDEX
     if index.is_file():
@@ -146,12 +146,12 @@ def labelled_frames(
             raise InputError(
                 f"no box of class {name} in {len(rigs)} frames",
                 file=", ".join(map(str, datasets)),
-                expected=f"boxes of every class asked for; there are some with `{others}`",
+                expected=f"boxes of every requested class; these have some: `{others}`",
             )
     of_points = {one.name: int(points[one.id]) for one in semantic_classes().values()
                  if points[one.id] and one.id not in _UNKNOWN}  # fmt: skip
     found = LabelledFrames(folder, tuple(rigs), tuple(int(one) for one in objects), of_points)
-    # A bank holds some hundred objects of each class and rig: of long datasets a part is looked at.
+    # A bank holds a few hundred objects of each class and rig: 400 frames are enough for it.
     some = np.unique(np.linspace(0, len(rigs) - 1, 400).astype(int))
     bank = bank_of([(found.frame(k), rigs[k]) for k in some], len(design.classes))
     write_bank(folder / _BANK, bank)

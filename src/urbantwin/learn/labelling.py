@@ -1,8 +1,8 @@
-"""Frames that a model labels: what it is sure of is a label, what it doubts does not count.
+"""Pseudo-labels: confident detections become labels, doubtful ones are ignored in training.
 
-A teacher's detections, followed backwards and forwards where frames follow each other (Caine et al.
-2021, "Pseudo-labeling for Scalable 3D Object Detection"; Qi et al. 2021, "Offboard 3D Object
-Detection from Point Cloud Sequences"), become labels from which a student learns.
+Detections of a teacher, tracked forwards and backwards through consecutive frames, label the
+frames for a student (Caine et al. 2021, "Pseudo-labeling for Scalable 3D Object Detection"; Qi et
+al. 2021, "Offboard 3D Object Detection from Point Cloud Sequences").
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from urbantwin.progress import Progress, each
 
 __all__ = ["DOUBTED", "write_labelled"]
 
-#: What is neither right nor wrong is labelled so; no detector has this class.
+#: Class of ignored labels; no detector has it.
 DOUBTED = "doubted"
 _RAYS = np.dtype([("sensor", "u1"), ("ring", "u2")])
 
@@ -35,18 +35,18 @@ def write_labelled(
     made_by: dict[str, Any],
     tell: Progress,
 ) -> dict[str, int]:
-    """Write frames and their labels in the OpenPCDet layout, and where their sensors are.
+    """Write frames with pseudo-labels in the OpenPCDet layout, and the positions of the sensors.
 
     Args:
-        folder: that exists.
-        recording: the frames; their own labels are not looked at.
-        found: boxes of these frames in their order; all others are left out.
-        sure: a box with such a score is a label; one with less is `DOUBTED`.
-        made_by: what labelled them.
-        tell: called with the share that is done.
+        folder: existing folder.
+        recording: recording with the frames; its own labels are not read.
+        found: detections of these frames, in their order.
+        sure: lowest score of a label; boxes with a lower score are `DOUBTED`.
+        made_by: provenance of the labels.
+        tell: progress callback.
 
     Returns:
-        How many labels there are of each class.
+        Number of labels by class.
     """
     for name in ("points", "labels", "rays", "ImageSets"):
         (folder / name).mkdir()

@@ -1,8 +1,8 @@
-"""How wrong it is: centres by a focal loss, boxes by absolute differences, points by entropy.
+"""Losses: focal loss for centres, absolute error for boxes, cross-entropy for points.
 
-Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. Each class is measured by the
-root of how many of it there are in a sample on average: people are many, buses few. Measured by the
-number itself each class weighs as much as every other, and the few objects of rare ones drown all.
+Focal loss of Law and Deng 2018, "CornerNet", equation 1, as CenterPoint uses it. The loss of a
+class is divided by the square root of its mean number of objects in a sample. Divided by the
+number itself, all classes would weigh the same, and the few objects of rare classes would dominate.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ __all__ = [
     "targets_in",
 ]
 
-#: Exponents of the focal loss: of what is nearly right already, and near to a centre.
+#: Exponents of the focal loss: for well-classified cells, and for cells near a centre.
 _EASY, _NEAR = 2.0, 4.0
-#: A class that is rarer than this, objects a sample, counts as if it were not.
+#: Lower bound of the mean number of objects in a sample.
 _RAREST = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class BatchTarget:
-    """`ClassTarget` of all samples of a batch as tensors; cells are numbered through.
+    """`ClassTarget` of all samples of a batch as tensors, with consecutive cell indices.
 
-    ``counts`` is true where what is said counts.
+    ``counts`` is the mask of cells that contribute to the loss.
     """
 
     heat: Tensor
@@ -51,10 +51,10 @@ class BatchTarget:
 
 
 def target_arrays(samples: Sequence[Sequence[ClassTarget]]) -> dict[str, NDArray[Any]]:
-    """Return the targets of each class for a batch, by names that `targets_in` knows.
+    """Return the targets of a batch by the names that `targets_in` reads.
 
     Args:
-        samples: of each sample the targets of the classes.
+        samples: targets of the classes, for each sample.
     """
     found: dict[str, NDArray[Any]] = {}
     for number, parts in enumerate(zip(*samples, strict=True)):
@@ -70,7 +70,7 @@ def target_arrays(samples: Sequence[Sequence[ClassTarget]]) -> dict[str, NDArray
 
 
 def targets_in(batch: Mapping[str, Tensor], classes: int) -> list[BatchTarget]:
-    """Return the targets of each class that are told in a batch."""
+    """Return the targets of each class in a batch."""
     names = [one.name for one in fields(BatchTarget)]
     return [
         BatchTarget(*(batch[f"{number}.{name}"] for name in names)) for number in range(classes)
@@ -83,13 +83,13 @@ def detection_loss(
     heads: Sequence[ClassHead],
     usual: Sequence[float],
 ) -> Tensor:
-    """Return the loss of each class (classes, 2): of its centres, and of its boxes.
+    """Return the loss of each class (classes, 2): of centres and of boxes.
 
     Args:
-        said: by the network: (samples, `heads.OUTPUTS`, rows, columns) for each class.
-        wanted: of each class.
-        heads: the classes.
-        usual: objects of each class in a sample on average.
+        said: outputs of the network: (samples, `heads.OUTPUTS`, rows, columns) for each class.
+        wanted: target of each class.
+        heads: heads of the classes.
+        usual: mean number of objects of each class in a sample.
     """
     rows = []
     for told, target, head, many in zip(said, wanted, heads, usual, strict=True):
@@ -122,11 +122,11 @@ def detection_loss(
 
 
 def point_arrays(samples: Sequence[PointTarget], cells: int) -> dict[str, NDArray[Any]]:
-    """Return what is told of points, their cells and the wanted classes, of a batch, by name.
+    """Return the point targets of a batch by name: features, cells and classes.
 
     Args:
-        samples: one of each.
-        cells: of a grid, all of them.
+        samples: point target of each sample.
+        cells: number of cells of a grid.
     """
     return {
         "told": np.concatenate([one.told for one in samples]),
@@ -139,9 +139,9 @@ def point_loss(said: Tensor, wanted: Tensor, weights: Sequence[float]) -> Tensor
     """Return the weighted cross-entropy of the classes of points.
 
     Args:
-        said: (N, classes) by the network.
-        wanted: (N,) index of the class.
-        weights: of each class.
+        said: (N, classes) logits.
+        wanted: (N,) class indices.
+        weights: weight of each class.
     """
     if not len(wanted):
         return said.sum() * 0

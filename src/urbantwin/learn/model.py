@@ -30,26 +30,27 @@ __all__ = ["KIND", "Design", "FirstWeights", "Model", "first_weights", "new_netw
 __all__ += ["read_model", "write_model"]
 
 KIND = "model"
-#: Which fields there are; a later one adds to them.
+#: Version of the fields in model.yaml.
 SCHEMA = 1
 _EXPECTED = "a folder that `urbantwin model train` wrote"
 _WEIGHTS = "model.safetensors"
 _TEXT = "model.yaml"
-#: What the weights of the second look are called, beside those of the detector.
+#: Prefix of the second stage's weights in the file of weights.
 _LOOK = "second_look."
 
 
 @dataclass(frozen=True)
 class Design:
-    """What a network sees and says.
+    """Inputs, outputs and size of a network.
 
     Attributes:
-        classes: that it tells apart, each one of `DETECTED_CLASSES`.
-        range_m: it looks so far from the middle of the sensors, along x and along y.
-        cell_m: edge of a pillar.
-        intensity: whether it is told of intensities.
-        width: multiple of the channels.
-        points: classes of points that it tells (``taxonomy.semantic_classes``).
+        classes: object classes, each one of `DETECTED_CLASSES`.
+        range_m: half the edge of the square that the network covers, about the centre of the
+            sensors, metres.
+        cell_m: edge of a pillar, metres.
+        intensity: whether points carry intensity.
+        width: multiple of the number of channels.
+        points: semantic classes that points are assigned to (``taxonomy.semantic_classes``).
     """
 
     classes: tuple[str, ...] = DETECTED_CLASSES
@@ -61,19 +62,19 @@ class Design:
 
     @property
     def heads(self) -> tuple[ClassHead, ...]:
-        """The heads of its classes."""
+        """One head for each class."""
         return class_heads(self.classes, self.cell_m)
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A detector.
+    """A trained detector.
 
     Attributes:
-        design: what it sees and says.
+        design: inputs, outputs and size of the network.
         network: in evaluation mode.
-        trained: on which datasets (with their hashes), for how many steps, by which version.
-        second_look: at what it finds, in evaluation mode; None where it has none.
+        trained: provenance: datasets with their hashes, number of steps, version.
+        second_look: second stage, in evaluation mode; ``None`` without one.
     """
 
     design: Design
@@ -97,7 +98,7 @@ class _Manifest(Part):
 
 
 def new_network(design: Design) -> Detector:
-    """Return a network of a design; its weights are drawn by torch's generator."""
+    """Return an untrained network; torch's generator draws its weights."""
     return Detector(
         features_of(intensity=design.intensity),
         design.heads,
@@ -109,12 +110,12 @@ def new_network(design: Design) -> Detector:
 
 @dataclass(frozen=True, eq=False)
 class FirstWeights:
-    """Weights that a training begins with.
+    """Initial weights of a training.
 
     Attributes:
-        weights: by name.
-        sha256: of the file that they are from.
-        classes: that it has heads for.
+        weights: tensors by name.
+        sha256: hash of the file they were read from.
+        classes: classes of the heads that the file contains.
     """
 
     weights: Mapping[str, Tensor]
@@ -123,16 +124,16 @@ class FirstWeights:
 
 
 def first_weights(folder: Path, design: Design) -> FirstWeights:
-    """Return the weights of a model that fit into a network of a design.
+    """Return the weights of a model that a network of another design can start from.
 
-    Heads fit where the model has a class of the same name, at whatever place.
+    Heads are matched by the name of their class.
 
     Args:
-        folder: of the model.
-        design: of the network.
+        folder: folder of the model.
+        design: design of the network to be trained.
 
     Raises:
-        InputError: it is no model, or its cells, channels or input differ.
+        InputError: the folder is no model, or cell size, width or intensity differ.
     """
     model = read_model(folder)
     for name, unit in (("cell_m", " m"), ("width", ""), ("intensity", "")):
@@ -147,7 +148,7 @@ def first_weights(folder: Path, design: Design) -> FirstWeights:
     found = {}
     for name, value in model.network.state_dict().items():
         if name.startswith("of_points"):
-            continue  # which classes of points there are is known once the frames are read
+            continue  # the classes of points are known only once the frames are read
         kind, _, rest = name.partition(".")
         if kind == "heads":
             number, _, rest = rest.partition(".")
@@ -161,11 +162,11 @@ def first_weights(folder: Path, design: Design) -> FirstWeights:
 
 
 def write_model(folder: Path, model: Model) -> None:
-    """Write a model into a folder that exists.
+    """Write a model into an existing folder (see `artefact.replaced_folder`).
 
     Args:
-        folder: see `artefact.replaced_folder`.
-        model: to write; its weights as they are, wherever the network is.
+        folder: folder to write into.
+        model: model on any device.
     """
     weights = {
         name: one.detach().cpu().contiguous() for name, one in model.network.state_dict().items()
@@ -181,26 +182,26 @@ def write_model(folder: Path, model: Model) -> None:
     told |= {"weights_sha256": sha256_of(folder / _WEIGHTS), "trained": dict(model.trained)}
     text = yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
     (folder / _TEXT).write_text(text, encoding="utf-8")
-    # What every folder of ours is told by; all that it says stands in model.yaml.
+    # Every output folder has a manifest KIND.json; the contents are in model.yaml.
     write_json(folder / f"{KIND}.json", {"kind": KIND, "schema": SCHEMA, "told_in": _TEXT})
 
 
 def read_model(folder: Path, device: str = "cpu") -> Model:
-    """Read what `write_model` wrote.
+    """Read a model that `write_model` wrote.
 
     Args:
-        folder: the model's.
-        device: where the network is to be.
+        folder: folder of the model.
+        device: torch device for the network.
 
     Raises:
-        InputError: it is no model's folder, or its files are damaged or do not belong together.
+        InputError: the folder is no model, or its files are damaged or do not belong together.
     """
     file, weights = folder / _TEXT, folder / _WEIGHTS
     if not file.is_file():
         raise InputError("is not there", file=file, expected=_EXPECTED)
     value = read_yaml_document(file, _EXPECTED)
     if not isinstance(value, dict):
-        raise InputError("says nothing of a model", file=file, expected=_EXPECTED)
+        raise InputError("does not describe a model", file=file, expected=_EXPECTED)
     told = validated(value, _Manifest, file=file, expected=_EXPECTED)
     known = {"classes": DETECTED_CLASSES, "points": tuple(semantic_classes())}
     for place, names in (("classes", told.classes), ("points", told.points)):

@@ -1,12 +1,12 @@
-"""The network: pillars, a backbone seen from above, a head for each class, and one for points.
+"""The network: pillar encoder, bird's-eye-view backbone, a head for each class, a point head.
 
 PointPillars (Lang et al. 2019) for the encoder, CenterPoint (Yin, Zhou and Kraehenbuehl 2021,
-"Center-based 3D Object Detection and Tracking") for the heads, and a pyramid (Lin et al. 2017,
-"Feature Pyramid Networks for Object Detection") that leads back to the finest cells, so that people
-have heads there. Finer pillars are brought to cells of that size by strided convolutions first. A
-point's class is told by its cell and by where it is in its pillar. Tensors are NCHW: channels last,
-the backward pass of a convolution with stride 2 is 35 times slower on a processor; on a GPU they
-lie with channels last, as its matrix units read them.
+"Center-based 3D Object Detection and Tracking") for the heads, and a feature pyramid (Lin et al.
+2017, "Feature Pyramid Networks for Object Detection") back to the finest cells for small classes.
+Strided convolutions first bring finer pillars to cells of that size. The point head classifies a
+point by the features of its cell and its position in it. Tensors are NCHW on a processor, where
+the backward pass of a strided convolution is 35 times slower with channels last; on a GPU they are
+channels-last, for its matrix units.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from urbantwin.learn.pillars import MOST_POINTS, Pillars, told_of_point
 
 __all__ = ["Detector", "inputs_of"]
 
-#: Channels in cells 1, 2, 4 and 8 times as large as the finest, of the smallest network.
+#: Channels at strides 1, 2, 4 and 8 of the network of width 1.
 _CHANNELS = (32, 48, 64, 96)
-#: Of a class's own layer, and of the one that tells classes of points.
+#: Channels of the layer of each head, and of the point head.
 _OWN, _OF_POINTS = 16, 48
-#: What a head says at first: one cell in a hundred is a centre (Lin et al. 2017, focal loss).
+#: Initial bias of a head: one cell in a hundred is a centre (Lin et al. 2017, focal loss).
 _AT_FIRST = -math.log((1 - 0.01) / 0.01)
 
 
@@ -40,7 +40,7 @@ def _layer(ins: int, outs: int, kernel: int = 3, stride: int = 1) -> nn.Sequenti
 
 
 class _PillarEncoder(nn.Module):
-    """A linear layer for each point and the largest values of each pillar."""
+    """A linear layer for each point, then the maximum over each pillar."""
 
     def __init__(self, features: int, channels: int) -> None:
         super().__init__()
@@ -48,11 +48,11 @@ class _PillarEncoder(nn.Module):
         self.norm = nn.BatchNorm1d(channels, eps=1e-3, momentum=0.03)
 
     def forward(self, features: Tensor, points: Tensor) -> Tensor:
-        """Return (P, channels) for pillars with some points each; see `Detector.forward`."""
+        """Return pillar features (P, channels); see `Detector.forward`."""
         pillars = points.shape[0]
-        if features.dim() == 2:  # in training: what is no point must not count for the mean
+        if features.dim() == 2:  # training: unused rows must not enter the batch mean
             value = torch.relu(self.norm(self.linear(features)))
-            # Of no tensor a value is asked, so that a device need not be waited for.
+            # No value of a tensor is read, so that the host need not wait for the device.
             rows, number = len(features), torch.arange(pillars, device=points.device)
             owner = torch.repeat_interleave(number, points, output_size=rows)
             first = torch.cumsum(points, 0) - points
@@ -62,21 +62,21 @@ class _PillarEncoder(nn.Module):
             return whole.reshape(pillars, MOST_POINTS, -1).amax(dim=1)
         most = features.shape[1]
         filled = torch.arange(most, device=points.device)[None] < points[:, None]
-        # Of no pillars -1 would say nothing.
+        # With zero pillars, -1 as a dimension would be ambiguous.
         value = self.norm(self.linear(features.reshape(pillars * most, features.shape[2])))
         value = torch.relu(value).reshape(pillars, most, value.shape[1]) * filled[:, :, None]
         return value.amax(dim=1)
 
 
 class Detector(nn.Module):
-    """From pillars to maps of centres and boxes.
+    """Maps pillars to maps of centres and boxes.
 
     Args:
-        features: values of each point of a pillar.
-        heads: the classes.
-        width: multiple of the channels; 1 for two processors.
-        points: how many classes of points it tells; none without the head for them.
-        merged: how often pillars are merged two by two to the finest cells (`grid.halvings`).
+        features: number of features of a point in a pillar.
+        heads: heads of the classes.
+        width: multiple of the number of channels; 1 suits two processor cores.
+        points: number of semantic classes of the point head; 0: no point head.
+        merged: how often pillars are merged 2 x 2 before the backbone (`grid.halvings`).
     """
 
     def __init__(
@@ -136,16 +136,16 @@ class Detector(nn.Module):
         told: Tensor | None = None,
         at: Tensor | None = None,
     ) -> list[Tensor]:
-        """Return (grids, `OUTPUTS`, rows, columns) for each class, and (N, classes) of points.
+        """Return (grids, `OUTPUTS`, rows, columns) for each class, then (N, classes) for points.
 
         Args:
-            features: (P, M, features) of pillars; in training (N, features), their points alone,
-                one pillar's after the other's.
-            points: (P,) int64, how many points each has.
-            cell: (P,) int64.
-            shape: (grids, 0, rows, columns): a tensor whose shape is that of the batch.
-            told: (N, `told_of_point`) of points whose class is asked for, if it tells any.
-            at: (N,) int64, the cell of each of these.
+            features: (P, M, features) of pillars; in training (N, features) of their points,
+                pillar by pillar.
+            points: (P,) int64: number of points of each pillar.
+            cell: (P,) int64: cell of each pillar.
+            shape: (grids, 0, rows, columns): an empty tensor with the shape of the batch.
+            told: (N, `told_of_point`): features of the points to classify, if any.
+            at: (N,) int64: cell of each of these points.
         """
         fine, half = self.maps(features, points, cell, shape)
         said = self.said_of(fine, half)
@@ -156,7 +156,7 @@ class Detector(nn.Module):
         return said
 
     def _merged_cell(self, cell: Tensor, rows: int, columns: int) -> Tensor:
-        """Return the numbers of the finest cells that pillars are merged to, of their own."""
+        """Return the merged cell of each pillar cell."""
         step = 1 << len(self.merged)
         if step == 1:
             return cell
@@ -174,12 +174,12 @@ class Detector(nn.Module):
     def maps(
         self, features: Tensor, points: Tensor, cell: Tensor, shape: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Return what is known of the finest cells, and of cells twice as large; see `forward`."""
+        """Return the features at strides 1 and 2; see `forward`."""
         grids, rows, columns = shape.shape[0], shape.shape[2], shape.shape[3]
         pillar = self.encoder(features, points)
         canvas = pillar.new_zeros((grids * rows * columns, self.channels))
         canvas = canvas.index_copy(0, cell, pillar)
-        if canvas.is_cuda:  # where tensors lie with channels last, as they do here already
+        if canvas.is_cuda:  # channels-last already
             canvas = canvas.reshape(grids, rows, columns, -1).permute(0, 3, 1, 2)
         else:
             canvas = canvas.reshape(grids, rows * columns, -1).transpose(1, 2).contiguous()
@@ -187,11 +187,11 @@ class Detector(nn.Module):
         return self.maps_of_cells(canvas)
 
     def maps_of_cells(self, canvas: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what is known of the finest cells and of larger ones: (grids, channels, ...).
+        """Return the features (grids, channels, rows, columns) at strides 1 and 2.
 
         Args:
-            canvas: (grids, channels, rows, columns) what the encoder says of each pillar, 0 where
-                there is none; pillars of several sensors are max-pooled.
+            canvas: (grids, channels, rows, columns): pillar features, 0 in empty cells; pillars of
+                several sensors are max-pooled.
         """
         fine = self.near(self.merged(canvas))
         half = self.down2(fine)
@@ -208,7 +208,7 @@ def _doubled(cells: Tensor) -> Tensor:
 
 
 def inputs_of(pillars: Pillars, cells: int, device: str) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return what `Detector.forward` takes for the pillars of a grid of ``cells`` each way."""
+    """Return the arguments of `Detector.forward` for pillars of a grid with ``cells`` an edge."""
     features, points, cell = (
         torch.from_numpy(one).to(device) for one in (pillars.features, pillars.points, pillars.cell)
     )

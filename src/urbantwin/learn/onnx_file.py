@@ -1,4 +1,4 @@
-"""A model as an ONNX file, for programs without torch."""
+"""Export of a model to ONNX, for programs without torch."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from urbantwin.learn.second_look.network import SecondLook
 
 __all__ = ["CROPS", "INPUTS", "OF_POINTS", "write_onnx"]
 
-#: What the file takes: see `network.Detector.forward`. The grid is that of the model's range.
+#: Inputs of the detector's file, see `network.Detector.forward`; the grid covers the model's range.
 INPUTS = ("features", "points", "cell")
-#: And where it tells classes of points.
+#: Further inputs of a model with a point head.
 OF_POINTS = ("told", "at")
-#: What the file of the second look takes: see `second_look.crop.Crops`.
+#: Inputs of the second stage's file, see `second_look.crop.Crops`.
 CROPS = ("points", "told", "number")
 _OPSET = 17
 
 
 def write_onnx(folder: Path, model: Model) -> None:
-    """Write ``model.onnx``, and ``second_look.onnx`` of a model that has one.
+    """Write ``model.onnx``, and ``second_look.onnx`` for a model with a second stage.
 
-    The first takes the pillars of one frame, however many, to the maps of each class; where it
-    tells classes of points, it is asked for any number of these, too (``of_points``). The second
-    takes the crops of any number of boxes to log-odds.
+    ``model.onnx`` maps any number of pillars of one frame to the maps of each class, and any number
+    of points to their classes (``of_points``). ``second_look.onnx`` maps the crops of any number of
+    boxes to log-odds.
 
     Args:
-        folder: where.
-        model: on any device.
+        folder: folder to write into.
+        model: model on any device.
     """
     _write_detector(folder / "model.onnx", model)
     if model.second_look is not None:
@@ -80,7 +80,7 @@ def _exported(
     outputs: Sequence[str],
     dynamic: Mapping[str, Mapping[int, str]],
 ) -> None:
-    with warnings.catch_warnings():  # of what later versions of torch prefer
+    with warnings.catch_warnings():  # torch deprecates this exporter
         warnings.simplefilter("ignore")
         torch.onnx.export(
             network,

@@ -1,4 +1,4 @@
-"""Pillars: a frame's points as the network is told of them.
+"""Pillars: the input of the network.
 
 Lang et al. 2019, "PointPillars: Fast Encoders for Object Detection from Point Clouds", with
 heights above the ground in place of heights above the sensor.
@@ -19,9 +19,9 @@ from urbantwin.learn.grid import HIGHEST_M, LOWEST_M, Grid
 __all__ = ["MOST_POINTS", "Pillars", "features_of", "pillars_of", "stacked", "told_of_point"]
 __all__ += ["told_of_points"]
 
-#: Points that are kept of a pillar.
+#: Largest number of points in a pillar.
 MOST_POINTS = 16
-#: Heights are told in these units, metres.
+#: Unit of heights in the features, metres.
 _HEIGHT_M = 2.0
 
 
@@ -30,9 +30,9 @@ class Pillars:
     """The occupied cells of a grid.
 
     Attributes:
-        features: (P, `MOST_POINTS`, `features_of`) float32; rows that are no point are 0.
-        points: (P,) int64, how many rows are points: the first ones.
-        cell: (P,) int64.
+        features: (P, `MOST_POINTS`, `features_of`) float32; unused rows are 0.
+        points: (P,) int64: number of points of each pillar.
+        cell: (P,) int64: cell of each pillar.
     """
 
     features: NDArray[np.float32]
@@ -41,26 +41,26 @@ class Pillars:
 
 
 def features_of(*, intensity: bool) -> int:
-    """Return how many values a pillar has for each of its points."""
+    """Return the number of features of a point in a pillar."""
     return 9 if intensity else 8
 
 
 def told_of_point(features: int) -> int:
-    """Return how many values a single point has beside its cell, if pillars have ``features``."""
+    """Return the number of features of a single point, given that of points in pillars."""
     return features - 5
 
 
 def told_of_points(
     points: NDArray[np.float32], grid: Grid
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
-    """Return what a point's class is told by: values (K, 3+), cell (K,), and which points (K,).
+    """Return the features of single points (K, 3+), their cells (K,) and row numbers (K,).
 
-    The values are its offset from the cell's middle (2, in cells), its height, and intensity if it
-    is told.
+    Features are the offset from the centre of the cell (2, in cells), the height, and intensity if
+    it is used.
 
     Args:
         points: (N, 3 or 4) as `pillars_of` takes them; those outside the grid are left out.
-        grid: the cells.
+        grid: grid of the pillars.
     """
     cell = cells_of(points, grid.low, grid.cell_m, grid.cells, grid.cells, LOWEST_M, HIGHEST_M)
     inside = np.flatnonzero(cell >= 0)
@@ -74,8 +74,8 @@ def pillars_of(points: NDArray[np.float32], grid: Grid) -> Pillars:
     """Return the pillars of points.
 
     Args:
-        points: (N, 3 or 4) x, y, height above the ground in metres, and intensity if it is told.
-        grid: the cells.
+        points: (N, 3 or 4): x, y, height above the ground in metres, and intensity if it is used.
+        grid: grid of the pillars.
     """
     low = grid.low
     cell = cells_of(points, low, grid.cell_m, grid.cells, grid.cells, LOWEST_M, HIGHEST_M)
@@ -85,15 +85,14 @@ def pillars_of(points: NDArray[np.float32], grid: Grid) -> Pillars:
 
 
 def stacked(parts: Sequence[Pillars], cells: int) -> dict[str, NDArray[Any]]:
-    """Return the pillars of several grids as a batch that a network learns from, by name.
+    """Concatenate the pillars of several grids into a training batch, by name.
 
-    ``features`` (N, `features_of`) of all points that pillars keep, one pillar's after the other's,
-    ``points`` (P,) int64, how many each has, and ``cell`` (P,) int64, those of the second grid
-    after the first's.
+    ``features`` (N, `features_of`) of all points, pillar by pillar; ``points`` (P,) int64: number
+    of points of each pillar; ``cell`` (P,) int64: consecutive over the grids.
 
     Args:
-        parts: of one grid each.
-        cells: along the sides of each grid.
+        parts: pillars of each grid.
+        cells: number of cells along the edge of a grid.
     """
     return {
         "features": np.concatenate([filled_rows(one.features, one.points) for one in parts]),

@@ -1,12 +1,11 @@
-"""Pre-training without labels: the network says where anything is, and how high it reaches.
+"""Self-supervised pre-training: the network predicts occupancy and height of cells.
 
-- ``masked``: blocks of cells are taken from the input, and it is asked about these, as Hess et al.
-  2023, "Masked Autoencoder for Self-Supervised Pre-training on Lidar Point Clouds", do with voxels;
-- ``next-sweep``: it is asked about all cells as the next sweep shows them in this one's place, as
-  Khurana et al. 2023, "Point Cloud Forecasting as a Proxy for 4D Occupancy Forecasting", ask for
-  what comes.
+- ``masked``: for blocks of cells that are removed from the input, as Hess et al. 2023, "Masked
+  Autoencoder for Self-Supervised Pre-training on Lidar Point Clouds", with voxels;
+- ``next-sweep``: for all cells in the next sweep, as in Khurana et al. 2023, "Point Cloud
+  Forecasting as a Proxy for 4D Occupancy Forecasting".
 
-What it learned begins a detector; its last layer is thrown away.
+The weights initialise a detector; the last layer is discarded.
 """
 
 from __future__ import annotations
@@ -35,26 +34,26 @@ from urbantwin.progress import Progress
 
 __all__ = ["TASKS", "Question", "hidden_of", "next_of", "pretrained"]
 
-#: What is asked for.
+#: Pretext tasks.
 TASKS = ("masked", "next-sweep")
 
-#: Blocks of so many cells each way are hidden, so many of all.
+#: Edge of a hidden block, cells, and share of hidden blocks.
 _BLOCK, _SHARE = 4, 0.5
-#: Which of a pillar's features is the height of its highest point (`pillars.pillars_of`).
+#: Index of the feature with the height of a pillar's highest point (`pillars.pillars_of`).
 _HIGHEST = 6
-#: Of a cell that is not empty, against one that is.
+#: Weight of an occupied cell against an empty one.
 _OCCUPIED_WEIGHT = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """A sample.
+    """A pre-training sample.
 
     Attributes:
-        pillars: those that are shown.
-        asked: (cells, cells) bool, which cells are asked about.
-        occupied: (cells, cells) float32, 1 where anything is.
-        highest: (cells, cells) float32, as `pillars.Pillars.features` tells it; 0 where nothing is.
+        pillars: visible pillars.
+        asked: (cells, cells) bool: cells to predict.
+        occupied: (cells, cells) float32: 1 in occupied cells.
+        highest: (cells, cells) float32: height feature of the highest point; 0 in empty cells.
     """
 
     pillars: Pillars
@@ -64,12 +63,12 @@ class Question:
 
 
 def hidden_of(pillars: Pillars, cells: int, draw: np.random.Generator) -> Question:
-    """Return pillars of one grid with blocks of them hidden, and these asked for.
+    """Return a sample of the task ``masked``.
 
     Args:
-        pillars: of the grid.
-        cells: along its sides: a multiple of 8.
-        draw: random numbers.
+        pillars: pillars of a grid.
+        cells: number of cells along its edge, a multiple of 8.
+        draw: random generator.
     """
     blocks = draw.random((cells // _BLOCK, cells // _BLOCK)) < _SHARE
     asked = np.repeat(np.repeat(blocks, _BLOCK, axis=0), _BLOCK, axis=1)
@@ -84,18 +83,18 @@ def hidden_of(pillars: Pillars, cells: int, draw: np.random.Generator) -> Questi
 
 
 def next_of(pillars: Pillars, after: Pillars, cells: int) -> Question:
-    """Return pillars of one grid, and all of the next sweep's asked for.
+    """Return a sample of the task ``next-sweep``.
 
     Args:
-        pillars: of the grid.
-        after: those of the next sweep in the same grid.
-        cells: along its sides.
+        pillars: pillars of a grid.
+        after: pillars of the next sweep on the same grid.
+        cells: number of cells along its edge.
     """
     return Question(pillars, np.ones((cells, cells), bool), *_said(after, cells))
 
 
 def _said(pillars: Pillars, cells: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return where anything is, and how high it reaches (cells, cells)."""
+    """Return occupancy and highest points (cells, cells)."""
     occupied, highest = np.zeros((2, cells * cells), np.float32)
     occupied[pillars.cell] = 1.0
     highest[pillars.cell] = pillars.features[:, 0, _HIGHEST]
@@ -110,14 +109,14 @@ def pretrained(
     tell: Progress,
     task: str = TASKS[0],
 ) -> tuple[Detector, int, float]:
-    """Return a network without heads that was trained on what it was not shown.
+    """Pre-train a network without heads.
 
     Args:
-        frames: without labels; for ``next-sweep`` some of them with the sweep after them.
-        design: of the network, without classes.
-        recipe: how.
-        state: a file that keeps the state: where it is, training goes on from it.
-        tell: called with the share that is done and the loss.
+        frames: unlabelled frames; for ``next-sweep`` at least some with their next sweep.
+        design: design of the network, without classes.
+        recipe: hyperparameters.
+        state: checkpoint file; training resumes from it if it exists.
+        tell: progress callback, with the loss.
         task: one of `TASKS`.
 
     Returns:
@@ -131,7 +130,7 @@ def pretrained(
 
 
 class _Guesser(nn.Module):
-    """A network that says of each cell whether anything is there and how high it reaches."""
+    """A network with an output layer for occupancy and height of cells."""
 
     def __init__(self, body: Detector) -> None:
         super().__init__()
@@ -145,7 +144,7 @@ class _Guesser(nn.Module):
 
 
 class _Windows:
-    """Batches of windows of frames with blocks hidden."""
+    """Batches of the task ``masked``."""
 
     def __init__(self, frames: LabelledFrames, design: Design, recipe: Recipe) -> None:
         self._frames, self.recipe = frames, recipe
@@ -169,7 +168,7 @@ class _Windows:
         return hidden_of(pillars, self.grid.cells, draw)
 
     def _seen(self, number: int, draw: np.random.Generator) -> tuple[Pillars, Placement]:
-        """Return the pillars of a window of a frame, varied, and how the frame is placed in it."""
+        """Return the pillars of an augmented window of a frame, and its transformation."""
         frame, placement = varied_window(
             self._frames.frame(number), self.recipe.window_m, draw, varied=self._varied
         )
@@ -177,7 +176,7 @@ class _Windows:
 
 
 class _NextWindows(_Windows):
-    """Batches of windows of frames and of the sweeps after them."""
+    """Batches of the task ``next-sweep``."""
 
     def _made(self, draw: np.random.Generator) -> Question:
         number = self._frames.followed[int(draw.integers(len(self._frames.followed)))]
@@ -187,7 +186,7 @@ class _NextWindows(_Windows):
 
 
 class _FromFrames:
-    """How wrong a network is about what it was not shown."""
+    """Task of predicting occupancy and height."""
 
     def __init__(self, network: _Guesser, source: _Windows) -> None:
         self._network, self.source = network, source
@@ -197,7 +196,7 @@ class _FromFrames:
         shape = features.new_zeros((self.source.recipe.batch, 0, cells, cells))
         said = self._network(features, batch["points"], batch["cell"], shape).float()
         asked, occupied, highest = batch["asked"], batch["occupied"], batch["highest"]
-        # Of pillars that are merged: whether any was hidden and occupied, and the highest of them.
+        # Targets of merged pillars: the maximum over each 2 x 2 block.
         step = cells // said.shape[-1]
         asked, occupied, highest = (
             functional.max_pool2d(one[:, None].float(), step)[:, 0]

@@ -1,4 +1,4 @@
-"""One sample of a training step: a window of a frame, varied, with its targets."""
+"""A training sample: an augmented window of a frame with its targets."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from urbantwin.learn.targets import ClassTarget, PointTarget, point_target_of, t
 
 __all__ = ["Sample", "Varied", "counted_cells", "labels_in_window", "sample_of", "varied_window"]
 
-#: So many windows are laid about one of the boxes, by its class: a rare one as often as a car.
+#: Share of windows that are placed about a box, with equal probability for every class.
 _ABOUT_A_BOX = 0.8
 
 
 @dataclass(frozen=True)
 class Varied:
-    """How samples are varied.
+    """Switches of the augmentation.
 
     Attributes:
-        placed: turned, mirrored, scaled.
-        beams: with fewer beams.
-        objects: with objects of other frames.
-        sizes: with larger and smaller objects.
-        clutter: with things that have no label.
+        placed: rotation, reflection and scaling of the frame.
+        beams: removal of beams.
+        objects: pasting of objects from other frames.
+        sizes: scaling of objects.
+        clutter: insertion of unlabelled obstacles.
     """
 
     placed: bool = True
@@ -47,7 +47,7 @@ class Varied:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What one frame gives to a training step."""
+    """Input and targets of a training step from one frame."""
 
     pillars: Pillars
     targets: list[ClassTarget]
@@ -64,16 +64,16 @@ def varied_window(
     rig: int = 0,
     varied: Varied | None = None,
 ) -> tuple[LevelFrame, Placement]:
-    """Return the part of a frame about a window, varied, and how it is placed: about 0, 0.
+    """Return an augmented window of a frame, centred at (0, 0), and its transformation.
 
     Args:
-        frame: labelled or not.
-        window_m: width of the square window of it.
-        draw: random numbers.
-        classes: whose objects are pasted and resized.
+        frame: frame with or without labels.
+        window_m: edge of the square window, metres.
+        draw: random generator.
+        classes: classes of objects that are pasted and scaled.
         bank: objects to paste.
-        rig: of the frame.
-        varied: how; in every way if not given.
+        rig: index of the frame's recording.
+        varied: switches of the augmentation; all on if not given.
     """
     varied = varied or Varied()
     half = window_m / 2
@@ -111,18 +111,18 @@ def sample_of(  # noqa: PLR0913 - a frame, the window, the network, the draws
     rig: int = 0,
     varied: Varied | None = None,
 ) -> Sample:
-    """Return a sample.
+    """Return a training sample.
 
     Args:
-        frame: labelled.
-        window_m: width of the square window of it.
-        cell_m: edge of a pillar.
-        heads: the classes.
-        draw: all random numbers of this sample.
-        semantic: ids of the classes of points that are learned.
+        frame: labelled frame.
+        window_m: edge of the square window, metres.
+        cell_m: edge of a pillar, metres.
+        heads: heads of the object classes.
+        draw: random generator; the only source of randomness of the sample.
+        semantic: ids of the semantic classes to learn.
         bank: objects to paste.
-        rig: of the frame.
-        varied: how; in every way if not given.
+        rig: index of the frame's recording.
+        varied: switches of the augmentation; all on if not given.
     """
     names = [head.name for head in heads]
     frame, placement = varied_window(
@@ -141,13 +141,13 @@ def sample_of(  # noqa: PLR0913 - a frame, the window, the network, the draws
 def labels_in_window(
     frame: LevelFrame, placement: Placement
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the boxes (B, 7) of a varied window where it is placed, and their classes (B,).
+    """Return the boxes (B, 7) of an augmented window and their class indices (B,).
 
-    Whoever has too few points left is `IGNORED`.
+    Boxes with too few points left are `IGNORED`.
 
     Args:
-        frame: of `varied_window`.
-        placement: of it.
+        frame: frame that `varied_window` returned.
+        placement: its transformation.
     """
     boxes = placement.boxes(frame.box)
     inside = points_in_boxes(frame.points, boxes, 0.05)
@@ -167,7 +167,7 @@ def _some_points(frame: LevelFrame, chosen: NDArray[np.bool_]) -> LevelFrame:
 def _middle_of_window(
     frame: LevelFrame, half: float, reach: float, draw: np.random.Generator
 ) -> tuple[float, float]:
-    """Return where to look: about a box, or anywhere; within the frame."""
+    """Draw the centre of the window: near a box, or anywhere in the frame."""
     most = max(reach - half, 0.0)
     x, y = draw.uniform(-most, most, 2) if most else (0.0, 0.0)
     beside = draw.uniform(-0.7 * half, 0.7 * half, 2)
@@ -180,7 +180,7 @@ def _middle_of_window(
 
 
 def counted_cells(frame: LevelFrame, grid: Grid, placement: Placement) -> NDArray[np.bool_] | None:
-    """Return in which cells of a sample labels count; None where they do everywhere."""
+    """Return the labelled area of a sample as a mask of cells; ``None`` if it covers all cells."""
     if frame.counted.all():
         return None
     places = placement.back(grid.middles(np.arange(grid.cells**2)))

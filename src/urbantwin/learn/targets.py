@@ -1,4 +1,4 @@
-"""What the network should say of a sample: centres, their boxes, and what does not count."""
+"""Targets of a sample: heat maps of centres, encoded boxes, and the mask of the loss."""
 
 from __future__ import annotations
 
@@ -15,30 +15,31 @@ from urbantwin.learn.pillars import told_of_points
 
 __all__ = ["ClassTarget", "PointTarget", "point_target_of", "targets_of"]
 
-#: Standard deviation of a centre's surroundings over the root of its area in plan; at least, most.
+#: Standard deviation of a centre's heat over the square root of the box's area; lower and upper
+#: bound, metres.
 _SPREAD, _LEAST_M, _MOST_M = 0.28, 0.35, 1.5
-#: Cells whose value is this at least regress the box, too.
+#: Cells with at least this heat regress the box.
 _REGRESSES = 0.4
-#: What the cells that tell one object's box count together: about as much as those of a person and
-#: of a car did in pillars of 0.4 m. Else boxes of buses drown centres, and in finer cells all do.
+#: Total weight of the cells that regress one box: about that of a person or a car in 0.4 m pillars.
+#: Without it the loss of large boxes (or of fine cells) dominates that of centres.
 _BOX_COUNTS = 3.0
-#: What is ignored is grown by this in plan, metres.
+#: Margin of ignored boxes in plan, metres.
 _IGNORED_MARGIN_M = 0.3
-#: Points of a sample whose classes are asked for.
+#: Largest number of point targets in a sample.
 _MOST_ASKED = 8192
 
 
 @dataclass(frozen=True, eq=False)
 class ClassTarget:
-    """What is to be said of one class in one grid.
+    """Target of one class on one grid.
 
     Attributes:
-        heat: (rows, columns) float32: 1 where a centre is, less around it.
-        counts: (rows, columns) float32: 0 where nothing said is wrong.
-        cell: (P,) int64, the cells that regress a box.
-        weight: (P,) float32, how much each of them counts; of each object as much altogether.
-        box: (P, `heads.REGRESSED`) float32.
-        objects: how many centres there are.
+        heat: (rows, columns) float32: 1 at a centre, less around it.
+        counts: (rows, columns) float32: weight of the loss; 0 in ignored cells.
+        cell: (P,) int64: cells that regress a box.
+        weight: (P,) float32: weight of each of them; the sum is the same for every object.
+        box: (P, `heads.REGRESSED`) float32: encoded boxes.
+        objects: number of centres.
     """
 
     heat: NDArray[np.float32]
@@ -60,10 +61,10 @@ def targets_of(
 
     Args:
         boxes: (B, 7), z above the ground.
-        classes: (B,) index into ``heads``; -1 for what is neither right nor wrong.
-        grid: of the pillars.
-        heads: the classes.
-        counted: (cells, cells) where anything counts at all; everywhere if not given.
+        classes: (B,) index into ``heads``; -1 for ignored boxes.
+        grid: grid of the pillars.
+        heads: heads of the classes.
+        counted: (cells, cells) labelled area; all cells if not given.
     """
     found = []
     for number, head in enumerate(heads):
@@ -82,7 +83,7 @@ def targets_of(
             _REGRESSES,
         )
         weight = weight * _BOX_COUNTS / np.bincount(whose, weight)[whose]
-        counts[heat == 1] = 1.0  # whoever is known beside one who does not count
+        counts[heat == 1] = 1.0  # a known object beside an ignored one
         if counted is not None:
             step = head.stride
             counts *= counted[step // 2 :: step, step // 2 :: step]
@@ -95,12 +96,12 @@ def targets_of(
 
 @dataclass(frozen=True, eq=False)
 class PointTarget:
-    """Which classes points of one grid have.
+    """Classes of points on one grid.
 
     Attributes:
-        told: (K, 3 or 4) float32, see `pillars.told_of_points`.
-        cell: (K,) int64.
-        wanted: (K,) int64, index of the class.
+        told: (K, 3 or 4) float32: features, see `pillars.told_of_points`.
+        cell: (K,) int64: cells.
+        wanted: (K,) int64: class indices.
     """
 
     told: NDArray[np.float32]
@@ -115,14 +116,14 @@ def point_target_of(
     classes: Sequence[int],
     draw: np.random.Generator,
 ) -> PointTarget:
-    """Return what is to be said of some points whose classes are known and learned.
+    """Return the targets of a random selection of points with a class to learn.
 
     Args:
         points: (N, 3 or 4) as `pillars.pillars_of` takes them.
-        semantic: (N,) ids of their classes.
-        grid: the cells.
-        classes: ids that are learned, in their order.
-        draw: random numbers.
+        semantic: (N,) semantic ids.
+        grid: grid of the pillars.
+        classes: semantic ids to learn, in order.
+        draw: random generator.
     """
     index = np.full(256, -1, np.int64)
     index[list(classes)] = np.arange(len(classes))

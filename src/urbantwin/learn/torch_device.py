@@ -1,4 +1,4 @@
-"""Whether torch is installed, the device that it is to use, and what is done for a GPU alone."""
+"""Check of torch and its device; memory layout, precision and determinism on a GPU."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ __all__ = ["check_torch", "copied", "mixed_precision", "on_device", "repeatable"
 
 
 def check_torch(device: str) -> None:
-    """Refuse what cannot be done without torch, or without a device.
+    """Check that torch and a device are available.
 
     Raises:
-        InputError: torch or what goes with it is not installed, or there is no such device.
+        InputError: torch or a library of the same extra is missing, or the device does not exist.
     """
     check_extra("detector", "training and detecting")
     try:
@@ -45,7 +45,7 @@ def check_torch(device: str) -> None:
 
 
 def on_device(network: _Network, device: str) -> _Network:
-    """Move a network to a device; on a GPU its kernels lie with channels last."""
+    """Move a network to a device; on a GPU in channels-last memory format."""
     import torch
 
     network = network.to(device)
@@ -55,15 +55,15 @@ def on_device(network: _Network, device: str) -> _Network:
 
 
 def is_gpu(device: str) -> bool:
-    """Return whether a device is one of CUDA's."""
+    """Return whether a device is a CUDA device."""
     return device.split(":", maxsplit=1)[0] == "cuda"
 
 
 def mixed_precision(device: str) -> torch.dtype | None:
-    """Return in which numbers a device calculates fastest beside float32; None where it does not.
+    """Return the reduced-precision type for a device; ``None`` on a processor.
 
-    bfloat16 reaches as far as float32 does, so no gradient needs to be scaled; GPUs before Ampere
-    have float16 alone.
+    bfloat16 has the range of float32, so gradients need no scaling; GPUs before Ampere only have
+    float16.
     """
     import torch
 
@@ -74,17 +74,14 @@ def mixed_precision(device: str) -> torch.dtype | None:
 
 @contextmanager
 def repeatable(device: str) -> Iterator[None]:
-    """Let a GPU add up in one order in the block, so that the same samples give the same weights.
-
-    A processor does so anyway.
-    """
+    """Use deterministic algorithms on a GPU within the block; a processor needs no switch."""
     import torch
     from torch.utils import deterministic
 
     if not is_gpu(device):
         yield
         return
-    # cuBLAS asks for its own word, before it is used for the first time.
+    # cuBLAS reads this variable at its first use.
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     before = torch.are_deterministic_algorithms_enabled()
     filled = deterministic.fill_uninitialized_memory
@@ -100,7 +97,7 @@ def repeatable(device: str) -> Iterator[None]:
 def copied(
     batches: Iterator[Mapping[str, NDArray[Any]]], device: str
 ) -> Iterator[dict[str, torch.Tensor]]:
-    """Yield batches as tensors on a device; a GPU gets the next while it works on one."""
+    """Yield batches as tensors on a device; a GPU copies the next one during a step."""
     import torch
 
     if not is_gpu(device):

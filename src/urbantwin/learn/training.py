@@ -1,9 +1,9 @@
-"""Training, as its algorithm: samples, loss, step; the same weights after an interruption.
+"""The training loop; a resumed training gives the same weights as an uninterrupted one.
 
-AdamW (Loshchilov and Hutter 2019) with a rate that rises and falls once (Smith and Topin 2018,
-"Super-Convergence"). Every random number comes from the seed, the step and the sample's number in
-it, so it does not matter how often a training was interrupted, nor how many workers made samples.
-What is learned is a `Task`: from labels (`from_labels`), or from what was hidden (`pretraining`).
+AdamW (Loshchilov and Hutter 2019) with a one-cycle learning rate (Smith and Topin 2018,
+"Super-Convergence"). All randomness derives from the seed, the step and the index of the sample in
+the batch, so interruptions and the number of workers change nothing. A `Task` gives the batches
+and the loss: `from_labels` or `pretraining`.
 """
 
 from __future__ import annotations
@@ -29,42 +29,42 @@ from urbantwin.progress import Progress
 
 __all__ = ["Recipe", "Task", "optimised"]
 
-#: Largest learning rate, its share at the start and at the end, and when it is reached.
+#: Largest learning rate, its share at the start and at the end, share of steps until it is reached.
 _RATE, _START, _END, _RISES = 4e-3, 0.1, 1e-3, 0.3
 _DECAY, _LARGEST_GRADIENT = 0.01, 10.0
-#: Steps by which the speed of this machine is told, for each worker: code is still compiled in the
-#: first, and each worker has some ready.
+#: Number of steps per worker that are timed for ``minutes``: code is compiled in the first ones,
+#: and each worker has some batches ready.
 _TIMED = 12
 
 
 class Task(Protocol):
-    """What is learned."""
+    """Batches and loss of a training."""
 
     @property
     def source(self) -> Source:
-        """What makes the batches."""
+        """Maker of the batches."""
 
     def loss(self, batch: Mapping[str, Tensor]) -> Tensor:
-        """Return how wrong the network is on a batch, whose arrays it has on its device."""
+        """Return the loss of a batch, whose tensors are on the network's device."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How to train.
+    """Hyperparameters of a training.
 
     Attributes:
-        steps: so many; or none, and ``minutes`` of this machine.
-        minutes: as long as that takes, reading of datasets left out.
-        batch: samples of a step.
-        window_m: edge of the square window that a sample is.
-        seed: of all random numbers.
-        device: of torch.
-        workers: processes that make samples; with one, a thread of this process.
-        kept_every_s: the state is kept so often, seconds.
-        varied: how samples are varied.
-        in_order: the datasets after each other, equally long, in place of all at once; needs
-            ``steps``.
-        mixed: on a GPU, calculate in bfloat16 (or float16) where single precision is not needed.
+        steps: number of steps; ``None``: as many as fit into ``minutes``.
+        minutes: duration, without the reading of datasets.
+        batch: samples in a step.
+        window_m: edge of the square window of a sample, metres.
+        seed: random seed.
+        device: torch device.
+        workers: number of processes that make samples; with 1, a thread of this process.
+        kept_every_s: interval of checkpoints, seconds.
+        varied: switches of the augmentation.
+        in_order: train on one dataset after the other, with equal numbers of steps (curriculum),
+            in place of all together; needs ``steps``.
+        mixed: use bfloat16 (or float16) on a GPU where single precision is not needed.
     """
 
     steps: int | None = None
@@ -86,21 +86,21 @@ def optimised(
     """Train a network; return the number of steps, and the mean loss of the last tenth of them.
 
     Args:
-        network: on its device; left in evaluation mode.
-        task: what is learned.
-        recipe: how; ``steps`` or ``minutes`` is given.
-        state: a file that keeps the state: where it is, training goes on from it.
-        tell: called with the share that is done and the loss.
+        network: network on its device; left in evaluation mode.
+        task: batches and loss.
+        recipe: hyperparameters; ``steps`` or ``minutes`` is set.
+        state: checkpoint file; training resumes from it if it exists.
+        tell: progress callback, with the loss.
 
     Raises:
-        StageError: a process that makes samples was killed.
+        StageError: a worker process was killed.
     """
     network.train()
     names, parameters = zip(*network.named_parameters(), strict=True)
     optimiser = torch.optim.AdamW(parameters, lr=_RATE, weight_decay=_DECAY)
     step, steps, losses = _restored(state, network, names, optimiser, recipe)
     kind = mixed_precision(recipe.device) if recipe.mixed else None
-    # Numbers of float16 end so soon that gradients are scaled; those of bfloat16 do not.
+    # float16 needs scaled gradients because of its small range, bfloat16 does not.
     scaler = torch.amp.GradScaler(enabled=kind is torch.float16)
     first, began, kept = step, time.monotonic(), time.monotonic()
     timed = _TIMED * recipe.workers
@@ -120,11 +120,11 @@ def optimised(
             scaler.step(optimiser)
             scaler.update()
             if pending is not None:
-                losses.append(float(pending))  # a GPU is asked for a value one step later
+                losses.append(float(pending))  # one step later: the host does not wait for the GPU
             pending = loss.detach()
             step += 1
             if steps is None and step - first == timed // 3:
-                began = time.monotonic()  # what was compiled until here is not compiled again
+                began = time.monotonic()  # code is compiled by now
             if steps is None and step - first == timed:
                 each = (time.monotonic() - began) / (timed - timed // 3)
                 steps = max(timed + 1, round(60 * (recipe.minutes or 1.0) / each))
@@ -143,7 +143,7 @@ def optimised(
 
 
 def _rate(step: int, steps: int | None) -> float:
-    """Return the learning rate: up along a cosine, and down along another."""
+    """Return the learning rate: rising, then falling along a cosine."""
     if steps is None:
         return _RATE * _START
     top = max(1.0, _RISES * steps)
@@ -163,7 +163,7 @@ def _keep(
     steps: int | None,
     losses: list[float],
 ) -> None:
-    """Keep all that training needs to go on as if nothing had happened."""
+    """Write a checkpoint: network, optimiser, step and losses."""
     kept = {f"network.{name}": one.contiguous() for name, one in network.state_dict().items()}
     for number, one in optimiser.state_dict()["state"].items():
         for key, value in one.items():
@@ -182,7 +182,7 @@ def _restored(
     optimiser: torch.optim.AdamW,
     recipe: Recipe,
 ) -> tuple[int, int | None, list[float]]:
-    """Set network and optimiser to what was kept; return the step, how many there are, losses."""
+    """Restore a checkpoint; return the step, the number of steps and the losses."""
     if not state.is_file():
         return 0, recipe.steps, []
     with safetensors.safe_open(state, "pt") as file:

@@ -1,4 +1,4 @@
-"""A detector and its second look, trained one after the other."""
+"""Training of a detector, then of its second stage."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from urbantwin.progress import Progress, between
 
 __all__ = ["Stages", "stages_trained"]
 
-#: Of a training of some minutes this share is the second look's.
+#: Share of ``minutes`` for the second stage.
 _LOOK_SHARE = 0.26
 
 
 @dataclass(frozen=True, eq=False)
 class Stages:
-    """What was trained.
+    """Result of a training.
 
     Attributes:
-        network: the detector.
-        second_look: at what it finds, if there is one.
-        steps: of the detector.
-        loss: the mean of the last tenth of them.
+        network: detector.
+        second_look: second stage, if any.
+        steps: number of steps of the detector.
+        loss: mean loss of the last tenth of them.
     """
 
     network: Detector
@@ -51,17 +51,17 @@ def stages_trained(
     *,
     second_look: bool = True,
 ) -> Stages:
-    """Return a trained detector with its second look.
+    """Train a detector and its second stage.
 
     Args:
-        frames: to learn from.
-        design: of the network.
-        recipe: how; ``minutes`` are those of both.
-        folder: keeps the state: training goes on from it.
-        tell: called with the share that is done and the loss.
-        start: weights of the detector to begin with, by name; the others are drawn.
-        second_look: whether there is to be one; there is none of a detector that tells neither
-            people nor two-wheelers, or finds none.
+        frames: training set.
+        design: design of the network.
+        recipe: hyperparameters; ``minutes`` covers both stages.
+        folder: folder of the checkpoints; training resumes from them.
+        tell: progress callback, with the loss.
+        start: initial weights of the detector by name; the others are random.
+        second_look: train a second stage, if the detector has a class of pedestrians or
+            two-wheelers and detects some.
     """
     looks = second_look and bool(set(LOOKED_AT) & set(design.classes))
     share = 1 - _LOOK_SHARE if looks else 1.0

@@ -1,8 +1,8 @@
-"""A frame seen from other sides: mirrored, turned by quarters, and what is said of it turned back.
+"""Test-time augmentation: views of a frame, mirrored and rotated by quarter turns.
 
-A network that was trained on frames turned at random still says a little something else of each;
-the mean of what it says of several is better than any (Krizhevsky, Sutskever and Hinton 2012,
-section 4.1, "ImageNet Classification with Deep Convolutional Neural Networks").
+The mean of the outputs over several views is better than that of one, although the network was
+trained on random rotations (Krizhevsky, Sutskever and Hinton 2012, section 4.1, "ImageNet
+Classification with Deep Convolutional Neural Networks").
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from numpy.typing import NDArray
 
 __all__ = ["MOST_VIEWS", "VIEWS", "View"]
 
-#: Rows of what is said of a class (`heads`): offset of the centre, twice the heading, which way.
+#: Rows of a class's output (`heads`): offset of the centre, doubled heading, direction.
 _EAST_OF_MIDDLE, _NORTH_OF_MIDDLE, _COSINE, _SINE, _EAST, _NORTH = 1, 2, 7, 8, 9, 10
 
 
 @dataclass(frozen=True)
 class View:
-    """A frame mirrored, north for south, and then turned by quarters counter-clockwise.
+    """A reflection of y, then a counter-clockwise rotation.
 
     Attributes:
-        quarters: of a turn.
-        mirrored: whether it is mirrored first.
+        quarters: number of quarter turns.
+        mirrored: whether y is mirrored first.
     """
 
     quarters: int = 0
     mirrored: bool = False
 
     def points(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return (N, 3+) points as they are seen."""
+        """Transform points (N, 3+) into the view."""
         seen = points.copy()
         if self.mirrored:
             seen[:, 1] *= -1
@@ -40,7 +40,7 @@ class View:
         return seen
 
     def back(self, said: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what is said of a class (`heads.OUTPUTS`, rows, columns) where it really is."""
+        """Transform the output of a class (`heads.OUTPUTS`, rows, columns) back to the frame."""
         for _ in range(self.quarters):
             told = np.transpose(said, (0, 2, 1))[:, ::-1]
             said = told.copy()
@@ -57,7 +57,7 @@ class View:
         return said
 
 
-#: As different as can be one after the other; the first is the frame as it is.
+#: Ordered so that the first n differ most; the first is the frame itself.
 VIEWS = tuple(
     View(quarters, mirrored)
     for quarters, mirrored in (

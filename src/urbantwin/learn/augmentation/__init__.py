@@ -1,4 +1,4 @@
-"""Samples made different: turned, flipped, scaled, fewer beams, other objects, clutter."""
+"""Augmentation: rotation, reflection, scaling, fewer beams, pasted objects, clutter."""
 
 from urbantwin.learn.augmentation.beams import thinned
 from urbantwin.learn.augmentation.clutter import Obstacles, cluttered, with_obstacles

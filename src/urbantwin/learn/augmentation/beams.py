@@ -1,4 +1,4 @@
-"""Sensors with fewer beams than the one that recorded: rings and columns are taken away."""
+"""Augmentation by sensors with fewer beams: removal of rings, sensors or points."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from urbantwin.learn.frames import RINGS
 
 __all__ = ["thinned"]
 
-#: How often anything is taken away.
+#: Probability that points are removed.
 _OFTEN = 0.5
-#: At most so much of single points, where rings are not known.
+#: Largest share of single points that is removed where rings are unknown.
 _MOST_DROPPED = 0.5
 
 
 def thinned(ring: NDArray[np.int32], draw: np.random.Generator) -> NDArray[np.bool_]:
-    """Return which points (N,) stay.
+    """Return the mask (N,) of points that remain.
 
-    Of half of the samples every second, third or fourth ring stays, of all sensors alike, or one
-    of the sensors is lost; where no rings are known, points are taken away at random. A tenth of
-    the points of another sample is lost one by one: drop-out.
+    In a quarter of the samples every second, third or fourth ring remains (of all sensors); in a
+    tenth one of several sensors is removed, or random points where there are no more than two; in
+    15 % a tenth of the points is removed at random (drop-out).
 
     Args:
-        ring: (N,) as `frames.LevelFrame` has it.
-        draw: random numbers.
+        ring: (N,) as in `frames.LevelFrame`.
+        draw: random generator.
     """
     stays = np.ones(len(ring), bool)
     kind, first, share = draw.random(), int(draw.integers(0, 4)), draw.random()

@@ -1,8 +1,8 @@
-"""Bushes, hedges, walls, trunks and bins without a label, set into frames with their shadows.
+"""Augmentation by unlabelled obstacles (bushes, hedges, walls, trunks, bins) with their shadows.
 
-A twin made from a map alone knows little of what stands beside streets, and who learned on bare
-ones takes every bush for a car. A beam that meets one ends there; plants let beams in. What stands
-how often, and how large it is, are estimates.
+A twin made from a map alone has few objects beside its streets, and a detector trained on such
+twins takes bushes for cars. Rays end at an obstacle; they penetrate plants. Frequencies and sizes
+of obstacles are estimates.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from urbantwin.learn.frames import RINGS, LevelFrame
 
 __all__ = ["Obstacles", "cluttered", "with_obstacles"]
 
-#: So many samples are cluttered, with so many things on average: few in most, a garden in some.
+#: Share of samples with obstacles, and mean of their exponentially distributed number.
 _OFTEN, _THINGS = 0.8, 60.0
-#: Nothing stands nearer to a sensor, nor to a labelled box, metres: people lean at posts and walls.
+#: Smallest distance of an obstacle from a sensor and from a labelled box, metres.
 _FROM_SENSOR_M, _BESIDE_M = 2.5, 0.05
 #: Noise of ranges, metres.
 _NOISE_M = 0.02
@@ -28,14 +28,14 @@ _NOISE_M = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """Ellipsoids and boxes of which things are made.
+    """Ellipsoids and boxes that obstacles consist of.
 
     Attributes:
-        middle: (K, 3) metres, height above the ground.
+        middle: (K, 3) centres, metres, z above the ground.
         half: (K, 3) half of length, width and height, metres.
         yaw: (K,) radians.
-        is_round: (K,) an ellipsoid.
-        depth: (K,) how deep beams get in on average, metres; 0 for what is solid.
+        is_round: (K,) true for ellipsoids.
+        depth: (K,) mean penetration depth of rays, metres; 0: solid.
     """
 
     middle: NDArray[np.float64]
@@ -48,12 +48,12 @@ class Obstacles:
 def cluttered(
     frame: LevelFrame, window: tuple[float, float, float], draw: np.random.Generator
 ) -> LevelFrame:
-    """Return a frame with things in it that have no label; of some samples the frame as it is.
+    """Insert random obstacles into most frames.
 
     Args:
-        frame: whose points tell which sensor they are of, if there are several.
-        window: x, y and half the width of where things are set, metres.
-        draw: random numbers.
+        frame: frame; with several sensors, its points have rings.
+        window: x, y and half the edge of the area of obstacles, metres.
+        draw: random generator.
     """
     if draw.random() > _OFTEN:
         return frame
@@ -83,12 +83,12 @@ def cluttered(
 
 
 def with_obstacles(frame: LevelFrame, stands: Obstacles, draw: np.random.Generator) -> LevelFrame:
-    """Return a frame whose points lie on obstacles where these are in the way.
+    """Move the points of a frame onto the obstacles that block their rays.
 
     Args:
         frame: see `cluttered`.
-        stands: what is set into it.
-        draw: random numbers: of noise, and how deep beams get.
+        stands: obstacles.
+        draw: random generator for noise and penetration depths.
     """
     whose = np.zeros(len(frame.points), np.int32)
     if len(frame.sensors) > 1:
@@ -107,7 +107,7 @@ def with_obstacles(frame: LevelFrame, stands: Obstacles, draw: np.random.Generat
     points[moved, :3] = (start + way * ends).astype(np.float32)
     if points.shape[1] > 3:
         points[moved, 3] = brightness[which[moved]]
-    # What stands there has no class that labels know.
+    # Obstacles have no semantic class.
     return replace(frame, points=points, semantic=np.where(moved, 0, frame.semantic))
 
 
@@ -116,7 +116,7 @@ _Part = tuple[float, float, float, float, float, float, float, float, float]
 
 
 def _taken(frame: LevelFrame, parts: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which of (K, 9) parts would stand in a box, or at a sensor."""
+    """Return which of (K, 9) parts would lie in a labelled box or at a sensor."""
     reach = np.hypot(parts[:, 3], parts[:, 4]) / 2
     boxes = np.hypot(frame.box[:, 3], frame.box[:, 4]) / 2 + _BESIDE_M
     places = np.concatenate([frame.box[:, :2], frame.sensors[:, :2]])
@@ -126,7 +126,7 @@ def _taken(frame: LevelFrame, parts: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _bush(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
-    """Return some ellipsoids that grow into each other."""
+    """Return a bush: overlapping ellipsoids."""
     parts, size, depth = [], draw.uniform(0.3, 1.6), _let_in(draw)
     for _ in range(int(draw.integers(1, 6))):
         at = draw.normal(0.0, 0.6 * size, 2)
@@ -137,7 +137,7 @@ def _bush(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence
 
 
 def _thicket(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
-    """Return tufts of leaves on stems and above the ground, apart from each other: a garden."""
+    """Return a garden: separate tufts of leaves, on stems and on the ground."""
     parts, reach = [], draw.uniform(1.0, 4.0)
     for _ in range(int(draw.integers(4, 16))):
         along, across = draw.normal(0.0, (reach, reach / 3))
@@ -152,7 +152,7 @@ def _thicket(x: float, y: float, yaw: float, draw: np.random.Generator) -> Seque
 def _row(
     x: float, y: float, yaw: float, draw: np.random.Generator, *, is_plant: bool
 ) -> Sequence[_Part]:
-    """Return a hedge, or a wall or fence, piece by piece; of some a part of the pieces is gone."""
+    """Return a hedge, wall or fence of pieces; some pieces may be missing."""
     high = draw.uniform(0.5, 2.2)
     wide = draw.uniform(0.4, 1.3) if is_plant else draw.uniform(0.1, 0.35)
     depth = _let_in(draw) if is_plant else 0.0
@@ -166,7 +166,7 @@ def _row(
 
 
 def _let_in(draw: np.random.Generator) -> float:
-    """Return how deep beams get into leaves: from a clipped hedge to a few twigs, metres."""
+    """Draw the penetration depth of rays into leaves, metres: from dense hedges to few twigs."""
     return float(np.exp(draw.uniform(np.log(0.04), np.log(1.0))))
 
 
@@ -179,14 +179,14 @@ def _wall(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence
 
 
 def _bin(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
-    """Return a bin, cabinet, heap or container: a box, from 0.3 to 3 m."""
+    """Return a bin, cabinet, heap or container: a box of 0.3 to 3 m length."""
     length = np.exp(draw.uniform(np.log(0.3), np.log(3.0)))
     width, high = length * draw.uniform(0.4, 1.0), draw.uniform(0.5, 2.0)
     return [(x, y, high / 2, length, width, high, yaw, float(draw.random() < 0.3), 0.0)]
 
 
 def _posts(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
-    """Return a bollard, meter, hydrant or post, some with a plate, or a row of them: a fence."""
+    """Return a bollard, meter, hydrant or post (some with a plate), or a row of them."""
     thick, high = draw.uniform(0.08, 0.5), draw.uniform(0.7, 2.5)
     apart, wide = draw.uniform(0.5, 2.5), thick * draw.uniform(0.5, 1.0)
     count = 1 if draw.random() < 0.6 else int(draw.integers(2, 9))
@@ -202,7 +202,7 @@ def _posts(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequenc
 
 
 def _tree(x: float, y: float, yaw: float, draw: np.random.Generator) -> Sequence[_Part]:
-    """Return a trunk or mast, and often a crown that hangs down to where people walk."""
+    """Return a trunk or mast, often with a crown down to head height."""
     thick, high = draw.uniform(0.08, 0.8), draw.uniform(1.5, 5.0)
     parts = [(x, y, high / 2, thick, thick * draw.uniform(0.7, 1.0), high, yaw, 0.0, 0.0)]
     if draw.random() < 0.5:

@@ -1,8 +1,8 @@
-"""Objects of other frames pasted in, as dense as they were seen, with their shadow.
+"""Augmentation by objects pasted from other frames, with correct density and occlusion.
 
-What Yan et al. 2018 ("SECOND") did, and what it left out: an object keeps its distance and the side
-that it shows to the sensor, so that its density and its own shadow are right; what it would hide is
-taken away, and what would hide it takes its points. Where several sensors look, it keeps its place.
+Like Yan et al. 2018 ("SECOND"), and beyond it: an object keeps its range and its side towards the
+sensor, so that density and self-occlusion are right; points that it hides are removed, and points
+of the object that the scene hides are removed. With several sensors it keeps its position.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from urbantwin.learn.frames import RINGS, LevelFrame
 
 __all__ = ["PASTED", "ObjectBank", "bank_of", "pasted", "read_bank", "write_bank"]
 
-#: How many of each class are tried in a sample on average.
+#: Mean number of attempts per sample and class.
 PASTED: Mapping[str, float] = {
     "car": 2.0, "truck": 1.0, "bus": 0.7, "motorcycle": 1.5, "bicycle": 2.5, "pedestrian": 4.0,
 }  # fmt: skip
-#: Objects of fewer points are not kept; nor more objects of a class and rig than this.
+#: Fewest points of an object in the bank; most objects of a class and recording.
 _LEAST_POINTS, _MOST_OBJECTS = 8, 600
-#: Points this near to the ground are the ground's, metres.
+#: Points lower than this belong to the ground, metres.
 _FOOT_M = 0.08
-#: Resolution of shadows in azimuth and elevation, degrees: some beams and rings wide.
+#: Angular resolution of occlusion in azimuth and elevation, degrees: a few columns and rings.
 _AROUND_DEG, _UP_DEG = 0.5, 0.8
-#: What lies this much behind is hidden, metres.
+#: Smallest range difference of hidden points, metres.
 _BEHIND_M = 0.3
-#: A place is taken where so many points stand on it, higher than this.
+#: A position is occupied if it has this many points above this height (m).
 _TAKEN_POINTS, _TAKEN_M = 4, 0.3
 _BESIDE_M = 0.3
 
@@ -42,12 +42,12 @@ class ObjectBank:
     """Objects cut out of frames.
 
     Attributes:
-        box: (K, 7), z above the ground.
-        number: (K,) class.
-        rig: (K,) int64: objects of the same rig may be pasted into each other's frames.
-        sensor: (K, 2) float64, where the only sensor stood in plan; NaN where there are several.
+        box: (K, 7) boxes, z above the ground.
+        number: (K,) class indices.
+        rig: (K,) int64: recording; objects are pasted into frames of the same recording.
+        sensor: (K, 2) float64: position of the only sensor in plan; NaN with several sensors.
         first: (K + 1,) int64: points of object k are rows ``first[k]`` to ``first[k + 1]``.
-        points: (N, 3 or 4) float32 in the frame that they are from.
+        points: (N, 3 or 4) float32 in the coordinates of the original frame.
         ring: (N,) int32.
         semantic: (N,) uint8.
     """
@@ -63,11 +63,11 @@ class ObjectBank:
 
 
 def bank_of(frames: Sequence[tuple[LevelFrame, int]], classes: int) -> ObjectBank:
-    """Return the objects of frames: of each class and rig as many as are kept, evenly spread.
+    """Collect objects of frames, evenly spread over them, for each class and recording.
 
     Args:
-        frames: each with the number of its rig.
-        classes: how many there are.
+        frames: frames, each with the index of its recording.
+        classes: number of classes.
     """
     found: dict[tuple[int, int], list[tuple[NDArray[np.float64], ...]]] = {}
     for frame, rig in frames:
@@ -106,13 +106,13 @@ def bank_of(frames: Sequence[tuple[LevelFrame, int]], classes: int) -> ObjectBan
 
 
 def write_bank(path: Path, bank: ObjectBank) -> None:
-    """Write it as plain arrays."""
+    """Write a bank as an uncompressed npz archive."""
     with path.open("wb") as file:
         np.savez(file, **{one.name: getattr(bank, one.name) for one in fields(bank)})
 
 
 def read_bank(path: Path) -> ObjectBank:
-    """Read what `write_bank` wrote."""
+    """Read a bank that `write_bank` wrote."""
     with np.load(path) as arrays:
         return ObjectBank(**{one.name: arrays[one.name] for one in fields(ObjectBank)})
 
@@ -125,15 +125,15 @@ def pasted(
     window: tuple[float, float, float],
     draw: np.random.Generator,
 ) -> LevelFrame:
-    """Return a frame with objects of other frames in it.
+    """Paste objects of other frames into a frame.
 
     Args:
-        frame: to paste into.
+        frame: frame to paste into.
         bank: objects.
-        rig: of the frame.
-        classes: names, in the order of their numbers.
-        window: x, y and half the width of where objects are wanted, metres.
-        draw: random numbers.
+        rig: index of the frame's recording.
+        classes: names of the classes, in order.
+        window: x, y and half the edge of the area of pasted objects, metres.
+        draw: random generator.
     """
     for number, name in enumerate(classes):
         some = np.flatnonzero((bank.number == number) & (bank.rig == rig))
@@ -176,7 +176,7 @@ def _with_one(
 
 
 def _is_taken(frame: LevelFrame, box: NDArray[np.float64]) -> bool:
-    """Return whether somebody or something stands where a box is to be."""
+    """Return whether a box would overlap another box or points of the scene."""
     reach = np.hypot(box[3], box[4]) / 2 + _BESIDE_M
     others = frame.box
     near = np.hypot(*(others[:, :2] - box[:2]).T) < reach + np.hypot(*others[:, 3:5].T) / 2
@@ -189,7 +189,7 @@ def _is_taken(frame: LevelFrame, box: NDArray[np.float64]) -> bool:
 
 
 def _overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
-    """Return whether two boxes overlap in plan: no side of either parts them."""
+    """Return whether two boxes overlap in plan (separating axis theorem)."""
     for axis in (one[6], one[6] + np.pi / 2, other[6], other[6] + np.pi / 2):
         along = np.array([np.cos(axis), np.sin(axis)])
         reach = sum(
@@ -204,7 +204,7 @@ def _overlap(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
 def _shadows(
     frame: LevelFrame, points: NDArray[np.float32], ring: NDArray[np.int32]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which points of the frame an object hides, and which of its own the frame hides."""
+    """Return which points of the frame the object hides, and which of its own are hidden."""
     hides = np.zeros(len(frame.points), bool)
     hidden = np.zeros(len(points), bool)
     several = len(frame.sensors) > 1
@@ -234,7 +234,7 @@ def _shadows(
 def _directions(
     points: NDArray[np.floating], place: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return a number of the direction (N,) of points from a sensor, and their range."""
+    """Return the direction index (N,) and the range (N,) of points from a sensor."""
     away = points[:, :3] - place
     flat = np.hypot(away[:, 0], away[:, 1])
     around = np.floor(np.degrees(np.arctan2(away[:, 1], away[:, 0])) / _AROUND_DEG)
@@ -246,7 +246,7 @@ def _directions(
 def _within(
     scene: NDArray[np.float32], place: NDArray[np.float64], points: NDArray[np.floating]
 ) -> NDArray[np.int64]:
-    """Return the numbers of the scene's points in the sector in which an object is seen."""
+    """Return the rows of the scene's points within the sector of an object."""
     middle = points[:, :2].mean(axis=0) - place[:2]
     far = float(np.hypot(*middle))
     wide = float(np.hypot(*(points[:, :2] - place[:2] - middle).T).max()) + 0.5

@@ -1,4 +1,4 @@
-"""A frame turned about a place, mirrored and scaled, and back."""
+"""Augmentation by reflection, rotation and scaling about a place, and its inverse."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from urbantwin.geometry.angle import wrapped
 
 __all__ = ["Placement", "drawn_placement"]
 
-#: The streets of one country are so much larger than those of another, and its cars.
+#: Largest relative scaling: differences of streets and vehicles between countries.
 _SCALE = 0.05
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a frame is put: about a place, mirrored, turned and scaled.
+    """A similarity transformation that moves a place to the origin.
 
     Attributes:
-        x: of the place in the frame, metres; it comes to 0, 0.
-        y: of it.
-        yaw: turned counter-clockwise by this, radians, after it was mirrored.
-        mirrored: whether y changes its sign first.
-        scale: metres there for a metre here, heights too.
+        x: x of the place in the frame, metres.
+        y: y of the place in the frame, metres.
+        yaw: counter-clockwise rotation after the reflection, radians.
+        mirrored: whether y is mirrored first.
+        scale: scale factor, of heights too.
     """
 
     x: float = 0.0
@@ -35,20 +35,20 @@ class Placement:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """The turn, mirror and scale of plan (2, 2)."""
+        """Matrix (2, 2) of reflection, rotation and scaling in plan."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         turn = np.array([[c, -s], [s, c]])
         return np.asarray(turn @ np.diag([1.0, -1.0 if self.mirrored else 1.0]) * self.scale)
 
     def points(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Return (N, 3+) points there: what follows the height stays."""
+        """Transform points (N, 3+); columns after z are unchanged."""
         found = points.astype(np.float32)
         found[:, :2] = (points[:, :2] - (self.x, self.y)) @ self.matrix.T
         found[:, 2] *= self.scale
         return found
 
     def boxes(self, box: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (B, 7) boxes there."""
+        """Transform boxes (B, 7)."""
         found = box.copy()
         found[:, :2] = (box[:, :2] - (self.x, self.y)) @ self.matrix.T
         found[:, 2:6] *= self.scale
@@ -57,14 +57,14 @@ class Placement:
         return found
 
     def back(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where (N, 2) places there are in the frame."""
+        """Transform places (N, 2) back to the frame."""
         return np.asarray(places @ np.linalg.inv(self.matrix).T + (self.x, self.y))
 
 
 def drawn_placement(
     draw: np.random.Generator, x: float, y: float, *, varied: bool = True
 ) -> Placement:
-    """Return a random placement about a place; not turned, mirrored and scaled if not varied."""
+    """Draw a placement about a place; a translation only if not ``varied``."""
     if not varied:
         return Placement(x, y)
     yaw = draw.uniform(-np.pi, np.pi)

@@ -1,7 +1,6 @@
-"""Objects of other sizes: what is learned must not be the cars of one country and year.
+"""Augmentation by random object scaling, against a bias to the vehicle sizes of one country.
 
-Yang et al. 2021, "ST3D: Self-training for Unsupervised Domain Adaptation on 3D Object Detection"
-(random object scaling): a detector that knew cars of one size alone misses smaller ones.
+Yang et al. 2021, "ST3D: Self-training for Unsupervised Domain Adaptation on 3D Object Detection".
 """
 
 from __future__ import annotations
@@ -16,21 +15,21 @@ from urbantwin.learn.frames import IGNORED, LevelFrame
 
 __all__ = ["resized"]
 
-#: Length and width of a car times this, both alike: 3.4 m in place of 4.4 m is a small one.
+#: Range of factors of length and width of a car (the same for both).
 _CAR = (0.78, 1.1)
-#: The same of everybody else, and heights of all: a small car is as high as a large one.
+#: Range of factors for other classes, and for all heights.
 _ELSE, _HEIGHT = (0.92, 1.08), (0.92, 1.08)
-#: Points so far outside of a box go with it, metres.
+#: Margin of a box within which points are scaled with it, metres.
 _MARGIN_M = 0.1
 
 
 def resized(frame: LevelFrame, classes: Sequence[str], draw: np.random.Generator) -> LevelFrame:
-    """Return a frame whose labelled objects have other sizes, about the middle of their ground.
+    """Scale labelled objects about the centre of their lower face.
 
     Args:
-        frame: on level ground.
-        classes: names of the frame's numbers of classes.
-        draw: random numbers.
+        frame: levelled frame.
+        classes: names of the classes, in order.
+        draw: random generator.
     """
     count = len(frame.box)
     is_car = np.array([one >= 0 and classes[one] == "car" for one in frame.number], bool)

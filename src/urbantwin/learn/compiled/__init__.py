@@ -1,4 +1,4 @@
-"""The loops over points and cells that numba compiles."""
+"""Loops over points and cells, compiled by numba."""
 
 from urbantwin.learn.compiled.box_points import points_in_boxes
 from urbantwin.learn.compiled.gather import cells_of, gathered

@@ -1,22 +1,22 @@
-"""Which points lie in which boxes."""
+"""Assignment of points to boxes."""
 
 import numpy as np
 from numba import njit
 
 __all__ = ["points_in_boxes"]
 
-#: Edge of the cells that boxes are sorted into, metres, and the most cells along an edge.
+#: Cell size of the index of boxes, metres, and most cells along an edge.
 _CELL_M, _MOST_CELLS = 4.0, 512
 
 
 @njit(cache=True, nogil=True)
 def points_in_boxes(points, boxes, margin):
-    """Return for each point the first box that it lies in, -1 for none.
+    """Return the first box that contains each point (N,), -1 for none.
 
     Args:
         points: (N, >= 3) metres.
         boxes: (B, 7) centre x, y, z, length, width, height, yaw.
-        margin: metres that boxes are grown by, each way.
+        margin: margin of the boxes on each side, metres.
     """
     owner = np.full(len(points), -1, np.int64)
     if not len(boxes):
@@ -48,10 +48,10 @@ def points_in_boxes(points, boxes, margin):
 
 @njit(cache=True, nogil=True)
 def _by_cell(boxes, reach, west, south, edge, columns, rows):
-    """Return the boxes that reach into each cell, in rising order.
+    """Return the boxes in each cell, ascending.
 
     Returns:
-        first (columns * rows + 1,) and numbers of boxes: those of a cell are
+        first (columns * rows + 1,) and indices of boxes: those of a cell are
         ``[first[cell] : first[cell + 1]]``.
     """
     span = np.empty((len(boxes), 4), np.int64)

@@ -1,4 +1,4 @@
-"""Points gathered into pillars: the columns of cells that a network looks at."""
+"""Grouping of points into pillars."""
 
 import numpy as np
 from numba import njit
@@ -8,7 +8,7 @@ __all__ = ["cells_of", "filled_rows", "gathered"]
 
 @njit(cache=True, nogil=True)
 def cells_of(points, low, cell_m, rows, columns, lowest_m, highest_m):
-    """Return the cell (N,) of each point, row by row from the south-west; -1 outside.
+    """Return the cell (N,) of each point, row-major from the south-west; -1 outside.
 
     Args:
         points: (N, >= 3) x, y and the height above the ground, metres.
@@ -16,8 +16,8 @@ def cells_of(points, low, cell_m, rows, columns, lowest_m, highest_m):
         cell_m: edge of a cell.
         rows: of the grid, from the south.
         columns: from the west.
-        lowest_m: heights below are outside.
-        highest_m: and from this on.
+        lowest_m: lower bound of heights, metres.
+        highest_m: upper bound of heights, metres.
     """
     cell = np.full(len(points), -1, np.int64)
     for i in range(len(points)):
@@ -32,25 +32,25 @@ def cells_of(points, low, cell_m, rows, columns, lowest_m, highest_m):
 
 @njit(cache=True, nogil=True)
 def gathered(points, cell, low, cell_m, rows, columns, most, shorten):
-    """Return what a pillar encoder is told of each occupied cell.
+    """Return the features of the pillars of occupied cells.
 
-    Of a cell with more than ``most`` points these are spread evenly over their order.
+    Of a cell with more than ``most`` points, ``most`` are chosen evenly in their order.
 
     Args:
-        points: (N, K) float32, K >= 3: x, y, height above the ground, then what else is told.
+        points: (N, K) float32, K >= 3: x, y, height above the ground, then further values.
         cell: (N,) as `cells_of` returns it.
         low: (2,) the south-western corner.
         cell_m: edge of a cell.
         rows: of the grid.
         columns: of it.
-        most: points that are kept of a cell.
-        shorten: metres that heights are divided by.
+        most: largest number of points in a pillar.
+        shorten: unit of heights, metres.
 
     Returns:
-        features (P, most, K + 5) float32: offset from the cell's middle (2, in cells), height,
-        offset from the points' mean (2, in cells), height above theirs, highest and lowest of
-        them, then what else is told; how many of the ``most`` are points (P,) int64; and the
-        cells (P,) int64, in their order.
+        features (P, most, K + 5) float32: offset from the centre of the cell (2, in cells),
+        height, offset from the mean of the points (2, in cells), height above it, highest and
+        lowest height, then further values; number of points (P,) int64; cells (P,) int64,
+        ascending.
     """
     count = np.zeros(rows * columns, np.int64)
     for i in range(len(cell)):
@@ -111,11 +111,11 @@ def gathered(points, cell, low, cell_m, rows, columns, most, shorten):
 
 @njit(cache=True, nogil=True)
 def filled_rows(features, points):
-    """Return the rows of pillars that are points (N, K), one pillar's after the other's.
+    """Return the used rows of pillars (N, K), pillar by pillar.
 
     Args:
         features: (P, most, K) float32.
-        points: (P,) int64, how many rows of each are points: the first ones.
+        points: (P,) int64: number of used rows, the first ones of each pillar.
     """
     rows = np.empty((points.sum(), features.shape[2]), np.float32)
     at = 0

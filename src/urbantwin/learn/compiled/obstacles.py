@@ -1,4 +1,4 @@
-"""Where the beams of a frame end if something stands in their way."""
+"""Intersection of rays with obstacles."""
 
 import numpy as np
 from numba import njit
@@ -6,27 +6,27 @@ from numba import njit
 __all__ = ["met"]
 
 
-#: Directions that obstacles are sorted by: of the ways to points only those near to one are tried.
+#: Number of azimuth sectors by which obstacles are indexed.
 _SECTORS = 720
 
 
 @njit(cache=True, nogil=True)
 def met(points, whose, sensors, middle, half, turn, is_round, depth, deep):
-    """Return where the way from the sensor to each point ends, and at which obstacle.
+    """Return where the ray from the sensor to each point ends, and at which obstacle.
 
     Args:
         points: (N, >= 3) metres.
-        whose: (N,) the number of the sensor that each was seen by.
-        sensors: (S, 3) where they stand.
-        middle: (K, 3) of the obstacles.
-        half: (K, 3) half their length, width and height.
-        turn: (K,) their yaw, radians.
-        is_round: (K,) an ellipsoid; else a box.
-        depth: (K,) how deep a beam gets into it on average, metres; 0 for what is solid.
-        deep: (N,) how much deeper than on average each beam gets.
+        whose: (N,) index of each point's sensor.
+        sensors: (S, 3) positions, metres.
+        middle: (K, 3) centres of the obstacles, metres.
+        half: (K, 3) half of length, width and height, metres.
+        turn: (K,) yaw, radians.
+        is_round: (K,) true for ellipsoids, false for boxes.
+        depth: (K,) mean penetration depth, metres; 0: solid.
+        deep: (N,) penetration of each ray in units of the mean.
 
     Returns:
-        shares of the way (N,), 1 where nothing is met; numbers of obstacles (N,), -1 for none.
+        share of the ray (N,), 1 without an intersection; index of the obstacle (N,), -1 for none.
     """
     share = np.ones(len(points))
     which = np.full(len(points), -1, np.int64)
@@ -83,9 +83,9 @@ def met(points, whose, sensors, middle, half, turn, is_round, depth, deep):
 
 @njit(cache=True, nogil=True)
 def _sector(x, y):
-    """Return the sector of a direction: where it meets a square on its corner, not its angle.
+    """Return the sector of a direction by its diamond angle.
 
-    That rises as the angle does, from -pi to pi, and needs no arc tangent.
+    It increases with the angle from -pi to pi and needs no arc tangent.
     """
     up = y / (abs(x) + abs(y))
     if x < 0:
@@ -95,11 +95,11 @@ def _sector(x, y):
 
 @njit(cache=True, nogil=True)
 def _by_sector(sensors, middle, reach):
-    """Return the obstacles that reach into each sector about each sensor.
+    """Return the obstacles in each sector about each sensor.
 
     Returns:
-        first (S * `_SECTORS` + 1,) and numbers of obstacles, in rising order: those of a sector
-        are ``[first[sector] : first[sector + 1]]``.
+        first (S * `_SECTORS` + 1,) and indices of obstacles, ascending: those of a sector are
+        ``[first[sector] : first[sector + 1]]``.
     """
     low = np.zeros((len(sensors), len(middle)), np.int64)
     wide = np.zeros((len(sensors), len(middle)), np.int64)

@@ -1,4 +1,4 @@
-"""Targets drawn on the cells of a grid: where centres are, and what does not count."""
+"""Rasterisation of targets: heat of centres, and ignored cells."""
 
 import numpy as np
 from numba import njit
@@ -8,20 +8,19 @@ __all__ = ["drawn_centres", "drawn_ignored"]
 
 @njit(cache=True, nogil=True)
 def drawn_centres(heat, x, y, sigma, cell_m, least):
-    """Draw a normal distribution around each centre; return the cells that regress its box.
+    """Draw a Gaussian around each centre; return the cells that regress its box.
 
     Args:
-        heat: (rows, columns) float32, drawn into: the larger of what is there and what is drawn;
-            1 in the cell of a centre.
-        x: (B,) from the western border of the grid, metres.
-        y: (B,) from the southern.
-        sigma: (B,) metres.
-        cell_m: edge of a cell.
-        least: cells with at least this value regress the box: of several the one that is drawn
-            strongest there.
+        heat: (rows, columns) float32, changed in place: the maximum of old and new values; 1 in
+            the cell of a centre.
+        x: (B,) distance from the western border of the grid, metres.
+        y: (B,) distance from the southern border, metres.
+        sigma: (B,) standard deviations, metres.
+        cell_m: edge of a cell, metres.
+        least: lowest heat of a cell that regresses a box; of several boxes, that of highest heat.
 
     Returns:
-        cells (P,), which box each regresses (P,), and how much it counts (P,).
+        cells (P,), box of each cell (P,), weight of each cell (P,).
     """
     rows, columns = heat.shape
     best = np.zeros(heat.shape, np.float32)
@@ -49,14 +48,14 @@ def drawn_centres(heat, x, y, sigma, cell_m, least):
 
 @njit(cache=True, nogil=True)
 def drawn_ignored(counts, boxes, low, cell_m, margin):
-    """Mark with 0 the cells whose middles lie in boxes that are neither right nor wrong.
+    """Set cells whose centres lie in ignored boxes to 0.
 
     Args:
-        counts: (rows, columns) float32, drawn into.
+        counts: (rows, columns) float32, changed in place.
         boxes: (B, 7).
         low: (2,) the south-western corner, metres.
         cell_m: edge of a cell.
-        margin: metres that boxes are grown by in plan.
+        margin: margin of the boxes in plan, metres.
     """
     rows, columns = counts.shape
     for b in range(len(boxes)):

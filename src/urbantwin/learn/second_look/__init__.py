@@ -1,7 +1,8 @@
-"""A second look: the single points about what a detector found, and how likely it is then.
+"""The second stage: rescores detections of pedestrians and two-wheelers from their points.
 
-Cells from above merge who stands up with whatever else does. Two-stage detectors (Shi, Wang and Li
-2019, "PointRCNN") look again at the points of each proposal; this one says anew how likely it is.
+In bird's-eye-view cells a person looks like any other upright object. Like two-stage detectors
+(Shi, Wang and Li 2019, "PointRCNN"), this stage reads the points around each detection; it changes
+the score alone.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The points about what was found, as the second look is told of them."""
+"""Input of the second stage: crops of points around detections."""
 
 from __future__ import annotations
 
@@ -12,30 +12,28 @@ from urbantwin.learn.decoding import Found
 
 __all__ = ["CROP_POINTS", "LOOKED_AT", "TOLD", "Crops", "crops_of"]
 
-#: Classes whose crops hold all of them and what stands beside them.
+#: Classes that are rescored: small enough for a crop to hold the object and its surroundings.
 LOOKED_AT = ("motorcycle", "bicycle", "pedestrian")
-#: Points within so much of the middle of a box in plan, at any height between these, metres: the
-#: ground in front shows what stands on it, and a crown above tells a trunk from a leg.
+#: Radius in plan and range of heights of a crop, metres: the ground in front shows where the object
+#: stands, and a crown above tells a trunk from a leg.
 _REACH_M, _LOW_M, _HIGH_M = 1.6, -0.6, 4.0
-#: So many points are kept of a crop, evenly spread over the order in which they lie; where there
-#: are fewer, some are told again.
+#: Number of points in a crop, evenly chosen in their order, or repeated where there are fewer.
 CROP_POINTS = 128
-#: What is told beside the points: how many there are, how far it is, how sure the detector is, its
-#: box.
+#: Number of further features: number of points, range, score, box (length, width, height, z).
 TOLD = 7
-#: In units of about 1: logarithm of points, metres, log-odds.
+#: Scales of these features: logarithm of the number of points, range (m), log-odds of the score.
 _MANY, _FAR_M, _SURE = 6.0, 40.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Crops:
-    """What is told of some boxes.
+    """Crops of boxes.
 
     Attributes:
-        points: (K, `CROP_POINTS`, 3) float32 metres: along the ray from the nearest sensor, across
-            it to the left, both from the middle of the box, and height above the ground.
-        told: (K, `TOLD`) float32.
-        number: (K,) int64 class.
+        points: (K, `CROP_POINTS`, 3) float32, metres: along the ray of the nearest sensor and to
+            its left, both from the centre of the box, and height above the ground.
+        told: (K, `TOLD`) float32: further features.
+        number: (K,) int64: class indices.
     """
 
     points: NDArray[np.float32]
@@ -44,22 +42,22 @@ class Crops:
 
     @staticmethod
     def joined(parts: list[Crops]) -> Crops:
-        """Return several as one."""
+        """Concatenate crops."""
         names = [one.name for one in fields(Crops)]
         return Crops(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
 
     def only(self, chosen: NDArray[np.int64]) -> Crops:
-        """Return some of them."""
+        """Return a selection of crops."""
         return Crops(self.points[chosen], self.told[chosen], self.number[chosen])
 
 
 def crops_of(points: NDArray[np.float32], sensors: NDArray[np.float64], found: Found) -> Crops:
-    """Return what is told of each box.
+    """Return the crops of detected boxes.
 
     Args:
-        points: (N, 3+) float32, x, y, height above the ground, metres.
-        sensors: (S, 2+) where the sensors are, S >= 1.
-        found: boxes in the same frame, by the detector.
+        points: (N, 3+) float32: x, y, height above the ground, metres.
+        sensors: (S, 2+) positions of the sensors, S >= 1.
+        found: detected boxes in the same frame.
     """
     count = len(found.box)
     crops = np.zeros((count, CROP_POINTS, 3), np.float32)

@@ -1,7 +1,6 @@
-"""The network of the second look: a layer for each point, twice, and the largest values.
+"""Network of the second stage: a PointNet with global features added to each point.
 
-Qi et al. 2017, "PointNet: Deep Learning on Point Sets for 3D Classification and Segmentation": what
-all points say together is told each of them before it is asked again.
+Qi et al. 2017, "PointNet: Deep Learning on Point Sets for 3D Classification and Segmentation".
 """
 
 from __future__ import annotations
@@ -14,9 +13,9 @@ from urbantwin.learn.second_look.crop import TOLD
 
 __all__ = ["SecondLook"]
 
-#: Channels of the first layers, and values of a point that is told of.
+#: Channels of the first layers, and features of a point.
 _CHANNELS, _OF_POINT = 32, 5
-#: So near to the middle of the box a point is likely to be of whom it is about, metres.
+#: Radius about the centre of the box within which points are flagged, metres.
 _WITHIN_M = 0.5
 
 
@@ -25,10 +24,10 @@ def _layer(ins: int, outs: int) -> nn.Sequential:
 
 
 class SecondLook(nn.Module):
-    """From points about boxes to how likely these are.
+    """Maps crops to log-odds.
 
     Args:
-        classes: how many classes the detector tells.
+        classes: number of classes of the detector.
     """
 
     def __init__(self, classes: int) -> None:
@@ -44,7 +43,7 @@ class SecondLook(nn.Module):
         )
 
     def forward(self, points: Tensor, told: Tensor, number: Tensor) -> Tensor:
-        """Return the log-odds (K,) that boxes are what the detector says; see `crop.Crops`."""
+        """Return the log-odds (K,) that detections are right; see `crop.Crops`."""
         boxes, most = points.shape[0], points.shape[1]
         apart = torch.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2)
         within = (apart < _WITHIN_M).to(points.dtype)

@@ -1,7 +1,7 @@
-"""What a detector finds in frames that it learned from, varied anew, and whether it is right.
+"""Training set of the second stage: detections in augmented training frames, right or wrong.
 
-Frames as they are it knows by heart and finds little wrong in them; with things set in, fewer beams
-and others' objects it is wrong as it will be elsewhere.
+On the unchanged frames, which the detector has overfitted, it makes too few errors; augmentation
+brings errors as on new data.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from urbantwin.progress import Progress
 
 __all__ = ["Proposals", "judged_proposals", "proposals_of"]
 
-#: What random numbers are for; those of the detector's training are others.
+#: Random stream of the windows, distinct from those of the detector's training.
 _WINDOWS = 2
-#: Whoever is found has his middle so near, metres.
+#: Largest distance of centres for a match, metres.
 _RIGHT_M = 1.0
-#: Who is so near to what does not count, outside of its box, does not either, metres.
+#: Margin around ignored boxes within which detections are ignored, metres.
 _IGNORED_BESIDE_M = 0.7
-#: Of a window so many that are wrong are kept, the likelier the more often.
+#: Largest number of false detections kept per window, drawn with probability by score.
 _WRONG_KEPT = 24
 
 
 @dataclass(frozen=True, eq=False)
 class Proposals:
-    """What was found, and whether it is right.
+    """Detections for training.
 
     Attributes:
-        crops: (K) what is told of each.
-        right: (K,) bool.
+        crops: K crops.
+        right: (K,) bool: whether the detection is right.
     """
 
     crops: Crops
@@ -53,7 +53,7 @@ class Proposals:
 
 
 class _Windows:
-    """Windows of frames, each with all that judges what is found in it."""
+    """Augmented windows of frames with the labels that judge detections."""
 
     def __init__(self, frames: LabelledFrames, design: Design, recipe: Recipe) -> None:
         self._frames, self._bank = frames, frames.bank
@@ -97,24 +97,22 @@ def proposals_of(
     windows: int,
     tell: Progress,
 ) -> Proposals | None:
-    """Return what a detector finds in windows of frames; None where nothing of it can be learned.
-
-    That is so where it finds nobody, or nothing that is wrong.
+    """Return detections in windows of frames; ``None`` if all of them are right, or all wrong.
 
     Args:
-        network: the detector, in evaluation mode, on the device of ``recipe``.
-        frames: that it learned from.
-        design: of the detector.
-        recipe: how it learned.
-        windows: so many.
-        tell: called with the share that is done.
+        network: detector in evaluation mode, on the device of ``recipe``.
+        frames: training set of the detector.
+        design: design of the detector.
+        recipe: hyperparameters of the detector's training.
+        windows: number of windows.
+        tell: progress callback.
     """
     source = _Windows(frames, design, recipe)
     crops: list[Crops] = []
     right: list[NDArray[np.bool_]] = []
     with closing(batches(source, 0, windows, recipe.workers)) as coming:
         for step, made in enumerate(coming):
-            tell(step / windows, f"a second look: window {step + 1} of {windows}")
+            tell(step / windows, f"second stage: window {step + 1} of {windows}")
             if not len(made["cell"]):
                 continue
             pillars = Pillars(made["features"], made["points"], made["cell"])
@@ -139,16 +137,16 @@ def judged_proposals(
     grid: Grid,
     counted: NDArray[np.bool_],
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which boxes are right (N,), and which are right or wrong (N,) at all.
+    """Return which detections are right (N,), and which are not ignored (N,).
 
-    Of several about one object the likeliest is right, and the others do not count.
+    Of several detections of one object, that of highest score is right and the others are ignored.
 
     Args:
-        found: the likeliest first.
-        box: (B, 7) labelled.
-        number: (B,) class of each, or `IGNORED`.
-        grid: of the window.
-        counted: (cells, cells) where labels count, or (1, 1) where they do everywhere.
+        found: detections by descending score.
+        box: (B, 7) labelled boxes.
+        number: (B,) class index of each, or `IGNORED`.
+        grid: grid of the window.
+        counted: (cells, cells) labelled area, or (1, 1) if it covers all cells.
     """
     is_right = np.zeros(len(found.box), bool)
     counts = np.abs(found.box[:, :2]).max(axis=1, initial=0.0) < -grid.x
@@ -176,7 +174,7 @@ def judged_proposals(
 
 
 def _found(network: Detector, pillars: Pillars, grid: Grid, design: Design, device: str) -> Found:
-    """Return what a detector finds of the classes that are looked at again."""
+    """Return the detections of the classes that the second stage rescores."""
     with torch.inference_mode():
         said = network(*inputs_of(pillars, grid.cells, device))
     maps = [one[0].float().cpu().numpy() for one in said[: len(design.classes)]]
@@ -190,7 +188,7 @@ def _kept(
     counts: NDArray[np.bool_],
     draw: np.random.Generator,
 ) -> NDArray[np.int64]:
-    """Return who is learned from: all that are right, and of the others some likely ones."""
+    """Return the rows to learn from: all right detections, and some false ones by score."""
     wrong = np.flatnonzero(counts & ~is_right)
     if len(wrong) > _WRONG_KEPT:
         share = score[wrong] / score[wrong].sum()

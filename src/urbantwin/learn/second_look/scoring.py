@@ -1,4 +1,4 @@
-"""What was found, scored anew by the second look."""
+"""Rescoring of detections by the second stage."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from urbantwin.learn.second_look.network import SecondLook
 
 __all__ = ["looked_again", "looked_at"]
 
-#: Boxes that are looked at together.
+#: Boxes in a batch.
 _TOGETHER = 512
 
 
 def looked_at(found: Found, classes: Sequence[str]) -> NDArray[np.int64]:
-    """Return the numbers of boxes whose class is looked at again.
+    """Return the rows of boxes whose class is rescored.
 
     Args:
-        found: by the detector.
-        classes: of the detector.
+        found: detected boxes.
+        classes: classes of the detector.
     """
     of_class = np.array([name in LOOKED_AT for name in classes], bool)
     return np.flatnonzero(of_class[found.number])
@@ -37,17 +37,17 @@ def looked_again(
     classes: Sequence[str],
     device: str,
 ) -> Found:
-    """Return what was found, the likeliest first, as the second look has it.
+    """Return detections rescored by the second stage, by descending score.
 
-    The score of a box that is looked at is the geometric mean of the detector's and its own.
+    The new score is the geometric mean of the scores of both stages.
 
     Args:
-        look: in evaluation mode, on the device.
-        found: by the detector, on level ground.
-        points: (N, 3+) of the level frame.
-        sensors: (S, 3) in it.
-        classes: of the detector.
-        device: of torch.
+        look: second stage in evaluation mode, on the device.
+        found: detected boxes in the levelled frame.
+        points: (N, 3+) points of the levelled frame.
+        sensors: (S, 3) positions of the sensors in it.
+        classes: classes of the detector.
+        device: torch device.
     """
     mine = looked_at(found, classes)
     crops = crops_of(points, sensors, found.only(mine))

@@ -1,4 +1,4 @@
-"""The second look learns from what a detector proposed: right or wrong."""
+"""Training of the second stage on detections, right or wrong."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from urbantwin.progress import Progress, between
 
 __all__ = ["second_look_trained"]
 
-#: Windows and steps for each step of the detector, and at most.
+#: Windows and steps for each step of the detector's training, and their upper bounds.
 _WINDOWS, _MOST_WINDOWS = 1.0, 3000
 _STEPS, _MOST_STEPS = 1.2, 3000
-#: Proposals of a step, and how many of them are right.
+#: Detections in a step, and number of right ones among them.
 _BATCH, _RIGHT = 128, 32
-#: What random numbers are for; those of windows are others.
+#: Random stream of the batches, distinct from that of the windows.
 _DRAWS = 3
-#: How crops are varied, standard deviations: the middle of the box and the ground, metres; turned,
-#: radians; noise, metres; how sure the detector is, log-odds over 3.
+#: Augmentation of crops, standard deviations: centre of the box and ground (m), rotation (rad),
+#: noise (m), log-odds of the score over 3.
 _MIDDLE_M, _GROUND_M, _TURN, _NOISE_M, _SURE = 0.1, 0.06, 0.15, 0.01, 0.5
-#: And scaled by as much, either way.
+#: Largest relative scaling.
 _SCALE = 0.06
 
 
@@ -46,18 +46,16 @@ def second_look_trained(
     folder: Path,
     tell: Progress,
 ) -> SecondLook | None:
-    """Return a second look at what a detector finds; None where there is nothing to learn from.
-
-    That is so of a detector that learned for a few steps only, or finds nothing.
+    """Train the second stage of a detector; ``None`` if there are no detections to learn from.
 
     Args:
-        network: the detector, in evaluation mode, on the device of ``recipe``.
-        frames: that it learned from.
-        design: of the detector, which tells some of `crop.LOOKED_AT`.
-        recipe: how it learned.
-        steps: for how many.
-        folder: for what is kept: where it is, training goes on from it.
-        tell: called with the share that is done and the loss.
+        network: detector in evaluation mode, on the device of ``recipe``.
+        frames: training set of the detector.
+        design: design of the detector, with some classes of `crop.LOOKED_AT`.
+        recipe: hyperparameters of the detector's training.
+        steps: number of steps of the detector's training.
+        folder: folder of the checkpoints; training resumes from them.
+        tell: progress callback, with the loss.
     """
     windows = round(min(_WINDOWS * steps, _MOST_WINDOWS))
     if not windows:
@@ -77,7 +75,7 @@ def second_look_trained(
 
 
 class _Batches:
-    """Proposals, right and wrong, varied."""
+    """Batches of augmented detections, right and wrong."""
 
     def __init__(self, proposals: Proposals, seed: int) -> None:
         self._crops, self._seed = proposals.crops, seed
@@ -95,7 +93,7 @@ class _Batches:
 
 
 def _varied(crops: Crops, draw: np.random.Generator) -> Crops:
-    """Return crops moved, mirrored, turned and scaled a little, of some of their points."""
+    """Return crops of resampled points, shifted, mirrored, rotated and scaled."""
     count, most = crops.points.shape[:2]
     some = draw.integers(0, most, (count, most, 1))
     points = np.take_along_axis(crops.points, some, axis=1).astype(np.float64)
@@ -113,7 +111,7 @@ def _varied(crops: Crops, draw: np.random.Generator) -> Crops:
 
 
 class _RightOrWrong:
-    """How wrong a second look is about proposals."""
+    """Task of classifying detections as right or wrong."""
 
     def __init__(self, look: SecondLook, source: _Batches) -> None:
         self._look, self.source = look, source
