@@ -1,8 +1,8 @@
 """Sizes of our actors against those that annotators drew: ``python benchmarks/actor_sizes.py``.
 
 Reads ``../shared/data/statistics/tumtraf-s110-boxes.csv`` (or the file that is given), percentiles
-of each side by class. Prints the table of ``docs/actors.md``: medians, ours and theirs, metres, and
-the width of the middle 90 % of both; what is within 5 % (medians) and 25 % (widths) is in bold.
+of each side by class. Prints the table of ``notebook/actors.md``: medians, ours and theirs, metres,
+and the width of the middle 90 % of both; what is within 5 % (medians) and 25 % (widths) is in bold.
 First true sizes (nothing of the fleet is chosen by the file), then those that annotators of TUMTraf
 would draw of them: that is fitted to all of the file's quantiles (``benchmarks/annotators.py``, on
 other vehicles of the same fleet), so it judges nothing of the fleet.

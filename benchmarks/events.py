@@ -1,8 +1,8 @@
 """All events on twins, one at a time, at a place that the traffic chooses: which can be staged.
 
 The place is on the approach of a signal that most cars drive over, 25 m before its end; for people
-it is the crossing nearest to the anchor, or the sidewalk nearest to that place. docs/events.md has
-the table.
+it is the crossing nearest to the anchor, or the sidewalk nearest to that place. notebook/events.md
+has the table.
 
     python benchmarks/events.py munich/twin chennai/twin --seconds 60 --at 15 --csv events.csv
 """

@@ -2,7 +2,7 @@
 
     python benchmarks/learning.py roadside WORK     # twin, traffic, labelled frames
     python benchmarks/learning.py car WORK
-    python benchmarks/learning.py judge WORK        # trains on both, judges: docs/detectors.md
+    python benchmarks/learning.py judge WORK        # trains on both, judges: docs/howto/train.md
 
 Every step is a command of `urbantwin`, printed as it is run; what is there is not made again, so a
 second call goes on after an interruption. WORK/times.jsonl gets the seconds of each. Recordings and

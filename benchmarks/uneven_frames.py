@@ -1,4 +1,4 @@
-"""Frames of known traffic that are not evenly spaced, observed (docs/observed_traffic.md).
+"""Frames of known traffic that are not evenly spaced, observed (docs/howto/recorded_traffic.md).
 
     python benchmarks/uneven_frames.py TWIN DATASET [TWIN DATASET ...]
 

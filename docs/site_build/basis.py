@@ -1,8 +1,8 @@
 """Where the simulator's numbers come from, as its tables and its code say it.
 
-``python docs/site_build/basis.py`` writes the tables of ``docs/real_and_guessed.md`` anew (what
-stands between ``<!-- made: NAME -->`` and ``<!-- end -->``); the tests say when that is due. The
-site has longer pages of the same, for every sensor and every constant.
+``python docs/site_build/basis.py`` writes the generated tables of the pages anew (between
+``<!-- made: NAME -->`` and ``<!-- end -->``); a test fails when that is due. The site has longer
+pages of the same, for every sensor and every constant.
 """
 
 import ast
@@ -17,11 +17,15 @@ from typing import Any
 
 import yaml
 
-__all__ = ["Constant", "constants", "kind_of_source", "long_pages", "with_tables"]
+__all__ = ["PAGES", "Constant", "constants", "kind_of_source", "long_pages", "with_tables"]
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "src" / "urbantwin"
-PAGE = ROOT / "docs" / "real_and_guessed.md"
+#: Pages with generated tables.
+PAGES = tuple(
+    ROOT / "docs" / name
+    for name in ("guide/real_and_guessed.md", "method/materials.md", "reference/sensors.md")
+)
 #: Packages whose numbers decide what is in a frame, in the order in which it is made.
 STAGES = ("site", "ground", "reconstruct", "roads", "scene", "traffic", "lidar")
 NOT_AT_HAND = "page not at hand"
@@ -129,7 +133,7 @@ def _is_ours(text: str) -> bool:
 def _sensor_page() -> str:
     parts = [
         "# Every number of the sensors\n\nWhat `urbantwin catalogue sensors MODEL` tells of "
-        "sources. For a number that is not known [a fallback](../sensors.md) is taken."
+        "sources. For a number that is not known [a fallback](sensors.md#fallbacks) is taken."
     ]
     for entry, sources in _sensors():
         told = [(name, "", text) for name, text in sources.items()]
@@ -318,4 +322,5 @@ def long_pages() -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(with_tables(PAGE.read_text()))
+    for page in PAGES:
+        page.write_text(with_tables(page.read_text()))

@@ -24,7 +24,7 @@ GALLERY = ROOT / "build" / "gallery"
 sys.path.insert(0, str(Path(__file__).parent))
 
 from basis import long_pages  # noqa: E402
-from reference import command_page, python_pages  # noqa: E402
+from reference import command_page, field_page, python_pages  # noqa: E402
 
 #: A link of a page to a file: its text, path and anchor.
 LINK = re.compile(r"\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)#\s:]+)(#[^)\s]*)?\)")
@@ -66,14 +66,19 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def reference_pages() -> dict[str, str]:
     """Return the pages of the reference, by name."""
-    return {**python_pages(), **long_pages(), "commands.md": command_page()}
+    return {
+        **python_pages(),
+        **long_pages(),
+        "help.md": command_page(),
+        "fields.md": field_page(),
+    }
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Point links at the pages made above, and show what the gallery has."""
     if page.file.src_uri == "index.md":
         page.meta |= {"title": "UrbanTwin", "hide": ["navigation", "toc"]}
-    if page.file.src_uri.startswith("reference/"):
+    if page.file.src_uri.startswith("reference/") and page.file.generated_by:
         return markdown
     pieces = FENCED.split(markdown)  # text, fenced block, its fence, text, ...
     pieces[::3] = (NEXT_ITEM.sub(r"\1\n", NESTED.sub(" ", text)) for text in pieces[::3])

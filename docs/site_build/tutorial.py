@@ -1,4 +1,4 @@
-"""Run what ``docs/tutorial.md`` says, in its order: every command and every piece of Python.
+"""Run what ``docs/guide/tutorial.md`` says, in its order: every command and every piece of Python.
 
 ``python docs/site_build/tutorial.py FOLDER`` runs it as it stands and says how long each command
 takes; with ``--small`` the same commands on a smaller site, with fewer steps of training, which is
@@ -20,7 +20,7 @@ from urbantwin import cli
 __all__ = ["SETTING_UP", "parts", "run"]
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "tutorial.md"
+PAGE = ROOT / "docs" / "guide" / "tutorial.md"
 #: Beginnings of commands that make the environment in which the others run.
 SETTING_UP = ("make demo", "source ", "python -m pip install ")
 _BLOCK = re.compile(r"^```(sh|python)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -32,7 +32,7 @@ def parts(page: Path = PAGE) -> Iterator[tuple[str, str]]:
         if language == "python":
             yield language, block
         else:
-            for line in block.splitlines():
+            for line in block.replace("\\\n", " ").splitlines():
                 if command := line.partition(" #")[0].strip():
                     yield language, command
 

@@ -13,7 +13,7 @@ name, with the command's options and defaults:
     model = ut.model.train(dataset)
     dataset[3].points, ut.open("out/dataset").boxes, twin.plot()
 
-What they need is imported when they are first used. docs/python.md tells more.
+What they need is imported when they are first used. docs/guide/dataset.md tells more.
 """
 
 from typing import TYPE_CHECKING

@@ -108,7 +108,7 @@ def test_the_example_of_a_command_is_one(group: str, name: str) -> None:
 
 
 def test_the_page_of_commands_lists_all_with_their_first_lines() -> None:
-    text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `urbantwin ([a-z ]+)` \| (.*?) \| \[", text, re.MULTILINE)
     assert rows == [
         (f"{group} {name}".strip(), command_at(group, name).title.removesuffix("."))

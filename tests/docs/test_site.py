@@ -11,7 +11,7 @@ from functools import cache
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 import pytest
 from markdown_it import MarkdownIt
@@ -183,21 +183,33 @@ def test_every_public_name_is_in_the_reference(site: Path) -> None:
 
 @pytest.mark.thorough
 def test_every_command_is_in_the_reference(site: Path) -> None:
-    anchors = read(site / "reference" / "commands.html").anchors
+    anchors = read(site / "reference" / "help.html").anchors
     assert {"-".join(filter(None, words)) for words in every_command()} <= anchors
 
 
 @pytest.mark.thorough
-def test_search_works_from_disk(site: Path, tmp_path: Path, chromium: Path) -> None:
-    """In real Chromium, without a server: a page says what it found, and logs no error."""
+@pytest.mark.parametrize(
+    ("words", "page"),
+    [
+        ("Webster", "method/signals.html"),
+        ("drop-out", "method/returns.html"),
+        ("yaw convention", "reference/labels.html"),
+        ("add my own sensor", "howto/add_a_sensor.html"),
+        ("train on my own data", "howto/train.html"),
+    ],
+)
+def test_search_works_from_disk(
+    site: Path, tmp_path: Path, chromium: Path, words: str, page: str
+) -> None:
+    """In real Chromium, without a server: the result names the page, and no error is logged."""
     done = subprocess.run(
         [chromium, "--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=8000",
          f"--user-data-dir={tmp_path}", "--enable-logging=stderr", "--dump-dom",
-         f"{(site / 'index.html').as_uri()}?q=Webster"],
+         f"{(site / 'index.html').as_uri()}?q={quote(words)}"],
         capture_output=True, text=True, check=True, timeout=120,
     )  # fmt: skip
     assert re.search(r"md-search-result__meta\">[1-9]\d* matching document", done.stdout)
-    assert "signals.html" in done.stdout.partition("md-search-result__list")[2]
+    assert page in done.stdout.partition("md-search-result__list")[2]
     assert "CONSOLE" not in done.stderr
 
 

@@ -46,7 +46,8 @@ def test_the_tutorial_ends_with_a_detector_that_runs(
     assert (crossing / "tracked" / "detections.json").is_file()
     assert (crossing / "report").is_dir()
     assert not (crossing / "detector").exists()  # --plan makes nothing
-    fences = re.findall(r"^```(\w*)$", (ROOT / "docs" / "tutorial.md").read_text(), re.MULTILINE)
+    page = (ROOT / "docs" / "guide" / "tutorial.md").read_text()
+    fences = re.findall(r"^```(\w*)$", page, re.MULTILINE)
     assert set(fences) <= {"sh", "python", ""}
     assert len(took) > 8
 
@@ -72,13 +73,25 @@ def test_the_reference_has_every_public_name_and_every_command(scripts: SimpleNa
     assert [" ".join(filter(None, words)) for words in every_command()] == commands
 
 
-def test_the_tables_of_what_is_guessed_are_those_of_the_code(scripts: SimpleNamespace) -> None:
-    page = (ROOT / "docs" / "real_and_guessed.md").read_text()
-    assert scripts.basis.with_tables(page) == page, "run python docs/site_build/basis.py"
+def test_the_generated_tables_are_those_of_the_code(scripts: SimpleNamespace) -> None:
+    for page in scripts.basis.PAGES:
+        text = page.read_text()
+        assert "<!-- made: " in text
+        assert scripts.basis.with_tables(text) == text, "run python docs/site_build/basis.py"
+    sensors = (ROOT / "docs" / "reference" / "sensors.md").read_text()
     for name in sensor_names():
-        assert f" {name} |" in page
-    bases = Counter(re.findall(r"^\| `[\w-]+` \| [\d., ]+ \| (\w+) \|", page, re.MULTILINE))
+        assert f" {name} |" in sensors
+    table = (ROOT / "docs" / "method" / "materials.md").read_text()
+    bases = Counter(re.findall(r"^\| `[\w-]+` \| [\d., ]+ \| (\w+) \|", table, re.MULTILINE))
     assert sum(bases.values()) == len(materials())
+
+
+def test_the_fields_of_the_files_have_their_limits(scripts: SimpleNamespace) -> None:
+    page = scripts.reference.field_page()
+    assert "| `label_range_m` | number from 1 to 1000 |  |" in page
+    assert "| `frame` | `sensor`, `level`, `site` | `level` |" in page
+    assert "## Traffic\n" in page
+    assert "## GeometrySpec" not in page
 
 
 def test_a_constant_has_its_comment(scripts: SimpleNamespace) -> None:

@@ -13,7 +13,7 @@ from .conftest import Line
 
 _BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 #: Blocks of a document that another test runs: the notebook builds, drives, records and compares.
-_ELSEWHERE = {"docs/python.md": 1, "docs/sequences.md": 0, "README.md": 0}
+_ELSEWHERE = {"docs/guide/dataset.md": 1, "docs/reference/python.md": 0, "README.md": 0}
 
 
 def blocks_of(document: str) -> list[str]:
@@ -24,7 +24,7 @@ def blocks_of(document: str) -> list[str]:
 def test_the_examples_run(
     line: Line, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, document: str
 ) -> None:
-    if document == "docs/python.md":
+    if document == "docs/guide/dataset.md":
         torch = pytest.importorskip("torch")
         torch.set_num_threads(1)
     monkeypatch.chdir(tmp_path)
@@ -33,10 +33,10 @@ def test_the_examples_run(
     names: dict[str, Any] = {}
     exec("import urbantwin as ut", names)
     blocks = blocks_of(document)[_ELSEWHERE[document] :]
-    assert len(blocks) >= (1 if document == "README.md" else 3)
+    assert len(blocks) >= (5 if document == "docs/guide/dataset.md" else 1)
     for number, block in enumerate(blocks):
         exec(compile(block, f"{document}, block {number}", "exec"), names)
-    if document == "docs/sequences.md":
+    if document == "docs/reference/python.md":
         stored = names["made"].flow(names["frame"].name)
         np.testing.assert_array_equal(stored, names["frame"].flow())
     elif document == "README.md":

@@ -105,7 +105,7 @@ def test_the_table_holds_every_label(scanned, tmp_path):
 
 
 def test_levels_are_those_of_the_page(rig_of, street, crowd):
-    """`docs/labels.md`, written anew: points, occlusion, truncation."""
+    """`docs/reference/labels.md`, written anew: points, occlusion, truncation."""
     rig = rig_of(street, {"model": "VLP-32C"})
     boxes = Scanner(street, rig, 1, region=REGION).scan(3, crowd(160, 6)).boxes
     seen = set()

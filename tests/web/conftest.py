@@ -60,7 +60,7 @@ def dataset(place: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def unpacked() -> Callable[[bytes], tuple[dict[str, Any], dict[str, np.ndarray]]]:
-    """What reads a packet by the words of docs/view.md alone."""
+    """What reads a packet by the words of docs/reference/formats.md alone."""
 
     def read(data: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         magic, length = struct.unpack_from("<4sI", data)

@@ -83,7 +83,7 @@ class SourceSpec(BaseModel):
         title: what it is, in words.
         kind: of what.
         access: how it is asked.
-        url: whom; what may stand in braces is told in docs/acquire.md.
+        url: whom; what may stand in braces is told in docs/reference/formats.md.
         mirrors: who else answers the same, asked where the first does not.
         index: where its files are listed, if it is not one file.
         origins: other origins that it leads to; they are not told the key.

@@ -43,7 +43,7 @@ __all__ = ["DRAWS", "Figures", "Judged", "evaluate"]
 
 _RANGES_M = (0.0, 10.0, 20.0, 30.0, 40.0, 60.0, np.inf)
 _POINTS = (0, 10, 30, 100, 300, np.inf)
-#: The levels of docs/labels.md.
+#: The levels of docs/reference/labels.md.
 _HIDDEN = (0.0, 0.2, 0.6, 1.01)
 #: What figures are broken down by, and how the bins are told.
 KINDS = {"range": "m", "points": "points", "occlusion": "% hidden"}

@@ -31,7 +31,7 @@ __all__ = [
 
 #: Names of the two.
 LIBRARIES = ("embree", "bvh")
-#: What the built-in tracer costs: processor time by docs/ray_tracers.md.
+#: What the built-in tracer costs: processor time by docs/method/lidar.md.
 _COST = "rays take twice as long, recording with a fixed sensor 1.2 times as long"
 
 

@@ -35,10 +35,10 @@ def run(
     """Run a grid: a campaign, a study or a curriculum.
 
     A file with ``sites`` is a campaign: every site is recorded with every seed, scenario, rig and
-    weather (docs/campaigns.md). One with ``factors`` is a study: it measures what faults, weather
-    and traffic do to detection (docs/robustness.md). One with ``ladder`` or ``grades`` is a
-    curriculum: datasets of rising density, occlusion and range (docs/curricula.md). What is done
-    stays done, also where the grid changes: interrupted, the same call continues.
+    weather (docs/howto/campaigns.md). One with ``factors`` is a study: it measures what faults,
+    weather and traffic do to detection. One with ``ladder`` or ``grades`` is a curriculum: datasets
+    of rising density, occlusion and range (both docs/howto/factors.md). What is done stays done,
+    also where the grid changes: interrupted, the same call continues.
 
     Args:
         grid: YAML file of the grid.

@@ -133,7 +133,7 @@ def drive(
         seed: random seed; the site's ``traffic.seed`` if not given.
         demand: file with fields of ``traffic:`` that replace the site's, as ``rig tune`` and
             ``traffic calibrate`` write it.
-        scenario: ``scenario.yaml``: rare events at a place and a time (docs/events.md).
+        scenario: ``scenario.yaml``: rare events at a place and a time (docs/howto/events.md).
         counts: counted traffic, a table (CSV) by approach and turn, road, crossing, or origin and
             destination, per quarter of an hour; or the output of SUMO's detectors (XML, CSV).
         detectors: positions of the detectors of the counts: SUMO's additional file.

@@ -40,8 +40,8 @@ def replay(
     The tracks are resampled, smoothed and put on the twin's ground.
 
     Args:
-        tracks: description of recorded tracks (YAML, docs/recorded_traffic.md), or the tracks: CSV,
-            OpenLABEL or nuScenes JSON, KITTI labels, OpenSCENARIO.
+        tracks: description of recorded tracks (YAML, docs/howto/recorded_traffic.md), or the
+            tracks: CSV, OpenLABEL or nuScenes JSON, KITTI labels, OpenSCENARIO.
         twin: twin that they move on, or its folder.
         out: folder to write, in which an older motion is replaced; ``motion`` beside the twin if
             not given.
@@ -153,9 +153,9 @@ def calibrate(
     rest.
 
     Args:
-        tracks: description of recorded tracks (YAML, docs/recorded_traffic.md), or the tracks; or a
-            folder of ``traffic observe``: then the demand alone is fitted, to the number of actors
-            present, and ``fit_share``, ``gap`` and ``seconds`` do not count.
+        tracks: description of recorded tracks (YAML, docs/howto/recorded_traffic.md), or the
+            tracks; or a folder of ``traffic observe``: then the demand alone is fitted, to the
+            number of actors present, and ``fit_share``, ``gap`` and ``seconds`` do not count.
         site: the ``site.yaml``.
         out: folder to write: ``traffic.yaml`` for ``drive(demand=...)``, ``site.yaml`` with traffic
             and signals, ``calibration.json``; ``calibrated`` beside the site if not given.

@@ -94,10 +94,10 @@ def record(
         motion: motion on that twin, or its folder.
         out: folder to write, in which an older dataset is replaced; ``dataset`` beside the twin if
             not given, ``fleet`` with ``nodes``. Or an address of storage that fsspec reaches,
-            ``s3://bucket/name``, which must be empty (docs/cluster.md).
+            ``s3://bucket/name``, which must be empty (docs/howto/campaigns.md).
         rig: ``rig.yaml``; the twin's own rig if not given.
         nodes: ``nodes.yaml``: several rigs, static and mounted on vehicles, that record together,
-            each with its clock, pose and radio (docs/nodes.md); in place of ``rig``.
+            each with its clock, pose and radio (docs/howto/nodes.md); in place of ``rig``.
         start: time of the first frame at the earliest, seconds of the motion.
         stop: time of the last frame at the latest, seconds; the motion's end if not given.
         every: record only every N-th frame of the rig's rate.
@@ -123,7 +123,7 @@ def record(
         fuse: use the twin where a measured background has no data.
         workers: number of processes; every number gives the same bytes.
         ray: Ray cluster to record on: ``HOST:PORT`` of its head, ``auto`` for the one on this
-            machine, ``local`` to start one; it gives the same bytes (docs/cluster.md).
+            machine, ``local`` to start one; it gives the same bytes (docs/howto/campaigns.md).
         seed: random seed; the site's ``traffic.seed`` if not given.
         pictures: draw pictures into the dataset's folder.
         progress: show progress; or a function that is called with (share, doing).

@@ -146,7 +146,7 @@ def init(
         place: name of that place instead: ``"street and street, town"``, or any name.
         use: sources to request, with commas between; no others are asked.
         also: sources to request beside the usual ones, with commas between.
-        sources: table of further sources (docs/acquire.md).
+        sources: table of further sources (docs/reference/formats.md).
         cache: folder in which answers are kept; the user's cache if not given.
         offline: request nothing: use what the cache holds.
         key_env: environment variables that the table of sources may name as keys though their names

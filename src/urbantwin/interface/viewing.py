@@ -62,7 +62,7 @@ class View(Result):
         return self._shown.document()
 
     def packet(self, name: str) -> bytes:
-        """Return a packet of the page, ``points/0/3`` and its like; see docs/view.md.
+        """Return a packet of the page, ``points/0/3`` and its like; see docs/reference/formats.md.
 
         Raises:
             KeyError: there is none of that name.
@@ -174,7 +174,7 @@ def view(
     """Show a result or real frames in the browser.
 
     A page is served on 127.0.0.1 until the `View` is closed, or saved as one file. Twin, motion and
-    coverage are found beside a dataset. docs/view.md tells what the page shows.
+    coverage are found beside a dataset. docs/guide/sensors.md says what the page shows.
 
     Args:
         path: twin, motion, dataset, folder of real frames in any known layout, detections or report

@@ -33,7 +33,7 @@ def check_torch(device: str) -> None:
     except ImportError as error:
         raise InputError(
             f"PyTorch does not load ({error})",
-            expected=f"{how_to_install('detector')} (docs/detectors.md says how without CUDA)",
+            expected=f"{how_to_install('detector')} (docs/howto/train.md says how without CUDA)",
         ) from None
     kind = device.split(":", maxsplit=1)[0]
     if kind not in {"cpu", "cuda"} or (kind == "cuda" and not torch.cuda.is_available()):

@@ -223,7 +223,7 @@ class Sensor:
         """What was measured of units, else ``beam_divergence_deg``, else 0.18 by 0.09 degrees.
 
         Those are the VLS-128's, the only sensor of 905 nm in the catalogue whose maker states it.
-        As thin rays, beams give too few points of what is thin (`docs/returns.md`).
+        As thin rays, beams give too few points of what is thin (`docs/method/returns.md`).
         """
         published = self.beam_divergence_deg or _ASSUMED_DIVERGENCE_DEG
         return self.measured_divergence_deg or published

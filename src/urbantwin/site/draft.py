@@ -370,8 +370,8 @@ def _proposed_rig(pole: PolePosition) -> str:
   boxes: track          # of the labels: one size per track, or tight about the mesh at its moment
   sensors:
     # A pole beside the junction, looking at its middle{seen}.
-    # More sensors: more items. docs/rigs.md has all that a rig can say: heights, timing, echoes,
-    # weather, faults, riding.
+    # More sensors: more items. docs/reference/rig_file.md lists all fields of a rig: heights,
+    # timing, echoes, weather, faults, carriers.
     - name: pole
       model: {SENSOR}    # "urbantwin catalogue sensors" lists the models
       columns: {SENSOR_COLUMNS}     # per turn

@@ -70,7 +70,7 @@ class Shown:
         self._making: dict[str, Lock] = {}
 
     def document(self) -> dict[str, Any]:
-        """Return what the page reads first; see docs/view.md."""
+        """Return what the page reads first; see docs/reference/formats.md."""
         has = self.layers
         return {
             "format": _FORMAT,

@@ -165,7 +165,7 @@ def record_fleet(  # noqa: PLR0913 - every one is a person's choice
     also: Callable[[Path], None] | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Record what all nodes see of a motion; the layout is in ``docs/nodes.md``.
+    """Record what all nodes see of a motion; the layout is in ``docs/howto/nodes.md``.
 
     Each node has a dataset of its own, as `recording.record` makes it with the node's rig and
     seed, of the frames in which it is there. The frames of all have the same names at the same

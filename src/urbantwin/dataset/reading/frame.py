@@ -244,7 +244,7 @@ class Frame:
         A point goes with the body that it is on, rigidly, from where the body was when the point
         was measured to where the next frame's box has it; the static world stays. It is ``nan``
         where nobody knows it: of points beside actors (class ``outlier``), of an actor that is not
-        in the next frame, and of all points of the last frame. See docs/sequences.md.
+        in the next frame, and of all points of the last frame. See docs/reference/labels.md.
 
         Args:
             ego: with the motion of who looks: the flow goes from where a point is in this frame's

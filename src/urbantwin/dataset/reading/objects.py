@@ -49,7 +49,7 @@ class LabelledObjects:
         occlusion, visibility: (B,) 0..1; NaN for an actor that no ray reaches even when alone.
         truncation: (B,) 0..1.
         difficulty: (B,) ``easy``, ``moderate``, ``hard``; empty where the box does not count.
-        ignored: (B,) why a box does not count (docs/labels.md); empty where it does.
+        ignored: (B,) why a box does not count (docs/reference/labels.md); empty where it does.
         observed_s: (B,) when the actor is in its box, seconds from the time of the frame.
         parked: (B,) whether the actor is a parked vehicle.
         towed_by: (B,) track of the towing actor, -1 for none.

@@ -92,7 +92,7 @@ class Split:
         moments: (T,) of all frames, as `moments_of` writes times.
         parts: numbers of the moments of each part.
         cut: the same before frames in which nothing changed were left out.
-        told: what is said of it, whatever the dataset; see docs/splits.md.
+        told: what is said of it, whatever the dataset; see docs/howto/datasets.md.
     """
 
     moments: NDArray[np.int64]

@@ -12,7 +12,7 @@ from urbantwin.dataset.reading.objects import LabelledObjects
 
 __all__ = ["BOX_KEYS", "box_rows"]
 
-#: The keys of a row, in its order; see docs/labels.md.
+#: The keys of a row, in its order; see docs/reference/labels.md.
 BOX_KEYS = (
     *("track", "class", *BOX, *VELOCITY, "num_points", "num_points_alone", "occlusion"),
     *("truncation", "difficulty", "ignored", "observed_s", "parked", "towed_by"),

@@ -32,7 +32,7 @@ from urbantwin.taxonomy import classes_in
 
 __all__ = ["losses_kitti", "write_kitti"]
 
-#: Occlusion up to which a box is fully, and partly, visible: the borders of docs/labels.md.
+#: Occlusion up to which a box is fully, and partly, visible (docs/reference/labels.md).
 _VISIBLE, _PARTLY = 0.2, 0.6
 _UNKNOWN_LEVEL = 3
 _NOWHERE = (0.0, 0.0, 0.0, 0.0)

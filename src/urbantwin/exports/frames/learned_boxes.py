@@ -1,7 +1,7 @@
 """The boxes that a trainer reads, and the objects cut out of frames by them.
 
-A box without a point teaches nothing but false alarms: it is left out. One that has points and does
-not count all the same (docs/labels.md, "Ignored") is marked as its format marks such a box.
+A box without a point teaches nothing but false alarms: it is left out. A box with points that is
+ignored (docs/reference/labels.md) is marked as its format marks such a box.
 """
 
 from __future__ import annotations

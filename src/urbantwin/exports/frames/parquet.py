@@ -77,8 +77,8 @@ def write_parquet(source: FrameSource, folder: Path, tell: Progress) -> list[str
     """Write ``PART-NNNNNN.parquet``, in which every frame is a row.
 
     Columns: ``dataset``, ``frame``, ``time_s``, ``part``, ``site_SE3_frame`` and those of sensors
-    (4x4, row by row), ``boxes`` (see docs/labels.md), and a list for each value of a point; of a
-    campaign one more for each axis.
+    (4x4, row by row), ``boxes`` (see docs/reference/labels.md), and a list for each value of a
+    point; of a campaign one more for each axis.
     """
     write_in_order(source, folder, "parquet", tell, dataset=source.folder.resolve().name)
     return []

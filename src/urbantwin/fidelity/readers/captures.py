@@ -177,7 +177,7 @@ def _ousters(
         raise InputError(
             f"holds packets of {', '.join(sorted(filter(None, unread)))}, which are not read",
             file=capture,
-            expected="a model that docs/real_data.md names",
+            expected="a model that docs/reference/formats.md names",
         )
     try:
         metadata = metadata_of(capture, "has no packets of a Velodyne or Hesai")

@@ -52,7 +52,8 @@ _PROJECTIONS = ("P2", "P_rect_02")
 _RAW = ("calib_velo_to_cam.txt", "calib_cam_to_cam.txt")
 _VALUES = 15  # a detection's line has its score as the sixteenth
 _NOTE = "Only objects that the camera saw are labelled."
-#: Levels of occlusion (none, partly, largely) as shares: the middles of docs/labels.md's levels.
+#: Levels of occlusion (none, partly, largely) as shares: the middle of each level's span
+#: (docs/reference/labels.md).
 _HIDDEN = {0: 0.0, 1: 0.4, 2: 0.8}
 
 

@@ -1,6 +1,6 @@
 """Furniture along streets: seats, bins, boxes, boards, meters, hydrants.
 
-Sizes are of common products; docs/street_furniture.md lists them.
+Sizes are of common products; docs/method/scene.md lists them.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ __all__ = ["CORRECTIONS", "Correction", "read_corrections"]
 
 #: The file that is looked for beside a site.
 CORRECTIONS = "corrections.geojson"
-_EXPECTED = "a FeatureCollection of corrections (docs/corrections.md)"
+_EXPECTED = "a FeatureCollection of corrections (docs/howto/corrections.md)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,8 +31,8 @@ _PICTURES = {
 }
 _DEFINITIONS = {
     "mAP": "Mean over the classes of the average precision (forty levels of recall) at a distance "
-    "of centres of 1 m, trucks and buses 2 m; docs/evaluation.md. All settings are asked for the "
-    "same objects: those with 5 points of all nodes together within the range.",
+    "of centres of 1 m, trucks and buses 2 m; docs/method/detectors.md. All settings are judged "
+    "on the same objects: those with 5 points of all nodes together within the range.",
     "small numbers": "2.5th to 97.5th percentile of draws of frames, neighbours together "
     "(moving blocks). Frames of one drive say nothing of other hours and places.",
     "gain": "mAP less that of the receiver alone, with the interval of the difference over the "

@@ -43,7 +43,7 @@ _ALONG, _MOVED_M = np.radians(30.0), 1.0
 _POINTS, _REACH_M, _MOVES = 10, 40.0, 0.5
 #: Of small ones that left their place, the shares a walker's step away, a rider's, and elsewhere,
 #: and of large ones, in frames that follow each other: of simulated places, where all else was
-#: fitted as well (docs/observed_traffic.md).
+#: fitted as well (docs/howto/recorded_traffic.md).
 _FOLLOWS = np.array([[0.5, 0.2, 0.3], [0.8, 0.0, 0.2]])
 #: They are as good as so many objects of the recording itself.
 _KNOWN = 100.0

@@ -24,7 +24,7 @@ _GAP = 1.5  # so many usual intervals are a gap
 _FEWEST = 5  # moments that a spline is fitted to
 #: Price of bending against squared distance from the moments, for moments a second apart. Stiffer
 #: tells moments that were held out worse, softer leaves accelerations that no vehicle has
-#: (docs/recorded_traffic.md).
+#: (docs/howto/recorded_traffic.md).
 _STIFFNESS = 1e-3
 #: Farther beside than so many times the usual, and than so much, is an outlier (metres).
 _BESIDE, _BESIDE_M = 3.0, 0.15
