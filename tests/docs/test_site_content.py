@@ -25,11 +25,14 @@ def scripts() -> Iterator[SimpleNamespace]:
     """The scripts that stand beside the pages."""
     sys.path.insert(0, str(BUILD))
     import basis
+    import charts
     import gallery
     import reference
     import tutorial
 
-    yield SimpleNamespace(basis=basis, gallery=gallery, reference=reference, tutorial=tutorial)
+    yield SimpleNamespace(
+        basis=basis, charts=charts, gallery=gallery, reference=reference, tutorial=tutorial
+    )
     sys.path.remove(str(BUILD))
 
 
@@ -84,6 +87,13 @@ def test_the_generated_tables_are_those_of_the_code(scripts: SimpleNamespace) ->
     table = (ROOT / "docs" / "method" / "materials.md").read_text()
     bases = Counter(re.findall(r"^\| `[\w-]+` \| [\d., ]+ \| (\w+) \|", table, re.MULTILINE))
     assert sum(bases.values()) == len(materials())
+
+
+def test_the_charts_are_drawn_from_the_tables(scripts: SimpleNamespace) -> None:
+    for chart in scripts.charts.CHARTS:
+        drawn = (scripts.charts.ASSETS / f"{chart.name}.svg").read_text(encoding="utf-8")
+        assert drawn == scripts.charts.draw(chart), "run python docs/site_build/charts.py"
+        assert f"../assets/{chart.name}.svg" in (scripts.charts.RESULTS / chart.page).read_text()
 
 
 def test_the_fields_of_the_files_have_their_limits(scripts: SimpleNamespace) -> None:
