@@ -37,7 +37,7 @@ from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
 from urbantwin.fidelity.nearest_point import NearestDistances, nearest_distances
 from urbantwin.fidelity.point_to_mesh import RealSurface
 from urbantwin.fidelity.readers import open_recording
-from urbantwin.fidelity.readers.cropped import cropped_recording
+from urbantwin.fidelity.readers.recording import cropped_recording
 from urbantwin.fidelity.sampling import sampled
 from urbantwin.fidelity.sides import MODEL, Side, model_background
 from urbantwin.geometry import DownwardProbe

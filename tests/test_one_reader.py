@@ -18,7 +18,7 @@ OTHER_FORMATS = {
     "fidelity/clouds.py",  # any folder of clouds
     "fidelity/discovery/written.py",
     "fidelity/readers/own.py",  # folders of OpenPCDet and MMDetection3D, which are laid out alike
-    "fidelity/readers/semantic_kitti.py",
+    "fidelity/readers/kitti.py",  # of SemanticKITTI
     "reconstruct/recording/recorded_frames.py",  # of discoveries
 }
 #: Importing one of these opens a file of a frame.

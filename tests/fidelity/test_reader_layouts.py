@@ -1,5 +1,6 @@
 """Every layout is known by its files, and none is taken for another."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,7 @@ def test_one_layout_knows_a_recording(tmp_path, name):
     folder = made(name, tmp_path / "recording")
     layout = layout_in(name)
     assert layout_of(folder) == layout
-    knowing = {one for one, kind in LAYOUTS.items() if kind.recognises(folder)}
+    knowing = {one for one, kind in LAYOUTS.items() if kind.detect(folder)}
     assert knowing == {layout}
     assert open_recording(folder).layout == layout
     assert open_recording(tmp_path).layout == layout  # the folder above is enough
@@ -101,7 +102,7 @@ def test_what_only_looks_like_one_of_them(tmp_path, files):
         (tmp_path / file).write_bytes(ROWS.tobytes())
     assert layout_of(tmp_path) in (None, "plain")
     assert not any(
-        LAYOUTS[name].recognises(tmp_path) for name in ("waymo2", "once", "ips300", "tumtraf")
+        LAYOUTS[name].detect(tmp_path) for name in ("waymo2", "once", "ips300", "tumtraf")
     )
 
 
@@ -110,3 +111,18 @@ def test_a_table_that_is_no_segment(tmp_path):
     file.write_bytes(RECORDINGS["waymo2"]["lidar_box/s.parquet"])
     with pytest.raises(InputError, match=r"boxes\.parquet: holds no clouds"):
         open_recording(file)
+
+
+def test_the_page_says_which_readers_were_checked_on_real_files():
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "formats.md").read_text()
+    rows = re.findall(r"^\| (`[a-z`, 0-9-]+`).*\| (real files|its description) \|$", page, re.M)
+    said = {name: how for names, how in rows for name in re.findall(r"`([a-z0-9-]+)`", names)}
+    ways = {True: "real files", False: "its description"}
+    assert said == {name: ways[layout.verified] for name, layout in LAYOUTS.items()}
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_a_recording_says_that_its_reader_was_not_checked_on_real_files(tmp_path, name):
+    notes = open_recording(made(name, tmp_path / "recording")).notes
+    told = any("not on real files" in note for note in notes)
+    assert told is not LAYOUTS[layout_in(name)].verified

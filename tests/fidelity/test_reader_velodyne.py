@@ -103,7 +103,7 @@ def test_points_of_every_model(tmp_path, model, mode):
     write_pcap(tmp_path / "a.pcap", packets)
     recording = open_recording(tmp_path)
     assert (recording.layout, recording.names) == ("velodyne", ("1", "2"))
-    assert len(recording.notes) == 1
+    assert len(recording.notes) == 2
     frame = recording.read(0)
     turn = whole_turn(azimuth, 12)
     points, ring, time = by_manual(model, azimuth[turn], steps[turn])

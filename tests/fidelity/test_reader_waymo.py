@@ -105,7 +105,7 @@ def test_a_frame_without_poses_of_its_pixels_says_so(segment):
     file = root / "lidar_pose" / NAME
     pq.write_table(pq.read_table(file).slice(1), file)
     recording = open_recording(root)
-    assert recording.notes == ()
+    assert not any("motion" in note for note in recording.notes)
     assert [bool(frame.notes) for frame in recording] == [True, False, False]
     file = root / "vehicle_pose" / NAME
     pq.write_table(pq.read_table(file).slice(0, 2), file)

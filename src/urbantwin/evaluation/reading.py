@@ -15,7 +15,7 @@ from urbantwin.evaluation.truth import FEWEST_POINTS, Truth, why_not
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.labelled_view import View, view_of
 from urbantwin.fidelity.readers import Recording
-from urbantwin.fidelity.readers.box_list import frame_number
+from urbantwin.fidelity.readers.tables import frame_number
 from urbantwin.geometry import points_in_box
 from urbantwin.progress import Progress, untold
 

@@ -272,6 +272,7 @@ def measure_recording(
         "of": len(recording),
         "sensors": [described(one) for one in found],
         **({"problems": problems} if problems else {}),
+        **({"notes": list(recording.notes)} if recording.notes else {}),
     }
 
 

@@ -15,7 +15,7 @@ from urbantwin.errors import InputError, UrbanTwinError
 from urbantwin.fidelity.findings import Findings, report_of
 from urbantwin.fidelity.pairs import MOST_ANCHORS, Pairs, measured_pairs
 from urbantwin.fidelity.readers import Recording
-from urbantwin.fidelity.readers.cropped import cropped_recording
+from urbantwin.fidelity.readers.recording import cropped_recording
 from urbantwin.fidelity.report import Report
 from urbantwin.fidelity.sides import (
     ANCHOR,

@@ -15,8 +15,8 @@ from urbantwin.artefact import read_json
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording
-from urbantwin.fidelity.readers.box_list import BOX_LIST
 from urbantwin.fidelity.readers.kitti import ALL_AROUND, read_calibration, read_regions
+from urbantwin.fidelity.readers.tables import BOX_LIST
 from urbantwin.geometry import Pose, box_corners, points_in_box
 
 __all__ = ["View", "image_boxes", "view_of"]

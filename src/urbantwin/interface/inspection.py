@@ -74,8 +74,8 @@ def summary_of(path: Path, progress: Progress = untold) -> Summary:
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
     """
-    from urbantwin.fidelity.readers.choice import file_and_choice
     from urbantwin.fidelity.readers.layouts import layout_of
+    from urbantwin.fidelity.readers.recording import file_and_choice
 
     place, choice = file_and_choice(path)
     if not place.exists():

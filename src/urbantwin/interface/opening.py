@@ -111,7 +111,7 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
     place = Path(path)
     if not place.exists():
         from urbantwin.fidelity.readers import open_recording
-        from urbantwin.fidelity.readers.choice import file_and_choice
+        from urbantwin.fidelity.readers.recording import file_and_choice
 
         if file_and_choice(place)[1] is None:
             raise InputError("not found", file=place, expected=_EXPECTED)

@@ -10,7 +10,7 @@ from typing import Any
 from urbantwin.artefact import kind_of
 from urbantwin.dataset import parts_of
 from urbantwin.errors import InputError
-from urbantwin.fidelity.readers.choice import file_and_choice
+from urbantwin.fidelity.readers.recording import file_and_choice
 from urbantwin.web.beside import read_report, sides_of_report
 from urbantwin.web.chosen_frames import ChosenFrames
 

@@ -1,6 +1,6 @@
 """Boxes and poses as lists of text beside clouds, for formats that hold points alone.
 
-``boxes.csv`` is the list that `fidelity.readers.box_list` reads: a row for each box; ``frames.csv``
+``boxes.csv`` is the list that `fidelity.readers.tables` reads: a row for each box; ``frames.csv``
 has for each frame its time, its part of the split, and where its points and its sensors are.
 """
 

@@ -23,7 +23,7 @@ from urbantwin.exports.frames.box_rows import BOX_KEYS, box_rows
 from urbantwin.exports.frames.pcd import point_record
 from urbantwin.exports.frames.source import FrameSource
 from urbantwin.extras import check_extra
-from urbantwin.fidelity.readers.label_rows import LABELS
+from urbantwin.fidelity.readers.tables import LABELS
 from urbantwin.geometry import Pose
 from urbantwin.progress import Progress
 from urbantwin.taxonomy import BOX_SEMANTICS, semantic_classes

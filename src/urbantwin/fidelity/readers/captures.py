@@ -15,7 +15,6 @@ import numpy as np
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.choice import file_and_choice
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.hesai import (
     AXES,
@@ -28,7 +27,7 @@ from urbantwin.fidelity.readers.hesai_packets import HesaiForm, hesai_form, unre
 from urbantwin.fidelity.readers.ouster import HEADER_BYTES, metadata_of, ouster_recording
 from urbantwin.fidelity.readers.ouster_packets import OusterFormat, read_ouster_format
 from urbantwin.fidelity.readers.pcap import Datagram, datagrams_in, is_pcap, mapped, payload_of
-from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.fidelity.readers.recording import Recording, file_and_choice
 from urbantwin.fidelity.readers.turns import PART_LEFT_OUT, turn_numbers, whole_turns
 from urbantwin.fidelity.readers.velodyne import TWO_RETURNS as TWO_OF_VELODYNE
 from urbantwin.fidelity.readers.velodyne import (

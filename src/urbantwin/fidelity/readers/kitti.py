@@ -1,65 +1,71 @@
-"""KITTI's object benchmark: ``velodyne``, ``label_2`` and ``calib``.
+"""KITTI's benchmarks: calibrations and object labels, and SemanticKITTI's labels of points.
 
-Source: Geiger et al. 2012, and the development kit's readme. Labels are in the rectified frame of
-the camera (x right, y down, z forward): the middle of the box's floor, and the turn about y.
-Only what the camera saw is labelled, unless a folder ``label_all`` has what is on all sides, as our
-export and MMDetection3D's converter of Waymo write it. Clouds that are cropped to what the camera
-saw have a folder of their own (``velodyne_reduced``), as OpenPCDet and MMDetection3D write it: it
-is read for frames that ``velodyne`` lacks.
+Sources: Geiger et al. 2012 and the development kit's readme; Behley et al. 2019 and
+semantic-kitti-api. Object labels are in the frame of the rectified camera (x right, y down,
+z forward): the centre of the box's floor, and the rotation about y. Only what the camera saw is
+labelled, unless there is a folder ``label_all``, as our export and MMDetection3D's converter of
+Waymo write it. Clouds that are cropped to the camera's view (``velodyne_reduced``, OpenPCDet and
+MMDetection3D) are read for frames that ``velodyne`` lacks.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import read_fields
+from urbantwin.fidelity.cloud_formats import Fields
 from urbantwin.fidelity.clouds import counting_order
-from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
-from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, checked_pose
-from urbantwin.fidelity.readers.plain import clouds_in
-from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.fidelity.readers.folder import FolderDataset, Labels, clouds_in
+from urbantwin.fidelity.readers.labels import Box, LabelledBox, boxes_of, checked_pose
 from urbantwin.geometry import Pose
+from urbantwin.taxonomy import semantic_classes, semantic_id
 
 __all__ = [
     "ALL_AROUND",
+    "KITTI",
+    "SEMANTIC_KITTI",
     "Calibration",
     "box_of_values",
-    "is_kitti",
     "label_rows",
-    "open_kitti",
     "read_calibration",
     "read_regions",
 ]
 
-#: Folder of labels of what is on all sides.
+#: Folder of labels on all sides of the sensor.
 ALL_AROUND = "label_all"
 _CALIBRATION = "a calibration of KITTI"
-#: Names of the transform from the sensor to the camera, of the turn that rectifies, and of the
+#: Names of the transform from the sensor to the camera, of the rectifying rotation, and of the
 #: left colour camera's projection, in the benchmarks of objects, tracking, odometry and raw data.
 _FROM_LIDAR = ("Tr_velo_to_cam", "Tr_velo_cam", "Tr_velo2cam", "Tr")
 _RECTIFIED = ("R0_rect", "R_rect", "R_rect_00")
 _PROJECTIONS = ("P2", "P_rect_02")
 #: Files of a raw recording; its ``calib_imu_to_velo.txt`` is of another sensor.
 _RAW = ("calib_velo_to_cam.txt", "calib_cam_to_cam.txt")
-_VALUES = 15  # a detection's line has its score as the sixteenth
-_NOTE = "Only objects that the camera saw are labelled."
-#: Levels of occlusion (none, partly, largely) as shares: the middle of each level's span
-#: (docs/reference/labels.md).
-_HIDDEN = {0: 0.0, 1: 0.4, 2: 0.8}
+_LABEL_WORDS = 15  # a detection's line has its score as the sixteenth
+_CAMERA_NOTE = "Only objects that the camera saw are labelled."
+#: Occlusion levels (none, partly, largely) as shares: the centres of the levels in docs/reference/labels.md.
+_OCCLUSION = {0: 0.0, 1: 0.4, 2: 0.8}
+#: SemanticKITTI's classes that we do not have -> our nearest (semantic-kitti.yaml): parked
+#: bicycles, and moving people and vehicles.
+_NEAREST = {
+    11: "other-object", 13: "bus", 20: "truck", 60: "road",
+    252: "car", 253: "bicyclist", 254: "pedestrian", 255: "motorcyclist",
+    256: "on-rails", 257: "bus", 258: "truck", 259: "truck",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """Where the sensor is in the rectified camera, and how the left colour camera sees.
+    """Where the sensor is in the rectified camera, and the left colour camera's projection.
 
     Attributes:
         camera_SE3_lidar: from the sensor into the rectified camera.
@@ -70,36 +76,32 @@ class Calibration:
     projection: NDArray[np.float64] | None
 
 
-def is_kitti(path: Path) -> bool:
-    """Return whether a folder holds ``velodyne/*.bin`` beside labels, calibrations or images."""
-    beside = ("label_2", "calib", "image_2")
-    return bool(_clouds(path)) and any((path / name).is_dir() for name in beside)
-
-
 def _clouds(path: Path) -> list[Path]:
-    """Return the clouds as people count, those all around before the cropped ones."""
     parts = [clouds_in(path / name, ".bin") for name in ("velodyne_reduced", "velodyne")]
-    return sorted({one.stem: one for part in parts for one in part}.values(), key=counting_order)
+    return sorted({file.stem: file for part in parts for file in part}.values(), key=counting_order)
 
 
-def open_kitti(path: Path, columns: int | None) -> Recording:
-    """Open a folder of the benchmark; boxes where a frame has both label and calibration."""
-    files = _clouds(path)
+def _object_labels(path: Path, files: list[Path]) -> Labels:
+    """Boxes of frames that have both a label and a calibration."""
     around = (path / ALL_AROUND).is_dir()
 
-    def read(index: int) -> Frame:
-        file = files[index]
+    def read(file: Path, index: int, fields: Fields) -> dict[str, Any]:
         labels = path / (ALL_AROUND if around else "label_2") / f"{file.stem}.txt"
         calibration = path / "calib" / f"{file.stem}.txt"
-        boxes: Boxes | None = None
-        notes: tuple[str, ...] = ()
-        if labels.is_file() and calibration.is_file():
-            boxes = _read_boxes(labels, read_calibration(calibration).camera_SE3_lidar)
-            notes = () if around else (_NOTE,)
-        fields = read_fields(file, columns or 4)
-        return frame_of(file, fields, name=file.stem, boxes=boxes, notes=notes)
+        if not (labels.is_file() and calibration.is_file()):
+            return {}
+        lidar_SE3_camera = read_calibration(calibration).camera_SE3_lidar.inverse()
+        labelled = [
+            LabelledBox(
+                box_of_values(values[7:14], lidar_SE3_camera),
+                name,
+                occlusion=_OCCLUSION.get(int(values[1]), math.nan),
+            )
+            for _, name, values in label_rows(labels, _LABEL_WORDS)
+        ]
+        return {"boxes": boxes_of(labelled), "notes": () if around else (_CAMERA_NOTE,)}
 
-    return Recording(path, "kitti", tuple(file.stem for file in files), read)
+    return Labels(read)
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -128,11 +130,13 @@ def read_calibration(path: Path) -> Calibration:
                 file=path,
                 expected=f"one of {', '.join(_FROM_LIDAR)}, or {_RAW[0]} beside {_RAW[1]}",
             )
-        turned = next((rows[name] for name in _RECTIFIED if name in rows), np.eye(3))
-        matrix = turned.reshape(3, 3) @ placed.reshape(3, 4)
-        seen = next((rows[name] for name in _PROJECTIONS if name in rows), None)
-        projection = None if seen is None else seen.reshape(3, 4)
-        return Calibration(checked_pose(matrix[:, :3], matrix[:, 3]), projection)
+        rectified = next((rows[name] for name in _RECTIFIED if name in rows), np.eye(3))
+        matrix = rectified.reshape(3, 3) @ placed.reshape(3, 4)
+        projection = next((rows[name] for name in _PROJECTIONS if name in rows), None)
+        return Calibration(
+            checked_pose(matrix[:, :3], matrix[:, 3]),
+            None if projection is None else projection.reshape(3, 4),
+        )
 
 
 def _calibration_rows(path: Path) -> dict[str, NDArray[np.float64]]:
@@ -145,16 +149,6 @@ def _calibration_rows(path: Path) -> dict[str, NDArray[np.float64]]:
     return rows
 
 
-def _read_boxes(path: Path, camera_SE3_lidar: Pose) -> Boxes:
-    lidar_SE3_camera = camera_SE3_lidar.inverse()
-    labelled = []
-    for _, name, values in label_rows(path, _VALUES):
-        box = box_of_values(values[7:14], lidar_SE3_camera)
-        hidden = _HIDDEN.get(int(values[1]), math.nan)
-        labelled.append(LabelledBox(box, name, occlusion=hidden))
-    return boxes_of(labelled)
-
-
 def label_rows(path: Path, fewest: int) -> Iterator[tuple[int, str, NDArray[np.float64]]]:
     """Yield the line, the class and the numbers of each object of a text, without ``DontCare``.
 
@@ -163,7 +157,7 @@ def label_rows(path: Path, fewest: int) -> Iterator[tuple[int, str, NDArray[np.f
         fewest: words that a line has at least.
 
     Raises:
-        InputError: a line has fewer, or one that is no number.
+        InputError: a line has fewer words, or one that is not a number.
     """
     for number, line in enumerate(read_lines(path, "labels of KITTI"), 1):
         words = line.split()
@@ -189,22 +183,92 @@ def read_regions(path: Path) -> NDArray[np.float64]:
     Raises:
         InputError: a line is not a region.
     """
-    found = []
+    regions = []
     with laid_out(path, "labels of KITTI"):
         for line in read_lines(path, "labels of KITTI"):
             words = line.split()
             if words and words[0] == "DontCare":
                 left, top, right, bottom = finite_numbers(words[4:8])
-                found.append((left, top, right, bottom))
-    return np.array(found, np.float64).reshape(-1, 4)
+                regions.append((left, top, right, bottom))
+    return np.array(regions, np.float64).reshape(-1, 4)
 
 
-def box_of_values(
-    values: NDArray[np.float64], lidar_SE3_camera: Pose
-) -> tuple[float, float, float, float, float, float, float]:
-    """Return a box in the sensor's frame from (7,) height, width, length, x, y, z, turn."""
-    height, width, length, x, y, z, turn = values
+def box_of_values(values: NDArray[np.float64], lidar_SE3_camera: Pose) -> Box:
+    """Return a box in the sensor's frame from (7,) height, width, length, x, y, z, rotation."""
+    height, width, length, x, y, z, rotation = values
     centre = lidar_SE3_camera.apply(np.array([[x, y - height / 2, z]]))[0]
-    ahead = lidar_SE3_camera.rotation @ np.array([np.cos(turn), 0.0, -np.sin(turn)])
+    ahead = lidar_SE3_camera.rotation @ np.array([np.cos(rotation), 0.0, -np.sin(rotation)])
     yaw = np.arctan2(ahead[1], ahead[0])
     return (*centre.tolist(), float(length), float(width), float(height), float(yaw))
+
+
+KITTI = FolderDataset(
+    name="kitti",
+    title="KITTI",
+    detect=lambda path: (
+        bool(_clouds(path))
+        and any((path / name).is_dir() for name in ("label_2", "calib", "image_2"))
+    ),
+    clouds=_clouds,
+    labels=_object_labels,
+    verified=True,
+)
+
+
+def _point_labels(path: Path, files: list[Path]) -> Labels:
+    """Class (low 16 bits) and instance (high 16 bits) of every point."""
+    ours = np.zeros(1 << 16, np.int64)
+    for name in semantic_classes():
+        ours[semantic_id(name)] = semantic_id(name)
+    for number, name in _NEAREST.items():
+        ours[number] = semantic_id(name)
+
+    def read(file: Path, index: int, fields: Fields) -> dict[str, Any]:
+        labels = path / "labels" / f"{file.stem}.label"
+        if not labels.is_file():
+            return {}
+        expected = "a label of 4 bytes for every point"
+        with laid_out(labels, expected):
+            code = np.frombuffer(read_bytes(labels, expected), "<u4")
+        return {"given": {"semantic": ours[code & 0xFFFF], "instance": code >> 16}}
+
+    return Labels(read)
+
+
+def _sequence_poses(path: Path, files: list[Path]) -> Callable[[Path, int], Pose | None]:
+    """Poses of the left camera in ``poses.txt``, made the sensor's with Tr of ``calib.txt``.
+
+    Source: ``parse_poses`` of semantic-kitti-api.
+    """
+    file, calibration = path / "poses.txt", path / "calib.txt"
+    poses: list[Pose] = []
+    if file.is_file() and calibration.is_file():
+        camera_SE3_lidar = read_calibration(calibration).camera_SE3_lidar
+        lidar_SE3_camera = camera_SE3_lidar.inverse()
+        cameras = []
+        with laid_out(file, "12 values a line"):
+            for line in read_lines(file, "12 values a line"):
+                if line.split():
+                    matrix = np.array(finite_numbers(line.split())).reshape(3, 4)
+                    cameras.append(checked_pose(matrix[:, :3], matrix[:, 3]))
+        poses = [lidar_SE3_camera @ camera @ camera_SE3_lidar for camera in cameras]
+
+    def pose(cloud: Path, index: int) -> Pose | None:
+        number = int(cloud.stem) if cloud.stem.isdigit() else index
+        return poses[number] if number < len(poses) else None
+
+    return pose
+
+
+SEMANTIC_KITTI = FolderDataset(
+    name="semantic-kitti",
+    title="SemanticKITTI",
+    detect=lambda path: (
+        bool(clouds_in(path / "velodyne", ".bin"))
+        and (any((path / "labels").glob("*.label")) or (path / "poses.txt").is_file())
+    ),
+    clouds=lambda path: clouds_in(path / "velodyne", ".bin"),
+    labels=_point_labels,
+    pose=_sequence_poses,
+    verified=False,
+)

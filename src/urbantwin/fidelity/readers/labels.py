@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,17 +16,23 @@ from urbantwin.fidelity.frame import Boxes
 from urbantwin.geometry import Pose
 
 __all__ = [
+    "Box",
     "LabelledBox",
     "actor_class",
+    "box_of_document",
     "boxes_of",
     "checked_pose",
     "heading",
+    "letters",
     "pose_of_quaternion",
     "track_of",
 ]
 
-#: What datasets call our classes, in lower case without anything but letters. Where
-#: a dataset has no class for vans (nuScenes, Argoverse 2), they are among its cars.
+#: Centre x, y, z, length, width, height (metres) and yaw (radians).
+Box = tuple[float, float, float, float, float, float, float]
+
+#: Names of our classes in data sets, as `letters` gives them. Where a data set has no class for
+#: vans (nuScenes, Argoverse 2), they are among its cars.
 _CALLED = {
     "car": "car vehicle regularvehicle policecar vehiclecar vehicleemergencypolice pickuptruck",
     "van": "van minivan cargovan vehiclevan",
@@ -51,7 +58,12 @@ _CLASS_OF = {name: ours for ours, names in _CALLED.items() for name in names.spl
 
 def actor_class(source_name: str) -> str:
     """Return our class for a dataset's name of one, ``other`` where we have no such class."""
-    return _CLASS_OF.get(re.sub(r"[^a-z]", "", source_name.lower()), "other")
+    return _CLASS_OF.get(letters(source_name), "other")
+
+
+def letters(source_name: str) -> str:
+    """Return a class name in lower case without anything but letters."""
+    return re.sub(r"[^a-z]", "", source_name.lower())
 
 
 def track_of(identity: str) -> int:
@@ -61,20 +73,15 @@ def track_of(identity: str) -> int:
 
 @dataclass(frozen=True)
 class LabelledBox:
-    """One labelled object: what `Boxes` has of it, and what it is called.
+    """A labelled object: a row of `Boxes`; -1, NaN, None and "" stand for values not given."""
 
-    ``class_name`` is ours where the data's word for it means something else elsewhere; of what the
-    data counts or marks, -1 and nothing stand for what it does not say.
-    """
-
-    box: tuple[float, float, float, float, float, float, float]
+    box: Box
     source_name: str
     track: int = -1
     velocity: tuple[float, float, float] | None = None
     occlusion: float = math.nan
     num_points: int = -1
     ignored: str = ""
-    class_name: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
@@ -88,7 +95,7 @@ def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
     kept = [one for one in labelled if np.isfinite(one.box).all() and min(one.box[3:6]) > 0]
     return Boxes(
         box=np.array([one.box for one in kept], np.float64).reshape(-1, 7),
-        class_names=tuple(one.class_name or actor_class(one.source_name) for one in kept),
+        class_names=tuple(actor_class(one.source_name) for one in kept),
         track=np.array([one.track for one in kept], np.int64),
         source_names=tuple(one.source_name for one in kept),
         velocity=_velocities(kept),
@@ -96,6 +103,22 @@ def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
         num_points=_counts(kept),
         ignored=tuple(one.ignored for one in kept) if any(one.ignored for one in kept) else None,
     )
+
+
+def box_of_document(
+    centre: Mapping[str, Any],
+    size: Mapping[str, Any],
+    yaw: Any,  # noqa: ANN401 - whatever JSON holds
+    sides: Sequence[str] = ("length", "width", "height"),
+) -> Box:
+    """Return a box of a document: centre by x, y, z, size by the names of its sides, and yaw.
+
+    Raises:
+        ValueError, KeyError, TypeError: a value is missing or not a number.
+    """
+    x, y, z = (float(centre[axis]) for axis in "xyz")
+    length, width, height = (float(size[side]) for side in sides)
+    return x, y, z, length, width, height, float(yaw)
 
 
 def _counts(labelled: Sequence[LabelledBox]) -> NDArray[np.int64] | None:

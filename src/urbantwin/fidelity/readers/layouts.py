@@ -1,4 +1,4 @@
-"""Detection of the dataset layout of a folder by its content."""
+"""Layouts of recordings, and which of them a folder or file has, by its content."""
 
 from __future__ import annotations
 
@@ -12,20 +12,16 @@ from urbantwin.fidelity.cloud_formats import FORMATS
 from urbantwin.fidelity.readers.argoverse import is_argoverse, open_argoverse
 from urbantwin.fidelity.readers.bags import is_mcap, is_rosbag, open_bag
 from urbantwin.fidelity.readers.captures import CAPTURES, is_capture_of, open_capture
-from urbantwin.fidelity.readers.choice import file_and_choice
-from urbantwin.fidelity.readers.dair_v2x import is_dair, open_dair
 from urbantwin.fidelity.readers.fleet import is_fleet, open_fleet
-from urbantwin.fidelity.readers.ips300 import is_ips300, open_ips300
-from urbantwin.fidelity.readers.kitti import is_kitti, open_kitti
-from urbantwin.fidelity.readers.lumpi import is_lumpi, open_lumpi
+from urbantwin.fidelity.readers.folder import FolderDataset
+from urbantwin.fidelity.readers.kitti import KITTI, SEMANTIC_KITTI
 from urbantwin.fidelity.readers.nuscenes import is_nuscenes, open_nuscenes
-from urbantwin.fidelity.readers.once import is_once, open_once
-from urbantwin.fidelity.readers.opencood import is_opencood, open_opencood
+from urbantwin.fidelity.readers.opencood import OPENCOOD
+from urbantwin.fidelity.readers.openlabel import TUMTRAF
 from urbantwin.fidelity.readers.own import is_own, open_own
 from urbantwin.fidelity.readers.plain import is_plain, open_plain
-from urbantwin.fidelity.readers.recording import Recording
-from urbantwin.fidelity.readers.semantic_kitti import is_semantic_kitti, open_semantic_kitti
-from urbantwin.fidelity.readers.tumtraf import is_tumtraf, open_tumtraf
+from urbantwin.fidelity.readers.recording import Recording, file_and_choice
+from urbantwin.fidelity.readers.roadside import DAIR_V2X, IPS300, LUMPI, ONCE
 from urbantwin.fidelity.readers.waymo import is_waymo, open_waymo
 from urbantwin.fidelity.readers.webdataset import is_webdataset, open_webdataset
 
@@ -34,82 +30,88 @@ __all__ = ["LAYOUTS", "Layout", "layout_of", "open_recording", "recordings_insid
 
 @dataclass(frozen=True)
 class Layout:
-    """One way that recordings are laid out.
+    """A layout of recordings.
 
     Attributes:
-        title: for people.
-        recognises: whether a folder or file is laid out so; looks at names, not into clouds.
-        opens: opens it, with the number of values in a row of ``.bin`` files if it is given.
+        title: name for people.
+        detect: whether a folder or file is laid out so, by names and first bytes.
+        open: opens it, with the number of values in a row of ``.bin`` files where it is given.
+        verified: whether its reader was checked on real files; otherwise it follows the published
+            description alone, which is a note of every recording.
     """
 
     title: str
-    recognises: Callable[[Path], bool]
-    opens: Callable[[Path, int | None], Recording]
+    detect: Callable[[Path], bool]
+    open: Callable[[Path, int | None], Recording]
+    verified: bool
 
 
-def _open_capture(layout: str, path: Path, columns: int | None) -> Recording:
-    return open_capture(path, layout)
+def _without_columns(opens: Callable[[Path], Recording]) -> Callable[[Path, int | None], Recording]:
+    return lambda path, _: opens(path)
 
 
-#: In the order in which they are tried: what says most about itself first.
+def _capture(name: str, maker: str, verified: bool) -> Layout:
+    return Layout(
+        f"a capture of {maker}",
+        partial(is_capture_of, name),
+        lambda path, _: open_capture(path, name),
+        verified,
+    )
+
+
+def _of(dataset: FolderDataset) -> tuple[str, Layout]:
+    return dataset.name, Layout(dataset.title, dataset.detect, dataset.open, dataset.verified)
+
+
+#: In the order in which they are tried: the most specific first.
 LAYOUTS: dict[str, Layout] = {
-    "own": Layout("a dataset of urbantwin", is_own, open_own),
-    "fleet": Layout("a fleet of urbantwin", is_fleet, lambda path, _: open_fleet(path)),
-    "argoverse2": Layout("Argoverse 2", is_argoverse, lambda path, _: open_argoverse(path)),
-    "waymo2": Layout("Waymo Open Dataset v2", is_waymo, lambda path, _: open_waymo(path)),
-    "nuscenes": Layout("nuScenes", is_nuscenes, lambda path, _: open_nuscenes(path)),
-    "once": Layout("ONCE", is_once, lambda path, _: open_once(path)),
-    "ips300": Layout("IPS300+", is_ips300, lambda path, _: open_ips300(path)),
-    "lumpi": Layout("LUMPI", is_lumpi, lambda path, _: open_lumpi(path)),
-    "tumtraf": Layout("TUMTraf", is_tumtraf, lambda path, _: open_tumtraf(path)),
-    "dair-v2x": Layout("DAIR-V2X", is_dair, lambda path, _: open_dair(path)),
-    "semantic-kitti": Layout("SemanticKITTI", is_semantic_kitti, open_semantic_kitti),
-    "kitti": Layout("KITTI", is_kitti, open_kitti),
-    "opencood": Layout(
-        "OPV2V, V2X-Real or V2V4Real", is_opencood, lambda path, _: open_opencood(path)
-    ),
-    "rosbag": Layout("a ROS bag", is_rosbag, lambda path, _: open_bag(path, "rosbag")),
-    "mcap": Layout("MCAP", is_mcap, lambda path, _: open_bag(path, "mcap")),
-    **{
-        name: Layout(
-            f"a capture of {maker}",
-            partial(is_capture_of, name),
-            partial(_open_capture, name),
-        )
-        for name, maker in CAPTURES.items()
-    },
+    "own": Layout("a dataset of urbantwin", is_own, open_own, True),
+    "fleet": Layout("a fleet of urbantwin", is_fleet, _without_columns(open_fleet), True),
+    "argoverse2": Layout("Argoverse 2", is_argoverse, _without_columns(open_argoverse), True),
+    "waymo2": Layout("Waymo Open Dataset v2", is_waymo, _without_columns(open_waymo), False),
+    "nuscenes": Layout("nuScenes", is_nuscenes, _without_columns(open_nuscenes), False),
+    **dict(map(_of, (ONCE, IPS300, LUMPI, TUMTRAF, DAIR_V2X, SEMANTIC_KITTI, KITTI, OPENCOOD))),
+    "rosbag": Layout("a ROS bag", is_rosbag, lambda path, _: open_bag(path, "rosbag"), False),
+    "mcap": Layout("MCAP", is_mcap, lambda path, _: open_bag(path, "mcap"), False),
+    **{name: _capture(name, maker, name == "ouster") for name, maker in CAPTURES.items()},
     "webdataset": Layout(
-        "a WebDataset of urbantwin", is_webdataset, lambda path, _: open_webdataset(path)
+        "a WebDataset of urbantwin", is_webdataset, _without_columns(open_webdataset), True
     ),
-    "plain": Layout("a folder of clouds", is_plain, open_plain),
+    "plain": Layout("a folder of clouds", is_plain, open_plain, True),
 }
-#: Those that a single file may have.
+#: Layouts that a single file may have.
 _OF_FILES = ("waymo2", "rosbag", "mcap", *CAPTURES, "webdataset", "plain")
 
 
 def open_recording(
     path: Path, layout: str | None = None, *, columns: int | None = None
 ) -> Recording:
-    """Open a recording of any layout that is known.
+    """Open a recording of any known layout.
 
-    A folder that holds nothing but one recording stands for it.
+    A folder that holds nothing but one recording stands for it. A recording whose reader was never
+    checked on real files says so in its notes.
 
     Args:
-        path: a folder, a cloud, a bag or a capture; behind a colon, which topic of a bag or which
-            unit of a capture (``a.bag:/lidar/points``, ``a.pcap:192.168.1.201``).
-        layout: one of ``LAYOUTS``; found by what is in the folder if it is not given.
+        path: a folder, a cloud, a bag or a capture; behind a colon, the topic of a bag or the unit
+            of a capture (``a.bag:/lidar/points``, ``a.pcap:192.168.1.201``).
+        layout: one of ``LAYOUTS``; detected where it is not given.
         columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
 
     Raises:
-        InputError: nothing is there, or nothing that is known, or several recordings; or a table
-            that belongs to the recording is not right.
+        InputError: nothing is there, no known layout, or several recordings; or a table that
+            belongs to the recording is wrong.
     """
     try:
         recording = _opened(path, layout, columns)
     except OSError as error:
         what = error.strerror or str(error)
         raise InputError(f"is not readable ({what})", file=error.filename or path) from None
-    return replace(recording, again=partial(open_recording, path, layout, columns=columns))
+    notes = recording.notes
+    if not LAYOUTS[recording.layout].verified:
+        title = LAYOUTS[recording.layout].title
+        notes = (*notes, f"The reader of {title} was checked by its description, not on real files.")
+    again = partial(open_recording, path, layout, columns=columns)
+    return replace(recording, notes=notes, again=again)
 
 
 def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
@@ -118,15 +120,15 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
     if layout is not None:
         if layout not in LAYOUTS:
             raise InputError(f"{layout} is unknown", place="layout", expected=", ".join(LAYOUTS))
-        if not LAYOUTS[layout].recognises(path):
+        if not LAYOUTS[layout].detect(path):
             raise InputError(f"is not laid out as {LAYOUTS[layout].title}", file=path)
-        return LAYOUTS[layout].opens(path, columns)
-    found = layout_of(path)
-    inside = [(path, found)] if found is not None else recordings_inside(path)
+        return LAYOUTS[layout].open(path, columns)
+    detected = layout_of(path)
+    inside = [(path, detected)] if detected is not None else recordings_inside(path)
     if len(inside) == 1:
         place, name = inside[0]
-        # Of a capture, all units are looked at: of several, a person is asked which.
-        return open_capture(place) if name in CAPTURES else LAYOUTS[name].opens(place, columns)
+        # All units of a capture are listed, so that the user can choose among several.
+        return open_capture(place) if name in CAPTURES else LAYOUTS[name].open(place, columns)
     if inside:
         names = ", ".join(str(folder.relative_to(path)) for folder, _ in inside[:8])
         raise InputError(
@@ -141,25 +143,25 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
     raise InputError(
         "holds no clouds and no recording that is known",
         file=path,
-        expected=", ".join(one.title for one in LAYOUTS.values()),
+        expected=", ".join(layout.title for layout in LAYOUTS.values()),
     )
 
 
 def layout_of(path: Path) -> str | None:
-    """Return which of ``LAYOUTS`` a folder or file itself has, or None."""
+    """Return the layout of a folder or file itself, or None."""
     tried = _OF_FILES if file_and_choice(path)[0].is_file() else LAYOUTS
-    return next((name for name in tried if LAYOUTS[name].recognises(path)), None)
+    return next((name for name in tried if LAYOUTS[name].detect(path)), None)
 
 
 def recordings_inside(path: Path, depth: int = 2) -> list[tuple[Path, str]]:
-    """Return the recordings in the folders of a folder, not looking into those of one."""
+    """Return the recordings in the folders of a folder, and their layouts."""
     if not path.is_dir():
         return []
-    found: list[tuple[Path, str]] = []
-    for folder in sorted(one for one in path.iterdir() if one.is_dir()):
+    recordings: list[tuple[Path, str]] = []
+    for folder in sorted(sub for sub in path.iterdir() if sub.is_dir()):
         layout = layout_of(folder)
         if layout is not None:
-            found.append((folder, layout))
+            recordings.append((folder, layout))
         elif depth > 1:
-            found += recordings_inside(folder, depth - 1)
-    return found
+            recordings += recordings_inside(folder, depth - 1)
+    return recordings

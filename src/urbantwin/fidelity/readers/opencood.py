@@ -1,14 +1,13 @@
-"""OPV2V, V2X-Real, V2V4Real: a folder for each vehicle or roadside unit, a yaml beside each cloud.
+"""OPV2V, V2X-Real, V2V4Real: a folder per vehicle or roadside unit, a yaml beside each cloud.
 
-Source: Xu et al. 2022 (OPV2V), 2023 (V2V4Real), Xiang et al. 2024 (V2X-Real), and OpenCOOD's
+Sources: Xu et al. 2022 (OPV2V), 2023 (V2V4Real), Xiang et al. 2024 (V2X-Real), and OpenCOOD's
 ``transformation_utils.x_to_world`` and ``box_utils.project_world_objects``: poses are x, y, z in
-metres, roll, yaw, pitch in degrees, with CARLA's signs; objects stand in the world, with half
-their sizes. OPV2V was made in CARLA, whose frames are left-handed: its y is turned round here.
-V2X-Real is real, and is not; objects in it have a class, ``obj_type``. What ``urbantwin export
---to opv2v`` writes is as OPV2V's, with a ``class``, and people under ``pedestrians``. V2V4Real's
-poses are matrices of 4 by 4, and its objects stand in the frame of the points
-(``project_world_objects`` and ``x1_to_x2`` of its own code); what both vehicles label has a common
-number (``ass_id``).
+metres, roll, yaw, pitch in degrees, with CARLA's signs; objects are in the world, with half their
+sizes. OPV2V was made in CARLA, whose frames are left-handed: y is mirrored here. V2X-Real is real
+and not mirrored; its objects have a class, ``obj_type``. Exports by ``urbantwin export --to opv2v``
+are as OPV2V's, with a ``class``, and people under ``pedestrians``. V2V4Real's poses are matrices of
+4 by 4, and its objects are in the frame of the points (``project_world_objects`` and ``x1_to_x2``
+of its own code); objects that both vehicles label have a common number (``ass_id``).
 """
 
 from __future__ import annotations
@@ -22,90 +21,86 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import read_fields
-from urbantwin.fidelity.frame import Boxes, Frame
+from urbantwin.fidelity.cloud_formats import Fields
+from urbantwin.fidelity.frame import Boxes
 from urbantwin.fidelity.readers.documents import laid_out, read_yaml_document
-from urbantwin.fidelity.readers.frame_assembly import frame_of
+from urbantwin.fidelity.readers.folder import FolderDataset, Labels, clouds_in
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, checked_pose, heading
-from urbantwin.fidelity.readers.plain import clouds_in
-from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
 
-__all__ = ["is_opencood", "open_opencood"]
+__all__ = ["OPENCOOD"]
 
 _EXPECTED = "a frame's description of OPV2V, V2X-Real or V2V4Real"
-_ENDINGS = (".pcd", ".bin")
-#: What OpenCDA, the simulation behind OPV2V, writes and nothing real has.
+#: Keys that OpenCDA, the simulation behind OPV2V, writes and no real data set has.
 _SIMULATED = ("true_ego_pos", "predicted_ego_pos", "plan_trajectory")
-_HERE = Pose(np.eye(3), np.zeros(3))
+_IDENTITY = Pose(np.eye(3), np.zeros(3))
+_MIRROR = np.array([1.0, -1.0, 1.0])
 
 
-def _clouds(folder: Path) -> list[Path]:
+def _described(folder: Path) -> list[Path]:
     """Return the clouds with a description beside them."""
-    return [one for one in clouds_in(folder, *_ENDINGS) if one.with_suffix(".yaml").is_file()]
+    clouds = clouds_in(folder, ".pcd", ".bin")
+    return [cloud for cloud in clouds if cloud.with_suffix(".yaml").is_file()]
 
 
 def _agents(path: Path) -> list[Path]:
-    """Return the folders of vehicles and roadside units, which are called by whole numbers."""
-    named = (one for one in path.iterdir() if one.is_dir() and one.name.lstrip("-").isdigit())
-    return sorted((one for one in named if _clouds(one)), key=lambda one: int(one.name))
+    """Return the folders of vehicles and roadside units, whose names are whole numbers."""
+    named = (sub for sub in path.iterdir() if sub.is_dir() and sub.name.lstrip("-").isdigit())
+    return sorted((sub for sub in named if _described(sub)), key=lambda sub: int(sub.name))
 
 
-def is_opencood(path: Path) -> bool:
-    """Return whether a folder is an agent's, or a scenario of them."""
-    return path.is_dir() and (bool(_clouds(path)) or bool(_agents(path)))
+def _clouds(path: Path) -> list[Path]:
+    files = _described(path)
+    if files:
+        return files
+    agents = _agents(path)
+    if len(agents) != 1:
+        raise InputError(
+            f"holds {len(agents)} agents",
+            file=path,
+            expected=f"one of its folders: {', '.join(agent.name for agent in agents)}",
+        )
+    return _described(agents[0])
 
 
-def open_opencood(path: Path) -> Recording:
-    """Open the frames of one agent.
-
-    Raises:
-        InputError: there are several: one of their folders must be named.
-    """
-    files = _clouds(path)
-    if not files:
-        agents = _agents(path)
-        if len(agents) != 1:
-            raise InputError(
-                f"holds {len(agents)} agents",
-                file=path,
-                expected=f"one of its folders: {', '.join(one.name for one in agents)}",
-            )
-        files = _clouds(agents[0])
-
-    def read(index: int) -> Frame:
-        file = files[index]
+def _labels(path: Path, files: list[Path]) -> Labels:
+    def read(file: Path, index: int, fields: Fields) -> dict[str, Any]:
         described = file.with_suffix(".yaml")
         values = read_yaml_document(described, _EXPECTED)
         with laid_out(described, _EXPECTED):
             mirrored = _is_simulated(values)
-            matrix = len(values["lidar_pose"]) in (4, 16)
             objects = {**(values.get("vehicles") or {}), **(values.get("pedestrians") or {})}
-            if matrix:
-                mirrored, world_SE3_lidar = False, _pose_of_matrix(values["lidar_pose"])
-                boxes = _boxes(objects, _HERE, described.parent.name)
+            if len(values["lidar_pose"]) in (4, 16):
+                mirrored, world = False, _pose_of_matrix(values["lidar_pose"])
+                boxes = _boxes(objects, _IDENTITY, described.parent.name)
             else:
-                world_SE3_lidar = _pose(values["lidar_pose"])
-                boxes = _boxes(objects, world_SE3_lidar)
-        fields = read_fields(file, 4)
-        given: dict[str, NDArray[Any]] = {}
+                world = _pose(values["lidar_pose"])
+                boxes = _boxes(objects, world)
+        given: Fields = {}
         if "rgb" in fields and "intensity" not in fields:
             given["intensity"] = _red(fields["rgb"])
-        frame = frame_of(file, fields, name=file.stem, given=given, boxes=boxes)
-        return _placed(frame, world_SE3_lidar, mirrored)
+        notes: tuple[str, ...] = ()
+        if mirrored:
+            if "y" in fields:
+                fields["y"] = fields["y"].astype(np.float64) * -1.0
+            boxes = replace(boxes, box=boxes.box * [1, -1, 1, 1, 1, 1, -1])
+            rotation = world.rotation * _MIRROR * _MIRROR[:, None]
+            world = Pose(rotation, world.translation * _MIRROR)
+            notes = ("From CARLA's left-handed frame: y is mirrored.",)
+        return {"given": given, "boxes": boxes, "world_SE3_frame": world, "notes": notes}
 
-    return Recording(path, "opencood", tuple(file.stem for file in files), read)
+    return Labels(read)
 
 
 def _is_simulated(values: Mapping[str, Any]) -> bool:
     objects = list((values.get("vehicles") or {}).values())
-    if any("obj_type" in one for one in objects):
+    if any("obj_type" in item for item in objects):
         return False
     return bool(objects) or any(name in values for name in _SIMULATED)
 
 
-def _pose(values: list[float]) -> Pose:
-    """Return a pose; CARLA's pitch and roll turn the other way than ours, its yaw as ours."""
+def _pose(values: Sequence[float]) -> Pose:
+    """Return a pose; CARLA's pitch and roll have the opposite sign of ours, its yaw the same."""
     x, y, z, roll, yaw, pitch = (float(value) for value in values)
     if not np.isfinite([x, y, z, roll, yaw, pitch]).all():
         raise ValueError("a pose that is not finite")
@@ -113,7 +108,7 @@ def _pose(values: list[float]) -> Pose:
 
 
 def _pose_of_matrix(values: Sequence[Any]) -> Pose:
-    """Return the pose of 4 by 4 numbers, row by row or all in one."""
+    """Return the pose of 4 by 4 numbers, in rows or in one list."""
     rows = [[float(x) for x in row] for row in values] if len(values) == 4 else values
     numbers = np.array(rows, np.float64).reshape(4, 4)
     return checked_pose(numbers[:3, :3], numbers[:3, 3])
@@ -129,38 +124,36 @@ def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose, agent: str | None 
 
     Args:
         objects: by number.
-        world_SE3_lidar: where that frame is in the one that they stand in.
-        agent: of V2V4Real: whose numbers they are.
+        world_SE3_lidar: from the frame of the points to that of the objects.
+        agent: of V2V4Real: the vehicle that labelled them.
     """
     lidar_SE3_world = world_SE3_lidar.inverse()
     labelled = []
-    for number, one in objects.items():
-        # Number by number: a list of lists that YAML's aliases make is larger than any memory.
-        begin, middle = (_three(one[name]) for name in ("location", "center"))
-        place = [a + b for a, b in zip(begin, middle, strict=True)]
-        pose = lidar_SE3_world @ _pose([*place, *_three(one["angle"])])
-        size = (2 * abs(float(value)) for value in one["extent"])
+    for number, item in objects.items():
+        # Number by number: a list of lists by YAML's aliases can exceed any memory.
+        origin, centre = (_three(item[name]) for name in ("location", "center"))
+        place = [a + b for a, b in zip(origin, centre, strict=True)]
+        pose = lidar_SE3_world @ _pose([*place, *_three(item["angle"])])
+        size = (2 * abs(float(value)) for value in item["extent"])
+        track = int(number)
+        if agent is not None:  # as V2V4Real's code numbers what only one vehicle labels
+            common = int(item.get("ass_id", -1))
+            track = common if common != -1 else track + 100 * int(agent)
         labelled.append(
             LabelledBox(
                 (*pose.translation.tolist(), *size, heading(pose.rotation)),
-                str(one.get("obj_type") or one.get("class", "vehicle")),
-                int(number) if agent is None else _track(one, int(number), agent),
+                str(item.get("obj_type") or item.get("class", "vehicle")),
+                track,
             )
         )
     return boxes_of(labelled)
 
 
-def _track(one: Mapping[str, Any], number: int, agent: str) -> int:
-    """Return an object's number of V2V4Real: that of both vehicles, else as its code makes it."""
-    common = int(one.get("ass_id", -1))
-    return common if common != -1 else number + 100 * int(agent)
-
-
 def _red(colours: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Return the red of packed colours as 0..1: where OPV2V keeps intensity.
+    """Return the red of packed colours as 0..1: where OPV2V stores intensity.
 
-    A colour is 32 bits, which writers call a whole number or a float (of the same bits: never
-    between 1 and 2^32, as its upper eight are the opacity, all or none).
+    A colour is 32 bits, stored as a whole number or as a float of the same bits (never between 1
+    and 2^32, as its upper eight are the opacity, all or none).
     """
     values = colours.astype(np.float64)
     whole = (values >= 1) & (values < 2**32)
@@ -169,20 +162,11 @@ def _red(colours: NDArray[np.generic]) -> NDArray[np.float64]:
     return ((packed >> 16) & 0xFF) / 255.0
 
 
-def _placed(frame: Frame, world_SE3_lidar: Pose, mirrored: bool) -> Frame:
-    if not mirrored:
-        return replace(frame, world_SE3_frame=world_SE3_lidar)
-    turn = np.array([1.0, -1.0, 1.0])
-    boxes = frame.boxes
-    assert boxes is not None
-    box = boxes.box * [1, -1, 1, 1, 1, 1, -1]
-    world = Pose(
-        world_SE3_lidar.rotation * turn * turn[:, None], world_SE3_lidar.translation * turn
-    )
-    return replace(
-        frame,
-        points=frame.points * turn,
-        boxes=replace(boxes, box=box),
-        world_SE3_frame=world,
-        notes=(*frame.notes, "From CARLA's left-handed frame: y is turned round."),
-    )
+OPENCOOD = FolderDataset(
+    name="opencood",
+    title="OPV2V, V2X-Real or V2V4Real",
+    detect=lambda path: path.is_dir() and (bool(_described(path)) or bool(_agents(path))),
+    clouds=_clouds,
+    labels=_labels,
+    verified=False,
+)

@@ -25,9 +25,9 @@ from urbantwin.fidelity.cloud_formats import Fields, read_fields
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers.documents import finite_numbers
+from urbantwin.fidelity.readers.folder import clouds_in
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
-from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
 from urbantwin.reconstruct.recording import RecordedFrames

@@ -1,4 +1,4 @@
-"""A plain folder of clouds, or one cloud: npy, bin, pcd, ply, las, laz, mixed as they come."""
+"""A plain folder of clouds, or one cloud, of any mixture of formats."""
 
 from __future__ import annotations
 
@@ -9,46 +9,37 @@ import numpy as np
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_formats import FORMATS, is_cloud, read_fields
-from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.box_list import BOX_LIST, frame_number, read_box_list
+from urbantwin.fidelity.readers.folder import clouds_in
 from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.frame_list import FRAME_LIST, read_frame_list
 from urbantwin.fidelity.readers.labels import boxes_of
 from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.fidelity.readers.tables import (
+    BOX_LIST,
+    FRAME_LIST,
+    frame_number,
+    read_box_list,
+    read_frame_list,
+)
 
-__all__ = ["clouds_in", "is_plain", "open_plain"]
+__all__ = ["is_plain", "open_plain"]
 
-#: What our own clouds say of points besides the names that all writers share.
+#: Fields of our own clouds that other writers do not have.
 _OURS = ("semantic", "instance", "sensor")
-#: Intensity in a LAS, where ours is 1.
+#: Intensity in a LAS that stands for 1.
 _BRIGHTEST = 65_535
 
 
-def clouds_in(folder: Path, *suffixes: str) -> list[Path]:
-    """Return the clouds of a folder as people count: ``frame_200`` before ``frame_1000``.
-
-    Args:
-        folder: empty for none if it is not there.
-        suffixes: of names, in lower case; all formats where none is given.
-    """
-    if not folder.is_dir():
-        return []
-    wanted = suffixes or FORMATS
-    found = (p for p in folder.iterdir() if is_cloud(p) and p.name.lower().endswith(wanted))
-    return sorted(found, key=counting_order)
-
-
 def is_plain(path: Path) -> bool:
-    """Return whether there is at least one cloud."""
+    """Return whether a path is a cloud or a folder with one."""
     return is_cloud(path) or bool(clouds_in(path))
 
 
 def open_plain(path: Path, columns: int | None) -> Recording:
-    """Open a folder of clouds, or one cloud; labelled where a list of boxes is beside it.
+    """Open a folder of clouds, or one cloud; with labels where ``boxes.csv`` is beside it.
 
     Raises:
-        InputError: there is no cloud, or the list is not right.
+        InputError: there is no cloud, or the list is wrong.
     """
     files = [path] if path.is_file() else clouds_in(path)
     if not files:
@@ -63,15 +54,15 @@ def open_plain(path: Path, columns: int | None) -> Recording:
 
     def read(index: int) -> Frame:
         file = files[index]
-        found = boxes.get(frame_number(file.name))
+        labelled = boxes.get(frame_number(file.name))
         fields = read_fields(file, columns)
-        told = listed_frames.get(file.stem)
-        if told is None:
-            return frame_of(file, fields, name=file.name, boxes=found)
-        # Beside such a list stand our own clouds: their fields are ours, too.
+        listed_frame = listed_frames.get(file.stem)
+        if listed_frame is None:
+            return frame_of(file, fields, name=file.name, boxes=labelled)
+        # Clouds beside such a list are our own exports: so are their fields.
         given = {name: fields[name] for name in _OURS if name in fields}
         if "gps_time" in fields:
-            given["time_s"] = fields["gps_time"].astype(np.float64) - told.time_s
+            given["time_s"] = fields["gps_time"].astype(np.float64) - listed_frame.time_s
             given["intensity"] = fields["intensity"].astype(np.float64) / _BRIGHTEST
         elif "time" in fields:
             given["time_s"] = fields["time"]
@@ -80,9 +71,9 @@ def open_plain(path: Path, columns: int | None) -> Recording:
             fields,
             name=file.stem,
             given=given,
-            boxes=found if found is not None or not boxes else boxes_of([]),
-            world_SE3_frame=told.site_SE3_frame,
-            sensor_places=told.sensor_places,
+            boxes=labelled if labelled is not None or not boxes else boxes_of([]),
+            world_SE3_frame=listed_frame.site_SE3_frame,
+            sensor_places=listed_frame.sensor_places,
         )
 
     return Recording(

@@ -1,4 +1,4 @@
-"""A recording: the frames of one sensor or rig in order, whatever dataset they are from."""
+"""A recording: the frames of one sensor or rig in order, whatever data set they are from."""
 
 from __future__ import annotations
 
@@ -8,22 +8,25 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
 
-__all__ = ["Recording"]
+__all__ = ["Recording", "cropped_recording", "file_and_choice"]
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Frames that are read when they are asked for.
+    """Frames that are read on demand.
 
     Attributes:
         path: the folder or file that holds them.
-        layout: how it is laid out: one of ``readers.LAYOUTS``.
-        names: of the frames in their order, without folders.
-        read_frame: reads the frame of a number; raises InputError where its file is bad.
-        notes: what a reader of figures must know about the whole of it, one sentence each.
-        again: opens it anew: what goes to another process in place of an open one.
+        layout: its layout, one of ``readers.LAYOUTS``.
+        names: names of the frames in their order, without folders.
+        read_frame: reads the frame of an index; raises InputError where its file is bad.
+        notes: sentences about the whole recording that qualify any figure made from it.
+        again: opens it anew; sent to another process in place of an open recording.
     """
 
     path: Path
@@ -34,7 +37,7 @@ class Recording:
     again: Callable[[], Recording] | None = field(default=None, repr=False)
 
     def __reduce__(self) -> str | tuple[Any, ...]:
-        """Go to another process as what opens it."""
+        """Pickle the function that opens it."""
         return super().__reduce__() if self.again is None else (self.again, ())
 
     def __len__(self) -> int:
@@ -57,7 +60,7 @@ class Recording:
         return (self.read(index) for index in range(len(self)))
 
     def only(self, names: Collection[str]) -> Recording:
-        """Return it with the frames of some names alone."""
+        """Return the recording with the frames of some names alone."""
         numbers = [number for number, name in enumerate(self.names) if name in names]
         again = None if self.again is None else partial(_only, self.again, names)
         return replace(
@@ -70,3 +73,42 @@ class Recording:
 
 def _only(again: Callable[[], Recording], names: Collection[str]) -> Recording:
     return again().only(names)
+
+
+def cropped_recording(recording: Recording, half_m: tuple[float, ...]) -> Recording:
+    """Return a recording whose frames have the points within (x, y, z) metres of the origin."""
+    return replace(
+        recording,
+        read_frame=partial(_read_cropped, recording, half_m),
+        again=partial(cropped_recording, recording, half_m),
+    )
+
+
+def _read_cropped(recording: Recording, half_m: tuple[float, ...], index: int) -> Frame:
+    frame = recording.read(index)
+    inside = (np.abs(frame.points) <= half_m).all(axis=1)
+    if not inside.any():
+        raise InputError(
+            f"frame {recording.names[index]} has no point within "
+            f"{' x '.join(f'{half:g}' for half in half_m)} m of the origin",
+            file=recording.path,
+            expected="points in the same frame as the other side's",
+        )
+    return frame if inside.all() else frame.only(inside)
+
+
+def file_and_choice(path: Path) -> tuple[Path, str | None]:
+    """Return a file or folder and the part of it that a path names behind a colon, else None.
+
+    ``bag.mcap:/lidar/points``, ``a.pcap:192.168.1.201``. A path that exists is never split.
+    """
+    text = str(path)
+    if ":" not in text or path.exists():
+        return path, None
+    at = text.find(":")
+    while at >= 0:
+        file = Path(text[:at])
+        if text[:at] and text[at + 1 :] and file.exists():
+            return file, text[at + 1 :]
+        at = text.find(":", at + 1)
+    return path, None

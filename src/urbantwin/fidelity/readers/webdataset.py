@@ -22,8 +22,8 @@ from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.documents import laid_out
 from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.label_rows import boxes_of_rows, poses_of_frame
 from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.fidelity.readers.tables import boxes_of_rows, poses_of_frame
 
 __all__ = ["is_webdataset", "open_webdataset"]
 

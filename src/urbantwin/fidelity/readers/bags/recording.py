@@ -31,11 +31,10 @@ from urbantwin.fidelity.readers.bags.transforms import (
     static_transforms,
 )
 from urbantwin.fidelity.readers.bags.unpacking import PACKED, unpacked_file
-from urbantwin.fidelity.readers.choice import file_and_choice
 from urbantwin.fidelity.readers.documents import laid_out, read_yaml_document
 from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.label_rows import LABELS, labels_of_message
-from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.fidelity.readers.recording import Recording, file_and_choice
+from urbantwin.fidelity.readers.tables import LABELS, labels_of_message
 
 __all__ = ["is_mcap", "is_rosbag", "open_bag"]
 

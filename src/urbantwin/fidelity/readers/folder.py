@@ -1,0 +1,107 @@
+"""Data sets that are folders of clouds with labels and poses in files beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from urbantwin.fidelity.cloud_formats import FORMATS, Fields, is_cloud, read_fields
+from urbantwin.fidelity.clouds import counting_order
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.readers.frame_assembly import frame_of
+from urbantwin.fidelity.readers.labels import letters
+from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.geometry import Pose
+
+__all__ = ["FolderDataset", "Labels", "clouds_in"]
+
+
+def clouds_in(folder: Path, *suffixes: str) -> list[Path]:
+    """Return the clouds of a folder in counting order: ``frame_200`` before ``frame_1000``.
+
+    Args:
+        folder: gives an empty list if it does not exist.
+        suffixes: endings of file names, in lower case; all formats where none is given.
+    """
+    if not folder.is_dir():
+        return []
+    wanted = suffixes or FORMATS
+    found = (p for p in folder.iterdir() if is_cloud(p) and p.name.lower().endswith(wanted))
+    return sorted(found, key=counting_order)
+
+
+class Labels(NamedTuple):
+    """The labels of a recording.
+
+    Attributes:
+        read: reads the labels of a cloud, given its file, its index and its fields (which it may
+            change); returns keyword arguments of `frame_of`.
+        notes: sentences about the whole recording.
+    """
+
+    read: Callable[[Path, int, Fields], dict[str, Any]]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FolderDataset:
+    """A data set in which a frame is a file of points, with labels and poses in other files.
+
+    Attributes:
+        name: of the layout.
+        title: name for people.
+        detect: returns whether a path is laid out so, by the names of files.
+        clouds: returns the point files of a path in order; raises InputError where the path holds
+            several sensors.
+        labels: opens the labels of a path and its point files.
+        verified: whether the reader was checked on real files of the data set; otherwise it follows
+            the published description and the development kit alone.
+        pose: opens the poses: returns the pose of a cloud, by its file and index, in the world.
+        classes: names of object classes, in letters of lower case, that mean another of our classes
+            here than in other data sets.
+        columns: values per row of ``.bin`` files where the user gives no number.
+        notes: sentences about every recording of the data set.
+    """
+
+    name: str
+    title: str
+    detect: Callable[[Path], bool]
+    clouds: Callable[[Path], list[Path]]
+    labels: Callable[[Path, list[Path]], Labels]
+    verified: bool
+    pose: Callable[[Path, list[Path]], Callable[[Path, int], Pose | None]] | None = None
+    classes: Mapping[str, str] = field(default_factory=dict)
+    columns: int | None = 4
+    notes: tuple[str, ...] = ()
+
+    def open(self, path: Path, columns: int | None = None) -> Recording:
+        """Open the recording at a path.
+
+        Args:
+            path: laid out as this data set.
+            columns: values per row of ``.bin`` files.
+
+        Raises:
+            InputError: the path holds several sensors, or a file of labels or poses is wrong.
+        """
+        files = self.clouds(path)
+        labels = self.labels(path, files)
+        pose = None if self.pose is None else self.pose(path, files)
+
+        def read(index: int) -> Frame:
+            file = files[index]
+            fields = read_fields(file, columns or self.columns)
+            known = labels.read(file, index, fields)
+            if pose is not None:
+                known["world_SE3_frame"] = pose(file, index)
+            if self.classes and known.get("boxes") is not None:
+                boxes = known["boxes"]
+                pairs = zip(boxes.source_names, boxes.class_names, strict=True)
+                names = tuple(self.classes.get(letters(name), ours) for name, ours in pairs)
+                known["boxes"] = replace(boxes, class_names=names)
+            return frame_of(file, fields, name=file.stem, **known)
+
+        names = tuple(file.stem for file in files)
+        return Recording(path, self.name, names, read, (*self.notes, *labels.notes))
