@@ -24,7 +24,7 @@ from urbantwin.extras import EXTRAS
 from urbantwin.traffic.motion import MOTION_VERSION
 
 from .dataset.conftest import dataset, motion, motion_of, rig, twin
-from .reconstruct.tile_bytes import Gltf
+from .io.tile_bytes import Gltf
 from .thorough import further
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from lxml import etree
 
 from urbantwin.exports.carla.meshes import navigation_area
 from urbantwin.exports.carla.names import OBJECTS, folder_of
-from urbantwin.reconstruct.formats.fbx import read_fbx
+from urbantwin.io.fbx import read_fbx
 from urbantwin.roads.opendrive.writing.carla import PLATES
 
 #: ``carla/road/SignalType.cpp``: what is a traffic light; signs that stand for themselves.

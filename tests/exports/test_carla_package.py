@@ -27,8 +27,8 @@ from urbantwin.exports.carla.live import (
 from urbantwin.exports.carla.names import OBJECTS, folder_of, map_name
 from urbantwin.exports.carla.rig import carla_rig, carla_sensor
 from urbantwin.geometry import Pose
+from urbantwin.io.fbx import read_fbx
 from urbantwin.lidar.placement import place_rig
-from urbantwin.reconstruct.formats.fbx import read_fbx
 from urbantwin.site.rig import RideSpec
 
 

@@ -17,8 +17,8 @@ from urbantwin.errors import InputError, StageError
 from urbantwin.exports import export_twin
 from urbantwin.exports.mesh import Look, MeshObject, fbx, write_fbx
 from urbantwin.exports.scene.cityjson import flat_faces
-from urbantwin.reconstruct.formats.cityjson import read_cityjson
-from urbantwin.reconstruct.formats.fbx import read_fbx
+from urbantwin.io.cities.cityjson import read_cityjson
+from urbantwin.io.fbx import read_fbx
 from urbantwin.taxonomy import materials, semantic_classes, semantic_id
 
 ENDINGS = {

@@ -9,7 +9,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
-from urbantwin.fidelity.readers.pcap import datagrams_in, mapped
+from urbantwin.io.packets.pcap import datagrams_in, mapped
 
 from .bag_files import ROS1, header, write_ros1, write_ros2
 from .lidar_packets import hesai_turns, write_pcap

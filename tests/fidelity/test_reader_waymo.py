@@ -11,7 +11,7 @@ import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.fidelity.labelled_view import view_of
 from urbantwin.fidelity.readers import open_recording
-from urbantwin.fidelity.readers.range_image import RangeImageSensor, returns_of
+from urbantwin.fidelity.readers.waymo import RangeImageSensor, returns_of
 from urbantwin.geometry import Pose
 from urbantwin.taxonomy import semantic_id
 

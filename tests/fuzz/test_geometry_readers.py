@@ -17,16 +17,16 @@ import pytest
 import shapely
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.io import read_model
 from urbantwin.reconstruct import Surroundings
 from urbantwin.reconstruct.build import reconstruct
-from urbantwin.reconstruct.formats import read_model
 from urbantwin.reconstruct.georeference.control_points import fit, read_control_points
 from urbantwin.site.geometry import GeometrySource, GeometrySpec, SimilaritySpec
 from urbantwin.site.yaml_document import Document
 
-from ..reconstruct.city_gml import block, city, house
+from ..io.city_gml import block, city, house
+from ..io.tile_bytes import Gltf, b3dm, cmpt, i3dm, pnts
 from ..reconstruct.model_files import BOX, BOX_QUADS
-from ..reconstruct.tile_bytes import Gltf, b3dm, cmpt, i3dm, pnts
 from .harness import NUMBERS
 from .reader import SHARED_DATA, Reader
 from .test_site_readers import files, inspected, made
@@ -399,11 +399,6 @@ METADATA = (
     b"<SRSOrigin>513000,5394000,300</SRSOrigin></ModelMetadata>\n"
 )
 OFFSET = b"513000 5394000 300\n"
-INFO = (
-    b'<Model globalCoordinateSystemName="WGS 84 / UTM zone 31N" '
-    b'globalCoordinateSystem="EPSG:32631" exportCoordinateSystemType="1" '
-    b'transformToModel="1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"/>\n'
-)
 
 
 def obj_beside(path: Path) -> None:
@@ -447,7 +442,6 @@ READERS = [
     Reader("metadata.xml", obj_beside, "metadata.xml", lambda: [METADATA],
            lambda: {"a.obj": _obj()[0]}),
     Reader("offset", obj_beside, "a_offset.xyz", lambda: [OFFSET], lambda: {"a.obj": _obj()[0]}),
-    Reader("rcinfo", obj_beside, "a.obj.rcInfo", lambda: [INFO], lambda: {"a.obj": _obj()[0]}),
     Reader("ply", read_around, "a.ply", lambda: [_ply_binary(), _ply_ascii(), _ply_cloud()]),
     Reader("stl", read_around, "a.stl", _stl),
     Reader("glb", read_around, "a.glb", _glb),

@@ -10,9 +10,9 @@ import pytest
 from scipy.io import savemat
 
 from urbantwin.fidelity.beam_assignment import beams_of_model
-from urbantwin.fidelity.matlab_file import read_matlab
 from urbantwin.fidelity.range_matrix import measure_matrix
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.io.matlab import read_matlab
 from urbantwin.lidar.scan_pattern import load_scan_pattern
 
 from .harness import NUMBERS

@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.reconstruct.formats import read_model
+from urbantwin.io import read_model
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.yaml_document import Document
 

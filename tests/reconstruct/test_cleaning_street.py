@@ -255,7 +255,7 @@ def test_steps_can_be_left_out() -> None:
 
 def test_cars_that_stand_on_a_whole_street_are_taken_off_it(shared_data) -> None:
     """A car as its maker drew it, with wheels, glass and seats, on a plane of two triangles."""
-    from urbantwin.reconstruct.gltf import read_gltf
+    from urbantwin.io.gltf import read_gltf
 
     folder = shared_data / "meshes" / "openmaterial" / "examples" / "vehicle_example"
     path = folder / "vehicle_example.gltf"

@@ -9,6 +9,7 @@ from pyproj import CRS, Geod, Transformer
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.io.model import Geotag
 from urbantwin.reconstruct import ImportedModel, PointCloud
 from urbantwin.reconstruct.georeference import SiteHeights
 from urbantwin.reconstruct.georeference.height_system import (
@@ -17,7 +18,6 @@ from urbantwin.reconstruct.georeference.height_system import (
     geoid_height,
     heights_between,
 )
-from urbantwin.reconstruct.model import Geotag
 
 from ..real_files import AHN3
 from .placing_site import FRAME, elevation, ground_mesh, mesh_of, place, slope, surroundings

@@ -21,8 +21,9 @@ from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec
 from urbantwin.acquire.web import NotAcquiredError, NothingThereError, Web
 from urbantwin.download import DownloadError
+from urbantwin.errors import InputError
+from urbantwin.io.las import unpacked_chunks
 from urbantwin.progress import Progress
-from urbantwin.reconstruct.formats.las_sizes import layers_fit
 
 __all__ = ["fetch_copc"]
 
@@ -116,9 +117,8 @@ def _unpacked(file: RemoteFile, reader: Any, nodes: list[Any]) -> Any:  # noqa: 
     """Return the points of nodes, each of which is a chunk of LAZ.
 
     Raises:
-        NotAcquiredError: a chunk is damaged in a way that would take all memory.
+        NotAcquiredError: a chunk is damaged.
     """
-    import lazrs
     from laspy import PackedPointRecord, ScaleAwarePointRecord
 
     header, how = reader.header, bytes(reader.laszip_vlr.record_data)
@@ -128,14 +128,18 @@ def _unpacked(file: RemoteFile, reader: Any, nodes: list[Any]) -> Any:  # noqa: 
             continue
         file.seek(node.offset)
         chunk = file.read(node.byte_size)
-        if len(chunk) != node.byte_size or not layers_fit(chunk, len(chunk), how):
-            raise NotAcquiredError("is damaged: a chunk of its points is none")
+        if len(chunk) != node.byte_size:
+            raise NotAcquiredError("ends early")
         packed += chunk
         table.append((node.point_count, node.byte_size))
     total = sum(count for count, _ in table)
-    unpacked = np.zeros(total * header.point_format.size, np.uint8)
+    size = total * header.point_format.size
+    unpacked = np.zeros(0, np.uint8)
     if table:
-        lazrs.decompress_points_with_chunk_table(packed, how, unpacked, table)
+        try:
+            unpacked = unpacked_chunks(bytes(packed), how, table, size, file=NAME)
+        except InputError as error:
+            raise NotAcquiredError(f"is damaged: its points {error.problem}") from None
     record = PackedPointRecord.from_buffer(unpacked, header.point_format)
     return ScaleAwarePointRecord(record.array, record.point_format, header.scales, header.offsets)
 

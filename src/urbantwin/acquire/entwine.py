@@ -22,8 +22,8 @@ from urbantwin.acquire.source import MARGIN_M, AcquiredInput
 from urbantwin.acquire.source_table import SourceSpec
 from urbantwin.acquire.web import NotAcquiredError, NothingThereError, Server, Web
 from urbantwin.errors import InputError
+from urbantwin.io.las import check_las
 from urbantwin.progress import Progress
-from urbantwin.reconstruct.formats.las_sizes import checked_sizes
 from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["fetch_ept"]
@@ -170,9 +170,7 @@ def _points(data: bytes, scratch: Path) -> Any:  # noqa: ANN401 - laspy's record
 
     try:
         scratch.write_bytes(data)
-        sizes = checked_sizes(scratch)
-        if sizes is None or sizes.points > MOST_POINTS:
-            raise NotAcquiredError("has a tile that is no LAZ")
+        check_las(scratch)  # in a child process, which a damaged file may end
         return laspy.read(scratch).points
     except InputError as error:
         raise NotAcquiredError(f"has a tile that {error.problem}") from None

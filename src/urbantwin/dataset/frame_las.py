@@ -21,11 +21,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.arrays import one_line
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
-    import laspy
+    pass
 
 __all__ = ["SCALE_M", "laz_bytes", "read_laz"]
 
@@ -113,45 +112,33 @@ def read_laz(path: Path) -> dict[str, NDArray[Any]]:
     Raises:
         InputError: it is missing or damaged, or lacks what `laz_bytes` writes.
     """
-    cloud = _read(path)
-    names = set(cloud.point_format.dimension_names)
-    lacking = sorted({*_EXTRA, "gps_time", "intensity"} - names)
+    fields = _read(path)
+    lacking = sorted({*_EXTRA, "gps_time", "intensity"} - set(fields))
     if lacking:
         raise InputError("is missing", file=path, place=lacking[0], expected=_EXPECTED)
-    time_s = np.asarray(cloud["gps_time"], np.float64)
-    found: dict[str, NDArray[Any]] = {
-        axis: np.asarray(getattr(cloud, axis), np.float64).astype("f4") for axis in "xyz"
-    }
-    found["intensity"] = (np.asarray(cloud["intensity"], np.float64) / _MOST).astype("f4")
+    time_s = np.asarray(fields["gps_time"], np.float64)
+    columns: dict[str, NDArray[Any]] = {axis: fields[axis].astype("f4") for axis in "xyz"}
+    columns["intensity"] = (np.asarray(fields["intensity"], np.float64) / _MOST).astype("f4")
     with np.errstate(over="ignore", invalid="ignore"):
-        found["time"] = time_s.astype("f4")
+        columns["time"] = time_s.astype("f4")
     for name, kind in _EXTRA.items():
-        values = np.asarray(cloud[name])
+        values = fields[name]
         if values.dtype != np.dtype(kind) or values.shape != time_s.shape:
             raise InputError(f"holds {values.dtype}", file=path, place=name, expected=kind)
-        found[name] = values
-    return found
+        columns[name] = values
+    return columns
 
 
-def _read(path: Path) -> laspy.LasData:
-    import laspy
-
-    from urbantwin.artefact.arrays import may_unpack
-    from urbantwin.reconstruct.formats.las_sizes import checked_sizes
+def _read(path: Path) -> dict[str, NDArray[Any]]:
+    from urbantwin.io.las import read_las_fields
 
     if not path.is_file():
         raise InputError("not found", file=path, expected=_EXPECTED)
-    sizes = checked_sizes(path)
-    if sizes is None or not may_unpack(sizes.points * sizes.record, path.stat().st_size):
-        raise InputError("is truncated, or its header is damaged", file=path, expected=_EXPECTED)
     content = path.read_bytes()
     if any(content[_GUID]) and content[_GUID] != _digest(content):  # earlier versions wrote none
         problem = "is damaged (its bytes are not those that were written)"
         raise InputError(problem, file=path, expected=_EXPECTED)
     try:
-        return laspy.read(io.BytesIO(content), laz_backend=laspy.LazBackend.Lazrs)
-    except (KeyboardInterrupt, SystemExit):
-        raise
-    except BaseException as error:  # laspy, and its decoder, whose panics are no Exception
-        problem = f"is not readable ({one_line(error)})"
-        raise InputError(problem, file=path, expected=_EXPECTED) from None
+        return read_las_fields(path)
+    except InputError as error:
+        raise InputError(error.problem, file=path, expected=_EXPECTED) from None

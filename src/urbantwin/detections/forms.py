@@ -21,11 +21,11 @@ from urbantwin.detections.detections import Detections, joined
 from urbantwin.detections.folder import read_detections
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import Recording
-from urbantwin.fidelity.readers.documents import read_json_document
 from urbantwin.fidelity.readers.kitti import box_of_values, label_rows, read_calibration
 from urbantwin.fidelity.readers.labels import actor_class
 from urbantwin.fidelity.readers.nuscenes import box_of_row, names_of_samples
 from urbantwin.geometry import Pose
+from urbantwin.io.trust import read_json_document
 
 __all__ = ["read_any_form"]
 

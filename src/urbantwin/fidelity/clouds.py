@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import (
+from urbantwin.io.points import (
     FORMATS,
     is_cloud,
     position_and_intensity,
@@ -80,7 +80,7 @@ def counting_order(path: Path) -> tuple[list[tuple[int, int, str]], str]:
 
 
 def read_cloud(path: Path, columns: int | None = None) -> Cloud:
-    """Read one cloud: positions and intensity of what `cloud_formats.read_fields` reads.
+    """Read one cloud: positions and intensity of what `io.points.read_fields` reads.
 
     Args:
         path: the file.

@@ -15,7 +15,7 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
 from urbantwin.fidelity.background_estimation import described
 from urbantwin.fidelity.beam_assignment import BeamsOf
-from urbantwin.fidelity.matlab_file import read_matlab
+from urbantwin.io.matlab import read_matlab
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import save_backgrounds
 

@@ -124,7 +124,7 @@ def _folder(folder: Path) -> dict[str, Any]:
 
     from urbantwin.fidelity.clouds import cloud_files
     from urbantwin.fidelity.readers.layouts import layout_of, recordings_inside
-    from urbantwin.reconstruct.formats import holds_model
+    from urbantwin.io import holds_model
 
     layout = layout_of(folder)
     model = (folder / "tileset.json").is_file() or (layout is None and holds_model(folder))
@@ -298,8 +298,8 @@ def _geometry(path: Path) -> dict[str, Any]:
 
 
 def _cloud(path: Path) -> dict[str, Any]:
-    from urbantwin.fidelity.cloud_formats import read_fields
     from urbantwin.fidelity.readers.frame_assembly import frame_of
+    from urbantwin.io.points import read_fields
 
     cloud = frame_of(path, read_fields(path), name=path.name)
     told: dict[str, Any] = {

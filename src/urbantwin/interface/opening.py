@@ -173,8 +173,8 @@ def _opened_file(path: Path) -> Any:  # noqa: ANN401 - see `open`
         return Background.open(path)
     if ending in (".yaml", ".yml"):
         return _opened_yaml(path)
-    from urbantwin.fidelity.cloud_formats import is_cloud
     from urbantwin.fidelity.clouds import read_cloud
+    from urbantwin.io.points import is_cloud
 
     if is_cloud(path):
         return read_cloud(path)

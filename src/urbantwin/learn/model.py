@@ -18,7 +18,7 @@ from urbantwin.artefact.checksum import sha256_of
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.detections import DETECTED_CLASSES
 from urbantwin.errors import InputError
-from urbantwin.fidelity.readers.documents import read_yaml_document
+from urbantwin.io.trust import read_yaml_document
 from urbantwin.learn.grid import halvings
 from urbantwin.learn.heads import ClassHead, class_heads
 from urbantwin.learn.network import Detector

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
-    from urbantwin.reconstruct.model import Geotag, ImportedModel, PointCloud, TriangleMesh
+    from urbantwin.io.model import Geotag, ImportedModel, PointCloud, TriangleMesh
     from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
     from urbantwin.reconstruct.source_summary import outcome
     from urbantwin.reconstruct.surroundings import Surroundings, surroundings_of

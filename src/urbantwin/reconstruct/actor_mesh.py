@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
-from urbantwin.reconstruct.gltf import read_gltf
+from urbantwin.io.gltf import read_gltf
 from urbantwin.taxonomy import ACTOR_SEMANTICS, material_id, semantic_id
 
 __all__ = ["buffers_beside", "read_actor_mesh"]

@@ -12,16 +12,20 @@ import shapely
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SiteFrame, area_union
 from urbantwin.ground import Elevation, ElevationPatch, merged_elevation
-from urbantwin.progress import Progress, untold
+from urbantwin.io import read_model
+from urbantwin.io.model import ImportedModel, PointCloud
+from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct.airborne import AirborneModel, from_airborne, read_footprints
 from urbantwin.reconstruct.classify import classified
 from urbantwin.reconstruct.cleaning import CleaningPicture, cleaned, cleaned_cloud
-from urbantwin.reconstruct.formats import read_model
 from urbantwin.reconstruct.georeference import SiteHeights, placed
-from urbantwin.reconstruct.model import ImportedModel, PointCloud
 from urbantwin.reconstruct.plausibility import implausible_size, refuse_upside_down
 from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
-from urbantwin.reconstruct.recording.recorded_world import labelled_world, placed_ground
+from urbantwin.reconstruct.recording.recorded_world import (
+    labelled_world,
+    placed_ground,
+    read_recording,
+)
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site import GeometrySource
 
@@ -89,7 +93,10 @@ def reconstruct(
     for number, (source, survey) in enumerate(zip(sources, surveys, strict=True)):
         told = _part_of(tell, number, len(sources), source.name)
         told(0.0, "reading")
-        model = read_model(source, frame, surroundings.region, told)
+        if source.spec.kind == "recording" and source.path is not None:
+            model = read_recording(source.path, between(told, 0.0, 0.3))
+        else:
+            model = read_model(source, frame, surroundings.region, told)
         told(0.3, "placing")
         elevation = gathered.elevation(surroundings.region)
         placement = placed(

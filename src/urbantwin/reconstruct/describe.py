@@ -14,11 +14,11 @@ from pyproj.exceptions import ProjError
 
 from urbantwin.artefact import as_json
 from urbantwin.geometry import SiteFrame
-from urbantwin.reconstruct.formats import read_model
-from urbantwin.reconstruct.formats.file_type import kind_of
+from urbantwin.io import read_model
+from urbantwin.io.kinds import kind_of
+from urbantwin.io.model import ImportedModel
+from urbantwin.io.tiles3d import middle_of_tileset
 from urbantwin.reconstruct.georeference.axes import axes_of
-from urbantwin.reconstruct.model import ImportedModel
-from urbantwin.reconstruct.tiles3d import middle_of_tileset
 from urbantwin.site import GeometrySource
 from urbantwin.site.geometry import GeometrySpec, SimilaritySpec
 from urbantwin.site.yaml_document import Document

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.model import TriangleMesh
+from urbantwin.io.model import TriangleMesh
 from urbantwin.site import GeometrySource
 
 __all__ = ["implausible_size", "refuse_upside_down"]

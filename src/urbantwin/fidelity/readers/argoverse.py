@@ -19,17 +19,12 @@ from urbantwin.artefact.tables import read_feather
 from urbantwin.errors import InputError
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.documents import laid_out
 from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.labels import (
-    LabelledBox,
-    boxes_of,
-    heading,
-    pose_of_quaternion,
-    track_of,
-)
+from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, track_of
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
+from urbantwin.io.poses import heading, pose_of_quaternion
+from urbantwin.io.trust import laid_out
 
 __all__ = ["is_argoverse", "open_argoverse"]
 

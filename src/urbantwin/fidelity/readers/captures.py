@@ -1,7 +1,7 @@
-"""Captures of packets: the units that sent them, and the recording of one.
+"""Captures of packets: the units that sent them, and the recording of a unit.
 
-What a packet holds tells which sensor sent it: `velodyne_model`, `hesai_form`, or, for an Ouster,
-the size that the metadata beside the capture asks for. Neither names nor ports are looked at.
+The content of a packet determines its sensor: `velodyne_model`, `hesai_form`, or, for an Ouster,
+the size in the metadata beside the capture. Names and ports are not used.
 """
 
 from __future__ import annotations
@@ -16,21 +16,25 @@ import numpy as np
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.hesai import (
+from urbantwin.fidelity.readers.packets import (
     AXES,
+    HEADER_BYTES,
+    PART_LEFT_OUT,
     TWO_RETURNS,
     angles_of,
     firing_turns,
     hesai_fields,
+    metadata_of,
+    ouster_recording,
+    turn_numbers,
+    whole_turns,
 )
-from urbantwin.fidelity.readers.hesai_packets import HesaiForm, hesai_form, unread_protocol
-from urbantwin.fidelity.readers.ouster import HEADER_BYTES, metadata_of, ouster_recording
-from urbantwin.fidelity.readers.ouster_packets import OusterFormat, read_ouster_format
-from urbantwin.fidelity.readers.pcap import Datagram, datagrams_in, is_pcap, mapped, payload_of
 from urbantwin.fidelity.readers.recording import Recording, file_and_choice
-from urbantwin.fidelity.readers.turns import PART_LEFT_OUT, turn_numbers, whole_turns
-from urbantwin.fidelity.readers.velodyne import TWO_RETURNS as TWO_OF_VELODYNE
-from urbantwin.fidelity.readers.velodyne import (
+from urbantwin.io.packets.hesai import HesaiForm, hesai_form, unread_protocol
+from urbantwin.io.packets.ouster import OusterFormat, read_ouster_format
+from urbantwin.io.packets.pcap import Datagram, datagrams_in, is_pcap, mapped, payload_of
+from urbantwin.io.packets.velodyne import TWO_RETURNS as TWO_OF_VELODYNE
+from urbantwin.io.packets.velodyne import (
     Velodyne,
     azimuth_deg,
     unread_model,
@@ -39,12 +43,12 @@ from urbantwin.fidelity.readers.velodyne import (
 
 __all__ = ["CAPTURES", "is_capture_of", "open_capture"]
 
-#: Layouts of captures, and whose they are.
+#: Layouts of captures, and their makers.
 CAPTURES = {"ouster": "an Ouster", "velodyne": "a Velodyne", "hesai": "a Hesai"}
 _ENDINGS = (".pcap", ".pcapng", ".cap")
-#: Datagrams that are looked at to see what a capture is of.
+#: Datagrams that are read to detect the maker.
 _FIRST = 2000
-#: Units that a line lists.
+#: The most units in an error message.
 _LISTED = 6
 
 
@@ -70,7 +74,7 @@ class _Unit:
 def is_capture_of(layout: str, path: Path) -> bool:
     """Return whether a path is a capture, or a folder with one, whose packets are of a layout.
 
-    What is neither Velodyne's nor Hesai's is taken for an Ouster's.
+    Packets of neither Velodyne nor Hesai are taken for an Ouster's.
     """
     found = _captures(file_and_choice(path)[0])
     return bool(found) and _layout_of(found[0]) == layout
@@ -107,7 +111,7 @@ def _captures(path: Path) -> list[Path]:
         return [path] if path.suffix.lower() in _ENDINGS or is_pcap(path) else []
     if not path.is_dir():
         return []
-    return sorted(one for one in path.iterdir() if one.suffix.lower() in _ENDINGS)
+    return sorted(file for file in path.iterdir() if file.suffix.lower() in _ENDINGS)
 
 
 def _layout_of(capture: Path) -> str:
@@ -131,7 +135,7 @@ def _whole(data: memoryview, one: Datagram) -> bytes:
 
 
 def _units(capture: Path, layout: str | None) -> list[_Unit]:
-    """Return the units in a capture, whose packets are in their order."""
+    """Return the units in a capture, with their packets in order."""
     units: dict[tuple[Any, ...], _Unit] = {}
     others: list[Datagram] = []
     unread: set[str | None] = set()
@@ -162,13 +166,13 @@ def _units(capture: Path, layout: str | None) -> list[_Unit]:
 def _ousters(
     capture: Path, packets: list[Datagram], unread: set[str | None], *, alone: bool
 ) -> list[_Unit]:
-    """Return the Ousters among packets, as large as the metadata beside the capture asks for.
+    """Return the Ouster units, by packets of the size in the metadata beside the capture.
 
     Args:
         capture: the file.
-        packets: of none of the other makers.
-        unread: what Hesai's and Velodyne's among them are that are not read.
-        alone: whether there is nothing else: what is missing is an error then.
+        packets: that are not of the other makers.
+        unread: models of Hesai and Velodyne among them that are not read.
+        alone: whether there are no other units; then missing metadata are an error.
     """
     if not packets and not alone:
         return []
@@ -186,10 +190,10 @@ def _ousters(
             raise
         return []
     units: dict[tuple[str, int], _Unit] = {}
-    for one in packets:
-        if one.size == form.packet_size:
-            new = _Unit("ouster", ("Ouster",), one.source, one.port, form)
-            units.setdefault((one.source, one.port), new).packets.append(one)
+    for packet in packets:
+        if packet.size == form.packet_size:
+            new = _Unit("ouster", ("Ouster",), packet.source, packet.port, form)
+            units.setdefault((packet.source, packet.port), new).packets.append(packet)
     if not units and alone:
         raise InputError(
             f"holds no packet of {form.packet_size} bytes, which {metadata.name} asks for, and "
@@ -201,7 +205,7 @@ def _ousters(
 
 
 def _chosen(capture: Path, units: list[_Unit], choice: str | None) -> tuple[_Unit, str | None]:
-    """Return the unit that is meant, and its model where that was said."""
+    """Return the chosen unit, and its model where the user named it."""
     said = [] if choice is None else [one for one in choice.split(":") if one]
 
     def names(unit: _Unit) -> set[str]:
@@ -218,14 +222,14 @@ def _chosen(capture: Path, units: list[_Unit], choice: str | None) -> tuple[_Uni
             + ("" if len({one.choice for one in units}) == len(units) else ":MODEL"),
         )
     unit = meant[0]
-    of_said = (one for one in unit.models if one.lower() in {part.lower() for part in said})
+    of_said = (model for model in unit.models if model.lower() in {part.lower() for part in said})
     return unit, next(of_said, None)
 
 
 def _payloads(capture: Path, packets: list[Datagram]) -> Iterator[bytes]:
     with capture.open("rb") as stream:
-        for one in packets:
-            yield payload_of(stream, one)
+        for packet in packets:
+            yield payload_of(stream, packet)
 
 
 def _ouster_recording(
@@ -233,10 +237,10 @@ def _ouster_recording(
 ) -> Recording:
     def begun() -> Iterator[tuple[Datagram, bytes]]:
         with capture.open("rb") as stream:
-            for one in packets:
-                begin, end = one.parts[0]
+            for packet in packets:
+                begin, end = packet.parts[0]
                 stream.seek(begin)
-                yield one, stream.read(min(end - begin, HEADER_BYTES))
+                yield packet, stream.read(min(end - begin, HEADER_BYTES))
 
     return ouster_recording(
         (path, capture, "ouster"), form, begun(), lambda some: list(_payloads(capture, some))
@@ -256,7 +260,9 @@ def _velodyne_recording(path: Path, capture: Path, unit: _Unit) -> Recording:
 
     def read(index: int) -> Frame:
         packets = unit.packets[begin[first + index] : begin[first + index + 1]]
-        fields = decoder.fields(list(_payloads(capture, packets)), [one.stamp_s for one in packets])
+        fields = decoder.fields(
+            list(_payloads(capture, packets)), [packet.stamp_s for packet in packets]
+        )
         return _frame(capture, first + index, fields)
 
     return _recording(path, "velodyne", (first, last, len(begin) - 1), read, notes)

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import position_and_intensity
 from urbantwin.fidelity.clouds import UsablePoints, usable_points
 from urbantwin.fidelity.frame import Frame
+from urbantwin.io.points import position_and_intensity
 
 __all__ = ["frame_of", "seconds_of"]
 
@@ -31,11 +31,11 @@ _NAMES = {
         "gps_time",
     ),
 }
-#: A frame lasts this long, seconds: determines the unit of its points' times.
+#: Shortest and longest duration of a frame, seconds: they determine the unit of times.
 _SHORTEST_S, _LONGEST_S = 1e-3, 2.0
-#: Rings, columns and instances are less than this.
+#: Bound of rings, columns and instances.
 _LARGEST = 2.0**62
-#: No sensor has more channels; what says so is read at the wrong place.
+#: The most channels of a sensor; larger rings are read at a wrong offset.
 _MOST_RINGS = 4095
 
 
@@ -51,18 +51,17 @@ def frame_of(
     """Return the frame that the fields of a file make up, without invalid points.
 
     Args:
-        file: where they are from, for errors.
+        file: the file, for errors.
         fields: arrays (N,) by name in lower case; x, y, z must be among them. Intensity, ring,
             column and time are found by the names that writers give them.
         name: of the frame.
-        given: arrays (N,) for attributes of `Frame` by their own names, in place of what is
-            found.
-        may_be_empty: whether a frame without a point is one, too.
+        given: arrays (N,) for attributes of `Frame` by their names; they replace fields.
+        may_be_empty: whether a frame without a point is allowed.
         known: other attributes of `Frame`.
 
     Raises:
-        InputError: x, y or z is missing, not a single point is left, or an array of ``given``
-            has another length.
+        InputError: x, y or z is missing, no point is left, or an array of ``given`` has another
+            length.
     """
     table, intensity = position_and_intensity(file, fields)
     found: dict[str, NDArray[Any]] = {}
@@ -108,7 +107,7 @@ def frame_of(
 
 
 def _check_rings(file: Path, rings: NDArray[Any]) -> None:
-    """Refuse rings (N,) that are read at the wrong place: too large, or no whole numbers."""
+    """Refuse rings (N,) that are read at a wrong offset: too large, or not whole."""
     known = rings[np.isfinite(rings)].astype(np.float64)
     wrong = known[(known > _MOST_RINGS) | (known != np.round(known))]
     if len(wrong):
@@ -120,7 +119,7 @@ def _check_rings(file: Path, rings: NDArray[Any]) -> None:
 
 
 def _as_kept(attribute: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Return values as a frame keeps them: times, marks, else whole numbers, -1 for NaN."""
+    """Return values in the type of the attribute: times, marks, else whole numbers, -1 for NaN."""
     if attribute == "time_s":
         return values.astype(np.float64)
     if attribute == "unlabelled":

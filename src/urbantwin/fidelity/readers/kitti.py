@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import Fields
 from urbantwin.fidelity.clouds import counting_order
-from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
 from urbantwin.fidelity.readers.folder import FolderDataset, Labels, clouds_in
-from urbantwin.fidelity.readers.labels import Box, LabelledBox, boxes_of, checked_pose
+from urbantwin.fidelity.readers.labels import Box, LabelledBox, boxes_of
 from urbantwin.geometry import Pose
+from urbantwin.io.points import Fields
+from urbantwin.io.poses import checked_pose
+from urbantwin.io.trust import finite_numbers, laid_out, read_lines
 from urbantwin.taxonomy import semantic_classes, semantic_id
 
 __all__ = [
@@ -52,7 +53,8 @@ _PROJECTIONS = ("P2", "P_rect_02")
 _RAW = ("calib_velo_to_cam.txt", "calib_cam_to_cam.txt")
 _LABEL_WORDS = 15  # a detection's line has its score as the sixteenth
 _CAMERA_NOTE = "Only objects that the camera saw are labelled."
-#: Occlusion levels (none, partly, largely) as shares: the centres of the levels in docs/reference/labels.md.
+#: Occlusion levels (none, partly, largely) as shares: the centres of the levels
+#: (docs/reference/labels.md).
 _OCCLUSION = {0: 0.0, 1: 0.4, 2: 0.8}
 #: SemanticKITTI's classes that we do not have -> our nearest (semantic-kitti.yaml): parked
 #: bicycles, and moving people and vehicles.

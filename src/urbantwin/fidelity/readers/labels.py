@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from urbantwin.fidelity.frame import Boxes
-from urbantwin.geometry import Pose
 
 __all__ = [
     "Box",
@@ -21,10 +20,7 @@ __all__ = [
     "actor_class",
     "box_of_document",
     "boxes_of",
-    "checked_pose",
-    "heading",
     "letters",
-    "pose_of_quaternion",
     "track_of",
 ]
 
@@ -51,8 +47,6 @@ _CALLED = {
     "trailer": "trailer vehiculartrailer vehicletrailer",
     "animal": "animal dog",
 }
-#: How far a matrix that is written with few digits may be from a rotation; places on Earth, metres.
-_ROUND, _FURTHEST_M = 0.01, 1e8
 _CLASS_OF = {name: ours for ours, names in _CALLED.items() for name in names.split()}
 
 
@@ -92,16 +86,18 @@ class LabelledBox:
 
 def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
     """Return labelled objects as one table, without those that have no finite place or size."""
-    kept = [one for one in labelled if np.isfinite(one.box).all() and min(one.box[3:6]) > 0]
+    kept = [label for label in labelled if np.isfinite(label.box).all() and min(label.box[3:6]) > 0]
     return Boxes(
-        box=np.array([one.box for one in kept], np.float64).reshape(-1, 7),
-        class_names=tuple(actor_class(one.source_name) for one in kept),
-        track=np.array([one.track for one in kept], np.int64),
-        source_names=tuple(one.source_name for one in kept),
+        box=np.array([label.box for label in kept], np.float64).reshape(-1, 7),
+        class_names=tuple(actor_class(label.source_name) for label in kept),
+        track=np.array([label.track for label in kept], np.int64),
+        source_names=tuple(label.source_name for label in kept),
         velocity=_velocities(kept),
         occlusion=_occlusions(kept),
         num_points=_counts(kept),
-        ignored=tuple(one.ignored for one in kept) if any(one.ignored for one in kept) else None,
+        ignored=tuple(label.ignored for label in kept)
+        if any(label.ignored for label in kept)
+        else None,
     )
 
 
@@ -122,61 +118,16 @@ def box_of_document(
 
 
 def _counts(labelled: Sequence[LabelledBox]) -> NDArray[np.int64] | None:
-    found = np.array([one.num_points for one in labelled], np.int64)
+    found = np.array([label.num_points for label in labelled], np.int64)
     return None if (found < 0).all() else found
 
 
 def _occlusions(labelled: Sequence[LabelledBox]) -> NDArray[np.float64] | None:
-    found = np.array([one.occlusion for one in labelled], np.float64)
+    found = np.array([label.occlusion for label in labelled], np.float64)
     return None if np.isnan(found).all() else found
 
 
 def _velocities(labelled: Sequence[LabelledBox]) -> NDArray[np.float64] | None:
-    if all(one.velocity is None for one in labelled):
+    if all(label.velocity is None for label in labelled):
         return None
-    return np.array([one.velocity or (np.nan,) * 3 for one in labelled], np.float64)
-
-
-def pose_of_quaternion(w: float, x: float, y: float, z: float, place: ArrayLike) -> Pose:
-    """Return the pose of a quaternion (any length but 0) and a place (3,) in metres.
-
-    Raises:
-        ValueError: the quaternion is zero or not finite.
-    """
-    quaternion = np.array([w, x, y, z], np.float64)
-    length = np.linalg.norm(quaternion)
-    if not np.isfinite(length) or length < 1e-9:
-        raise ValueError(f"({w:g}, {x:g}, {y:g}, {z:g}) is not a rotation")
-    w, x, y, z = quaternion / length
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return checked_pose(rotation, place)
-
-
-def checked_pose(rotation: ArrayLike, place: ArrayLike) -> Pose:
-    """Return the pose of a rotation (3, 3) and a place (3,) in metres.
-
-    Raises:
-        ValueError: the first is not a rotation, or a number is not finite.
-    """
-    turn, at = np.asarray(rotation, np.float64), np.asarray(place, np.float64)
-    if turn.size != 9 or at.size != 3:
-        raise ValueError(f"{turn.size} and {at.size} numbers are not a pose")
-    turn, at = turn.reshape(3, 3), at.reshape(3)
-    if not np.isfinite(at).all() or np.abs(at).max() > _FURTHEST_M:
-        raise ValueError("a place that is not finite, or too far away")
-    with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs(turn @ turn.T - np.eye(3)).max()
-    if not off < _ROUND or np.linalg.det(turn) < 0:
-        raise ValueError("a matrix that is not a rotation")
-    return Pose(turn, at)
-
-
-def heading(rotation: NDArray[np.float64]) -> float:
-    """Return the yaw in radians of what a rotation (3, 3) turns the x axis to, seen from above."""
-    return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    return np.array([label.velocity or (np.nan,) * 3 for label in labelled], np.float64)

@@ -8,22 +8,20 @@ from functools import partial
 from pathlib import Path
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import FORMATS
 from urbantwin.fidelity.readers.argoverse import is_argoverse, open_argoverse
-from urbantwin.fidelity.readers.bags import is_mcap, is_rosbag, open_bag
+from urbantwin.fidelity.readers.bag import is_mcap, is_rosbag, open_bag
 from urbantwin.fidelity.readers.captures import CAPTURES, is_capture_of, open_capture
-from urbantwin.fidelity.readers.fleet import is_fleet, open_fleet
-from urbantwin.fidelity.readers.folder import FolderDataset
+from urbantwin.fidelity.readers.folder import FolderDataset, is_plain, open_plain
 from urbantwin.fidelity.readers.kitti import KITTI, SEMANTIC_KITTI
 from urbantwin.fidelity.readers.nuscenes import is_nuscenes, open_nuscenes
 from urbantwin.fidelity.readers.opencood import OPENCOOD
 from urbantwin.fidelity.readers.openlabel import TUMTRAF
-from urbantwin.fidelity.readers.own import is_own, open_own
-from urbantwin.fidelity.readers.plain import is_plain, open_plain
+from urbantwin.fidelity.readers.own import is_fleet, is_own, open_fleet, open_own
 from urbantwin.fidelity.readers.recording import Recording, file_and_choice
 from urbantwin.fidelity.readers.roadside import DAIR_V2X, IPS300, LUMPI, ONCE
 from urbantwin.fidelity.readers.waymo import is_waymo, open_waymo
 from urbantwin.fidelity.readers.webdataset import is_webdataset, open_webdataset
+from urbantwin.io.points import FORMATS
 
 __all__ = ["LAYOUTS", "Layout", "layout_of", "open_recording", "recordings_inside"]
 
@@ -88,8 +86,8 @@ def open_recording(
 ) -> Recording:
     """Open a recording of any known layout.
 
-    A folder that holds nothing but one recording stands for it. A recording whose reader was never
-    checked on real files says so in its notes.
+    A folder that holds nothing but one recording stands for it. Notes of a recording say where its
+    reader was not checked on real files.
 
     Args:
         path: a folder, a cloud, a bag or a capture; behind a colon, the topic of a bag or the unit
@@ -109,7 +107,10 @@ def open_recording(
     notes = recording.notes
     if not LAYOUTS[recording.layout].verified:
         title = LAYOUTS[recording.layout].title
-        notes = (*notes, f"The reader of {title} was checked by its description, not on real files.")
+        notes = (
+            *notes,
+            f"The reader of {title} was checked by its description, not on real files.",
+        )
     again = partial(open_recording, path, layout, columns=columns)
     return replace(recording, notes=notes, again=again)
 

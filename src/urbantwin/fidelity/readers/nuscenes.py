@@ -1,7 +1,7 @@
 """nuScenes: its tables, key frames and sweeps of one LiDAR.
 
 Source: Caesar et al. 2020, and the schema of the nuscenes-devkit. Points are in the sensor's frame,
-which has x to the right and y forward; boxes are in the world and are brought there. Only key
+which has x to the right and y forward; boxes are given in the world and transformed. Only key
 frames (two a second) are labelled, and their points where ``lidarseg`` or ``panoptic`` is there.
 """
 
@@ -17,20 +17,14 @@ from numpy.typing import NDArray
 from urbantwin.artefact.arrays import ArrayOf, read_arrays
 from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.documents import laid_out, read_json_document
 from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.labels import (
-    LabelledBox,
-    actor_class,
-    boxes_of,
-    heading,
-    pose_of_quaternion,
-    track_of,
-)
+from urbantwin.fidelity.readers.labels import LabelledBox, actor_class, boxes_of, track_of
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
+from urbantwin.io.points import read_fields
+from urbantwin.io.poses import heading, pose_of_quaternion
+from urbantwin.io.trust import laid_out, read_json_document
 from urbantwin.taxonomy import ACTOR_SEMANTICS, classes_in, semantic_id
 
 __all__ = ["box_of_row", "is_nuscenes", "names_of_samples", "open_nuscenes"]

@@ -21,12 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import Fields
 from urbantwin.fidelity.frame import Boxes
-from urbantwin.fidelity.readers.documents import laid_out, read_yaml_document
 from urbantwin.fidelity.readers.folder import FolderDataset, Labels, clouds_in
-from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, checked_pose, heading
+from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.geometry import Pose
+from urbantwin.io.points import Fields
+from urbantwin.io.poses import checked_pose, heading
+from urbantwin.io.trust import laid_out, read_yaml_document
 
 __all__ = ["OPENCOOD"]
 

@@ -19,20 +19,13 @@ import numpy as np
 
 from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import Fields
 from urbantwin.fidelity.frame import Boxes
-from urbantwin.fidelity.readers.documents import laid_out, read_json_document
 from urbantwin.fidelity.readers.folder import FolderDataset, Labels, clouds_in
-from urbantwin.fidelity.readers.labels import (
-    Box,
-    LabelledBox,
-    box_of_document,
-    boxes_of,
-    heading,
-    pose_of_quaternion,
-    track_of,
-)
+from urbantwin.fidelity.readers.labels import Box, LabelledBox, box_of_document, boxes_of, track_of
 from urbantwin.geometry import Pose
+from urbantwin.io.points import Fields
+from urbantwin.io.poses import heading, pose_of_quaternion
+from urbantwin.io.trust import laid_out, read_json_document
 
 __all__ = ["TUMTRAF"]
 

@@ -1,4 +1,4 @@
-"""Our own datasets: points, labels per point, boxes, rays, and where the sensors are."""
+"""Our own datasets and fleets: points, labels per point, boxes, rays, and the sensors' places."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,34 +16,28 @@ from urbantwin.artefact import read_json
 from urbantwin.artefact.document import read_bytes
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.dataset import parts_of
+from urbantwin.dataset.reading import Fleet
+from urbantwin.dataset.reading.columns import POINT
 from urbantwin.dataset.reading.frame_files import FrameFiles, stored_frames
 from urbantwin.dataset.reading.manifest import FramePoses, pose_of_matrix
 from urbantwin.dataset.reading.objects import LabelledObjects
 from urbantwin.dataset.reading.turns import SensorTurns
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import Fields, read_fields
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.documents import finite_numbers
 from urbantwin.fidelity.readers.folder import clouds_in
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
+from urbantwin.io.points import Fields, read_fields
+from urbantwin.io.trust import finite_numbers
 from urbantwin.reconstruct.recording import RecordedFrames
 from urbantwin.taxonomy import ACTOR_CLASSES
 
-__all__ = [
-    "LABELLING",
-    "boxes_of_objects",
-    "fields_of_rays",
-    "is_own",
-    "open_own",
-    "sensor_places",
-    "with_lost_turns",
-]
+__all__ = ["LABELLING", "is_fleet", "is_own", "open_fleet", "open_own", "with_lost_turns"]
 
-#: Frames that a model labelled say in this file where their sensors are.
+#: File with the sensors' places of frames that a model labelled.
 LABELLING = "labelling.json"
 
 _Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -59,14 +53,14 @@ def is_own(path: Path) -> bool:
     labelled = any((path / "labels").glob("*.txt"))
     if labelled and clouds_in(path / "points", ".bin"):  # MMDetection3D's custom dataset
         return True
-    manifest = path / "dataset.json"  # others write files of this name too
+    manifest = path / "dataset.json"  # other programs write files of this name too
     return manifest.is_file() and b'"kind": "dataset' in read_bytes(manifest, _EXPECTED)
 
 
 def with_lost_turns(recording: Recording) -> Recording:
-    """Return a dataset of ours with its frames of which no turn arrived; they have no points.
+    """Return a dataset of ours including frames of which no turn arrived; they have no points.
 
-    Who compares points has no use for these; who judges what is detected has.
+    Detection is judged on these frames as well; points are compared without them.
 
     Args:
         recording: of any layout; others than ours are returned as they are.
@@ -80,12 +74,12 @@ def with_lost_turns(recording: Recording) -> Recording:
 def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> Recording:
     """Open a dataset that ``urbantwin record`` wrote.
 
-    Of files that are missing (labels, rays), frames lack what they would say.
+    Frames lack the attributes of missing files (labels, rays).
 
     Args:
         path: the folder.
         columns: values per row of ``.bin`` files.
-        may_be_empty: whether frames without points are frames, too.
+        may_be_empty: whether frames without points are included.
 
     Raises:
         InputError: there are no points, or it is a folder of datasets, one for each sensor.
@@ -108,7 +102,7 @@ def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> 
     turns = _read_once(SensorTurns, path)
     discovered = None
     if (path / "discovery.json").is_file():
-        discovered = np.array([one.place for one in RecordedFrames(path).sensors])
+        discovered = np.array([sensor.place for sensor in RecordedFrames(path).sensors])
     labelled = _labelled_places(path / LABELLING)
     labels = _read_once(LabelledObjects, path)
 
@@ -141,12 +135,12 @@ def open_own(path: Path, columns: int | None, *, may_be_empty: bool = False) -> 
 
 
 def _read_once(kind: type[_Table], path: Path) -> Callable[[], _Table | None]:
-    """Return a function that reads a table when it is first called; None where there is none."""
+    """Return a function that reads a table at its first call; None where there is no table."""
     return cache(lambda: kind.in_folder(path) if kind.is_in(path) else None)
 
 
 def _given(files: FrameFiles) -> Fields:
-    """Return what rays and labels say of the points of a frame, as far as there are any."""
+    """Return the attributes of points in the files of rays and labels, if they exist."""
     given: Fields = {}
     if (rays := files.known_rays) is not None:
         given |= fields_of_rays(rays)
@@ -156,7 +150,7 @@ def _given(files: FrameFiles) -> Fields:
 
 
 def fields_of_rays(table: NDArray[np.void]) -> Fields:
-    """Return what rays say of points, by the names of a frame's attributes."""
+    """Return the fields of rays by the names of a frame's attributes."""
     return {_RAYS[field]: table[field] for field in table.dtype.names or () if field in _RAYS}
 
 
@@ -194,7 +188,7 @@ class _Labelling(Part):
 
 
 def _labelled_places(file: Path) -> dict[str, NDArray[np.float64]]:
-    """Return where the sensors are in frames that a model labelled, by name of frame."""
+    """Return the sensors' places in frames that a model labelled, by name of frame."""
     if not file.is_file():
         return {}
     expected = "a folder of urbantwin model label"
@@ -203,13 +197,15 @@ def _labelled_places(file: Path) -> dict[str, NDArray[np.float64]]:
 
 
 def _poses(told: FramePoses) -> dict[str, Pose]:
-    """Return dataset_SE3_site by name of frame; of a rig that stands, by an empty name."""
-    rows = {one.name: one.dataset_SE3_site for one in told.frames} | {"": told.dataset_SE3_site}
+    """Return dataset_SE3_site by name of frame; of a static rig, by an empty name."""
+    rows = {frame.name: frame.dataset_SE3_site for frame in told.frames} | {
+        "": told.dataset_SE3_site
+    }
     return {name: pose_of_matrix(one) for name, one in rows.items() if one is not None}
 
 
 def boxes_of_objects(objects: LabelledObjects) -> Boxes:
-    """Return labelled actors of ours as the boxes of a frame; boxes without a size are none."""
+    """Return labelled actors of ours as the boxes of a frame, without boxes of no size."""
     objects = objects.take((objects.box[:, 3:6] > 0).all(axis=1))
     classes = tuple(objects.class_name.tolist())
     return Boxes(
@@ -227,8 +223,67 @@ def boxes_of_objects(objects: LabelledObjects) -> Boxes:
 def sensor_places(
     turns: SensorTurns, frame: str, dataset_SE3_site: Pose
 ) -> NDArray[np.float64] | None:
-    """Return where each sensor truly is in the frame of the points, (S, 3); None without turns."""
+    """Return the sensors' true places in the frame of the points, (S, 3); None without turns."""
     poses = turns.first_poses(frame, "true").values()
     if not poses:
         return None
     return dataset_SE3_site.apply(np.array([one.translation for one in poses]))
+
+
+_SITE = Pose.from_ypr(np.zeros(3))
+
+
+def is_fleet(path: Path) -> bool:
+    """Return whether a folder is a fleet."""
+    manifest = path / "fleet.json"
+    return manifest.is_file() and b'"kind": "fleet"' in read_bytes(manifest, "a fleet's manifest")
+
+
+def open_fleet(path: Path) -> Recording:
+    """Open a fleet that ``urbantwin record --nodes`` wrote, as one recording in the site's frame.
+
+    Sensors are numbered through all nodes that are there in a frame.
+
+    Raises:
+        InputError: its manifest or a table is damaged.
+    """
+    files = Fleet(path)
+
+    def read(index: int) -> Frame:
+        name = files.names[index]
+        clouds: list[NDArray[Any]] = []
+        labels: list[NDArray[Any]] = []
+        rays: list[dict[str, NDArray[Any]]] = []
+        seen_from: list[NDArray[np.float64]] = []
+        for node in files.node_names:
+            state = files.state(name, node)
+            if state.true is None:
+                continue
+            cloud = files.cloud(name, node)
+            clouds.append(
+                np.column_stack([state.true.apply(cloud.points[:, :3]), cloud.points[:, 3]])
+            )
+            labels.append(cloud.labels)
+            before = sum(map(len, seen_from))
+            own = fields_of_rays(cloud.rays)
+            own["sensor"] = own["sensor"].astype(np.int64) + before
+            rays.append(own)
+            there = sensor_places(files.nodes[node].turns, name, _SITE)
+            seen_from.append(state.true.translation[None] if there is None else there)
+        points = np.concatenate([np.zeros((0, 4)), *clouds])
+        code = np.concatenate([np.zeros(0, np.uint32), *labels])
+        given = {"semantic": code & 0xFFFF, "instance": code >> 16}
+        given |= (
+            {key: np.concatenate([one[key] for one in rays]) for key in rays[0]} if rays else {}
+        )
+        return frame_of(
+            path / "fleet.json",
+            dict(zip(POINT, points.T, strict=True)),
+            name=name,
+            given=given,
+            boxes=boxes_of_objects(files.objects.of_frame(name)),
+            world_SE3_frame=_SITE,
+            sensor_places=np.concatenate(seen_from) if seen_from else np.zeros((1, 3)),
+        )
+
+    return Recording(path, "fleet", files.names, read)

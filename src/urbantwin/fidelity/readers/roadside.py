@@ -32,23 +32,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import Fields
 from urbantwin.fidelity.frame import Boxes
-from urbantwin.fidelity.readers.documents import (
+from urbantwin.fidelity.readers.folder import FolderDataset, Labels, clouds_in
+from urbantwin.fidelity.readers.labels import LabelledBox, box_of_document, boxes_of
+from urbantwin.geometry import Pose
+from urbantwin.io.points import Fields
+from urbantwin.io.poses import checked_pose, pose_of_quaternion
+from urbantwin.io.trust import (
     finite_numbers,
     laid_out,
     read_json_document,
     read_lines,
 )
-from urbantwin.fidelity.readers.folder import FolderDataset, Labels, clouds_in
-from urbantwin.fidelity.readers.labels import (
-    LabelledBox,
-    box_of_document,
-    boxes_of,
-    checked_pose,
-    pose_of_quaternion,
-)
-from urbantwin.geometry import Pose
 
 __all__ = ["DAIR_V2X", "IPS300", "LUMPI", "ONCE"]
 

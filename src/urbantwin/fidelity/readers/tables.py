@@ -30,9 +30,10 @@ from urbantwin.dataset.reading.columns import BOX, VELOCITY
 from urbantwin.dataset.reading.manifest import pose_of_matrix
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Boxes
-from urbantwin.fidelity.readers.documents import finite_numbers, read_lines
-from urbantwin.fidelity.readers.labels import actor_class, pose_of_quaternion
+from urbantwin.fidelity.readers.labels import actor_class
 from urbantwin.geometry import Pose
+from urbantwin.io.poses import pose_of_quaternion
+from urbantwin.io.trust import finite_numbers, read_lines
 from urbantwin.number_text import finite_number, whole_number
 from urbantwin.taxonomy import ACTOR_CLASSES
 

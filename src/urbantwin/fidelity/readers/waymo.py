@@ -1,13 +1,18 @@
 """Waymo Open Dataset, version 2: a segment in Parquet, its range images as points.
 
-Source: Sun et al. 2020, and the sources of the development kit (``waymo_open_dataset/v2``,
-``docs/labeling_specifications.md``). Points, boxes and the places of the five sensors are in the
-vehicle's frame (x forward, y left, z up).
+Sources: Sun et al. 2020, and the development kit (``waymo_open_dataset/v2``,
+``docs/labeling_specifications.md``; ``range_image_utils.py``: ``compute_inclination``,
+``compute_range_image_polar``, ``compute_range_image_cartesian``; ``lidar_utils.py``). Points, boxes
+and the places of the five sensors are in the vehicle's frame (x forward, y left, z up). Rows of a
+range image are beams, the highest first; columns are directions, counter-clockwise from straight
+back from the last to the first. Motion within a turn is corrected by the vehicle's pose at every
+pixel. The kit computes in 32 bits, this in 64.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,27 +20,108 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.documents import laid_out
 from urbantwin.fidelity.readers.frame_assembly import frame_of
-from urbantwin.fidelity.readers.labels import checked_pose
-from urbantwin.fidelity.readers.range_image import RangeImageSensor, returns_of
 from urbantwin.fidelity.readers.recording import Recording
-from urbantwin.fidelity.readers.waymo_boxes import LabelledObjects
-from urbantwin.fidelity.readers.waymo_segmentation import classes_of
 from urbantwin.fidelity.readers.waymo_tables import (
     EXPECTED,
     LASER,
     TIME,
     Columns,
     ImageRows,
+    LabelledObjects,
     check_segment,
+    classes_of,
     image_of,
     matrix_of,
     read_component,
 )
-from urbantwin.geometry import Pose
+from urbantwin.geometry import Pose, rotation_from_ypr
+from urbantwin.io.poses import checked_pose
+from urbantwin.io.trust import laid_out
 
-__all__ = ["is_waymo", "open_waymo"]
+__all__ = ["RangeImageSensor", "is_waymo", "open_waymo", "returns_of"]
+
+#: Beams are no steeper than straight up or down, radians (with what 32 bits lose).
+_STEEPEST = np.pi / 2 + 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class RangeImageSensor:
+    """Where a sensor is, and where its beams point.
+
+    Attributes:
+        vehicle_SE3_sensor: its extrinsics.
+        inclination: (H,) radians above the sensor's x-y plane, the lowest first; None where they
+            are spread evenly.
+        lowest, highest: bounds of those that are spread evenly, radians.
+    """
+
+    vehicle_SE3_sensor: Pose  # noqa: N815
+    inclination: NDArray[np.float64] | None
+    lowest: float
+    highest: float
+
+    def of_rows(self, height: int) -> NDArray[np.float64]:
+        """Return the inclination of every row (height,) of an image, the highest first.
+
+        Raises:
+            ValueError: the sensor has another number of beams, or one of no direction.
+        """
+        found = self.inclination
+        if found is None:
+            step = (np.arange(height) + 0.5) / height
+            found = self.lowest + step * (self.highest - self.lowest)
+        if len(found) != height:
+            raise ValueError(f"{height} rows for {len(found)} beams")
+        if not (np.abs(found) <= _STEEPEST).all():
+            raise ValueError("a beam without a direction")
+        return found[::-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Returns:
+    """What came back of one image: points (N, 3) in the vehicle's frame, row and column (N,)."""
+
+    points: NDArray[np.float64]
+    row: NDArray[np.intp]
+    column: NDArray[np.intp]
+
+
+def returns_of(
+    range_m: NDArray[np.floating],
+    sensor: RangeImageSensor,
+    pixel_pose: NDArray[np.floating] | None = None,
+    world_SE3_vehicle: Pose | None = None,
+) -> Returns:
+    """Return the points of an image, row by row: pixels whose range is above 0.
+
+    Args:
+        range_m: (H, W).
+        sensor: whose image it is.
+        pixel_pose: (H, W, 6) roll, pitch, yaw in radians and x, y, z in metres of the vehicle in
+            the world at every pixel; needs the next.
+        world_SE3_vehicle: of the frame, whose vehicle's frame the points are given in.
+
+    Raises:
+        ValueError: the image is not one of the sensor's.
+    """
+    height, width = range_m.shape
+    inclination = sensor.of_rows(height)
+    row, column = np.nonzero(range_m > 0)
+    turned = sensor.vehicle_SE3_sensor.rotation
+    ahead = np.arctan2(turned[1, 0], turned[0, 0])
+    azimuth = np.pi - (column + 0.5) * (2 * np.pi / width) - ahead
+    away, up = range_m[row, column].astype(np.float64), inclination[row]
+    flat = away * np.cos(up)
+    seen = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), away * np.sin(up)])
+    points = sensor.vehicle_SE3_sensor.apply(seen)
+    if pixel_pose is not None and world_SE3_vehicle is not None:
+        roll, pitch, yaw, *place = pixel_pose[row, column].astype(np.float64).T
+        turn = rotation_from_ypr(yaw, pitch, roll)
+        in_world = np.einsum("nij,nj->ni", turn, points) + np.column_stack(place)
+        points = world_SE3_vehicle.inverse().apply(in_world)
+    return Returns(points, row, column)
+
 
 _RETURNS = tuple(f"[LiDARComponent].range_image_return{k}" for k in (1, 2))
 _CLASSES = tuple(f"[LiDARSegmentationLabelComponent].range_image_return{k}" for k in (1, 2))
@@ -74,7 +160,7 @@ def _file_of(path: Path) -> Path:
         return path
     found = sorted((path / "lidar").glob("*.parquet"))
     if len(found) != 1:
-        names = ", ".join(one.name for one in found[:8])
+        names = ", ".join(item.name for item in found[:8])
         raise InputError(
             f"holds {len(found)} segments",
             file=path,

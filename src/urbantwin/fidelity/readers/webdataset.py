@@ -20,23 +20,25 @@ from urbantwin.dataset.reading.columns import POINT
 from urbantwin.errors import InputError
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.documents import laid_out
 from urbantwin.fidelity.readers.frame_assembly import frame_of
+from urbantwin.fidelity.readers.own import fields_of_rays
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.fidelity.readers.tables import boxes_of_rows, poses_of_frame
+from urbantwin.io.trust import laid_out
 
 __all__ = ["is_webdataset", "open_webdataset"]
 
 _EXPECTED = "a shard of urbantwin export --to webdataset"
 _POINTS = "points.npy"
-_RAYS = {"sensor": "sensor", "ring": "ring", "column": "column", "time": "time_s"}
 _BLOCK = 512
 
 
 def _shards(path: Path) -> list[Path]:
     if path.is_file():
         return [path] if path.suffix == ".tar" else []
-    found = (one for one in path.glob("*.tar") if one.is_file() and not one.name.startswith("."))
+    found = (
+        file for file in path.glob("*.tar") if file.is_file() and not file.name.startswith(".")
+    )
     return sorted(found, key=counting_order)
 
 
@@ -93,8 +95,7 @@ def open_webdataset(path: Path) -> Recording:
                 if f"{name}.npy" in sample
             }
             if "rays.npy" in sample:
-                rays = _array(sample["rays.npy"])
-                given |= {_RAYS[one]: rays[one] for one in rays.dtype.names or () if one in _RAYS}
+                given |= fields_of_rays(_array(sample["rays.npy"]))
             known: dict[str, Any] = {}
             if "boxes.json" in sample:
                 known["boxes"] = boxes_of_rows(_json(sample["boxes.json"]))

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from urbantwin.dataset.reading.frame_files import FrameFiles
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.sampling import evenly
+from urbantwin.io.points import read_fields
 
 __all__ = ["MOST_FRAMES", "Looks", "looks_of", "open_unlabelled"]
 

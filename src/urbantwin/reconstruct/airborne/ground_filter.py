@@ -15,8 +15,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, gaussian_gradient_magnitude, grey_opening
 
+from urbantwin.io.model import PointCloud
 from urbantwin.reconstruct.airborne.raster import Raster, filled
-from urbantwin.reconstruct.model import PointCloud
 
 __all__ = ["GROUND", "WATER", "ground_by_filter", "has_ground_class", "inside_any"]
 

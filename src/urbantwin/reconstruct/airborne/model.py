@@ -14,6 +14,7 @@ from scipy.ndimage import binary_closing
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.ground import ElevationPatch
+from urbantwin.io.model import PointCloud
 from urbantwin.reconstruct.airborne.bare_earth import bare_earth, levelled_water
 from urbantwin.reconstruct.airborne.building import FOUNDATION_M, BuiltRoof, build_roof
 from urbantwin.reconstruct.airborne.ground_filter import (
@@ -32,7 +33,6 @@ from urbantwin.reconstruct.airborne.outlines import (
 )
 from urbantwin.reconstruct.airborne.raster import Raster, filled
 from urbantwin.reconstruct.airborne.trees import find_trees
-from urbantwin.reconstruct.model import PointCloud
 from urbantwin.reconstruct.reconstruction import SurveyedTree
 from urbantwin.taxonomy import material_id, semantic_id
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from urbantwin.io.model import PointCloud
 from urbantwin.reconstruct.airborne.raster import Raster, filled
-from urbantwin.reconstruct.model import PointCloud
 
 __all__ = ["is_noise", "thinned"]
 

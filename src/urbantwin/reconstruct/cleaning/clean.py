@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.clip import clipped
 from urbantwin.reconstruct.cleaning.connected_components import pieces_of
 from urbantwin.reconstruct.cleaning.decimate import decimated
@@ -19,7 +20,6 @@ from urbantwin.reconstruct.cleaning.shards import find_shards
 from urbantwin.reconstruct.cleaning.traffic import without_traffic
 from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces
 from urbantwin.reconstruct.cleaning.weld import cleared, selected
-from urbantwin.reconstruct.model import TriangleMesh
 from urbantwin.site.geometry import CleanSpec
 
 __all__ = ["Cleaned", "cleaned"]

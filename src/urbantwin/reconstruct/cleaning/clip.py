@@ -8,9 +8,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces, some_corner
 from urbantwin.reconstruct.cleaning.weld import selected
-from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["Cut", "clipped", "cut_along"]
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.weld import areas_of_faces
-from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["Pieces", "pieces_of"]
 

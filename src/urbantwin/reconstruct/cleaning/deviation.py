@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.rays import Rays
-from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["Deviation", "Surface", "deviation", "distances_to_triangles", "normals_of"]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import shapely
 
+from urbantwin.io.model import PointCloud, TriangleMesh
 from urbantwin.reconstruct.cleaning.removal import Removal
-from urbantwin.reconstruct.model import PointCloud, TriangleMesh
 
 __all__ = ["CleaningPicture"]
 

@@ -10,9 +10,9 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.connected_components import Pieces, pieces_of
 from urbantwin.reconstruct.cleaning.weld import areas_of_faces
-from urbantwin.reconstruct.model import TriangleMesh
 from urbantwin.site.geometry import Spot
 
 __all__ = ["Removal", "Spots", "measures"]

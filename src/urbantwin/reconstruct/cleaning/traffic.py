@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.clip import cut_along
 from urbantwin.reconstruct.cleaning.connected_components import pieces_of
 from urbantwin.reconstruct.cleaning.height_grid import Grid
@@ -19,7 +20,6 @@ from urbantwin.reconstruct.cleaning.street_surface import REACH_M, WIDEST_M, Str
 from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces, some_corner
 from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
 from urbantwin.reconstruct.cleaning.weld import selected
-from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["Untrafficked", "without_traffic"]
 

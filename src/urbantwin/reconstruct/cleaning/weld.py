@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.cleaning.triangle_corners import every_corner
-from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["WELD_M", "areas_of_faces", "cleared", "selected", "welded"]
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from urbantwin.io.model import ImportedModel
 from urbantwin.reconstruct.georeference.ground_level import samples_of
 from urbantwin.reconstruct.georeference.similarity import Similarity
-from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["UNITS", "Axes", "axes_of"]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.io.model import ImportedModel
 from urbantwin.reconstruct.georeference.similarity import Similarity
-from urbantwin.reconstruct.model import ImportedModel
 
 __all__ = ["Samples", "above", "height_at_anchor", "samples_of"]
 

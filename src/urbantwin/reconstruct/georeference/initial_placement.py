@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from urbantwin.io.model import ImportedModel
 from urbantwin.reconstruct.georeference.height_system import SiteHeights
 from urbantwin.reconstruct.georeference.pose_search import Freedom
-from urbantwin.reconstruct.model import ImportedModel
 
 __all__ = ["InitialPlacement"]
 

@@ -12,6 +12,7 @@ from pyproj import CRS
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
+from urbantwin.io.model import ImportedModel
 from urbantwin.reconstruct.georeference.axes import UNITS
 from urbantwin.reconstruct.georeference.crs import crs_from_text, in_plan, lengths_of
 from urbantwin.reconstruct.georeference.height_system import (
@@ -29,7 +30,6 @@ from urbantwin.reconstruct.georeference.similarity import Similarity, moved
 from urbantwin.reconstruct.georeference.vertical_datum import (
     heights_on_site,
 )
-from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
 

@@ -10,6 +10,7 @@ from pyproj import CRS
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
+from urbantwin.io.model import ImportedModel
 from urbantwin.reconstruct.georeference.axes import Axes, axes_of
 from urbantwin.reconstruct.georeference.control_points import fit, read_control_points
 from urbantwin.reconstruct.georeference.height_system import (
@@ -31,7 +32,6 @@ from urbantwin.reconstruct.georeference.vertical_datum import (
     laid_on_ground,
     shifted,
 )
-from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource, SimilaritySpec
 

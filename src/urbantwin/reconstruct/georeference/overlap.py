@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from pyproj import Geod
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.io.model import ImportedModel
 from urbantwin.reconstruct.georeference.source_error import source_error
-from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["all_points", "check_finite", "check_meets", "distance_to"]

@@ -8,6 +8,7 @@ import numpy as np
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
+from urbantwin.io.model import ImportedModel
 from urbantwin.progress import Progress, untold
 from urbantwin.reconstruct.georeference.height_system import (
     SiteHeights,
@@ -29,7 +30,6 @@ from urbantwin.reconstruct.georeference.overlap import (
 from urbantwin.reconstruct.georeference.registration import Registration, register
 from urbantwin.reconstruct.georeference.similarity import moved
 from urbantwin.reconstruct.georeference.source_error import source_error
-from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
 

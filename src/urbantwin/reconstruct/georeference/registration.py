@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.ground import Elevation
+from urbantwin.io.model import ImportedModel
 from urbantwin.progress import Progress, untold
 from urbantwin.reconstruct.georeference.correlation import Candidate, MapRaster
 from urbantwin.reconstruct.georeference.ground_level import Samples, height_at_anchor, samples_of
@@ -21,7 +22,6 @@ from urbantwin.reconstruct.georeference.outline_fit import Agreement
 from urbantwin.reconstruct.georeference.pose_search import Freedom, Search, coarse_cell
 from urbantwin.reconstruct.georeference.similarity import Similarity
 from urbantwin.reconstruct.georeference.source_error import source_error
-from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.model import ImportedModel
+from urbantwin.io.model import ImportedModel
 
 __all__ = ["Similarity", "fitted", "level_fitted", "moved"]
 

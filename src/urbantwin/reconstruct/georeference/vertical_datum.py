@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
+from urbantwin.io.model import ImportedModel
 from urbantwin.reconstruct.georeference.ground_level import (
     above,
     height_at_anchor,
@@ -23,7 +24,6 @@ from urbantwin.reconstruct.georeference.height_system import (
     heights_between,
 )
 from urbantwin.reconstruct.georeference.source_error import source_error
-from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["HeightsOnSite", "ground_above_site", "heights_on_site", "laid_on_ground", "shifted"]

@@ -11,11 +11,11 @@ from scipy.ndimage import distance_transform_edt
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.ground import ElevationPatch
+from urbantwin.io.model import ImportedModel, PointCloud, TriangleMesh
+from urbantwin.io.trust import content_of
 from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct.airborne.raster import Raster
 from urbantwin.reconstruct.airborne.tin import tin_heights
-from urbantwin.reconstruct.formats.validity import content_of
-from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
 from urbantwin.reconstruct.recording.beams import recorded_beams
 from urbantwin.reconstruct.recording.carving import carved
 from urbantwin.reconstruct.recording.facets import Facets, facets_of

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label, maximum, mean, minimum
 from scipy.ndimage import sum as total
 
-from urbantwin.reconstruct.model import TriangleMesh
+from urbantwin.io.model import TriangleMesh
 from urbantwin.reconstruct.recording.facets import POROUS, SURFACE
 from urbantwin.taxonomy import material_id, semantic_id
 

@@ -1,0 +1,19 @@
+"""Files from elsewhere behind one boundary: points, meshes, city models, tiles, packets, bags.
+
+Nothing of a file is trusted: sizes are checked, numbers are finite, what a library raises becomes
+one line with the file and the reason, and native code runs in a child process with limits.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.io.kinds import holds_model
+    from urbantwin.io.read import read_model
+
+__all__ = ["holds_model", "read_model"]
+
+names_on_demand(__name__)
