@@ -1,6 +1,7 @@
 """The lanes of the finished network against the tags of the ways that they come from."""
 
 import math
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -322,6 +323,27 @@ def test_edges_that_netconvert_does_not_make_are_no_failure(write_osm, tmp_path)
         item for item in ElementTree.parse(out).getroot().iter("lane") if item.get("id") == "7_0"
     )
     assert float(lane.get("speed")) == 7.5
+
+
+def test_an_edge_that_comes_back_to_its_junction_stays(write_osm, tmp_path):
+    """Both ends of a slip lane in one joined junction: netconvert alone drops such an edge."""
+    nodes = {1: (0, 0, {}), 2: (60, 0, {}), 3: (60, 60, {}), 4: (0, 60, {}), 5: (4, 4, {})}
+    path = write_osm(
+        nodes, {7: ([5, 1], STREET), 8: ([1, 2, 3, 4, 5], {**STREET, "oneway": "yes"})}
+    )
+
+    def joined(plain):
+        edges = {**plain.edges, "8": replace(plain.edges["8"], end="1")}
+        return replace(plain, edges=edges, links=())
+
+    out = tmp_path / "n.net.xml"
+    sumo_network(path, HERE, driving_side="right", keep_apart=(), reshape=joined, out=out)
+    ends = [
+        (item.get("from"), item.get("to"))
+        for item in ElementTree.parse(out).getroot().iter("edge")
+        if item.get("id", "").startswith("8")
+    ]
+    assert sorted(ends) == [("1", "8.middle"), ("8.middle", "1")]
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from lxml import etree
 
 from urbantwin.errors import StageError
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads.junctions.plain import PlainNetwork, read_plain, write_plain
+from urbantwin.roads.junctions.edge_split import split_edges
+from urbantwin.roads.junctions.plain import PlainNetwork, PlainNode, read_plain, write_plain
 
 __all__ = [
     "run_netconvert",
@@ -59,7 +61,7 @@ MAKING = {
     "aggregate-warnings": "-1",
 }
 #: The edge that an error of netconvert's is about, and how many such edges are accepted.
-EDGE = re.compile(r"edge '([^']+)'")
+EDGE = re.compile(r"edge (?:with id )?'([^']+)'")
 MOST_UNKNOWN = 8
 #: Crossings that netconvert finds no way from or to, what it says of those that it drops, and how
 #: often it is tried.
@@ -142,15 +144,34 @@ def sumo_network(
         warnings = _run_with(edges, reading, raw)
         plain = read_plain(read, raw)
         plain = plain if reshape is None else reshape(plain)
+        plain, loops = _without_self_loops(plain)
         apart = [
             f"{sign}{way}{piece}"
             for way in keep_apart
             for sign in ("", "-")
             for piece in ("", *(f"#{k}" for k in range(12)))
         ]
+        apart += loops
         warnings += _make(plain, apart, [*side, *_words(OPTIONS | MAKING)], made, raw)
         write_network(raw, out)
     return warnings
+
+
+def _without_self_loops(plain: PlainNetwork) -> tuple[PlainNetwork, list[str]]:
+    """Cut edges in two that begin and end at one node, as netconvert drops them.
+
+    Such are slip lanes and crescents whose both ends lie in one junction of many nodes.
+
+    Returns:
+        The network, and the names of the parts.
+    """
+    parts: list[str] = []
+    for name, edge in [(k, v) for k, v in plain.edges.items() if v.start == v.end]:
+        half = float(edge.line.length) / 2
+        node = PlainNode(f"{name}.middle", np.array(edge.line.interpolate(half).coords[0]), {})
+        plain, before = split_edges(plain, node, {name: half})
+        parts += [name, before[name]]
+    return plain, parts
 
 
 def _make(
