@@ -17,7 +17,7 @@ from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary, sumo_environment
 from urbantwin.roads.signals import heads_of
 from urbantwin.roads.signals.default_programs import set_default_programs
-from urbantwin.roads.signals.green_times import capped, cycle_s, green_seconds
+from urbantwin.roads.signals.webster import capped, cycle_s, green_seconds
 from urbantwin.scene.signal_pole import signal_mesh
 from urbantwin.site import read_extract
 
@@ -224,20 +224,28 @@ def test_left_turns_over_two_lanes_have_a_stage_of_their_own(built):
         )
 
 
-def test_two_signals_on_one_street_let_a_platoon_through(built, tmp_path):
-    """Of those that go straight along the street few stop more than once: not at both."""
-    path = built(*staggered())
-    lengths = {sum(seconds for seconds, _ in phases) for phases, _ in programs(path)}
-    assert len(lengths) == 1
+def test_traffic_extends_greens_within_the_longest_cycle(built):
+    for phases, least, most in lasting(built(*turn_lanes())):
+        assert all(
+            low <= usual <= high for (usual, _), low, high in zip(phases, least, most, strict=True)
+        )
+        assert any(low < high for low, high in zip(least, most, strict=True))
+        assert sum(most) <= 120
+        for (_, state), low, high in zip(phases, least, most, strict=True):
+            assert low == high or not set(state) & set("y"), "yellow has its own time"
 
-    def along(a, b):
-        return all(abs(e.getFromNode().getCoord()[1] - e.getToNode().getCoord()[1]) < 5
-                   for e in (a, b))  # fmt: skip
 
-    _, trips, _ = simulated(path, tmp_path, routes=along)
-    stops = [int(trip.get("waitingCount")) for trip in trips]
-    assert len(stops) > 100
-    assert sum(count > 1 for count in stops) <= 0.1 * len(stops)
+def lasting(path):
+    """Phases of each program, and how long each lasts at the least and at the most."""
+    for logic in ElementTree.parse(path).iter("tlLogic"):
+        assert logic.get("type") == "actuated"
+        rows = logic.findall("phase")
+        usual = [float(row.get("duration")) for row in rows]
+        ends = [
+            [float(row.get(key, second)) for row, second in zip(rows, usual, strict=True)]
+            for key in ("minDur", "maxDur")
+        ]
+        yield list(zip(usual, (row.get("state") for row in rows), strict=True)), *ends
 
 
 def test_the_time_to_clear_grows_with_the_junction(built):
@@ -328,7 +336,7 @@ def test_a_street_far_above_capacity_leaves_the_other_what_it_needs(built):
     ways = [(a, b) for a, b in ways if a.getOutgoing()[b][0].getDirection() == "s"]
     volumes = {(a.getID(), b.getID(), ""): 300.0 for a, b in ways}
     fullest = min(volumes.keys() - {way for way in volumes if way[0] in across})
-    set_default_programs(path, flows={**volumes, fullest: 2200.0})
+    set_default_programs(path, flows={**volumes, fullest: 2200.0}, fixed=True)
     ((phases, links),) = programs(path)
     for way in volumes:
         (link,) = [

@@ -15,7 +15,6 @@ from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary, sumo_environment
 from urbantwin.roads.signals.controlled_links import signalised_junctions
 from urbantwin.roads.signals.programs import described_signals, set_programs
-from urbantwin.roads.signals.streams import Traffic
 from urbantwin.site import read_extract
 from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.yaml_document import read_document
@@ -345,14 +344,13 @@ def test_people_have_no_green_with_two_lanes_that_turn_side_by_side(write_osm, t
         out=out,
     )  # fmt: skip
     (junction,) = signalised_junctions(etree.parse(out).getroot())
-    traffic = Traffic(junction, (), left_hand=False)
     walks = [link for link in junction.links if link.movement == "walk"]
     lanes = {}
     for link in junction.links:
         crossed = [w for w in walks if junction.are_foes(link, w) and link.road not in w.crosses]
         if link.movement == "right" and crossed:
             lanes.setdefault(link.road, []).append(
-                all(traffic.together(link.index, walk.index) for walk in crossed)
+                all(junction.together(link.index, walk.index) for walk in crossed)
             )
     apart = {
         len(each): each for road, each in lanes.items() if road.lstrip("-")[:2] in ("11", "12")

@@ -18,9 +18,7 @@ from urbantwin.geometry import Pose, SiteFrame
 from urbantwin.lidar import sensor
 from urbantwin.site import load_site, read_extract
 from urbantwin.site.presets import preset, preset_names
-from urbantwin.site.presets.mix import per_hour_of_presence
-from urbantwin.site.presets.sensor_place import site_position
-from urbantwin.site.presets.street_corner import street_corner
+from urbantwin.site.presets.preset_site import per_hour_of_presence, street_corner
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "two-avenues" / "two-avenues.osm"
 GEOD = Geod(ellps="WGS84")
@@ -33,20 +31,12 @@ EAST, NORTH = 695942.4856864865 - 631.98486299, 5346521.128436302 + 854.96568588
 def test_a_preset_names_sensors_that_exist_and_what_nobody_published(name: str) -> None:
     one = preset(name)
     assert one.name == name
-    for unit in one.sensors:
+    for unit in one.rig.sensors:
         model = sensor(unit.model)
         assert unit.columns in (None, *model.columns_options)
-        assert unit.unknown
-    assert one.unknown
+        assert any(text.startswith(f"{unit.name}: ") for text in one.unknown)
     assert one.homepage.startswith("http")
-    assert len({unit.name for unit in one.sensors}) == len(one.sensors)
-
-
-def test_the_poses_of_s110_are_those_of_the_dev_kit(shared_data: Path) -> None:
-    published = json.loads((shared_data / "sites" / "tumtraf-s110.json").read_text())["sensors"]
-    for unit in preset("tumtraf-s110").sensors:
-        matrix = published[f"ouster_{unit.name}"]["base_SE3_sensor"]
-        np.testing.assert_array_equal(unit.frame_SE3_sensor, matrix[:3])
+    assert len({unit.name for unit in one.rig.sensors}) == len(one.rig.sensors)
 
 
 def lonlat_of_s110(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -55,18 +45,21 @@ def lonlat_of_s110(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_a_published_pose_stands_where_geodesy_has_it(number: int) -> None:
+def test_a_published_pose_stands_where_geodesy_has_it(number: int, shared_data: Path) -> None:
     """The sensor, and what it sees 30 m ahead, to its left and above, by distance and azimuth."""
     one = preset("tumtraf-s110")
-    unit, place = one.sensors[number], one.place
+    unit, place = one.rig.sensors[number], one.place
     assert place is not None
-    stand = site_position(unit, one.frame, SiteFrame(place.latitude, place.longitude))
+    fields = unit.model_dump()
+    site = SiteFrame(place.latitude, place.longitude)
+    xy = site.site_from_lonlat([[fields["longitude"], fields["latitude"]]])[0]
     ours = Pose.from_ypr(
-        [stand.east_m, stand.north_m, stand.up_m],
-        *np.radians([stand.yaw_deg, stand.pitch_deg, stand.roll_deg]),
+        [*xy, fields["up_m"]],
+        *np.radians([fields["yaw_deg"], fields["pitch_deg"], fields["roll_deg"]]),
     )
     seen = np.vstack([np.zeros(3), 30.0 * np.eye(3), -30.0 * np.eye(3)])
-    matrix = np.array(unit.frame_SE3_sensor)
+    published = json.loads((shared_data / "sites" / "tumtraf-s110.json").read_text())["sensors"]
+    matrix = np.array(published[f"ouster_{unit.name}"]["base_SE3_sensor"])[:3]
     base = seen @ matrix[:, :3].T + matrix[:, 3]
     found = ours.apply(seen)
     lon, lat = lonlat_of_s110(base)
@@ -120,11 +113,13 @@ def test_the_twin_has_the_rig_at_its_published_poses(at_s110: Path, tmp_path: Pa
     site.write_text(yaml.safe_dump(fields))
     twin = ut.build(site, tmp_path / "twin", pictures=False, progress=False)
     rig = yaml.safe_load((twin.folder / "rig.yaml").read_text())
-    one = preset("tumtraf-s110")
-    for unit, built in zip(one.sensors, rig["sensors"], strict=True):
-        stand = site_position(unit, one.frame, SiteFrame(48.2494789, 11.6310746))
-        for field in ("east_m", "north_m", "up_m", "yaw_deg", "pitch_deg", "roll_deg"):
-            assert built[field] == pytest.approx(getattr(stand, field), abs=1e-4)
+    site = SiteFrame(48.2494789, 11.6310746)
+    for unit, built in zip(preset("tumtraf-s110").rig.sensors, rig["sensors"], strict=True):
+        fields = unit.model_dump()
+        xy = site.site_from_lonlat([[fields["longitude"], fields["latitude"]]])[0]
+        assert (built["east_m"], built["north_m"]) == pytest.approx(tuple(xy), abs=1e-3)
+        for field in ("up_m", "yaw_deg", "pitch_deg", "roll_deg"):
+            assert built[field] == pytest.approx(fields[field], abs=1e-4)
         assert (built["model"], built["columns"]) == ("OS1-64-BH", 2048)
 
 

@@ -1,7 +1,6 @@
 """Queues at signals, judged by SUMO's own detectors and by what is known of saturation flow."""
 
 import subprocess
-from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,7 +10,6 @@ from lxml import etree
 from urbantwin.roads import sumo_binary, sumo_environment
 from urbantwin.roads.signals.capacity import gap_flow, lane_loads
 from urbantwin.roads.signals.controlled_links import signalised_junctions
-from urbantwin.roads.signals.default_programs import set_default_programs
 from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.sumo.simulation import simulate, sumo_options, write_routes
@@ -116,64 +114,3 @@ def test_turns_find_as_many_gaps_as_random_traffic_has(opposing):
     gaps = np.random.default_rng(1).exponential(3600 / opposing, 200_000)
     turning = np.floor((gaps - 4.5) / 2.5 + 1.0).clip(0.0).sum()
     assert gap_flow(opposing) == pytest.approx(turning / gaps.sum() * 3600, rel=0.02)
-
-
-def test_a_shared_lane_with_many_turns_goes_without_opposing_traffic(make_net, tmp_path):
-    """As many get through as came only if the program knows how many turn."""
-    far = {"w": (-300, 0), "e": (300, 0), "s": (0, -300), "n": (0, 300)}
-    nodes = "".join(f'<node id="{k}" x="{x}" y="{y}"/>' for k, (x, y) in far.items())
-    nodes += '<node id="c" x="0" y="0" type="traffic_light"/>'
-    edges = "".join(
-        f'<edge id="{a}{b}" from="{a}" to="{b}" speed="13.9" type="highway.secondary"/>'
-        for k in far
-        for a, b in ((k, "c"), ("c", k))
-    )
-    net = make_net(tmp_path, nodes, edges)
-    flows = {("wc", "cn", ""): 320.0, ("wc", "ce", ""): 100.0, ("ec", "cw", ""): 450.0}
-    flows |= {("nc", "cs", ""): 100.0, ("sc", "cn", ""): 100.0}
-    rows = "".join(
-        f'<flow id="{k}" begin="0" end="1200" vehsPerHour="{count}" departSpeed="max">'
-        f'<route edges="{a} {b}"/></flow>'
-        for k, ((a, b, _), count) in enumerate(flows.items())
-    )
-    (tmp_path / "r.rou.xml").write_text(f"<routes>{rows}</routes>")
-
-    def waiting():
-        subprocess.run(
-            [sumo_binary("sumo"), "-n", net, "-r", tmp_path / "r.rou.xml", "--end", "1200",
-             "--statistic-output", tmp_path / "s.xml", "--time-to-teleport", "-1",
-             "--no-step-log", "true", "--xml-validation", "never"],
-            check=True, capture_output=True, env=sumo_environment(),
-        )  # fmt: skip
-        told = ElementTree.parse(tmp_path / "s.xml").find("vehicles")
-        return int(told.get("running")) + int(told.get("waiting"))
-
-    set_default_programs(net)
-    unaware = waiting()
-    set_default_programs(net, flows=flows)
-    assert waiting() < 0.5 * unaware
-    assert waiting() < 0.1 * sum(flows.values()) / 3
-
-
-def test_who_finds_little_room_inside_a_junction_loads_its_lane(make_net, tmp_path):
-    """A lane that leads to a stop line 12 m on, red in the meantime: one car in each cycle."""
-    nodes = '<node id="w" x="-300" y="0"/><node id="e" x="300" y="0"/>'
-    nodes += '<node id="a" x="0" y="0" type="traffic_light"/>'
-    nodes += '<node id="b" x="30" y="0" type="traffic_light"/>'
-    edges = "".join(
-        f'<edge id="{a}{b}" from="{a}" to="{b}" speed="13.9"/>' for a, b in ("wa", "ab", "be")
-    )
-    root = etree.parse(make_net(tmp_path, nodes, edges)).getroot()
-    first = next(one for one in signalised_junctions(root) if "a" in one.junctions)
-    outer = next(link for link in first.links if link.road == "wa")
-    inner = replace(outer, index=outer.index + 1, lane="ab_0", to="be_0", road="ab", row=99)
-    both = replace(first, links=(outer, inner))
-    flows = {("wa", "ab", ""): 300.0, ("ab", "be", ""): 300.0}
-
-    def load(*phases):
-        found = lane_loads(both, phases, flows, {outer.index: {inner.index: 12.0}})
-        return {one.lane: one.load for one in found}["wa_0"]
-
-    together = load((40.0, "GG"), (40.0, "rr"))
-    assert together == pytest.approx(300 / (1800 * 39 / 80), rel=1e-3)
-    assert load((40.0, "Gr"), (40.0, "rG")) == pytest.approx(300 / (3600 / 80), rel=1e-3)

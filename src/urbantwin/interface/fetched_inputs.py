@@ -59,7 +59,7 @@ class FetchOptions:
 
         if self.preset is None:
             return radius_m
-        radius_m = radius_m or self.preset.region.radius_m
+        radius_m = radius_m or self.preset.radius_m
         return radius_m if radius_m > FARTHEST_M else min(radius_m + self.within_m, FARTHEST_M)
 
     @property

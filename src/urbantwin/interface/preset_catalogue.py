@@ -79,11 +79,11 @@ def presets(
 
 def _row(one: Preset) -> tuple[str, str, str, str]:
     """Return the cells of a preset: what is published is its place, and its sensors' places."""
-    counts = Counter(sensor.model for sensor in one.sensors)
+    counts = Counter(sensor.model for sensor in one.rig.sensors)
     models = ", ".join(f"{count} {model}" for model, count in counts.items())
     published = "the sensors alone"
     if one.place is not None:
-        placed = sum(sensor.is_placed for sensor in one.sensors)
+        placed = sum(sensor.is_placed for sensor in one.rig.sensors)
         published = f"place (within {one.place.within_m:g} m)"
         published += f", where {placed} of its sensors stand" if placed else ""
     return one.name, one.title, models, published
@@ -104,14 +104,11 @@ def _entry(one: Preset) -> dict[str, Any]:
             "longitude": place.longitude,
             "within_m": place.within_m,
         },
-        "radius_m": one.region.radius_m,
-        "rate_hz": one.timing.rate_hz,
+        "radius_m": one.radius_m,
+        "rate_hz": one.rig.rate_hz,
         "sensors": [
             {"name": sensor.name, "model": sensor.model, "place_published": sensor.is_placed}
-            for sensor in one.sensors
+            for sensor in one.rig.sensors
         ],
-        "unknown": [
-            *one.unknown,
-            *(f"{name}: {text}" for name, text in one.unknown_of_sensors),
-        ],
+        "unknown": one.unknown,
     }

@@ -53,7 +53,7 @@ MAKING = {
     "roundabouts.guess": "true",
     "junctions.corner-detail": "5",
     "tls.join": "true",
-    "tls.default-type": "static",
+    "tls.default-type": "actuated",
     "tls.left-green.time": "12",
     "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); by default none
     "walkingareas": "true",

@@ -31,7 +31,7 @@ OPTIONS = {
     "precision": "3",
     "geometry.max-grade": "1000",  # heights are the lane model's; netconvert's network is flat
     "roundabouts.guess": "true",
-    "tls.default-type": "static",
+    "tls.default-type": "actuated",
     "tls.left-green.time": "12",
     "walkingareas": "true",
     "no-turnarounds": "true",

@@ -1,28 +1,31 @@
-"""What lanes with signals can carry, of what comes to them: after the HCM's signalised junctions.
+"""What lanes with signals carry, and could: after the HCM's signalised junctions.
 
-A lane's capacity is its saturation flow times the share of the cycle in which it has green. Who
-turns across gets through gaps of opposing traffic when that has left its queue behind, and two at
-the end of each green (HCM 2016, 31, permitted left turns). Turns that share a lane hold each other
-up: of a lane, the loads of its movements add up (HCM 2016, 20, shared lanes).
+A lane's capacity is its saturation flow times the share of the cycle in which it has green. Turns
+across opposing traffic use the gaps that the opposing queue leaves, and two vehicles turn at the
+end of each green (HCM 2016, 31, permitted left turns). The loads of the movements that share a lane
+add up (HCM 2016, 20, shared lanes).
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from lxml import etree
+
 from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.controlled_links import Link, Signalised
-from urbantwin.roads.signals.green_times import SATURATION_VEH_H
+from urbantwin.roads.signals.webster import SATURATION_VEH_H
+from urbantwin.site.usual_traffic import LANE_PER_HOUR, OTHER_PER_HOUR
 
 __all__ = [
-    "FOLLOWING_M",
     "Choices",
     "Flows",
     "LaneLoad",
+    "assumed_flows",
     "choices_of",
     "gap_flow",
     "lane_loads",
@@ -32,29 +35,35 @@ __all__ = [
 
 #: (edge, next edge, the one after that or nothing) -> cars an hour.
 Flows = Mapping[tuple[str, str, str], float]
-#: Turns leave a lane so much more slowly than those who go straight on (HCM 2016, 19: 0.85 to
-#: 0.95), where people cross at their exit as well.
+#: Saturation flow of turns as a share of that straight on (HCM 2016, 19: 0.85 to 0.95), and where
+#: pedestrians cross at their exit.
 TURNING, BESIDE_WALKERS = 0.9, 0.75
-#: Who follows through a bend keeps this distance in time, and this length of the queue in space:
-#: seconds, metres (the headway of simulated drivers; Kimber, McDonald and Hounsell, TRRL Research
-#: Report 67, 1986, measured how radius lowers what turns).
+#: Headway of a queue in a bend: seconds, and metres at the bend's speed (the headway of simulated
+#: drivers; Kimber, McDonald and Hounsell, TRRL Research Report 67, 1986, measured how radius lowers
+#: the flow of turns).
 FOLLOWING_S, FOLLOWING_M = 1.35, 6.6
-#: Gaps that turns across opposing traffic take, and from one to the next of a queue, seconds.
+#: Gap that a turn across opposing traffic needs, and what each vehicle behind it needs more, s.
 GAP_S, NEXT_S = 4.5, 2.5
-#: How many turn in the change at the end of green.
+#: Vehicles that turn at the end of a green.
 SNEAKERS = 2.0
-#: What is lost of a green when queues set out, less what they use of the yellow, seconds (HCM 2016,
+#: Seconds of a green that are lost when queues set out, less what they use of the yellow (HCM 2016,
 #: 19: 2 s and 2 s; simulated drivers use less of the yellow).
 START_LOST_S = 1.0
 #: A movement's flow is put onto its lanes in so many parts.
 PARTS = 12
-#: Who never has green.
+#: Capacity of a link that never has green, cars an hour.
 NOTHING = 1e-3
+#: Where nothing is known of the traffic, a lane with signals has so many vehicles an hour more than
+#: its class usually has at midday (streets with signals are the busier ones, and the busiest hour
+#: counts), and at most a quarter of its saturation flow.
+MORE_VEH_H, MOST_VEH_H = 200.0, 450.0
+#: Vehicles that go straight on for each one that turns either way.
+STRAIGHT_ON = 3.0
 
 
 @dataclass(frozen=True)
 class LaneLoad:
-    """What a lane carries and could: cars an hour, in all and of each link."""
+    """Flow of a lane, cars an hour, in all and of each link, and its share of the capacity."""
 
     lane: str
     flow: float
@@ -63,23 +72,18 @@ class LaneLoad:
 
     @property
     def capacity(self) -> float:
-        """What it could carry of the same movements."""
+        """Cars an hour that it could carry of the same movements."""
         return self.flow / self.load if self.load else math.inf
 
 
-def saturation_flow(link: Link, *, in_bends: bool = True) -> float:
-    """Return the saturation flow of a link from a lane of its own, cars per hour of green.
-
-    Args:
-        link: the link.
-        in_bends: whether a narrow bend lowers it.
-    """
-    in_bend = 3600.0 / (FOLLOWING_S + FOLLOWING_M / (link.bend_speed if in_bends else math.inf))
+def saturation_flow(link: Link) -> float:
+    """Return the saturation flow of a link from a lane of its own, cars per hour of green."""
+    in_bend = 3600.0 / (FOLLOWING_S + FOLLOWING_M / link.bend_speed)
     return min(SATURATION_VEH_H * (TURNING if link.is_turn else 1.0), in_bend)
 
 
 def gap_flow(opposing: float) -> float:
-    """Return how many an hour turn through the gaps of opposing traffic, cars an hour."""
+    """Return the vehicles an hour that turn through the gaps of opposing traffic, cars an hour."""
     if opposing < 1.0:
         return 3600.0 / NEXT_S
     rate = opposing / 3600.0
@@ -87,11 +91,11 @@ def gap_flow(opposing: float) -> float:
 
 
 class Choices(NamedTuple):
-    """Links that vehicles of each flow may take, the flow with the fewest of them first.
+    """Links that the vehicles of each flow may take.
 
     Attributes:
         links: all links of vehicles.
-        flows: links, and cars an hour that take one of them.
+        flows: links, and cars an hour that take one of them; the fewest links first.
     """
 
     links: tuple[Link, ...]
@@ -99,79 +103,53 @@ class Choices(NamedTuple):
 
 
 def choices_of(junction: Signalised, flows: Flows) -> Choices:
-    """Return which links of a junction its flows may take."""
-    ways: dict[tuple[str, str], list[Link]] = defaultdict(list)
+    """Return the links of a junction that its flows may take."""
+    by_movement: dict[tuple[str, str], list[Link]] = defaultdict(list)
     for link in junction.links:
         if link.movement != "walk":
-            ways[link.road, link.to.rpartition("_")[0]].append(link)
+            by_movement[link.road, link.to.rpartition("_")[0]].append(link)
     choices = []
-    for way, count in flows.items():
-        links = ways.get(way[:2], [])
-        # Beyond a short road one has to be on the right lane before it.
-        lead_on = [link for link in links if way[2] in junction.onward.get(link.to, ())]
+    for edges, count in flows.items():
+        links = by_movement.get(edges[:2], [])
+        # Before a short road a vehicle has to be on the right lane already.
+        lead_on = [link for link in links if edges[2] in junction.onward.get(link.to, ())]
         if links and count:
-            choices.append((len(lead_on or links), way, lead_on or links, count))
+            choices.append((len(lead_on or links), edges, lead_on or links, count))
     choices.sort(key=lambda choice: choice[:2])
-    every = tuple(link for links in ways.values() for link in links)
+    every = tuple(link for links in by_movement.values() for link in links)
     return Choices(every, tuple((links, count) for _, _, links, count in choices))
 
 
 def on_lanes(choices: Choices, capacity: Callable[[Link], float]) -> dict[Link, float]:
-    """Return what each link carries, cars an hour, where vehicles choose the lane with most room.
+    """Return the flow of each link, cars an hour, where vehicles choose the lane with most room.
 
     Args:
         choices: links and flows.
-        capacity: of a link, if the lane were its own.
+        capacity: of a link, if the lane were its own, cars an hour.
     """
     load: dict[str, float] = defaultdict(float)
-    found = dict.fromkeys(choices.links, 0.0)
+    flow = dict.fromkeys(choices.links, 0.0)
     for links, count in choices.flows:
         part = count / PARTS
         needed = [(link.lane, part / max(capacity(link), NOTHING), link) for link in links]
         for _ in range(PARTS):
-            lane, more, best = needed[0]
-            if len(needed) > 1:
-                lane, more, best = min(needed, key=lambda one: (load[one[0]] + one[1], one[0]))
+            lane, more, best = min(needed, key=lambda item: (load[item[0]] + item[1], item[0]))
             load[lane] += more
-            found[best] += part
-    return found
+            flow[best] += part
+    return flow
 
 
-def lane_loads(
-    junction: Signalised,
-    phases: Sequence[Phase],
-    flows: Flows,
-    behind: Mapping[int, Mapping[int, float]] | None = None,
-    *,
-    in_bends: bool = True,
-    even: Mapping[Link, float] | None = None,
-    choices: Choices | None = None,
-) -> list[LaneLoad]:
+def lane_loads(junction: Signalised, phases: Sequence[Phase], flows: Flows) -> list[LaneLoad]:
     """Return the load of every lane that waits, the highest first.
 
     Args:
         junction: its links.
         phases: its program.
-        flows: what goes from street to street.
-        behind: link -> inner links that what it lets go comes to -> room to wait there, metres.
-        in_bends: whether who turns in a narrow bend leaves more slowly.
-        even: what each link would carry if all had green all the time, where that is known.
-        choices: of the flows, where they are known.
+        flows: cars an hour from street to street.
     """
-    cycle = sum(seconds for seconds, _ in phases)
-    if choices is None:
-        choices = choices_of(junction, flows)
-    if even is None:
-        even = on_lanes(choices, lambda link: SATURATION_VEH_H)
-    capacity = {
-        link: min(
-            _capacity(junction, link, phases, cycle, even, in_bends),
-            _capacity_behind(
-                junction, link, phases, even, (behind or {}).get(link.index, {}), in_bends
-            ),
-        )
-        for link in even
-    }
+    choices = choices_of(junction, flows)
+    even = on_lanes(choices, lambda link: SATURATION_VEH_H)
+    capacity = {link: _capacity(junction, link, phases, even) for link in even}
     carried = on_lanes(choices, capacity.__getitem__)
     flow: dict[str, float] = defaultdict(float)
     load: dict[str, float] = defaultdict(float)
@@ -181,68 +159,33 @@ def lane_loads(
         flow[link.lane] += count
         load[link.lane] += count / max(capacity[link], NOTHING)
     found = [LaneLoad(lane, flow[lane], load[lane], links[lane]) for lane in sorted(flow)]
-    return sorted(found, key=lambda one: -one.load)
-
-
-def _capacity_behind(
-    junction: Signalised,
-    link: Link,
-    phases: Sequence[Phase],
-    even: Mapping[Link, float],
-    behind: Mapping[int, float],
-    in_bends: bool,
-) -> float:
-    """Return how many an hour the inner lanes that a link leads to take of it.
-
-    Those that leave there while it has green, and in each cycle as many as find room to wait there.
-    """
-    inner = {
-        other.lane: room
-        for k, room in behind.items()
-        for other in junction.of_index[k]
-        if other.lane != link.lane
-    }
-    if link.to in inner:
-        inner = {link.to: inner[link.to]}  # inside nobody changes lanes
-    cycle = sum(seconds for seconds, _ in phases)
-    own = [(seconds, state) for seconds, state in phases if state[link.index] in "gG"]
-    carries = 0.0
-    for lane, room in sorted(inner.items()):
-        ways = [other for other in even if other.lane == lane]
-        whole = sum(even[other] for other in ways)
-        shares = [even[other] / whole if whole else 1.0 / len(ways) for other in ways]
-        needed = sum(
-            share / max(_capacity(junction, other, own, cycle, even, in_bends), NOTHING)
-            for other, share in zip(ways, shares, strict=True)
-            if share
-        )
-        carries += 1.0 / needed + room // FOLLOWING_M * 3600.0 / cycle
-    return carries if inner else math.inf
+    return sorted(found, key=lambda item: -item.load)
 
 
 def _capacity(
-    junction: Signalised,
-    link: Link,
-    phases: Sequence[Phase],
-    cycle: float,
-    even: Mapping[Link, float],
-    in_bends: bool,
+    junction: Signalised, link: Link, phases: Sequence[Phase], even: Mapping[Link, float]
 ) -> float:
-    """Return how many an hour a link could carry, if the lane were its own."""
-    green = [seconds for seconds, state in phases if state[link.index] in "gG"]
+    """Return the capacity of a link, if the lane were its own, cars an hour.
+
+    Args:
+        junction: all links.
+        link: one of them.
+        phases: the program.
+        even: flow of each link if all had green all the time, cars an hour.
+    """
+    cycle = sum(seconds for seconds, _ in phases)
+    green = sum(seconds for seconds, state in phases if state[link.index] in "gG")
     foes = junction.yields_to[link]
-    driven = [other for other in foes if other.movement != "walk"]
-    cars, blocked = 0.0, 0.0
-    lost = START_LOST_S / sum(green) if green else 0.0
-    saturation = saturation_flow(link, in_bends=in_bends)
-    waits = False
+    cars, blocked, waits = 0.0, 0.0, False
+    lost = START_LOST_S / green if green else 0.0
     for seconds, state in phases:
         letter = state[link.index]
         if letter not in "gG":
             continue
-        opposing = [other for other in driven if state[other.index] in "gG"]
-        walked = any(state[k.index] in "gG" for k in foes if k.movement == "walk")
-        rate = min(saturation, SATURATION_VEH_H * (BESIDE_WALKERS if walked else 1.0))
+        on = [other for other in foes if state[other.index] in "gG"]
+        opposing = [other for other in on if other.movement != "walk"]
+        walked = len(opposing) < len(on)
+        rate = min(saturation_flow(link), SATURATION_VEH_H * (BESIDE_WALKERS if walked else 1.0))
         if letter == "g" and opposing:
             waits = True
             rate = min(rate, gap_flow(sum(even[other] for other in opposing)))
@@ -256,7 +199,7 @@ def _capacity(
 def _queue_s(
     opposing: Sequence[Link], phases: Sequence[Phase], cycle: float, even: Mapping[Link, float]
 ) -> float:
-    """Return how long opposing queues of a red take to leave, seconds."""
+    """Return the seconds that opposing queues of a red take to leave."""
     lanes: dict[str, float] = defaultdict(float)
     for link in opposing:
         lanes[link.lane] += even[link]
@@ -266,3 +209,46 @@ def _queue_s(
         rate = min(lanes[link.lane], 0.9 * SATURATION_VEH_H)
         longest = max(longest, rate * (cycle - green) / (SATURATION_VEH_H - rate))
     return longest
+
+
+def assumed_flows(
+    root: etree._Element, junctions: Iterable[Signalised]
+) -> dict[tuple[str, str, str], float]:
+    """Return (edge, next edge, nothing) -> vehicles an hour at signals, by the edges' class, lanes.
+
+    Args:
+        root: the network.
+        junctions: all signalised junctions in it.
+    """
+    flows: dict[tuple[str, str, str], float] = defaultdict(float)
+    volumes = _lane_volumes(root)
+    for junction in junctions:
+        weights: dict[str, float] = defaultdict(float)
+        driven = [link for link in junction.links if link.movement != "walk"]
+        for link in driven:
+            weights[link.lane] += _straightness(link)
+        for link in driven:
+            share = _straightness(link) / weights[link.lane]
+            flows[link.road, link.to.rpartition("_")[0], ""] += share * volumes.get(link.lane, 0.0)
+    return dict(flows)
+
+
+def _straightness(link: Link) -> float:
+    return STRAIGHT_ON if link.movement == "through" else 1.0
+
+
+def _lane_volumes(root: etree._Element) -> dict[str, float]:
+    volumes: dict[str, float] = {}
+    for edge in root.iterfind("edge"):
+        if edge.get("function"):
+            continue
+        kind = edge.get("type", "").split("|")[-1].removeprefix("highway.")
+        usual = LANE_PER_HOUR.get(kind, OTHER_PER_HOUR) + MORE_VEH_H
+        lanes = [lane.get("id") for lane in edge.iterfind("lane") if _for_cars(lane)]
+        volumes |= dict.fromkeys(lanes, min(usual, MOST_VEH_H))
+    return volumes
+
+
+def _for_cars(lane: etree._Element) -> bool:
+    allow, disallow = (lane.get(key, "").split() for key in ("allow", "disallow"))
+    return "passenger" in allow if allow else not {"passenger", "all"} & set(disallow)

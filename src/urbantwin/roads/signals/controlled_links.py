@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from lxml import etree
@@ -19,6 +21,7 @@ from urbantwin.roads.model.furniture import Phase
 
 __all__ = [
     "COMPASS",
+    "FACING_DEG",
     "Link",
     "Signalised",
     "outgoing_of_lanes",
@@ -42,6 +45,11 @@ MOVEMENTS = {
     "R": "right",
     "t": "u-turn",
 }
+#: Approaches whose directions differ by less lie side by side on one arm; those that differ by more
+#: than the second angle face each other, degrees.
+SAME_ARM_DEG, FACING_DEG = 30.0, 120.0
+#: A road between two stop lines of one program that is shorter is part of the junction, metres.
+INNER_M = 40.0
 #: The approach's direction is measured over this much of its end, metres.
 APPROACH_M = 25.0
 #: On a road that is shorter nobody changes lanes who can be on the right one before, metres.
@@ -100,6 +108,13 @@ class Link:
         return self.movement in ("left", "right", "u-turn")
 
 
+class Feeder(NamedTuple):
+    """A link that leads to another stop line: its index, and metres from stop line to stop line."""
+
+    index: int
+    length: float
+
+
 @dataclass(frozen=True)
 class Signalised:
     """What one signal program controls.
@@ -114,7 +129,8 @@ class Signalised:
         yields: (junction, row, row): the former gives way to the latter.
         offset: seconds by which the program starts late.
         phases: what it shows.
-        onward: lane of a short road behind the junction -> the edges that one comes to from it.
+        onward: lane of a short road behind the junction -> the edges that it leads to.
+        inner_m: edge between two of the junctions, where a link waits again -> its length, metres.
     """
 
     program: str
@@ -127,6 +143,7 @@ class Signalised:
     offset: float
     phases: tuple[Phase, ...]
     onward: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    inner_m: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -157,6 +174,66 @@ class Signalised:
     def are_foes(self, a: Link, b: Link) -> bool:
         """Whether two links' ways cross or merge."""
         return a.junction == b.junction and (a.junction, a.row, b.row) in self.foes
+
+    def is_walk(self, index: int) -> bool:
+        """Whether an index is that of a crossing."""
+        return self.of_index[index][0].movement == "walk"
+
+    @cached_property
+    def feeders(self) -> Mapping[int, Sequence[Feeder]]:
+        """Index -> the links that lead to its stop line from another one of the program."""
+        found: dict[int, list[Feeder]] = {index: [] for index in self.of_index}
+        for link in self.links:
+            if link.movement == "walk" or link.road not in self.inner_m:
+                continue
+            for before in self.links:
+                if before.movement != "walk" and before.to.rpartition("_")[0] == link.road:
+                    length = before.length + self.inner_m[link.road]
+                    found[link.index].append(Feeder(before.index, length))
+        return found
+
+    def together(self, i: int, j: int) -> bool:
+        """Whether the links of two indices may have green at once: at most one gives way."""
+        if (i, j) not in self._together:
+            pairs = product(self.of_index[i], self.of_index[j])
+            self._together[i, j] = i == j or not any(self._conflict(a, b) for a, b in pairs)
+        return self._together[i, j]
+
+    def fits(self, index: int, green: Iterable[int]) -> bool:
+        """Whether an index may have green together with each of others."""
+        return all(self.together(index, other) for other in green)
+
+    @cached_property
+    def _together(self) -> dict[tuple[int, int], bool]:
+        return {}
+
+    def _conflict(self, a: Link, b: Link) -> bool:
+        if not self.are_foes(a, b) or a.road == b.road:
+            return False
+        if "walk" in (a.movement, b.movement):
+            vehicle, walk = (b, a) if a.movement == "walk" else (a, b)
+            hidden = self.meets_walkers(vehicle, walk) or self._beside_a_turn(vehicle)
+            return hidden or not self.gives_way(vehicle, walk)
+        if SAME_ARM_DEG <= turn_between(a.bearing, b.bearing) <= FACING_DEG:
+            return True
+        if a.cycle_track or b.cycle_track:
+            # A turn off the street beside a cycle track meets its cyclists like pedestrians.
+            turning = b if a.cycle_track else a
+            return not turning.is_turn or not (self.gives_way(a, b) or self.gives_way(b, a))
+        return not (self._waits_for(a, b) or self._waits_for(b, a))
+
+    def _beside_a_turn(self, link: Link) -> bool:
+        """Whether two lanes of a road turn side by side, where one hides pedestrians."""
+        return link.is_turn and any(
+            other.road == link.road
+            and other.lane != link.lane
+            and other.movement == link.movement
+            and other.to.rpartition("_")[0] == link.to.rpartition("_")[0]
+            for other in self.links
+        )
+
+    def _waits_for(self, a: Link, b: Link) -> bool:
+        return a.is_turn and self.gives_way(a, b) and not self.gives_way(b, a)
 
     def meets_walkers(self, vehicle: Link, walk: Link) -> bool:
         """Whether a link runs into people on a crossing other than by turning.
@@ -233,9 +310,17 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
                     for link in links[program]
                     if float(lanes[link.to].get("length")) < CHANGING_M
                 },
+                _inner_edges(links[program], lanes),
             )
         )
     return found
+
+
+def _inner_edges(links: Sequence[Link], lanes: Mapping[str, etree._Element]) -> dict[str, float]:
+    let_in = {link.to.rpartition("_")[0] for link in links if link.movement != "walk"}
+    inner = {link.road: link.lane for link in links if link.road in let_in}
+    found = {road: float(lanes[lane].get("length")) for road, lane in inner.items()}
+    return {road: length for road, length in found.items() if length < INNER_M}
 
 
 def outgoing_of_lanes(root: etree._Element) -> Mapping[str, list[etree._Element]]:

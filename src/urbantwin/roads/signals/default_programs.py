@@ -1,135 +1,225 @@
-"""Fixed-time programs for signals whose own nobody mapped or planned."""
+"""Programs of signals whose own nobody mapped or planned: SUMO's ``actuated`` controller.
+
+netconvert forms the stages: which lanes and crossings have green together, left turns from lanes
+of their own apart. They are kept where their greens agree with the network's table of conflicts.
+Yellow, all-red and clearance times are ours (``changes``), and so are the least greens, also of
+people. Up to its longest green a stage lasts while vehicles come; the longest greens share out the
+longest cycle by Webster's rule, so that at capacity all lanes are equally full.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from lxml import etree
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.capacity import Flows
-from urbantwin.roads.signals.controlled_links import Signalised, signalised_junctions
-from urbantwin.roads.signals.coordination import (
-    COORDINATED_M,
-    least_waiting,
-    neighbourhoods,
-    offsets,
+from urbantwin.roads.signals.capacity import Flows, assumed_flows, choices_of, gap_flow, on_lanes
+from urbantwin.roads.signals.changes import Change, Changes, phases_of_stages
+from urbantwin.roads.signals.controlled_links import Link, Signalised, signalised_junctions
+from urbantwin.roads.signals.plan_check import WALK_S
+from urbantwin.roads.signals.webster import (
+    LONGEST_CYCLE_S,
+    SATURATION_VEH_H,
+    SHORTEST_CYCLE_S,
+    capped,
+    cycle_s,
+    green_seconds,
 )
-from urbantwin.roads.signals.green_times import SHORTEST_CYCLE_S, STEP_S
-from urbantwin.roads.signals.inner_links import Feed, feeds
-from urbantwin.roads.signals.junction_timing import Timing, timings_of
-from urbantwin.roads.signals.lane_flows import assumed_flows, link_flows
-from urbantwin.roads.signals.queue_model import QueueModel
-from urbantwin.roads.signals.streams import INNER_M
 
 __all__ = ["set_default_programs"]
 
-#: So many cycles between the shortest and the one that the busiest junction needs are tried where
-#: signals hold each other up: what finds room between them is as much for a short green.
-CYCLES = 3
-#: A shorter cycle is taken if what waits is less than this share: it loses time at every change.
-WORTH = 0.7
+#: Shortest green of vehicles (RiLSA 2015, 2.7.2: 5 s, on main streets 10 s), and their red
+#: at a crossing away from junctions: 5 s to set out and 8 m at 1.2 m/s (RiLSA 2015, 2.5), seconds.
+SHORTEST_GREEN_S, CROSSING_RED_S = 8.0, 12.0
+#: Smallest flow ratio of a stage, and how many vehicles that go straight on a permitted turn stands
+#: for at most (HCM 2016, 31).
+LEAST_RATIO, MOST_PATIENT = 0.02, 4.0
+#: A stage that asks for more than this share of the cycle has what the others leave.
+MOST_LOAD = 0.8
+#: Parameters of SUMO's controller: a queue that has stood for so long before a stop line does not
+#: extend its green, seconds.
+PARAMETERS = {"jam-threshold": "30"}
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """Programs of neighbours, their offsets, and how bad they are."""
-
-    programs: Mapping[str, Sequence[Phase]]
-    offsets: Mapping[str, float]
-    cost: float = 0.0
-
-
-def set_default_programs(net: Path, *, flows: Flows | None = None) -> None:
-    """Give every signalised junction a program in place of netconvert's.
+def set_default_programs(net: Path, *, flows: Flows | None = None, fixed: bool = False) -> None:
+    """Time the signals of a network anew, in the stages that they have.
 
     Args:
         net: the ``.net.xml``, rewritten.
         flows: cars an hour; assumed by the streets' class and lanes when none are given.
+        fixed: write programs of fixed times, for flows that were counted.
     """
     tree = etree.parse(net)
     root = tree.getroot()
     there = signalised_junctions(root)
-    ways = feeds(root, there, COORDINATED_M)
     flows = flows or assumed_flows(root, there)
-    left_hand = root.get("lefthand") == "true"
-    choices = {x.program: timings_of(x, ways, flows, left_hand=left_hand) for x in there}
-    logics = {item.get("id"): item for item in root.iter("tlLogic")}
-    for names in neighbourhoods(choices, ways):
-        best = _best({name: choices[name] for name in names}, ways, flows)
-        for name, offset in best.offsets.items():
-            _write(logics[name], offset, best.programs[name])
-    if choices:
-        text = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
-        net.write_bytes(text + b"\n")
+    logics = {logic.get("id"): logic for logic in root.iter("tlLogic")}
+    for junction in there:
+        logic = logics[junction.program]
+        timing = _Timing(junction, _stages(junction, _main_states(logic)), flows)
+        _write(logic, timing, fixed=fixed)
+    net.write_bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n")
 
 
-def _best(near: Mapping[str, Sequence[Timing]], ways: Sequence[Feed], flows: Flows) -> _Plan:
-    """Return the plan of neighbours with which least waits.
+def _main_states(logic: etree._Element) -> list[str]:
+    """Return the states of the stages: those that traffic extends, or else those without yellow."""
+    phases = list(logic.iter("phase"))
+    extended = [x for x in phases if x.get("minDur", "") != x.get("maxDur", "")]
+    found: list[str] = []
+    for phase in extended or phases:
+        state = phase.get("state")
+        rest = found and all(
+            a in "Gg" or b not in "Gg" for a, b in zip(found[-1], state, strict=True)
+        )
+        if extended or not (rest or set(state) & set("yY") or not set(state) & set("gG")):
+            found.append(state)
+    return found
 
-    Where few vehicles have room between two, their other timings are tried, too.
+
+def _stages(junction: Signalised, states: Sequence[str]) -> list[frozenset[int]]:
+    """Return the links with green in each stage, those left out that meet others with green.
+
+    Where vehicles would always have green, people alone follow: no sidewalk may be mapped there.
     """
-    alone = {name: timings[0] for name, timings in near.items()}
-    tight = {
-        name
-        for way in ways
-        if way.program in near and way.to_program != way.program and way.room < INNER_M
-        for name in (way.program, way.to_program)
-    }
-    first, *shorter = (_planned(alone, cycle, ways, flows) for cycle in _cycles(alone))
-    best = min([first, *shorter], key=lambda plan: plan.cost)
-    chosen = dict(alone)
-    for name in sorted(tight):
-        for other in near[name][1:]:
-            tried = {**chosen, name: other}
-            plans = [_planned(tried, cycle, ways, flows) for cycle in _cycles(tried)]
-            plan = min(plans, key=lambda plan: plan.cost)
-            if plan.cost < best.cost:
-                best, chosen = plan, tried
-    return best if best.cost < WORTH * first.cost else first
+    # What has right of way first, then what waits for it, then people and links within.
+    order = {letter: rank for rank, letter in enumerate("Gg")}
+    stages: list[set[int]] = []
+    for state in states:
+        green: set[int] = set()
+        wanted = [k for k in junction.of_index if state[k] in order]
+        for k in sorted(wanted, key=lambda k: (junction.is_walk(k), order[state[k]], k)):
+            if junction.fits(k, green):
+                green.add(k)
+        stages.append(green)
+    for k in sorted(junction.of_index):
+        served = any(k in green for green in stages)
+        for green in stages:
+            # A link within the junction goes with what comes to it, so that nobody stops inside.
+            let_in = any(way.index in green for way in junction.feeders[k])
+            if (let_in or not served) and junction.fits(k, green):
+                green.add(k)
+        if not any(k in green for green in stages):
+            stages.append({k})
+    if len(stages) == 1:
+        stages.append({k for k in stages[0] if junction.is_walk(k)})
+    return [frozenset(green) for green in stages]
 
 
-def _cycles(near: Mapping[str, Timing]) -> Iterator[float]:
-    """Yield the common cycles that are tried, seconds: the longest first."""
-    longest = max(timing.cycle for timing in near.values())
-    yield longest
-    shortest = max(SHORTEST_CYCLE_S, *(timing.shortest_cycle for timing in near.values()))
-    if len(near) > 1:
-        for part in range(1, CYCLES):
-            cycle = longest + (shortest - longest) * part / (CYCLES - 1)
-            cycle = STEP_S * -(-cycle // STEP_S)
-            if cycle < longest:
-                yield cycle
+@dataclass(frozen=True)
+class _Timing:
+    """Seconds of the stages of a junction."""
+
+    junction: Signalised
+    stages: Sequence[frozenset[int]]
+    flows: Flows
+
+    @cached_property
+    def changes(self) -> list[Change]:
+        """The change after each stage."""
+        changes = Changes(self.junction)
+        after = [*self.stages[1:], self.stages[0]]
+        return [changes.between(*pair) for pair in zip(self.stages, after, strict=True)]
+
+    @cached_property
+    def lost_s(self) -> float:
+        """Seconds of a cycle between the stages."""
+        return sum(change.seconds for change in self.changes)
+
+    @cached_property
+    def least_s(self) -> list[float]:
+        """Shortest green of each stage, seconds."""
+        found = []
+        for k, green in enumerate(self.stages):
+            before, change = self.changes[k - 1], self.changes[k]
+            driven = any(not self.junction.is_walk(index) for index in green)
+            # What the last stage left is over before the next change.
+            shortest = SHORTEST_GREEN_S if driven else CROSSING_RED_S
+            least = [shortest, before.over - before.seconds]
+            for index in green:
+                came = index in self.stages[k - 1]
+                late = 0.0 if came else before.starts.get(index, before.seconds) - before.seconds
+                early = min(change.ends.get(index, 0.0), 0.0)
+                least.append((0.0 if came else WALK_S) + late - early)
+            found.append(max(least))
+        if len(found) == 2 and not any(self.ratios[1:]):
+            found[0] = max(found[0], SHORTEST_CYCLE_S - self.lost_s - found[1])
+        return found
+
+    @cached_property
+    def ratios(self) -> list[float]:
+        """Flow ratio of the critical lane of each stage."""
+        carried = on_lanes(choices_of(self.junction, self.flows), lambda link: SATURATION_VEH_H)
+        of_lane: dict[str, float] = defaultdict(float)
+        serving: dict[str, set[int]] = defaultdict(set)
+        for link, count in carried.items():
+            # Vehicles an hour that the link gives way to in each stage in which it has green.
+            opposing = {
+                k: sum(carried.get(other, 0.0) for other in self._opposing(link, green))
+                for k, green in enumerate(self.stages)
+                if link.index in green
+            }
+            least = min(opposing.values(), default=0.0)
+            patience = min(SATURATION_VEH_H / max(gap_flow(least), 1.0), MOST_PATIENT)
+            of_lane[link.lane] += count * (patience if least else 1.0) / SATURATION_VEH_H
+            serving[link.lane] |= {k for k, n in opposing.items() if n == least}
+        return [
+            max((of_lane[x] / len(on) for x, on in serving.items() if k in on), default=0.0)
+            for k in range(len(self.stages))
+        ]
+
+    def _opposing(self, link: Link, green: frozenset[int]) -> list[Link]:
+        foes = self.junction.yields_to[link]
+        return [x for x in foes if x.index in green and x.movement != "walk"]
+
+    def seconds(self, cycle: float | None = None) -> list[float]:
+        """Return the green of each stage for a cycle, seconds; for Webster's if none is given."""
+        needed = sum(self.least_s) + self.lost_s
+        if cycle is None:
+            cycle = cycle_s(self.ratios, self.lost_s, needed)
+        ratios = capped([max(ratio, LEAST_RATIO) for ratio in self.ratios], MOST_LOAD)
+        return green_seconds(ratios, self.least_s, max(cycle, needed) - self.lost_s)
+
+    def phases(self, seconds: Sequence[float]) -> tuple[Phase, ...]:
+        """Return the phases for greens of the stages, seconds."""
+        return phases_of_stages(self.junction, self.stages, seconds, self.changes)
 
 
-def _planned(near: Mapping[str, Timing], cycle: float, ways: Sequence[Feed], flows: Flows) -> _Plan:
-    """Return the programs of neighbours for a common cycle, seconds, with their offsets."""
-    programs: dict[str, Sequence[Phase]] = {}
-    for name, timing in near.items():
-        times = 2 if timing.fits(cycle / 2) else 1
-        programs[name] = timing.phases(cycle / times) * times
-    first = max(near, key=lambda name: near[name].cycle)
-    flow = {
-        (name, index): ratio
-        for name, timing in near.items()
-        for index, ratio in link_flows(timing.carried).items()
-    }
-    late = offsets(programs, ways, flow, first)
-    if len(near) == 1:
-        return _Plan(programs, late)
-    junctions: list[Signalised] = [timing.junction for timing in near.values()]
-    model = QueueModel(junctions, programs, ways, flows)
-    late, cost = least_waiting(model, late, round(cycle), first)
-    return _Plan(programs, late, cost)
-
-
-def _write(logic: etree._Element, offset: float, phases: Sequence[Phase]) -> None:
-    for phase in list(logic.iter("phase")):
-        logic.remove(phase)
-    logic.set("offset", f"{offset:g}")
-    logic.set("type", "static")
-    for seconds, state in phases:
-        etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=state)
+def _write(logic: etree._Element, timing: _Timing, *, fixed: bool) -> None:
+    for child in list(logic):
+        logic.remove(child)
+    usual = timing.seconds()
+    most = [max(pair) for pair in zip(usual, timing.seconds(LONGEST_CYCLE_S), strict=True)]
+    phases = timing.phases(usual)
+    logic.set("offset", "0")
+    logic.set("type", "static" if fixed else "actuated")
+    for key, value in ({} if fixed else PARAMETERS).items():
+        etree.SubElement(logic, "param", key=key, value=value)
+    extended = {} if fixed else _extended(timing, phases)
+    for k, (seconds, state) in enumerate(phases):
+        phase = etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=state)
+        if k in extended:
+            stage = extended[k]
+            phase.set("minDur", f"{seconds - usual[stage] + timing.least_s[stage]:g}")
+            phase.set("maxDur", f"{seconds - usual[stage] + most[stage]:g}")
     etree.indent(logic, space=" ", level=1)
+
+
+def _extended(timing: _Timing, phases: Sequence[Phase]) -> Mapping[int, int]:
+    """Return phase -> the stage of vehicles that it is the main part of."""
+    found: dict[int, int] = {}
+    for stage, green in enumerate(timing.stages):
+        if all(timing.junction.is_walk(k) for k in green):
+            continue
+        whole = [
+            k
+            for k, (_, state) in enumerate(phases)
+            if k not in found and all(state[index] in "Gg" for index in green)
+        ]
+        if whole:
+            found[max(whole, key=lambda k: phases[k][0])] = stage
+    return found

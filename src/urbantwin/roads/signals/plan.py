@@ -5,10 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from urbantwin.roads.model.furniture import Phase
+from urbantwin.roads.signals.changes import (
+    Change,
+    all_red_s,
+    crossing_s,
+    phases_of_stages,
+    yellow_s,
+)
 from urbantwin.roads.signals.controlled_links import Link, Signalised
-from urbantwin.roads.signals.intergreen import Change, all_red_s, crossing_s, yellow_s
 from urbantwin.roads.signals.movements import UnknownMovement, crossings, vehicle_links
-from urbantwin.roads.signals.phases import phases_of_stages
 from urbantwin.roads.signals.plan_check import (
     WALK_S,
     check_conflicts,

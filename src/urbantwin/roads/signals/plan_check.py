@@ -7,14 +7,12 @@ from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.controlled_links import Link, Signalised, turn_between
+from urbantwin.roads.signals.controlled_links import FACING_DEG, Link, Signalised, turn_between
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["WALK_S", "check_conflicts", "check_greens", "checked_states", "link_in_words"]
 
-#: Approaches whose directions differ by more than this face each other, degrees.
-FACING_DEG = 120.0
-#: People get at least 4 s to set out (MUTCD 2009, 4E.06).
+#: Pedestrians get at least 4 s to set out (MUTCD 2009, 4E.06).
 WALK_S = 4.0
 GREEN = "Gg"
 

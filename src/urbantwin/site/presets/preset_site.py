@@ -2,34 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import re
+import unicodedata
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import shapely
 from pyproj import Geod
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress, between, untold
 from urbantwin.site.draft import SiteDraft
+from urbantwin.site.extract import Extract, Way
 from urbantwin.site.extract_file import box_around, read_extract
 from urbantwin.site.fetched import FetchedInput
 from urbantwin.site.initial_site import init_site
-from urbantwin.site.pole_site import PoleChoice, PoleGround, nearest_place
-from urbantwin.site.presets.mix import per_hour_of_presence
+from urbantwin.site.junction_proposal import STREETS
+from urbantwin.site.pole_site import PoleChoice, PoleGround, PolePosition, nearest_place
 from urbantwin.site.presets.preset import Preset
-from urbantwin.site.presets.proposed_poles import stand_of_sensors
-from urbantwin.site.presets.rig_text import rig_text
-from urbantwin.site.presets.street_corner import street_corner
 from urbantwin.site.region import FARTHEST_ANCHOR_M, circle
 
 __all__ = [
     "check_place",
     "init_preset_site",
     "needs_extract",
+    "per_hour_of_presence",
     "place_of_preset",
+    "street_corner",
     "where_extracts_are",
 ]
+
+#: Mean speed within view of a junction, waiting included, m/s. Assumed: an actor of half the speed
+#: is in view twice as long, so that half as many an hour make as many boxes.
+_SPEED_MPS = {"pedestrian": 1.3, "bicycle": 4.0}
+_MOTOR_MPS = 6.0
+#: Classes of motor traffic.
+_MOTOR = ("car", "van", "truck", "bus", "motorcycle")
+#: Signs of east and north in each quarter.
+_QUARTERS = {
+    "north-east": (1, 1), "north-west": (-1, 1), "south-west": (-1, -1), "south-east": (1, -1),
+}  # fmt: skip
+#: Carriageways of two streets that come so near to each other meet, metres.
+_MEET_M = 20.0
+#: Tags that name a street.
+_NAMES = ("name", "name:en", "int_name", "official_name", "alt_name", "old_name", "name:zh")
 
 
 def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
@@ -78,7 +98,7 @@ def init_preset_site(  # noqa: PLR0913 - every one is a person's choice
         return _furnished(draft, ground, preset, why if latitude is not None else draft.why,
                           choose_pole)  # fmt: skip
 
-    radius = preset.region.radius_m if radius_m is None and region is None else radius_m
+    radius = preset.radius_m if radius_m is None and region is None else radius_m
     return init_site(
         folder,
         osm,
@@ -175,46 +195,165 @@ def where_extracts_are(preset: Preset) -> str:
 def _furnished(
     draft: SiteDraft, ground: PoleGround, preset: Preset, why: str, choose_pole: PoleChoice
 ) -> SiteDraft:
-    site = SiteFrame(draft.latitude, draft.longitude)
     per_hour, remark = dict(draft.per_hour), ""
     traffic = preset.traffic
     if traffic is not None and traffic.per_hour is not None:
-        per_hour, remark = dict(traffic.per_hour), traffic.sources["per_hour"]
+        per_hour, remark = dict(traffic.per_hour), traffic.source
     elif traffic is not None and traffic.boxes_per_frame is not None:
         per_hour = per_hour_of_presence(traffic.boxes_per_frame, per_hour)
         remark = (
             "The map's guess of all motor vehicles, shared out as seen in the recording: "
-            + traffic.sources["boxes_per_frame"]
+            + traffic.source
         )
-    stands = stand_of_sensors(preset, ground, site, choose_pole)
+    about = (
+        f"The place of {preset.recording} ({preset.homepage}).",
+        f"Nothing of the recording is here; its licence is {preset.licence}.",
+        "",
+        *preset.sources,
+        "",
+        "Unknown:",
+        *(f"- {text}" for text in preset.unknown),
+    )
     return replace(
         draft,
         title=preset.title,
         why=why,
         per_hour=per_hour,
-        about=_about(preset),
+        about=about,
         traffic_remark=remark,
         guessed=traffic is None or traffic.per_hour is None,
-        rig=rig_text(preset, stands),
+        rig=_rig(preset, ground, choose_pole),
     )
 
 
-def _about(preset: Preset) -> Sequence[str]:
-    """Return what the file says of the recording, its sources and what nobody published."""
-    lines = [
-        f"The place of {preset.recording} ({preset.homepage}).",
-        f"Nothing of the recording is here; its licence is {preset.licence}.",
-        "",
-        "Sources:",
-    ]
-    sections = (
-        ("place", preset.place),
-        ("region", preset.region),
-        ("frame of the poses", preset.frame),
-        ("timing", preset.timing),
-    )
-    for title, section in sections:
-        if section is not None:
-            lines += [f"- {title}: {names}: {text}" for names, text in section.sources.items()]
-    lines += ["", "Unknown:", *(f"- {text}" for text in preset.unknown)]
-    return tuple(lines)
+def _rig(preset: Preset, ground: PoleGround, choose_pole: PoleChoice) -> str:
+    """Return the text of the preset's rig with a place for every sensor."""
+    parts = re.split(r"(?m)^(?=    - name: )", preset.rig_text)
+    poles: dict[str, PolePosition] = {}
+    quarter: tuple[int, int] | None = None
+    for number, sensor in enumerate(preset.rig.sensors, 1):
+        text = parts[number]
+        if sensor.is_placed:
+            continue
+        if sensor.beside is not None:
+            beside = poles[sensor.beside]
+            east, north, up = json.loads(re.findall(r"offset_m: (\[.*\])", text)[0])
+            pole = replace(
+                beside,
+                east_m=beside.east_m + east,
+                north_m=beside.north_m + north,
+                height_m=beside.height_m + up,
+            )
+        else:
+            wanted = _QUARTERS.get(sensor.corner or "any")
+            if sensor.corner == "opposite" and quarter is not None:
+                wanted = -quarter[0], -quarter[1]
+            pole = choose_pole(replace(ground, quarter=wanted))
+            quarter = (1 if pole.east_m >= 0 else -1, 1 if pole.north_m >= 0 else -1)
+            height = re.findall(r"      height_m: (.*)\n", text)
+            pole = replace(pole, height_m=float(height[0]) if height else pole.height_m)
+        poles[sensor.name] = pole
+        fields = {
+            "east_m": pole.east_m,
+            "north_m": pole.north_m,
+            "height_m": pole.height_m,
+            "yaw_deg": pole.yaw_deg,
+            "pitch_deg": pole.pitch_deg,
+            "roll_deg": 0.0,
+        }
+        lines = "".join(
+            f"      {name}: {round(value, 4) + 0.0!r}\n"
+            for name, value in fields.items()
+            if f"      {name}: " not in text
+        )
+        text = re.sub(r"      offset_m: .*\n", "", text)
+        parts[number] = re.sub(r"      (corner|beside): .*\n", lines, text)
+    return "".join(parts)
+
+
+def per_hour_of_presence(
+    boxes_per_frame: Mapping[str, float], guess: Mapping[str, int]
+) -> dict[str, int]:
+    """Return actors per hour by class: as many motor vehicles as guessed, in the measured shares.
+
+    Args:
+        boxes_per_frame: mean number of boxes of each class in a frame.
+        guess: per hour, of the map alone; classes that were not measured keep it.
+    """
+    motor = sum(guess.get(name, 0) for name in _MOTOR)
+    seen = sum(boxes_per_frame.get(name, 0.0) for name in _MOTOR)
+    if not seen:
+        return dict(guess)
+    shares = {
+        name: count
+        for name, count in guess.items()
+        if name not in boxes_per_frame and name not in _MOTOR
+    }
+    for name, boxes in boxes_per_frame.items():
+        speed = _SPEED_MPS.get(name, _MOTOR_MPS)
+        shares[name] = round(motor * boxes / seen * speed / _MOTOR_MPS)
+    order = [*guess, *(name for name in shares if name not in guess)]
+    return {name: shares[name] for name in order if name in shares}
+
+
+def street_corner(
+    extract: Extract, site: SiteFrame, streets: Sequence[Sequence[str]], within_m: float
+) -> tuple[float, float] | None:
+    """Return latitude and longitude of the middle of where named streets meet.
+
+    Args:
+        extract: the map.
+        site: its origin is where the streets are said to meet, about.
+        streets: of each street, the beginnings of names that it may have.
+        within_m: how far from the origin they may meet, metres.
+
+    Returns:
+        ``None`` where a street is missing, or they do not meet so near.
+    """
+    lines = [_lines(extract, site, names, within_m) for names in streets]
+    if len(lines) < 2 or not all(lines):
+        return None
+    first, *rest = (shapely.union_all(one) for one in lines)
+    near, crossed = first, first
+    for other in rest:
+        near = near.buffer(_MEET_M).intersection(other)
+        crossed = crossed.intersection(other)
+    # Of streets that lie on two levels, or end before each other, there is no point in common.
+    meeting = near if crossed.is_empty else crossed
+    parts = [part for part in shapely.get_parts(meeting) if not part.is_empty]
+    if not parts:
+        return None
+    # Where two carriageways cross two others there are several: those around the nearest are one.
+    middles = np.array([shapely.get_coordinates(part.centroid)[0] for part in parts])
+    nearest = middles[np.argmin(np.linalg.norm(middles, axis=1))]
+    middle = middles[np.linalg.norm(middles - nearest, axis=1) <= 2 * _MEET_M].mean(axis=0)
+    if float(np.linalg.norm(middle)) > within_m:
+        return None
+    longitude, latitude = site.lonlat_from_site(middle)[0]
+    return round(float(latitude), 7), round(float(longitude), 7)
+
+
+def _lines(
+    extract: Extract, site: SiteFrame, names: Sequence[str], within_m: float
+) -> list[shapely.Geometry]:
+    """Return the lines of a street near the origin."""
+    wanted = [_plain(name) for name in names]
+    disc = shapely.Point(0.0, 0.0).buffer(within_m + _MEET_M)
+    found = []
+    for way in extract.highways():
+        if way.tags["highway"] in STREETS and _is_named(way, wanted):
+            points = extract.way_line(way, site)
+            if len(points) >= 2:
+                found.append(shapely.intersection(shapely.LineString(points), disc))
+    return [line for line in found if not line.is_empty]
+
+
+def _is_named(way: Way, wanted: Sequence[str]) -> bool:
+    given = [_plain(way.tags[key]) for key in _NAMES if key in way.tags]
+    return any(name.startswith(start) for name in given for start in wanted)
+
+
+def _plain(name: str) -> str:
+    """Return a name without case, accents, dots and blanks."""
+    letters = unicodedata.normalize("NFKD", name).casefold()
+    return re.sub(r"[\s.\-'’]|[\u0300-\u036f]", "", letters)

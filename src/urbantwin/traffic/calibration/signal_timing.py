@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.roads.signals.changes import crossing_s
 from urbantwin.roads.signals.controlled_links import Link, Signalised
-from urbantwin.roads.signals.intergreen import crossing_s
-from urbantwin.roads.signals.phases import walks
 from urbantwin.traffic.calibration.actuated import ActuatedCycle, actuated_cycle
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage
 from urbantwin.traffic.recorded.track import RecordedSignals
@@ -297,7 +296,7 @@ def _walked(rows: NDArray[np.str_], signals: Signalised) -> None:
         for road in {link.road for link in signals.links if _goes_on(link)}
     }
     for index, links in signals.of_index.items():
-        if not walks(signals, index):
+        if not signals.is_walk(index):
             continue
         met = np.zeros(len(rows), np.bool_)
         for walk in links:

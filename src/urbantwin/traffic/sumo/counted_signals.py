@@ -36,7 +36,7 @@ def net_for_counts(twin: Twin, demand: Demand, hours: float, out: Path) -> Path:
     if twin.site.get("roads", {}).get("file"):
         return twin.net_path
     shutil.copyfile(twin.net_path, out)
-    set_default_programs(out, flows=flows_of_trips(demand, hours))
+    set_default_programs(out, flows=flows_of_trips(demand, hours), fixed=True)
     site = twin.folder / "site.yaml"
     document = read_document(site, kind="a twin's site")
     specs = twin.site.get("signals") or []
